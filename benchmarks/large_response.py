@@ -23,7 +23,7 @@ from coilarray.circuit.coupling import bare_network
 from coilarray.circuit.state_sensitivity import state_sensitivity
 from coilarray.design.bundled import read
 from coilarray.design.model import Design, Indentation, parse_design
-from coilarray.elastomer.coil_spectrum import coil_centres
+from coilarray.elastomer.coil_spectrum import coil_segments, segment_centres
 from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
@@ -168,7 +168,7 @@ def _setup(design: Design) -> Indentation:
 
 def _most_within(design: Design, response: xr.Dataset, distance: float) -> int:
     """Most coils within a distance in m of a position."""
-    centres, _ = coil_centres(design.array)
+    centres, _ = segment_centres(coil_segments(design.array))
     places = np.stack(np.meshgrid(response.x, response.y), axis=-1).reshape(-1, 1, 2) + _setup(design).origin_point
     within = np.hypot(*np.moveaxis(places - centres, -1, 0)) <= distance
     return int(within.sum(axis=1).max())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from typing import Literal
@@ -16,13 +16,15 @@ from coilarray.errors import GeometryError
 from coilarray.geometry.coil import Coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.stackup import Stackup
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray, place_in_mm, require_positive
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
     """One coil on the board.
+
+    Raises GeometryError for a position that is not finite, a number of layers that is not that of the lines, a via from
+    a layer to itself, or two lines that meet on one layer.
 
     Parameters
     ----------
@@ -37,12 +39,6 @@ class Placement:
         Position of the coil's centre in m.
     rotation : float
         Counter-clockwise turn in rad about the centre.
-
-    Raises
-    ------
-    GeometryError
-        A position that is not finite, a number of layers that is not that of the lines, a via from a layer to itself,
-        or two lines that meet on one layer.
     """
 
     name: str
@@ -68,18 +64,13 @@ class Placement:
                     f"lines {k} and {k + 1} of {self.name} are joined by a via and must lie on different copper "
                     f"layers; got {layer} for both."
                 )
-        self._refuse_meeting_lines()
-
-    def _refuse_meeting_lines(self) -> None:
         for i, j in combinations(range(len(self.layers)), 2):
             if self.layers[i] != self.layers[j]:
                 continue
             shared = shapely.LineString(self.coil.lines[i]).intersection(shapely.LineString(self.coil.lines[j]))
             if not shared.is_empty:
-                x, y = shapely.get_coordinates(shared)[0] * 1e3
-                raise GeometryError(
-                    f"lines {i} and {j} of {self.name} meet on {self.layers[i]}, at ({x:.4g}, {y:.4g}) mm of the coil."
-                )
+                at = place_in_mm(*shapely.get_coordinates(shared)[0])
+                raise GeometryError(f"lines {i} and {j} of {self.name} meet on {self.layers[i]}, at {at} of the coil.")
 
     def lines_on(self, layer: str) -> tuple[int, ...]:
         """Return the indices of the coil's lines on the copper layer `layer`, in the order of the path."""
@@ -89,6 +80,11 @@ class Placement:
         """Points of the coil's frame, shape (n, 2) in m, in the frame of the board."""
         c, s = math.cos(self.rotation), math.sin(self.rotation)
         return np.asarray(points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y]))
+
+    def traces(self) -> Iterator[tuple[FloatArray, FloatArray, str]]:
+        """Give each line in the frame of the board, shape (n, 2), its widths, shape (n − 1,), in m, and its layer."""
+        for line, widths, layer in zip(self.coil.lines, self.coil.widths, self.layers, strict=True):
+            yield self.to_board(line), widths, layer
 
 
 LatticeKind = Literal["linear", "square", "hexagonal"]
@@ -102,11 +98,12 @@ class Lattice:
     Parameters
     ----------
     kind : {"linear", "square", "hexagonal"}
-        As in `lattice`.
+        Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, every second one shifted by
+        half a pitch, so that every inner point has six neighbours one pitch away.
     pitch : float
         Distance of neighbours in m.
     columns, rows : int
-        Coils a row and number of rows.
+        Coils a row and number of rows; a linear lattice has one row.
     layers : tuple of tuple of str
         Sets of copper layers that the coils take in turn along a row.
     direction : float
@@ -131,12 +128,9 @@ class Lattice:
     names: tuple[str, ...] | None = None
 
     def placements(self, coil: Coil) -> tuple[Placement, ...]:
-        """Return the coil placed on every point of the lattice, row by row.
+        """Return the coil placed on every point, row by row.
 
-        Raises
-        ------
-        GeometryError
-            As `lattice` and `Placement`; no layers, or a number of names that is not that of the points.
+        GeometryError as `lattice` and `Placement`, for no layers, or where the names are not as many as the points.
         """
         points, indices = lattice(self.kind, self.pitch, self.columns, self.rows, direction=self.direction)
         names = tuple(f"coil{k + 1}" for k in range(len(points))) if self.names is None else self.names
@@ -207,8 +201,8 @@ class CoilArray:
         points, reach = [], []
         for placement in self.placements:
             coil = placement.coil
-            for line, width in zip(coil.lines, coil.widths, strict=True):
-                points.append(placement.to_board(line))
+            for line, width, _ in placement.traces():
+                points.append(line)
                 reach.append(np.maximum(np.append(width, 0.0), np.append(0.0, width)) / 2)
             for hole, at in ((coil.via, coil.via_points), (coil.terminal, coil.terminal_points)):
                 if hole is not None and len(at):
@@ -234,8 +228,7 @@ class CoilArray:
         widths: list[float] = []
         thicknesses: list[float] = []
         areas: list[float] = []
-        for k, (line, width, layer) in enumerate(zip(coil.lines, coil.widths, placement.layers, strict=True)):
-            xy = placement.to_board(line)
+        for k, (xy, width, layer) in enumerate(placement.traces()):
             vertices.append(np.column_stack((xy, np.full(len(xy), self.stackup.centre(layer)))))
             thickness = self.stackup.copper_thickness[self.stackup.index(layer)]
             widths += width.tolist()
@@ -253,21 +246,16 @@ def lattice_array(
 ) -> CoilArray:
     """Place one coil on every point of a lattice.
 
+    Raises GeometryError as `Lattice.placements` and `CoilArray`.
+
     Parameters
     ----------
-    stackup : Stackup
-        The board's layers.
+    stackup, board_margin, through_holes
+        As in `CoilArray`.
     coil : Coil
         The shape of all coils.
     lattice : Lattice
         Where they lie, and on which layers.
-    board_margin, through_holes
-        As in `CoilArray`.
-
-    Raises
-    ------
-    GeometryError
-        As `Lattice.placements` and `CoilArray`.
 
     Examples
     --------
@@ -282,26 +270,14 @@ def lattice_array(
 
 
 def lattice(
-    kind: LatticeKind,
-    pitch: float,
-    columns: int,
-    rows: int = 1,
-    *,
-    direction: float = 0.0,
+    kind: LatticeKind, pitch: float, columns: int, rows: int = 1, *, direction: float = 0.0
 ) -> tuple[FloatArray, npt.NDArray[np.int64]]:
     """Points of a regular lattice about the origin.
 
     Parameters
     ----------
-    kind : {"linear", "square", "hexagonal"}
-        Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, every second one shifted by
-        half a pitch, so that every inner point has six neighbours one pitch away.
-    pitch : float
-        Distance of neighbours in m.
-    columns, rows : int
-        Points a row and number of rows; a linear lattice has one row.
-    direction : float
-        Angle of the rows in rad.
+    kind, pitch, columns, rows, direction
+        As in `Lattice`.
 
     Returns
     -------
@@ -316,8 +292,7 @@ def lattice(
     GeometryError
         A pitch that is not positive and finite, a count below 1, or several rows of a linear lattice.
     """
-    if not (math.isfinite(pitch) and pitch > 0):
-        raise GeometryError(f"pitch must be positive and finite; got {pitch} m.")
+    require_positive("pitch", pitch)
     if columns < 1 or rows < 1:
         raise GeometryError(f"columns and rows must be at least 1; got {columns} and {rows}.")
     if kind == "linear" and rows != 1:

@@ -14,8 +14,7 @@ import shapely
 
 from coilarray.errors import GeometryError
 from coilarray.geometry.spiral import Spiral
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray, place_in_mm, require_positive
 
 
 @dataclass(frozen=True)
@@ -38,9 +37,7 @@ class PlatedHole:
 
     def __post_init__(self) -> None:
         for name in ("drill", "pad", "plating"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise GeometryError(f"{name} of a hole must be positive and finite; got {value * 1e3:g} mm.")
+            require_positive(f"{name} of a hole", getattr(self, name), " mm")
         if self.pad <= self.drill:
             raise GeometryError(
                 f"pad of a hole must be larger than its drill of {self.drill * 1e3:g} mm; got {self.pad * 1e3:g} mm."
@@ -86,9 +83,7 @@ class Leads:
 
     def __post_init__(self) -> None:
         for name in ("length", "spacing"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise GeometryError(f"{name} of the leads must be positive and finite; got {value * 1e3:g} mm.")
+            require_positive(f"{name} of the leads", getattr(self, name), " mm")
         if self.length < self.spacing / 2:
             raise GeometryError(
                 f"length of the leads must be at least half their spacing of {self.spacing * 1e3:g} mm; "
@@ -98,13 +93,7 @@ class Leads:
 
 @dataclass(frozen=True)
 class Wound:
-    """What `spiral_coil` wound a coil from.
-
-    Parameters
-    ----------
-    spiral, winding_layers, via, leads, return_lead
-        Arguments of `spiral_coil`.
-    """
+    """What `spiral_coil` wound a coil from: its arguments."""
 
     spiral: Spiral
     winding_layers: int
@@ -116,6 +105,9 @@ class Wound:
 @dataclass(frozen=True, eq=False)
 class Coil:
     """Centre lines of a coil in its own frame, in the direction of the current.
+
+    Raises GeometryError for fewer than two points in a line, a value that is not finite, a repeated point, ends that do
+    not meet, or widths that are not one a segment.
 
     Parameters
     ----------
@@ -140,12 +132,6 @@ class Coil:
     wound : Wound or None
         The spiral that `spiral_coil` made the lines from. `dataclasses.replace` does not take it over, so that it is
         there only while the lines are those of the spiral.
-
-    Raises
-    ------
-    GeometryError
-        Fewer than two points in a line, a value that is not finite, a repeated point, ends that do not meet, or
-        widths that are not one a segment.
     """
 
     lines: tuple[FloatArray, ...]
@@ -158,8 +144,7 @@ class Coil:
     wound: Wound | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.gap) and self.gap > 0):
-            raise GeometryError(f"gap must be positive and finite; got {self.gap} m.")
+        require_positive("gap", self.gap)
         if not self.lines:
             raise GeometryError("a coil must have at least one line; got none.")
         for k, line in enumerate(self.lines):
@@ -176,10 +161,7 @@ class Coil:
                 raise GeometryError(
                     f"line {k + 1} of a coil must begin where line {k} ends; they are {apart * 1e3:g} mm apart."
                 )
-        self._check_widths()
         self.outline.setflags(write=False)
-
-    def _check_widths(self) -> None:
         if len(self.widths) != len(self.lines):
             raise GeometryError(
                 f"a coil of {len(self.lines)} lines must have as many arrays of widths; got {len(self.widths)}."
@@ -243,10 +225,6 @@ def spiral_coil(
     name : str
         Name of the shape in a design file.
 
-    Returns
-    -------
-    Coil
-
     Raises
     ------
     GeometryError
@@ -302,15 +280,9 @@ def _wound(of: Wound, name: str) -> Coil:
         lines.append(np.vstack((holes[last], last_lead)))
     else:
         lines[last] = np.vstack((lines[last], last_lead))
-    coil = Coil(
-        lines=tuple(lines),
-        widths=tuple(np.full(len(line) - 1, spiral.trace_width) for line in lines),
-        gap=spiral.gap,
-        via=via,
-        terminal=None if leads is None else leads.terminal,
-        outline=spiral.outline(),
-        name=name,
-    )
+    widths = tuple(np.full(len(line) - 1, spiral.trace_width) for line in lines)
+    terminal = None if leads is None else leads.terminal
+    coil = Coil(tuple(lines), widths, spiral.gap, via, terminal, spiral.outline(), name)
     object.__setattr__(coil, "wound", of)
     return coil
 
@@ -391,14 +363,10 @@ def _refuse_self_crossing(line: FloatArray, index: int) -> None:
     crossing = _first_crossing(line)
     if crossing is not None:
         i, j, point = crossing
-        raise GeometryError(
-            f"line {index} of a coil crosses itself: segments {i} and {j} meet at "
-            f"({point[0] * 1e3:.4g}, {point[1] * 1e3:.4g}) mm."
-        )
-    raise GeometryError(
-        f"line {index} of a coil must have two separate ends; it is closed at "
-        f"({line[0][0] * 1e3:.4g}, {line[0][1] * 1e3:.4g}) mm."
-    )
+        at = place_in_mm(*point)
+        raise GeometryError(f"line {index} of a coil crosses itself: segments {i} and {j} meet at {at}.")
+    at = place_in_mm(*line[0])
+    raise GeometryError(f"line {index} of a coil must have two separate ends; it is closed at {at}.")
 
 
 def _first_crossing(line: FloatArray) -> tuple[int, int, FloatArray] | None:
@@ -472,27 +440,11 @@ def _fan(
     *,
     inside: bool,
 ) -> FloatArray:
-    """Nearest points on rays from `end` where the pads clear all other copper and one another by the gap.
+    """Nearest points in m, shape (m, 2), on rays from `end` where pads clear all copper and one another by the gap.
 
-    Parameters
-    ----------
-    spiral : Spiral
-        Gives trace width and gap.
-    end : ndarray, shape (2,)
-        Corner where the windings end, in m.
-    pads : ndarray, shape (m,)
-        Diameters of the pads in m.
-    lines : sequence of ndarray, each of shape (n, 2)
-        Centre lines to be cleared, in m.
-    fixed : sequence of (ndarray of shape (2,), float)
-        Holes to be cleared: point and pad diameter in m.
-    inside : bool
-        Whether the rays run towards the centre.
-
-    Returns
-    -------
-    ndarray, shape (m, 2)
-        Points in m.
+    `end` is the corner, shape (2,), where the windings end, `pads` are the diameters, shape (m,), `lines` the centre
+    lines to be cleared, each of shape (n, 2), `fixed` the holes to be cleared, place and pad diameter, all in m. The
+    rays run towards the centre where `inside`.
     """
     m = len(pads)
     outwards = end / float(np.hypot(*end))

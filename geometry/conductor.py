@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.errors import GeometryError
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray
 
 SMALLEST, LARGEST = 1e-30, 1e30
 """Lengths in m between which powers of them, up to the sixth in the kernels, stay within the range of float64."""
@@ -22,6 +21,9 @@ class Conductor:
     The width lies in the x-y plane across the segment (for a vertical segment: along x), the thickness is
     perpendicular to both. A width and thickness of zero mean a thin filament.
 
+    Raises GeometryError for fewer than two vertices, values that are not finite or beyond 1e30 m, a segment of length
+    zero, a negative width, or a bar with a width and no thickness.
+
     Parameters
     ----------
     vertices : array_like, shape (n + 1, 3)
@@ -32,12 +34,6 @@ class Conductor:
         Conducting cross-section in m² that sets the resistance; width × thickness where not given.
     name : str
         Shown in messages and results.
-
-    Raises
-    ------
-    GeometryError
-        Fewer than two vertices, values that are not finite or beyond 1e30 m, a segment of length zero, a negative
-        width, or a bar with a width and no thickness.
 
     Examples
     --------
@@ -66,8 +62,9 @@ class Conductor:
             raise GeometryError(f"vertices of {name} must be numbers of shape (n + 1, 3).") from None
         if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] < 2:
             raise GeometryError(f"vertices of {name} must have shape (n + 1 >= 2, 3); got {points.shape}.")
-        if not np.isfinite(points).all():
-            raise GeometryError(f"vertices of {name} must be finite; vertex {_first_bad(points)} is not.")
+        wild = ~np.isfinite(points).all(axis=1)
+        if wild.any():
+            raise GeometryError(f"vertices of {name} must be finite; vertex {np.argmax(wild)} is not.")
         if np.abs(points).max() > LARGEST:
             raise GeometryError(f"vertices of {name} must be at most {LARGEST:g} m; got {np.abs(points).max():g} m.")
         n = len(points) - 1
@@ -99,10 +96,6 @@ class Conductor:
     def is_filament(self) -> bool:
         """True where any segment has no cross-section."""
         return bool((self.widths == 0).any())
-
-
-def _first_bad(points: FloatArray) -> int:
-    return int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
 
 
 def _per_segment(value: npt.ArrayLike, n: int, key: str, name: str) -> FloatArray:

@@ -10,15 +10,12 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.geometry.array import CoilArray, Placement
-from coilarray.geometry.copper import Drill, disc, drills, trace_outline
+from coilarray.geometry.copper import Drill, disc, drills, groups, trace_outline
 from coilarray.geometry.readers.board_copper import BoardCopper
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray, Point
 
 # Copper closer than this is one piece: files round to 1 nm, no board house separates 10 nm.
 _TOUCHING = 1e-8
@@ -50,6 +47,10 @@ class Barrel:
     layers: tuple[str, ...]
 
 
+FaultKind = Literal["bridge", "cut", "missing", "foreign", "net"]
+Place = Sequence[float] | FloatArray
+
+
 @dataclass(frozen=True)
 class NetFault:
     """One difference between the copper of a file and the coils it should hold.
@@ -69,7 +70,7 @@ class NetFault:
         One line with the place in mm.
     """
 
-    kind: Literal["bridge", "cut", "missing", "foreign", "net"]
+    kind: FaultKind
     coils: tuple[str, ...]
     layer: str
     x: float
@@ -128,21 +129,16 @@ def connected_pieces(
     count = sum(map(len, parts.values()))
     centres = np.array([shapely.Point(hole.x, hole.y) for hole in holes], dtype=object)
     reach = np.array([hole.drill / 2 + _BARREL_REACH for hole in holes])
-    a, b = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    met = []
     for layer, shapes in parts.items():
         tree = shapely.STRtree(shapes)
         i, j = tree.query(shapes, predicate="dwithin", distance=_TOUCHING)
-        a.append(i + first[layer])
-        b.append(j + first[layer])
+        met.append(np.column_stack((i, j)) + first[layer])
         piercing = np.array([k for k, hole in enumerate(holes) if layer in hole.layers], dtype=np.int64)
         if len(piercing):
             h, j = tree.query(centres[piercing], predicate="dwithin", distance=reach[piercing])
-            a.append(piercing[h] + count)
-            b.append(j + first[layer])
-    rows, columns = np.concatenate(a), np.concatenate(b)
-    size = count + len(holes)
-    graph = coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(size, size))
-    label = connected_components(graph, directed=False)[1]
+            met.append(np.column_stack((piercing[h] + count, j + first[layer])))
+    label = np.array(groups(count + len(holes), np.vstack(met) if met else ()))
     pieces: dict[int, dict[str, BaseGeometry]] = {}
     for layer, shapes in parts.items():
         of_layer = label[first[layer] : first[layer] + len(shapes)]
@@ -152,18 +148,9 @@ def connected_pieces(
 
 
 def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], list[Barrel]]:
-    """Copper and holes of a board that was read from a file, as `check_nets` takes them.
+    """Copper and holes of a board, as any reader gives it, as `check_nets` takes them.
 
-    Parameters
-    ----------
-    board : BoardCopper
-        As any reader gives it. Tracks count with round ends, pads as round.
-
-    Returns
-    -------
-    layers : dict of str to list of shapely geometry
-        Outlines of the copper in m, for every layer of the stack-up.
-    holes : list of Barrel
+    Tracks count with round ends, pads as round. The copper is outlines in m, for every layer of the stack-up.
     """
     layers: dict[str, list[BaseGeometry]] = {layer: [] for layer in board.stackup.names}
     ways = shapely.linestrings(np.array([(track.start, track.end) for track in board.tracks]).reshape(-1, 2, 2))
@@ -181,11 +168,7 @@ def board_layers(board: BoardCopper) -> tuple[dict[str, list[BaseGeometry]], lis
 
 
 def check_nets(
-    array: CoilArray,
-    layers: Mapping[str, Sequence[BaseGeometry]],
-    holes: Sequence[Barrel],
-    *,
-    tolerance: float = 2e-6,
+    array: CoilArray, layers: Mapping[str, Sequence[BaseGeometry]], holes: Sequence[Barrel], *, tolerance: float = 2e-6
 ) -> NetCheck:
     """Compare the copper of a file with the coils it should hold.
 
@@ -222,7 +205,8 @@ def check_nets(
     design_holes = drills(array)
     coils = [_Coil.of(placement, design_holes, tolerance) for placement in array.placements]
     # the pieces lie apart
-    copper = {layer: _together([piece[layer] for piece in pieces if layer in piece]) for layer in layers}
+    parts = {layer: _parts([piece[layer] for piece in pieces if layer in piece]) for layer in layers}
+    copper = {layer: shapely.MultiPolygon(shapes.tolist()) for layer, shapes in parts.items()}
     foreign_holes = [hole for hole in holes if not any(_same(hole, drill, tolerance) for drill in design_holes)]
 
     bridges: list[NetFault] = []
@@ -245,24 +229,14 @@ def check_nets(
 
 
 def check_names(array: CoilArray, board: BoardCopper) -> tuple[NetFault, ...]:
-    """Compare the nets that a board's tracks, holes and pads have with the coils on which they lie.
+    """Compare the nets of a board's copper, which passed `check_nets`, with the coils on which it lies.
 
-    Parameters
-    ----------
-    array : CoilArray
-        The design.
-    board : BoardCopper
-        Its copper, which has passed `check_nets`.
-
-    Returns
-    -------
-    tuple of NetFault
-        One for each piece that has another net than the name of its coil, or none.
+    One fault for each track, hole or pad that has another net than the name of its coil, or none.
     """
     lines: list[tuple[str, str, BaseGeometry]] = [
-        (layer, placement.name, shapely.LineString(placement.to_board(line)))
+        (layer, placement.name, shapely.LineString(line))
         for placement in array.placements
-        for line, layer in zip(placement.coil.lines, placement.layers, strict=True)
+        for line, _, layer in placement.traces()
     ]
     middles = [shapely.LineString([track.start, track.end]).centroid for track in board.tracks]
     faults: list[NetFault] = []
@@ -276,11 +250,13 @@ def check_names(array: CoilArray, board: BoardCopper) -> tuple[NetFault, ...]:
     return (*faults, *_misnamed("a plated hole", array.stackup.names[0], holes, bores))
 
 
+def _fault(kind: FaultKind, coils: tuple[str, ...], layer: str, place: Place, text: str) -> NetFault:
+    """One fault, its place in m added to the text."""
+    return NetFault(kind, coils, layer, float(place[0]), float(place[1]), f"{text} at {_mm(place)}")
+
+
 def _misnamed(
-    what: str,
-    layer: str,
-    places: Sequence[tuple[shapely.Point, str | None]],
-    coils: Sequence[tuple[str, BaseGeometry]],
+    what: str, layer: str, places: Sequence[tuple[shapely.Point, str | None]], coils: Sequence[tuple[str, BaseGeometry]]
 ) -> Iterator[NetFault]:
     """Compare the net at every place with the name of the nearest coil."""
     if not coils or not places:
@@ -290,8 +266,7 @@ def _misnamed(
         name = coils[k][0]
         if net != name:
             has = "no net" if net is None else f"the net {net}"
-            text = f"{what} of {name} has {has} at {_mm((at.x, at.y))}"
-            yield NetFault("net", (name,), layer, at.x, at.y, text)
+            yield _fault("net", (name,), layer, (at.x, at.y), f"{what} of {name} has {has}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,11 +286,10 @@ class _Coil:
 
     @staticmethod
     def of(placement: Placement, design_holes: Iterable[Drill], tolerance: float) -> _Coil:
-        lines = tuple(placement.to_board(line) for line in placement.coil.lines)
         own = tuple(drill for drill in design_holes if drill.net == placement.name)
         least: dict[str, list[BaseGeometry]] = {}
         most: dict[str, list[BaseGeometry]] = {}
-        for line, widths, layer in zip(lines, placement.coil.widths, placement.layers, strict=True):
+        for line, widths, layer in placement.traces():
             least.setdefault(layer, []).extend(_rectangles(line, widths - 2 * tolerance))
             most.setdefault(layer, []).append(trace_outline(line, widths + 2 * tolerance))
             most[layer] += _round_ends(line, widths + 2 * tolerance)
@@ -326,7 +300,7 @@ class _Coil:
         bored = shapely.union_all([disc(d.x, d.y, d.diameter + 2 * tolerance) for d in own if d.drilled])
         return _Coil(
             placement.name,
-            lines,
+            tuple(line for line, _, _ in placement.traces()),
             placement.layers,
             own,
             {layer: shapely.union_all(shapes) - bored for layer, shapes in least.items()},
@@ -346,7 +320,7 @@ class _Coil:
         first, last = self.line_layers[0], self.line_layers[-1]
         piece = next((piece for piece in pieces if self._reached(piece, begin, first)), None)
         if piece is None:
-            return self._cut_at(begin, first, f"terminal 1 of {self.name} has no copper on {first} at {_mm(begin)}")
+            return _fault("cut", (self.name,), first, begin, f"terminal 1 of {self.name} has no copper on {first}")
         if self._reached(piece, end, last):
             return None
         bored = shapely.union_all([disc(d.x, d.y, d.diameter) for d in self.drills if d.drilled])
@@ -359,13 +333,10 @@ class _Coil:
             along = shapely.line_locate_point(way, shapely.points(lost))
             place = lost[int(np.argmin(along))]
             if k > 0 and not self._reached(piece, line[0], layer):
-                text = f"nothing joins {self.line_layers[k - 1]} and {layer} at {_mm(line[0])}"
-                return self._cut_at(line[0], layer, off + text)
-            return self._cut_at(place, layer, f"{off}its copper ends on {layer} at {_mm(place)}")
-        return self._cut_at(end, last, f"{off}no copper on {last}")
-
-    def _cut_at(self, place: FloatArray, layer: str, text: str) -> NetFault:
-        return NetFault("cut", (self.name,), layer, float(place[0]), float(place[1]), text)
+                text = f"{off}nothing joins {self.line_layers[k - 1]} and {layer}"
+                return _fault("cut", (self.name,), layer, line[0], text)
+            return _fault("cut", (self.name,), layer, place, f"{off}its copper ends on {layer}")
+        return NetFault("cut", (self.name,), last, float(end[0]), float(end[1]), f"{off}no copper on {last}")
 
     def _reached(self, piece: Mapping[str, BaseGeometry], point: FloatArray, layer: str) -> bool:
         """Whether the piece has copper at a point of a layer, or around the hole that is drilled there."""
@@ -382,9 +353,8 @@ class _Coil:
                 text = f"the plated hole of {self.name} at {_mm((drill.x, drill.y))} is missing"
                 yield NetFault("missing", (self.name,), drill.layers[0], drill.x, drill.y, text)
         for layer, least in self.least.items():
-            for x, y in _places(shapely.get_parts(least - copper.get(layer, shapely.Polygon())), tolerance**2):
-                text = f"copper of {self.name} is missing on {layer} at {_mm((x, y))}"
-                yield NetFault("missing", (self.name,), layer, x, y, text)
+            for place in _places(shapely.get_parts(least - copper.get(layer, shapely.Polygon())), tolerance**2):
+                yield _fault("missing", (self.name,), layer, place, f"copper of {self.name} is missing on {layer}")
 
 
 def _bridges(
@@ -395,23 +365,17 @@ def _bridges(
     for a, b in combinations(owners, 2):
         for layer, x, y in _meetings(piece, a, b, owners, foreign_holes):
             nowhere = False
-            text = f"{a.name} and {b.name} touch on {layer} at {_mm((x, y))}"
-            yield NetFault("bridge", (a.name, b.name), layer, x, y, text)
+            yield _fault("bridge", (a.name, b.name), layer, (x, y), f"{a.name} and {b.name} touch on {layer}")
     if nowhere:  # a way over several layers
         names = tuple(coil.name for coil in owners)
         stray = next(_foreign_copper(piece, owners, tolerance), None)
         x, y = owners[0].lines[0][0].tolist() if stray is None else (stray.x, stray.y)
         layer = owners[0].line_layers[0] if stray is None else stray.layer
-        text = f"{' and '.join(names)} are joined by way of {layer} at {_mm((x, y))}"
-        yield NetFault("bridge", names, layer, x, y, text)
+        yield _fault("bridge", names, layer, (x, y), f"{' and '.join(names)} are joined by way of {layer}")
 
 
 def _meetings(
-    piece: Mapping[str, BaseGeometry],
-    a: _Coil,
-    b: _Coil,
-    owners: Sequence[_Coil],
-    foreign_holes: Sequence[Barrel],
+    piece: Mapping[str, BaseGeometry], a: _Coil, b: _Coil, owners: Sequence[_Coil], foreign_holes: Sequence[Barrel]
 ) -> Iterator[tuple[str, float, float]]:
     """Layer and place of what joins two coils: a hole, copper of both, or copper of neither beside both."""
     for hole in foreign_holes:
@@ -439,7 +403,7 @@ def _reaches(hole: Barrel, coil: _Coil) -> bool:
 
 def _foreign_hole(hole: Barrel) -> NetFault:
     text = f"the design has no plated hole of {hole.drill * 1e3:.4g} mm through {', '.join(hole.layers)}"
-    return NetFault("foreign", (), hole.layers[0], hole.x, hole.y, f"{text} at {_mm((hole.x, hole.y))}")
+    return _fault("foreign", (), hole.layers[0], (hole.x, hole.y), text)
 
 
 def _foreign_copper(piece: Mapping[str, BaseGeometry], coils: Sequence[_Coil], tolerance: float) -> Iterator[NetFault]:
@@ -462,13 +426,13 @@ def _same(hole: Barrel, drill: Drill, tolerance: float) -> bool:
     )
 
 
-def _places(parts: Iterable[BaseGeometry], smallest: float = 0.0) -> list[tuple[float, float]]:
+def _places(parts: Iterable[BaseGeometry], smallest: float = 0.0) -> list[Point]:
     """Find a point in m inside every part with more than the smallest area in m²."""
     points = [part.representative_point() for part in parts if part.area > smallest]
     return [(point.x, point.y) for point in points]
 
 
-def _mm(point: Sequence[float] | FloatArray) -> str:
+def _mm(point: Place) -> str:
     x, y = (round(float(value) * 1e3, 3) + 0.0 for value in point)  # + 0.0: no −0
     return f"({x:g}, {y:g}) mm"
 
@@ -476,10 +440,6 @@ def _mm(point: Sequence[float] | FloatArray) -> str:
 def _parts(copper: Iterable[BaseGeometry]) -> npt.NDArray[np.object_]:
     parts = shapely.get_parts(np.array(list(copper), dtype=object))
     return np.asarray(parts[shapely.area(parts) > 0])
-
-
-def _together(shapes: Iterable[BaseGeometry]) -> BaseGeometry:
-    return shapely.MultiPolygon(_parts(shapes).tolist())
 
 
 def _rectangles(line: FloatArray, widths: FloatArray) -> npt.NDArray[np.object_]:

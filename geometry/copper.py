@@ -10,11 +10,12 @@ from typing import Literal, cast
 import numpy as np
 import numpy.typing as npt
 import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.geometry.array import CoilArray, Placement
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray
 
 # A mitre longer than this many half widths is cut off flat. 2 is the tip of an equilateral triangle; 4 leaves room
 # for corners down to 29°.
@@ -101,9 +102,9 @@ def copper_features(array: CoilArray) -> tuple[CopperFeature, ...]:
     [('top', 'trace'), ('bottom', 'trace'), ('top', 'via'), ('bottom', 'via')]
     """
     traces = [
-        CopperFeature(layer, placement.name, "trace", trace_outline(placement.to_board(line), widths))
+        CopperFeature(layer, placement.name, "trace", trace_outline(line, widths))
         for placement in array.placements
-        for line, widths, layer in zip(placement.coil.lines, placement.coil.widths, placement.layers, strict=True)
+        for line, widths, layer in placement.traces()
     ]
     pads = [
         CopperFeature(layer, drill.net, drill.kind, disc(drill.x, drill.y, drill.pad))
@@ -139,12 +140,7 @@ def _drills_of(array: CoilArray, placement: Placement) -> list[Drill]:
 
 
 def copper_by_layer(array: CoilArray) -> dict[str, dict[str, BaseGeometry]]:
-    """Unite the copper of every net on every layer.
-
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
+    """Unite the copper of every net of a board on every layer.
 
     Returns
     -------
@@ -152,16 +148,13 @@ def copper_by_layer(array: CoilArray) -> dict[str, dict[str, BaseGeometry]]:
         By layer, from top to bottom: copper of each net in m, in the order of the coils; nets without copper on the
         layer are left out.
     """
-    features = copper_features(array)
-    return {layer: _united(features, layer, array.names) for layer in array.stackup.names}
-
-
-def _united(features: Iterable[CopperFeature], layer: str, nets: Iterable[str]) -> dict[str, BaseGeometry]:
-    shapes: dict[str, list[shapely.Polygon]] = {}
-    for feature in features:
-        if feature.layer == layer:
-            shapes.setdefault(feature.net, []).append(feature.shape)
-    return {net: shapely.union_all(shapes[net]) for net in nets if net in shapes}
+    shapes: dict[str, dict[str, list[shapely.Polygon]]] = {layer: {} for layer in array.stackup.names}
+    for feature in copper_features(array):
+        shapes[feature.layer].setdefault(feature.net, []).append(feature.shape)
+    return {
+        layer: {net: shapely.union_all(nets[net]) for net in array.names if net in nets}
+        for layer, nets in shapes.items()
+    }
 
 
 def board_outline(array: CoilArray) -> shapely.Polygon:
@@ -175,38 +168,26 @@ def disc(x: float, y: float, diameter: float) -> shapely.Polygon:
 
 
 def uniform_runs(line: FloatArray, widths: FloatArray) -> list[tuple[FloatArray, float]]:
-    """Cut a line where its width changes.
+    """Cut a centre line, shape (n, 2), where its width, shape (n − 1,), changes, all in m.
 
-    Parameters
-    ----------
-    line : ndarray, shape (n, 2)
-        Centre line in m.
-    widths : ndarray, shape (n − 1,)
-        Width of every segment in m.
-
-    Returns
-    -------
-    list of (ndarray of shape (m, 2), float)
-        Pieces in order, each with its one width in m; every piece begins where the one before ends.
+    The pieces come in order, each with its one width; every piece begins where the one before ends.
     """
     starts = [0, *(np.flatnonzero(np.diff(widths)) + 1).tolist(), len(widths)]
     return [(line[first : last + 1], float(widths[first])) for first, last in pairwise(starts)]
 
 
+def groups(count: int, pairs: Iterable[tuple[int, int]]) -> list[int]:
+    """Lowest index with which each of `count` indices hangs together through the pairs."""
+    i, j = np.array(list(pairs), dtype=np.int64).reshape(-1, 2).T
+    graph = coo_array((np.ones(len(i), dtype=bool), (i, j)), shape=(count, count))
+    label = connected_components(graph, directed=False)[1]
+    return cast(list[int], np.unique(label, return_index=True)[1][label].tolist())
+
+
 def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
-    """Outline of a trace: flat ends, mitred corners, round ones where the width changes.
+    """Outline in m of a trace: flat ends, mitred corners, round ones where the width changes.
 
-    Parameters
-    ----------
-    line : ndarray, shape (n, 2)
-        Centre line in m.
-    widths : array_like, shape (n − 1,) or scalar
-        Width of every segment in m.
-
-    Returns
-    -------
-    shapely.Polygon
-        In m.
+    `line` is its centre line, shape (n, 2), and `widths` the width of every segment, shape (n − 1,) or scalar, in m.
     """
     runs = uniform_runs(line, np.broadcast_to(np.asarray(widths, dtype=np.float64), (len(line) - 1,)))
     ribbons = [_ribbon(piece, width) for piece, width in runs]

@@ -10,23 +10,9 @@ from coilarray.errors import MissingDependencyError
 
 
 def import_extra(module: str, purpose: str, *, package: str, extra: str) -> ModuleType:
-    """Import a module of an optional library.
+    """Import a module, by its dotted name, of an optional library that `purpose` needs ("STEP files", in the plural).
 
-    Parameters
-    ----------
-    module : str
-        Dotted name.
-    purpose : str
-        What needs it, in the plural: "STEP files".
-    package : str
-        Name of the library to install.
-    extra : str
-        The extra of coilarray that installs it.
-
-    Raises
-    ------
-    MissingDependencyError
-        The library is not installed, or cannot be loaded for the reason that is given.
+    MissingDependencyError says how to install it, `package` by the `extra` of coilarray, or why it cannot be loaded.
     """
     try:
         return importlib.import_module(module)

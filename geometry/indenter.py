@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.errors import GeometryError
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray, require_positive
 
 Symmetry = Literal["axial", "plane"]
 """``"axial"``: a body of revolution; ``"plane"``: infinitely long along y."""
@@ -30,8 +29,7 @@ class _Body:
     symmetry: ClassVar[Symmetry] = "axial"
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.radius) and self.radius > 0):
-            raise GeometryError(f"radius of a {self.name} must be positive and finite; got {self.radius} m.")
+        require_positive(f"radius of a {self.name}", self.radius)
 
     @property
     def reach(self) -> float:
@@ -78,10 +76,7 @@ class Hemisphere(_Round):
 class Paraboloid(_Body):
     """A paraboloid of revolution: what a ball looks like from near its tip.
 
-    Parameters
-    ----------
-    radius : float
-        Radius of curvature at the tip in m, positive and finite; GeometryError otherwise.
+    `radius` is that of curvature at the tip in m, positive and finite; GeometryError otherwise.
 
     Examples
     --------
@@ -107,12 +102,7 @@ class Paraboloid(_Body):
 
 @dataclass(frozen=True)
 class FlatPunch(_Body):
-    """The flat end of a rod.
-
-    Parameters
-    ----------
-    radius : float
-        Radius of the rod in m, positive and finite; GeometryError otherwise.
+    """The flat end of a rod, whose `radius` in m is positive and finite; GeometryError otherwise.
 
     Examples
     --------
@@ -135,17 +125,14 @@ class FlatPunch(_Body):
 class Cone:
     """A cone with its tip down.
 
+    Raises GeometryError for an angle or a radius that is not allowed.
+
     Parameters
     ----------
     half_angle : float
         Angle between the axis and the surface in rad, between 0 and π/2; near π/2 the cone is blunt.
     radius : float, optional
         Radius in m at which the cone ends, positive; without it the cone has no end.
-
-    Raises
-    ------
-    GeometryError
-        An angle or a radius that is not allowed.
 
     Examples
     --------
@@ -183,10 +170,7 @@ class Cone:
 class CylinderEdge(_Round):
     """An infinitely long cylinder that lies on the sample along y: plane strain.
 
-    Parameters
-    ----------
-    radius : float
-        Radius in m, positive and finite; GeometryError otherwise.
+    `radius` in m is positive and finite; GeometryError otherwise.
 
     Examples
     --------

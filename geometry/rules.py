@@ -15,8 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.errors import GeometryError, RuleViolationError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, copper_by_layer, drills
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray, place_in_mm
 
 # Margins above −1 µm count as kept. The sides of successive turns of a polygonal spiral are not quite parallel, as
 # every corner lies a fraction of a pitch further in than the one before: turns of nominal gap s come as close as
@@ -36,6 +35,8 @@ _PAD_DETOUR = 1.5
 @dataclass(frozen=True)
 class FabRules:
     """Limits of a fabricator; the defaults suit common four-layer prototype services and leave the board itself free.
+
+    Raises GeometryError for a limit that is negative or not finite.
 
     Parameters
     ----------
@@ -61,11 +62,6 @@ class FabRules:
         Largest sides of the board in m, either way round.
     blind_holes : bool
         False: every hole must go through the whole board.
-
-    Raises
-    ------
-    GeometryError
-        A limit that is negative or not finite.
     """
 
     min_trace: float = 0.1e-3
@@ -186,43 +182,22 @@ def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
 
 
 def require_rules(array: CoilArray, rules: FabRules) -> None:
-    """Raise where a rule is broken.
+    """Raise RuleViolationError, which names the worst violation and how many more there are, where a rule is broken.
 
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
-    rules : FabRules
-        The limits.
-
-    Raises
-    ------
-    RuleViolationError
-        Names the worst violation and how many more there are.
+    `array` and `rules` are those of `check_rules`.
     """
     require_kept(check_rules(array, rules))
 
 
 def require_kept(margins: Iterable[Margin]) -> None:
-    """Raise where one of the margins is broken; for those that `check_rules` has measured already.
-
-    Parameters
-    ----------
-    margins : iterable of Margin
-        Margins in the order of `check_rules`.
-
-    Raises
-    ------
-    RuleViolationError
-        As `require_rules`.
-    """
+    """Raise as `require_rules` where one of the margins that `check_rules` has measured already is broken."""
     broken = [margin for margin in margins if not margin.kept]
     if not broken:
         return
     worst = broken[0]
     more = "" if len(broken) == 1 else f"; {len(broken) - 1} more {'is' if len(broken) == 2 else 'are'} broken"
     layer = f" on layer {worst.layer}" if worst.layer else ""
-    place = "" if worst.x is None or worst.y is None else f" at ({worst.x * 1e3:.4g}, {worst.y * 1e3:.4g}) mm"
+    place = "" if worst.x is None or worst.y is None else f" at {place_in_mm(worst.x, worst.y)}"
     value, margin, limit = (
         f"{number * 1e3:.4g} mm" if worst.unit == "m" else f"{number:.4g}"
         for number in (worst.value, worst.margin, worst.limit)
@@ -257,17 +232,13 @@ def _board(array: CoilArray, rules: FabRules) -> Iterator[Margin]:
 def _hole_depths(array: CoilArray, holes: tuple[Drill, ...], rules: FabRules) -> Iterator[Margin]:
     """Aspect ratio of the deepest hole for its diameter, and how many holes end inside the board."""
     if holes and rules.max_aspect_ratio is not None:
-        ratios = [
-            (array.stackup.span(hole.layers[0])[1] - array.stackup.span(hole.layers[-1])[0]) / hole.diameter
-            for hole in holes
-        ]
-        k = int(np.argmax(ratios))
-        spare = rules.max_aspect_ratio - ratios[k]
-        worst = holes[k]
-        place = (worst.x, worst.y)
-        yield Margin(
-            "aspect ratio", worst.layers[0], worst.net, spare, rules.max_aspect_ratio, ratios[k], *place, unit=""
-        )
+
+        def ratio(hole: Drill) -> float:
+            return (array.stackup.span(hole.layers[0])[1] - array.stackup.span(hole.layers[-1])[0]) / hole.diameter
+
+        worst, limit = max(holes, key=ratio), rules.max_aspect_ratio
+        value = ratio(worst)
+        yield Margin("aspect ratio", worst.layers[0], worst.net, limit - value, limit, value, worst.x, worst.y, unit="")
     if not rules.blind_holes:
         blind = [hole for hole in holes if hole.layers != array.stackup.names]
         yield Margin("blind holes", "", "board", -len(blind), 0, len(blind), None, None, unit="")
@@ -350,13 +321,17 @@ def _penetration(a: BaseGeometry, b: BaseGeometry) -> tuple[float, FloatArray | 
     return 2 * float(shapely.length(radii[k])), shapely.get_coordinates(radii[k])[0]
 
 
+_Gap = tuple[float, FloatArray]
+"""Distance in m of two places of one net, edge to edge, and the place between them, shape (2,)."""
+
+
 def _spacing_within(placement: Placement, layer: str, holes: list[Drill], rules: FabRules) -> Iterator[Margin]:
     """Smallest distance of the separate pieces of one net on one layer."""
     limit, coil = rules.min_gap, placement.coil
     traces = [(placement.to_board(coil.lines[k]), coil.widths[k] / 2) for k in placement.lines_on(layer)]
-    found = [_pads_apart([line for line, _ in traces], holes, limit)]
+    found: list[_Gap | None] = [*_pads_apart([line for line, _ in traces], holes, limit)]
     for line, half in traces:
-        found += [_pads_to_trace(line, half, holes, limit)]
+        found += _pads_to_trace(line, half, holes, limit)
         near = _trace_to_itself(line, half, limit, reach=2 * limit)
         found += [near if near is not None else _trace_to_itself(line, half, limit, reach=_HORIZON * limit)]
     found += [_trace_to_trace(one, other, reach=_HORIZON * limit) for one, other in combinations(traces, 2)]
@@ -372,8 +347,8 @@ def _segments(line: FloatArray) -> npt.NDArray[np.object_]:
 
 def _trace_to_trace(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], reach: float
-) -> tuple[float, FloatArray] | None:
-    """Smallest gap in m of two traces, each with half its widths, up to `reach`; and its place."""
+) -> _Gap | None:
+    """Smallest gap of two traces, each with half its widths, up to `reach` (m)."""
     segments, others = _segments(one[0]), _segments(other[0])
     i, j = shapely.STRtree(others).query(segments, predicate="dwithin", distance=one[1].max() + other[1].max() + reach)
     if not len(i):
@@ -384,8 +359,8 @@ def _trace_to_trace(
     return float(gaps[k]), bridge.mean(axis=0)
 
 
-def _trace_to_itself(line: FloatArray, half: FloatArray, limit: float, reach: float) -> tuple[float, FloatArray] | None:
-    """Smallest gap in m of the trace to itself up to `reach`, and its place; None where there is none."""
+def _trace_to_itself(line: FloatArray, half: FloatArray, limit: float, reach: float) -> _Gap | None:
+    """Smallest gap of the trace to itself up to `reach` (m)."""
     segments = _segments(line)
     i, j = shapely.STRtree(segments).query(segments, predicate="dwithin", distance=2 * half.max() + reach)
     i, j = i[j > i + 1], j[j > i + 1]
@@ -415,29 +390,13 @@ def _nearest_beyond(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Nearest places of pairs of segments that are at least `way` apart along both.
 
-    Parameters
-    ----------
-    apart : ndarray, shape (n, 2)
-        Vectors from the end of segment i to the beginning of segment j in m.
-    along_i, along_j : ndarray, shape (n, 2)
-        Unit vectors.
-    length_i, length_j : ndarray, shape (n,)
-        Lengths of the segments in m.
-    way : ndarray, shape (n,)
-        Least a + b in m.
+    Lengths are in m, arrays of shape (n,), vectors (n, 2): `apart` from the end of segment i to the beginning of
+    segment j, `along_…` unit vectors. The places a on i, back from its end, and b on j, onwards from its beginning,
+    have a + b ≥ way; their distance is inf where the segments are too short for it.
 
-    Returns
-    -------
-    a, b : ndarray, shape (n,)
-        The place on i, back from its end, and on j, onwards from its beginning, in m.
-    distance : ndarray, shape (n,)
-        Distances in m; inf where the segments are too short for `way`.
-
-    Notes
-    -----
-    The difference apart + a·t_i + b·t_j is linear in (a, b), so its length is convex on the polygon
-    0 ≤ a ≤ l_i, 0 ≤ b ≤ l_j, a + b ≥ way: the minimum is zero inside, where the segments cross, or lies on one of
-    the polygon's five edges, each of which is the distance of a point to a segment.
+    The difference apart + a·t_i + b·t_j is linear in (a, b), so its length is convex on the polygon 0 ≤ a ≤ l_i, 0 ≤ b
+    ≤ l_j, a + b ≥ way: the minimum is zero inside, where the segments cross, or lies on one of the polygon's five
+    edges, each of which is the distance of a point to a segment.
     """
     zero, least = np.zeros_like(way), np.maximum(way, 0.0)
     one = np.ones_like(way)
@@ -476,11 +435,8 @@ def _end_at(line: FloatArray, hole: Drill) -> str | None:
     return None
 
 
-def _pads_to_trace(
-    line: FloatArray, half: FloatArray, holes: list[Drill], limit: float
-) -> tuple[float, FloatArray] | None:
-    """Smallest gap in m of a pad and the part of the trace that does not lead into it, and its place."""
-    best: tuple[float, FloatArray] | None = None
+def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit: float) -> Iterator[_Gap]:
+    """Gaps of every pad and the part of the trace that does not lead into it."""
     for hole in holes:
         end = _end_at(line, hole)
         points, reach = (line[::-1], half[::-1]) if end == "last" else (line, half)
@@ -496,24 +452,16 @@ def _pads_to_trace(
         if end is not None:
             distance[start + t < _PAD_DETOUR * distance] = np.inf
         k = int(np.argmin(distance - reach))
-        value = float(distance[k]) - hole.pad / 2 - float(reach[k])
-        if best is None or value < best[0]:
-            best = value, points[k] + t[k] * along[k]
-    return best
+        yield float(distance[k]) - hole.pad / 2 - float(reach[k]), points[k] + t[k] * along[k]
 
 
-def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> tuple[float, FloatArray] | None:
-    """Smallest gap in m of two pads of one net, and its place; pads joined by a short trace are one piece."""
+def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> Iterator[_Gap]:
+    """Gaps of every two pads of one net; pads joined by a short trace are one piece."""
     lengths = [float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines]
-    best: tuple[float, FloatArray] | None = None
     for a, b in combinations(holes, 2):
-        short = _PAD_DETOUR * ((a.pad + b.pad) / 2 + limit)
-        if any(
-            length <= short and None not in (_end_at(line, a), _end_at(line, b))
+        copper = (a.pad + b.pad) / 2
+        if not any(
+            length <= _PAD_DETOUR * (copper + limit) and None not in (_end_at(line, a), _end_at(line, b))
             for line, length in zip(lines, lengths, strict=True)
         ):
-            continue
-        value = math.hypot(a.x - b.x, a.y - b.y) - (a.pad + b.pad) / 2
-        if best is None or value < best[0]:
-            best = value, np.array([0.5 * (a.x + b.x), 0.5 * (a.y + b.y)])
-    return best
+            yield math.hypot(a.x - b.x, a.y - b.y) - copper, np.array([0.5 * (a.x + b.x), 0.5 * (a.y + b.y)])

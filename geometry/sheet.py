@@ -6,11 +6,14 @@ import math
 from dataclasses import dataclass
 
 from coilarray.errors import GeometryError
+from coilarray.geometry.values import require_positive
 
 
 @dataclass(frozen=True)
 class Sheet:
     """A flat sheet of uniform thickness that covers the board.
+
+    Raises GeometryError for a value that is not allowed.
 
     Parameters
     ----------
@@ -24,11 +27,6 @@ class Sheet:
         Young's modulus in Pa; None where it is not known, and then the sheet cannot be indented.
     poissons_ratio : float
         Poisson's ratio from 0 to 0.5; 0.5 is incompressible.
-
-    Raises
-    ------
-    GeometryError
-        A value that is not allowed.
     """
 
     name: str
@@ -38,18 +36,13 @@ class Sheet:
     poissons_ratio: float = 0.4999
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.thickness) and self.thickness > 0):
-            raise GeometryError(
-                f"thickness of sheet {self.name!r} must be positive and finite; got {self.thickness} m."
-            )
+        require_positive(f"thickness of sheet {self.name!r}", self.thickness)
         if not (math.isfinite(self.relative_permeability) and self.relative_permeability >= 1):
             raise GeometryError(
                 f"relative permeability of sheet {self.name!r} must be at least 1; got {self.relative_permeability}."
             )
-        if self.youngs_modulus is not None and not (math.isfinite(self.youngs_modulus) and self.youngs_modulus > 0):
-            raise GeometryError(
-                f"Young's modulus of sheet {self.name!r} must be positive and finite; got {self.youngs_modulus} Pa."
-            )
+        if self.youngs_modulus is not None:
+            require_positive(f"Young's modulus of sheet {self.name!r}", self.youngs_modulus, " Pa")
         if not 0 <= self.poissons_ratio <= 0.5:
             raise GeometryError(f"Poisson's ratio of sheet {self.name!r} must be 0 to 0.5; got {self.poissons_ratio}.")
 

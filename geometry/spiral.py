@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from coilarray.errors import GeometryError
+from coilarray.geometry.values import FloatArray, require_positive
 
 Winding = Literal["ccw", "cw"]
 
@@ -43,8 +43,7 @@ def apothem_from_size(size: float, sides: int, *, across: Literal["flats", "corn
     >>> round(apothem_from_size(23e-3, 6, across="corners") * 1e3, 4)
     9.9593
     """
-    if not (math.isfinite(size) and size > 0):
-        raise GeometryError(f"size must be positive and finite; got {size} m.")
+    require_positive("size", size)
     if sides < 3:
         raise GeometryError(f"sides must be at least 3; got {sides}.")
     if across == "flats":
@@ -60,6 +59,8 @@ class Spiral:
 
     Every layer starts at the angle where the one before ended, so that the current keeps its sense of rotation and
     the ends to be joined lie above each other.
+
+    Raises GeometryError for a size that is not positive and finite, fewer than 3 sides, or more turns than fit.
 
     Parameters
     ----------
@@ -77,11 +78,6 @@ class Spiral:
         Sense of rotation of the current seen from above (+z).
     circular : bool
         True: the vertices lie on a circular (Archimedean) spiral.
-
-    Raises
-    ------
-    GeometryError
-        A size that is not positive and finite, fewer than 3 sides, or more turns than fit.
     """
 
     sides: int
@@ -97,9 +93,7 @@ class Spiral:
         if self.sides < 3:
             raise GeometryError(f"sides must be at least 3; got {self.sides}.")
         for name in ("outer_apothem", "turns", "trace_width", "gap"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise GeometryError(f"{name} must be positive and finite; got {value}.")
+            require_positive(name, getattr(self, name), "")
         if not math.isfinite(self.first_corner):
             raise GeometryError(f"first_corner must be finite; got {self.first_corner}.")
         if self.winding not in ("ccw", "cw"):
@@ -132,13 +126,8 @@ class Spiral:
         """Apothem in m of the centre line at its inner end."""
         return self.outer_apothem - self.trace_width / 2 - self.pitch * self.turns
 
-    def centre_line(self, layer: int = 0) -> npt.NDArray[np.float64]:
-        """Vertices of one layer in the direction of the current.
-
-        Parameters
-        ----------
-        layer : int
-            0-based layer: even layers run inwards, odd ones outwards.
+    def centre_line(self, layer: int = 0) -> FloatArray:
+        """Vertices of one layer in the direction of the current: even layers, from 0, run inwards, odd ones outwards.
 
         Returns
         -------
@@ -155,7 +144,7 @@ class Spiral:
         angle = self.first_corner + (turn if self.winding == "ccw" else -turn)
         return np.column_stack((radius * np.cos(angle), radius * np.sin(angle)))
 
-    def outline(self) -> npt.NDArray[np.float64]:
+    def outline(self) -> FloatArray:
         """Corners of the enclosing polygon (the nominal outer copper edge), shape (sides, 2), x and y in m."""
         radius = self.outer_apothem if self.circular else self.outer_apothem / math.cos(math.pi / self.sides)
         angle = self.first_corner + 2 * math.pi * np.arange(self.sides) / self.sides

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from coilarray.errors import GeometryError
+from coilarray.geometry.values import require_positive
 
 COPPER_THICKNESS = 35e-6
 """Usual thickness in m of a copper layer, 1 oz."""
@@ -23,6 +24,9 @@ class Stackup:
     Heights are measured from the top face of the top copper layer (z = 0, where the elastomer lies) downwards, so
     every layer has z < 0.
 
+    Raises GeometryError for a length that does not fit, a repeated name, or a thickness or permittivity that is not
+    allowed.
+
     Parameters
     ----------
     names : tuple of str
@@ -33,11 +37,6 @@ class Stackup:
         Thickness in m of the dielectric below each copper layer but the last; one shorter than `names`.
     epsilon_r : tuple of float
         Relative permittivity of each dielectric; one shorter than `names`.
-
-    Raises
-    ------
-    GeometryError
-        A length that does not fit, a repeated name, or a thickness or permittivity that is not allowed.
 
     Examples
     --------
@@ -65,8 +64,7 @@ class Stackup:
             if len(values) != expected:
                 raise GeometryError(f"{n} copper layers need {expected} {what}; got {len(values)}.")
         for thickness in (*self.copper_thickness, *self.dielectric_thickness):
-            if not (math.isfinite(thickness) and thickness > 0):
-                raise GeometryError(f"a layer thickness must be positive and finite; got {thickness} m.")
+            require_positive("a layer thickness", thickness)
         for epsilon in self.epsilon_r:
             if not (math.isfinite(epsilon) and epsilon >= 1):
                 raise GeometryError(f"a relative permittivity must be at least 1; got {epsilon}.")

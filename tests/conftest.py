@@ -1,17 +1,20 @@
 """What all tests share: the machine is used by others too, and signals do what they do on a terminal."""
 
+import os
 import signal
 
-import hypothesis
-import pytest
-from support.patience import PATIENCE
+# Tests run side by side, one on each core: threads of the linear algebra would only wait for each other.
+# Before the imports, for numpy reads it when it is loaded.
+for library in ("OPENBLAS", "MKL", "OMP"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+import hypothesis  # noqa: E402
+import pytest  # noqa: E402
+from support.patience import PATIENCE  # noqa: E402
 
 # Under CI the parent is hypothesis' own profile for it, which tries the same examples every time.
 hypothesis.settings.register_profile(
-    "shared machine",
-    hypothesis.settings(),
-    deadline=None,
-    suppress_health_check=[hypothesis.HealthCheck.too_slow],
+    "shared machine", hypothesis.settings(), deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
 )
 hypothesis.settings.load_profile("shared machine")
 

@@ -17,9 +17,9 @@ from .datasets.overlays import response_surface as response_surface
 from .datasets.overlays import uncertainty_ellipse as uncertainty_ellipse
 from .offscreen import rendering_problem as rendering_problem
 from .offscreen import window_problem as window_problem
+from .plots.board import check_figure as check_figure
 from .plots.board import plot_board as plot_board
 from .plots.board import plot_copper as plot_copper
-from .plots.check import check_figure as check_figure
 from .plots.comparison import comparison_figure as comparison_figure
 from .plots.comparison import plot_centres as plot_centres
 from .plots.comparison import plot_readings as plot_readings
@@ -31,7 +31,6 @@ from .plots.coupling import plot_inductance as plot_inductance
 from .plots.coupling import plot_matrix as plot_matrix
 from .plots.field import plot_field_lines as plot_field_lines
 from .plots.field import plot_field_map as plot_field_map
-from .plots.frequency import plot_frequency_sweep as plot_frequency_sweep
 from .plots.indentation import indentation_figure as indentation_figure
 from .plots.indentation import plot_dent as plot_dent
 from .plots.indentation import plot_force_depth as plot_force_depth
@@ -55,6 +54,7 @@ from .plots.response import plot_response as plot_response
 from .plots.response import plot_response_profile as plot_response_profile
 from .plots.response import response_figure as response_figure
 from .plots.sweep_grid import plot_coupling_sweep as plot_coupling_sweep
+from .plots.sweep_grid import plot_frequency_sweep as plot_frequency_sweep
 from .plots.sweep_grid import plot_sweep_lines as plot_sweep_lines
 from .plots.sweep_grid import plot_sweep_map as plot_sweep_map
 from .plots.sweep_grid import plot_sweep_points as plot_sweep_points

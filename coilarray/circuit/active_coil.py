@@ -33,15 +33,7 @@ _LEAST_EIGENVALUE = 1e-12  # of the coupling matrix; rounding of the entries is 
 
 @dataclass(frozen=True, eq=False)
 class PortImpedance:
-    """What is seen between two terminals at one frequency.
-
-    Parameters
-    ----------
-    frequency : float
-        Frequency in Hz.
-    impedance : complex
-        Impedance in Ω.
-    """
+    """What is seen between two terminals at one frequency in Hz: an impedance in Ω."""
 
     frequency: float
     impedance: complex
@@ -59,18 +51,10 @@ class PortImpedance:
 
 @dataclass(frozen=True, eq=False)
 class ActiveCoil(PortImpedance):
-    """What one active coil sees; amounts per ampere of its current.
+    """What one active coil sees with its passive neighbours; amounts per ampere of its current.
 
-    Parameters
-    ----------
-    frequency : float
-        Frequency in Hz at which everything below holds.
-    impedance : complex
-        Impedance in Ω of the active coil with its passive neighbours.
-    currents : ndarray of complex, shape (coils,)
-        Current in every coil in A per A of the active coil: 1 for the active one, 0 for open ones.
-    contributions : ndarray, shape (coils,)
-        Part of each passive coil in Im Z/ω − L in H: Re(M_ak i_k), 0 for the active one.
+    `currents` (coils,) are 1 for the active coil and 0 for open ones. `contributions` (coils,) are the parts of the
+    passive coils in Im Z/ω − L in H: Re(M_ak i_k), 0 for the active one.
     """
 
     currents: ComplexArray
@@ -79,16 +63,10 @@ class ActiveCoil(PortImpedance):
 
 @dataclass(frozen=True, eq=False)
 class EveryActiveCoil:
-    """What each coil sees while it is the active one.
+    """What each coil sees while it is the active one, at one frequency in Hz.
 
-    Parameters
-    ----------
-    frequency : float
-        Frequency in Hz.
-    impedances : ndarray of complex, shape (n,)
-        Impedance in Ω of each active coil with its passive neighbours.
-    currents : ndarray of complex, shape (n, n)
-        Current in coil p per ampere of the active coil a, entry (p, a).
+    `impedances` (n,) in Ω are those of each active coil with its passive neighbours; entry (p, a) of `currents` (n, n)
+    is the current in coil p per ampere of the active coil a.
     """
 
     frequency: float
@@ -107,21 +85,16 @@ class EveryActiveCoil:
 
 
 def impedance_matrix(inductance: npt.ArrayLike, resistance: npt.ArrayLike, frequency: float) -> ComplexArray:
-    """Impedance matrix of the coils, Z = R + jωL.
+    """Impedance matrix of the coils in Ω, Z = R + jωL: voltages at their terminals for the currents in them.
 
     Parameters
     ----------
-    inductance : array_like, shape (n, n)
-        Inductance matrix in H.
-    resistance : array_like, shape (n,) or scalar
-        Resistance of each coil in Ω.
-    frequency : float
-        Frequency in Hz.
+    inductance, resistance, frequency
+        See `active_coil`.
 
     Returns
     -------
     ndarray of complex, shape (n, n)
-        Impedance in Ω: voltages at the coils' terminals for the currents in them.
 
     Raises
     ------
@@ -136,7 +109,7 @@ def impedance_matrix(inductance: npt.ArrayLike, resistance: npt.ArrayLike, frequ
            [0.+1.j, 3.+2.j]])
     """
     L, R = checked_network(inductance, resistance)
-    _check_frequency(frequency)
+    check_frequency(frequency)
     return _impedance(L, R, frequency)
 
 
@@ -182,8 +155,16 @@ def active_coil(
     """
     L, R = checked_network(inductance, resistance)
     shorted = _checked_shorts(len(L), active, terminations, short_resistance)
-    _check_frequency(frequency)
-    return _solve(L, R, active, shorted, short_resistance, frequency)
+    check_frequency(frequency)
+    Z = _impedance(L, R, frequency)
+    currents = np.zeros(len(L), dtype=np.complex128)
+    currents[active] = 1
+    if shorted:
+        passive = Z[np.ix_(shorted, shorted)] + short_resistance * np.eye(len(shorted))
+        currents[shorted] = np.linalg.solve(passive, -Z[shorted, active])
+    contributions = np.real(L[active] * currents)
+    contributions[active] = 0
+    return ActiveCoil(frequency, complex(Z[active] @ currents), currents, contributions)
 
 
 def every_active_coil(
@@ -193,14 +174,8 @@ def every_active_coil(
 
     Parameters
     ----------
-    inductance : array_like, shape (n, n)
-        Inductance matrix in H.
-    resistance : array_like, shape (n,) or scalar
-        Resistance of each coil in Ω.
-    frequency : float
-        Frequency in Hz.
-    short_resistance : float
-        Resistance in Ω of a short to ground, the switches included.
+    inductance, resistance, frequency, short_resistance
+        See `active_coil`.
 
     Returns
     -------
@@ -213,9 +188,9 @@ def every_active_coil(
 
     Notes
     -----
-    With the resistance r of a short in series with every coil, also the active one, the admittance matrix of the
-    ports is Y = (R + r + jωL)⁻¹. A port with all others shorted shows 1/Y_aa, of which r is the active coil's own, and
-    the currents are Y_pa/Y_aa.
+    With the resistance r of a short in series with every coil, also the active one, the admittance matrix of the ports
+    is Y = (R + r + jωL)⁻¹. A port with all others shorted shows 1/Y_aa, of which r is the active coil's own, and the
+    currents are Y_pa/Y_aa.
 
     Examples
     --------
@@ -225,7 +200,7 @@ def every_active_coil(
     """
     L, R = checked_network(inductance, resistance)
     _checked_shorts(len(L), 0, None, short_resistance)
-    _check_frequency(frequency)
+    check_frequency(frequency)
     admittance = np.asarray(np.linalg.inv(_impedance(L, R + short_resistance, frequency)), dtype=np.complex128)
     own = admittance.diagonal()
     return EveryActiveCoil(frequency, 1 / own - short_resistance, admittance / own)
@@ -234,10 +209,8 @@ def every_active_coil(
 def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return an inductance matrix, shape (n, n) in H, and resistances, shape (n,) in Ω, that can belong together.
 
-    Raises
-    ------
-    NetworkError
-        Shapes that do not fit, values that are not finite, a diagonal that is not positive, a negative resistance.
+    Shapes that do not fit, values that are not finite, a diagonal that is not positive, or a negative resistance are a
+    NetworkError.
     """
     L = np.asarray(inductance, dtype=np.float64)
     if L.ndim != 2 or L.shape[0] != L.shape[1] or not L.size:
@@ -269,18 +242,25 @@ def checked_network(inductance: npt.ArrayLike, resistance: npt.ArrayLike) -> tup
     return L, R
 
 
-def _check_frequency(frequency: float) -> None:
-    if not (math.isfinite(frequency) and frequency > 0):
+def check_frequency(frequency: float | FloatArray) -> None:
+    """Refuse frequencies in Hz that are not positive and finite."""
+    if not (np.isfinite(frequency) & np.greater(frequency, 0)).all():
         raise NetworkError(f"frequency must be positive and finite; got {frequency} Hz.")
+
+
+def checked_terminations(n: int, terminations: Sequence[Termination] | None) -> list[Termination]:
+    """Return what closes each of n coils while it is passive: all shorted by default."""
+    states: list[Termination] = ["short"] * n if terminations is None else list(terminations)
+    if len(states) != n or not set(states) <= {"short", "open"}:
+        raise NetworkError(f"terminations must be {n} of 'short' or 'open'; got {states}.")
+    return states
 
 
 def _checked_shorts(
     n: int, active: int, terminations: Sequence[Termination] | None, short_resistance: float
 ) -> list[int]:
     """Return the indices of the passive coils that are shorted."""
-    states = ["short"] * n if terminations is None else list(terminations)
-    if len(states) != n or not set(states) <= {"short", "open"}:
-        raise NetworkError(f"terminations must be {n} of 'short' or 'open'; got {states}.")
+    states = checked_terminations(n, terminations)
     if not 0 <= active < n:
         raise NetworkError(f"the active coil must be 0 to {n - 1}; got {active}.")
     if not (math.isfinite(short_resistance) and short_resistance >= 0):
@@ -290,18 +270,3 @@ def _checked_shorts(
 
 def _impedance(L: FloatArray, R: FloatArray, frequency: float) -> ComplexArray:
     return np.asarray(np.diag(R) + 2j * math.pi * frequency * L)
-
-
-def _solve(
-    L: FloatArray, R: FloatArray, active: int, shorted: list[int], short_resistance: float, frequency: float
-) -> ActiveCoil:
-    """`active_coil` of values that have been checked."""
-    Z = _impedance(L, R, frequency)
-    currents = np.zeros(len(L), dtype=np.complex128)
-    currents[active] = 1
-    if shorted:
-        passive = Z[np.ix_(shorted, shorted)] + short_resistance * np.eye(len(shorted))
-        currents[shorted] = np.linalg.solve(passive, -Z[shorted, active])
-    contributions = np.real(L[active] * currents)
-    contributions[active] = 0
-    return ActiveCoil(frequency, complex(Z[active] @ currents), currents, contributions)

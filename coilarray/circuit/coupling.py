@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.active_coil import checked_network
+from coilarray.circuit.active_coil import Termination, checked_network, checked_terminations
 from coilarray.circuit.network import Network, Resonance, SampledResistance
 from coilarray.circuit.state_sensitivity import resonances
+from coilarray.compute.netcdf import variables
 from coilarray.compute.recent import Recent
 from coilarray.compute.threads import Progress, serial_algebra
+from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.elastomer.flat_layer import layer_inductance
@@ -27,9 +28,6 @@ from coilarray.errors import GeometryError, NetworkError
 from coilarray.geometry import CoilArray
 
 FloatArray = npt.NDArray[np.float64]
-Termination = Literal["short", "open"]
-"""What closes a passive coil: ``"short"`` to ground, or ``"open"``, nothing."""
-
 LEFT_OUT = ("alternating-current resistance", "stray capacitances and inductances")
 """What an ideal network leaves out."""
 _RESISTANCE_POINTS = 9
@@ -44,18 +42,10 @@ _KEPT = 4  # designs whose circuit is kept in memory
 class CircuitParts:
     """The network of a design with all losses and strays, and what it was made of.
 
-    Parameters
-    ----------
-    network : Network
-        Network with the resistance matrix at alternating current.
-    direct : Network
-        The same with direct-current resistances.
-    capacitance : xarray.Dataset or None
-        Result of `coilarray.electromagnetics.capacitance.coil_capacitance`; None where a coil has no model of it.
-    resistance : xarray.Dataset
-        Result of `coilarray.electromagnetics.ac_resistance.resistance_matrix` at the frequencies of the network.
-    problem : str
-        Why there is no capacitance; empty where there is.
+    `direct` is the network with direct-current resistances. `capacitance` is the result of
+    `coilarray.electromagnetics.capacitance.coil_capacitance`, None where a coil has no model of it for the reason in
+    `problem`; `resistance` that of `coilarray.electromagnetics.ac_resistance.resistance_matrix` at the network's
+    frequencies.
     """
 
     network: Network
@@ -65,7 +55,9 @@ class CircuitParts:
     problem: str = ""
 
 
+# by what they depend on: designs that differ in their circuit alone share them
 _INDUCTANCES: Recent[tuple[FloatArray, FloatArray]] = Recent(_KEPT)
+_CAPACITANCES: Recent[xr.Dataset] = Recent(_KEPT)
 _PARTS: Recent[CircuitParts] = Recent(_KEPT)
 
 
@@ -121,16 +113,8 @@ def design_circuit(
 def bare_network(names: Sequence[str], inductance: FloatArray, resistance: FloatArray, switches: Switches) -> Network:
     """Make a network of coils, closed switches and a tank across the converter, and nothing else.
 
-    Parameters
-    ----------
-    names : sequence of str, length n
-        Names of the coils.
-    inductance : ndarray, shape (n, n)
-        Inductance matrix in H.
-    resistance : ndarray, shape (n,)
-        Resistance of each coil in Ω, the same at all frequencies.
-    switches : Switches
-        Switches and tank; their strays are left out.
+    The inductance matrix (n, n) is in H; the resistance of each coil (n,) in Ω is the same at all frequencies, and the
+    strays of the switches are left out.
     """
     none = np.zeros_like(inductance)
     plain = Switches(on_resistance=switches.on_resistance, tank_capacitance=switches.tank_capacitance)
@@ -155,7 +139,11 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
     winding, between = np.zeros(len(names)), np.zeros((len(names), len(names)))
     capacitance, problem = None, ""
     try:
-        capacitance = coil_capacitance(design.array, design.sheets, relative_permittivity=permittivity_above(design))
+        above = permittivity_above(design)
+        capacitance = _CAPACITANCES.get(
+            digest_of(design.array, design.sheets, above),
+            lambda: coil_capacitance(design.array, design.sheets, relative_permittivity=above),
+        )
     except GeometryError as error:
         problem = str(error)
     else:
@@ -267,49 +255,27 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
     result = _coupled(network, design.coils_in_turn, terminations_of(design), np.diag(bare.resistance(1.0)))
     without = resonances(bare, design.coils_in_turn)
     single, centres = ("coil",), design.array.centres
-    result = result.assign(
-        ideal_effective_inductance=(
-            single, [one.effective_inductance for one in without],
-            {"units": "H", "long_name": "effective inductance, ideal: direct current, no strays"},
-        ),
-        ideal_frequency=(
-            single, [one.frequency for one in without],
-            {"units": "Hz", "long_name": "resonance frequency, ideal: direct current, no strays"},
-        ),
-        sheet_inductance=(
-            ("coil", "other"), design_inductance(design)[1],
-            {"units": "H", "long_name": "inductance due to the sheets"},
-        ),
-    ).assign_coords(
-        x=("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
-        y=("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
+    rows = (
+        ("ideal_effective_inductance", single, [one.effective_inductance for one in without], "H",
+         "effective inductance, ideal: direct current, no strays"),
+        ("ideal_frequency", single, [one.frequency for one in without], "Hz",
+         "resonance frequency, ideal: direct current, no strays"),
+        ("sheet_inductance", ("coil", "other"), design_inductance(design)[1], "H", "inductance due to the sheets"),
     )  # fmt: skip
+    places = (
+        ("x", single, centres[:, 0], "m", "centre of the coil, x"),
+        ("y", single, centres[:, 1], "m", "centre of the coil, y"),
+    )
+    result = result.assign(variables(*rows)).assign_coords(variables(*places))
     return result.assign_attrs(provenance(design))
 
 
 def design_inductance(
     design: Design, *, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Inductance matrix of a design under its flat sheets.
-
-    Parameters
-    ----------
-    design : Design
-        Design of the board, for example from `coilarray.load_design`.
-    progress : callable, optional
-        Called with (done, total) as the matrix of the bare board is computed.
-    accuracy : {"full", "screen"}
-        Accuracy of the matrix, see `coilarray.inductance_matrix`.
-
-    Returns
-    -------
-    inductance : ndarray, shape (n, n)
-        Inductance matrix in H, the magnetic sheets included.
-    by_sheets : ndarray, shape (n, n)
-        The part of it in H that the magnetic sheets make.
-    """
+    """Inductance matrix of a design under its flat sheets in H, and the part of it that the magnetic sheets make."""
     inductance, by_sheets = _INDUCTANCES.get(
-        (design.digest, accuracy), lambda: _design_inductance(design, accuracy, progress)
+        (digest_of(design.array, design.sheets), accuracy), lambda: _design_inductance(design, accuracy, progress)
     )
     return inductance.copy(), by_sheets.copy()
 
@@ -327,11 +293,7 @@ def terminations_of(design: Design) -> list[str]:
 
 def provenance(design: Design) -> dict[str, str]:
     """Return the attributes that tell where a result comes from: design, its hash and the package's version."""
-    return {
-        "design": design.name,
-        "design_hash": design.digest,
-        "coilarray_version": metadata.version("coilarray"),
-    }
+    return {"design": design.name, "design_hash": design.digest, "coilarray_version": metadata.version("coilarray")}
 
 
 def couple(
@@ -381,12 +343,9 @@ def couple(
     contributions add up to L_eff − L.
     """
     L, R = checked_network(inductance, resistance)
-    shorted: Termination = "short"
-    ends = [shorted] * len(names) if terminations is None else list(terminations)
     if L.shape != (len(names), len(names)):
         raise NetworkError(f"{len(names)} names need an inductance matrix of that many rows; got shape {L.shape}.")
-    if len(ends) != len(names) or not set(ends) <= {"short", "open"}:
-        raise NetworkError(f"terminations must be {len(names)} of 'short' or 'open'; got {ends}.")
+    ends = checked_terminations(len(names), terminations)
     network = bare_network(names, L, R, Switches(short_resistance / 2, tank_capacitance=capacitance))
     opened = [name for name, end in zip(names, ends, strict=True) if end == "open"]
     states = [
@@ -400,7 +359,6 @@ def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequen
     names, L = network.names, network.inductance
     solved = resonances(network, states)
     alone = resonances(network, [ScanState(name, ((name, 1),), others="open") for name in names])
-    own = np.diag(L).copy()
     currents = np.array([state.currents for state in solved])
     contributions = np.real(L * currents) * (1 - np.eye(len(L)))
 
@@ -409,36 +367,29 @@ def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequen
 
     effective, unchanged = each("effective_inductance"), each("effective_inductance", alone)
     pair, single = ("coil", "other"), ("coil",)
+    rows = (
+        ("inductance", pair, L, "H", "inductance matrix"),
+        ("coupling", pair, coupling_matrix(L), "1", "coupling coefficient"),
+        ("resistance", single, R, "ohm", "DC resistance"),
+        ("open_inductance", single, np.diag(L).copy(), "H", "inductance, all other coils open"),
+        ("effective_inductance", single, effective, "H", "effective inductance"),
+        ("open_effective_inductance", single, unchanged, "H", "effective inductance, others open"),
+        ("inductance_change", single, effective / unchanged - 1, "1", "change by the others"),
+        ("effective_resistance", single, each("effective_resistance"), "ohm", "effective resistance"),
+        ("quality_factor", single, each("quality_factor"), "1", "quality factor"),
+        ("open_frequency", single, each("frequency", alone), "Hz", "resonance frequency, others open"),
+        ("frequency", single, each("frequency"), "Hz", "resonance frequency"),
+        ("current_real", pair, currents.real, "A/A", "in-phase current"),
+        ("current_imag", pair, currents.imag, "A/A", "quadrature current"),
+        ("contribution", pair, contributions, "H", "part in L_eff − L"),
+        ("termination", single, np.array(terminations, dtype=object), "", "state while passive"),
+    )
     return xr.Dataset(
-        {
-            "inductance": (pair, L, {"units": "H", "long_name": "inductance matrix"}),
-            "coupling": (pair, coupling_matrix(L), {"units": "1", "long_name": "coupling coefficient"}),
-            "resistance": (single, R, {"units": "ohm", "long_name": "DC resistance"}),
-            "open_inductance": (single, own, {"units": "H", "long_name": "inductance, all other coils open"}),
-            "effective_inductance": (single, effective, {"units": "H", "long_name": "effective inductance"}),
-            "open_effective_inductance": (
-                single, unchanged, {"units": "H", "long_name": "effective inductance, others open"}
-            ),
-            "inductance_change": (
-                single, effective / unchanged - 1, {"units": "1", "long_name": "change by the others"}
-            ),
-            "effective_resistance": (
-                single, each("effective_resistance"), {"units": "ohm", "long_name": "effective resistance"}
-            ),
-            "quality_factor": (single, each("quality_factor"), {"units": "1", "long_name": "quality factor"}),
-            "open_frequency": (
-                single, each("frequency", alone), {"units": "Hz", "long_name": "resonance frequency, others open"}
-            ),
-            "frequency": (single, each("frequency"), {"units": "Hz", "long_name": "resonance frequency"}),
-            "current_real": (pair, currents.real, {"units": "A/A", "long_name": "in-phase current"}),
-            "current_imag": (pair, currents.imag, {"units": "A/A", "long_name": "quadrature current"}),
-            "contribution": (pair, contributions, {"units": "H", "long_name": "part in L_eff − L"}),
-            "termination": (single, np.array(terminations, dtype=object), {"long_name": "state while passive"}),
-        },
+        variables(*rows),
         coords={"coil": list(names), "other": list(names)},
         attrs={
             "capacitance_F": network.switches.tank_capacitance,
             "short_resistance_ohm": 2 * network.switches.on_resistance,
             "left_out": "; ".join(network.left_out),
         },
-    )  # fmt: skip
+    )

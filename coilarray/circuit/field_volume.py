@@ -38,18 +38,9 @@ _BYTES_ON_DISK = 48.0  # a point
 
 @dataclass(frozen=True, eq=False)
 class FieldBlock:
-    """Consecutive points of a grid, and the currents whose field is wanted there.
+    """Points `start` to `stop` of a grid, z fastest, and the currents (paths,) in A whose field is wanted there.
 
-    Parameters
-    ----------
-    conductors : tuple of Conductor
-        Current paths.
-    currents : ndarray of complex, shape (paths,)
-        Currents in A.
-    axes : tuple of ndarray
-        x, y and z of the grid in m.
-    start, stop : int
-        Flat indices of the points, z fastest.
+    The `axes` are x, y and z of the grid in m.
     """
 
     conductors: tuple[Conductor, ...]
@@ -73,36 +64,10 @@ def write_field_volume(
     terminated: bool = True,
     progress: Progress | None = None,
 ) -> float:
-    """Write B on a grid of any size while one coil carries the measuring current.
+    """Write B on a grid of any size while one coil is measured; return the largest |B_z| in phase in T.
 
-    Parameters
-    ----------
-    path : Path
-        The file to make or replace, .nc; what is not finished stands in the folder PATH.parts and is gone on with when
-        the same volume is written again.
-    design, coupling, active, x, y, z, current, terminated
-        Design and its operation, see `coilarray.circuit.operating_field.operating_field`.
-    pool : Pool
-        From `coilarray.compute.workers.workers`; with ``workers(cluster="tcp://host:8786")`` the blocks are computed by
-        the workers of a Dask cluster, and written here.
-    progress : callable, optional
-        Called with (done, total) as blocks are done, those of an earlier run included.
-
-    Returns
-    -------
-    float
-        Largest |B_z| in T, of B in phase.
-
-    Raises
-    ------
-    GeometryError
-        As `operating_field`.
-    MemoryLimitError
-        Less memory than the blocks in flight need.
-    OutputError
-        Too little room on the disk, an unfinished file of another volume, or a file that cannot be written.
-    ClusterError
-        As `Pool.run`.
+    The arguments are those of `coilarray.circuit.operating_field.operating_field`, and of
+    `coilarray.electromagnetics.large_matrix.write_inductance_matrix` for the file, the workers and what they raise.
 
     Notes
     -----
@@ -120,7 +85,8 @@ def write_field_volume(
     >>> design = load_design("gast2020")
     >>> with TemporaryDirectory() as folder, workers() as pool:
     ...     where = Path(folder, "volume.nc")
-    ...     peak = write_field_volume(where, design, couple_design(design), "coil2", [0.0], [0.0], [1e-3, 2e-3], pool)
+    ...     coupling = couple_design(design, ideal=True)
+    ...     peak = write_field_volume(where, design, coupling, "coil2", [0.0], [0.0], [1e-3, 2e-3], pool)
     ...     with xr.open_dataset(where, engine="h5netcdf") as volume:
     ...         print(volume.B.shape, peak == abs(volume.B[..., 2]).max().item())
     (1, 1, 2, 3) True

@@ -21,6 +21,7 @@ from coilarray.circuit.network import (
     solve_state,
 )
 from coilarray.compute.memory import require_memory
+from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.electromagnetics.ac_resistance import resistance_matrix
@@ -58,8 +59,8 @@ def scan_design(
         (R_eff against the same with DC resistances), and ``current_real``, ``current_imag`` (state, coil) in A per A
         of the first measured coil. For each coil ``winding_capacitance``, ``self_resonance``, ``ac_resistance`` (at the
         states' mean frequency), ``resistance_model``, and what the elastomer's permittivity does where it is asked for:
-        ``bare_winding_capacitance`` without it, ``elastomer_delta``, the change of L that laying it on feigns, and
-        ``dent_delta_bound``, which no dent through the topmost sheet exceeds
+        ``bare_winding_capacitance`` without it, ``elastomer_delta``, the apparent change of L when it is laid on,
+        and ``dent_delta_bound``, which no dent through the topmost sheet exceeds
         (`coilarray.electromagnetics.capacitance.elastomer_effect`). ``capacitance`` (coil, other) is the Maxwell
         matrix. Units in the attributes.
 
@@ -68,7 +69,7 @@ def scan_design(
     NetworkError
         A state without a resonance, or one that cannot be solved.
     GeometryError
-        A coil whose capacitance has no model: see `coilarray.electromagnetics.capacitance.winding_capacitance`.
+        A coil whose capacitance has no model: see `coilarray.electromagnetics.capacitance.coil_capacitance`.
     """
     plan = design.plan
     steps = len(plan) + 2
@@ -92,79 +93,43 @@ def scan_design(
     nearest = int(np.abs(grid - middle).argmin())
     states, pair, coil = ("state",), ("state", "coil"), ("coil",)
     currents = np.array([r.currents for r in results])
-    scan = xr.Dataset(
-        {
-            "frequency": (states, [r.frequency for r in results], {"units": "Hz", "long_name": "resonance frequency"}),
-            "effective_inductance": (
-                states, [r.effective_inductance for r in results], {"units": "H", "long_name": "effective inductance"}
-            ),
-            "effective_resistance": (
-                states, [r.effective_resistance for r in results], {"units": "ohm", "long_name": "effective resistance"}
-            ),
-            "quality_factor": (
-                states, [r.quality_factor for r in results], {"units": "1", "long_name": "quality factor of the coil"}
-            ),
-            "loaded_quality_factor": (
-                states,
-                [loaded_quality(network, r) for r in results],
-                {"units": "1", "long_name": "quality factor with the tank"},
-            ),
-            "state_self_resonance": (
-                states,
-                [self_resonance_of(network, r) for r in results],
-                {"units": "Hz", "long_name": "self-resonance without the tank"},
-            ),
-            "parallel_resistance": (
-                states, [r.parallel_resistance for r in results], {"units": "ohm", "long_name": "parallel resistance"}
-            ),
-            "resistance_ratio": (
-                states,
-                [r.effective_resistance / d for r, d in zip(results, direct, strict=True)],
-                {"units": "1", "long_name": "effective resistance, AC over DC"},
-            ),
-            "current_real": (pair, currents.real, {"units": "A/A", "long_name": "in-phase current"}),
-            "current_imag": (pair, currents.imag, {"units": "A/A", "long_name": "quadrature current"}),
-            "winding_capacitance": (
-                coil, network.winding_capacitance, {"units": "F", "long_name": "capacitance of the winding"}
-            ),
-            "self_resonance": (
-                coil,
-                self_resonance(np.diag(network.inductance), network.winding_capacitance),
-                {"units": "Hz", "long_name": "self-resonance"},
-            ),
-            "ac_resistance": (
-                coil, np.diag(network.resistance(middle)), {"units": "ohm", "long_name": "AC resistance"}
-            ),
-            "resistance_model": (
-                coil, ac.model.values[nearest].astype(object), {"long_name": "model of the AC resistance"}
-            ),
-            "capacitance": (
-                ("coil", "other"),
-                parts.capacitance.capacitance.values,
-                {"units": "F", "long_name": "capacitance matrix"},
-            ),
-        },
-        coords={
-            "state": [state.name for state in plan], "coil": list(network.names), "other": list(network.names),
-        },
-        attrs={**provenance(design), "ac_resistance_frequency_Hz": middle},
-    )  # fmt: skip
+    rows = [
+        ("frequency", states, [r.frequency for r in results], "Hz", "resonance frequency"),
+        ("effective_inductance", states, [r.effective_inductance for r in results], "H", "effective inductance"),
+        ("effective_resistance", states, [r.effective_resistance for r in results], "ohm", "effective resistance"),
+        ("quality_factor", states, [r.quality_factor for r in results], "1", "quality factor of the coil"),
+        ("loaded_quality_factor", states, [loaded_quality(network, r) for r in results], "1",
+         "quality factor with the tank"),
+        ("state_self_resonance", states, [self_resonance_of(network, r) for r in results], "Hz",
+         "self-resonance without the tank"),
+        ("parallel_resistance", states, [r.parallel_resistance for r in results], "ohm", "parallel resistance"),
+        ("resistance_ratio", states, [r.effective_resistance / d for r, d in zip(results, direct, strict=True)], "1",
+         "effective resistance, AC over DC"),
+        ("current_real", pair, currents.real, "A/A", "in-phase current"),
+        ("current_imag", pair, currents.imag, "A/A", "quadrature current"),
+        ("winding_capacitance", coil, network.winding_capacitance, "F", "capacitance of the winding"),
+        ("self_resonance", coil, self_resonance(np.diag(network.inductance), network.winding_capacitance), "Hz",
+         "self-resonance"),
+        ("ac_resistance", coil, np.diag(network.resistance(middle)), "ohm", "AC resistance"),
+        ("resistance_model", coil, ac.model.values[nearest].astype(object), "", "model of the AC resistance"),
+        ("capacitance", ("coil", "other"), parts.capacitance.capacitance.values, "F", "capacitance matrix"),
+    ]  # fmt: skip
     if elastomer:
         below = sum(sheet.thickness for sheet in design.sheets[:-1])  # a dent reaches through the topmost sheet at most
         effect = elastomer_effect(
             design.array, permittivity_above(design), design.circuit.capacitance, design.sheets, undisturbed=below
         )
-        scan = scan.assign(
-            bare_winding_capacitance=(
-                coil, effect.without.values, {"units": "F", "long_name": "capacitance without elastomer"}
-            ),
-            elastomer_delta=(
-                coil, effect.apparent_delta.values, {"units": "1", "long_name": "apparent δ of the elastomer"}
-            ),
-            dent_delta_bound=(
-                coil, effect.dent_bound.values, {"units": "1", "long_name": "largest apparent δ of a dent"}
-            ),
-        )  # fmt: skip
+        rows += [
+            ("bare_winding_capacitance", coil, effect.without.values, "F", "capacitance without elastomer"),
+            ("elastomer_delta", coil, effect.apparent_delta.values, "1", "apparent δ of the elastomer"),
+            ("dent_delta_bound", coil, effect.dent_bound.values, "1", "largest apparent δ of a dent"),
+        ]
+    names = list(network.names)
+    scan = xr.Dataset(
+        variables(*rows),
+        coords={"state": [state.name for state in plan], "coil": names, "other": names},
+        attrs={**provenance(design), "ac_resistance_frequency_Hz": middle},
+    )
     tell(steps)
     return scan
 
@@ -212,40 +177,22 @@ def sweep_design(design: Design, frequencies: npt.ArrayLike, *, progress: Progre
         if progress is not None:
             progress(k + 1, len(plan))
     dims = ("frequency", "state")
+    rows = (
+        ("impedance_real", dims, Z.real, "ohm", "resistance, Re Z"),
+        ("impedance_imag", dims, Z.imag, "ohm", "reactance, Im Z"),
+        ("apparent_inductance", dims, Z.imag / (2 * np.pi * f[:, None]), "H", "apparent inductance"),
+        ("quality_factor", dims, Z.imag / Z.real, "1", "quality factor"),
+    )
+    frequency = variables(("frequency", ("frequency",), f, "Hz", "frequency"))
     return xr.Dataset(
-        {
-            "impedance_real": (dims, Z.real, {"units": "ohm", "long_name": "resistance, Re Z"}),
-            "impedance_imag": (dims, Z.imag, {"units": "ohm", "long_name": "reactance, Im Z"}),
-            "apparent_inductance": (
-                dims,
-                Z.imag / (2 * np.pi * f[:, None]),
-                {"units": "H", "long_name": "apparent inductance"},
-            ),
-            "quality_factor": (dims, Z.imag / Z.real, {"units": "1", "long_name": "quality factor"}),
-        },
-        coords={
-            "frequency": ("frequency", f, {"units": "Hz", "long_name": "frequency"}),
-            "state": [state.name for state in plan],
-        },
-        attrs=provenance(design),
+        variables(*rows), {**frequency, "state": [state.name for state in plan]}, attrs=provenance(design)
     )
 
 
 def close_channels(names: Sequence[str], frequencies: npt.ArrayLike) -> list[tuple[str, str, float]]:
-    """Pairs of states whose frequencies are closer than `CLOSE_CHANNELS`.
+    """Pairs of states whose frequencies in Hz are closer than `CLOSE_CHANNELS`, and how close, the closest first.
 
-    Parameters
-    ----------
-    names : sequence of str, length n
-        Names of the states.
-    frequencies : array_like, shape (n,)
-        Frequencies in Hz.
-
-    Returns
-    -------
-    list of (str, str, float)
-        Both names and the relative distance, the closest first. It matters for channels that oscillate at the same
-        time; a multiplexer that grounds all others has only one.
+    It matters for channels that oscillate at the same time; a multiplexer that grounds all others has only one.
 
     Examples
     --------

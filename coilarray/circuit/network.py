@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from coilarray.circuit.active_coil import PortImpedance, checked_network
+from coilarray.circuit.active_coil import PortImpedance, check_frequency, checked_network
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import ranges
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state
@@ -36,22 +36,16 @@ _SEARCH, _SEARCH_STEP = 30.0, 0.096
 _FINE_POINTS = 172  # steps of 2 %
 _BYTES_AN_ENTRY = 48.0  # of a circuit's matrix: itself, without the references, and as it is factored
 _AT_ONCE = 16  # frequencies; many at once save time, a search seldom needs all
-_SLOPE_STEP = 1e-4  # of the frequency; the difference errs by 1e-8
-_NEWTON_STEPS, _NEWTON_TOLERANCE = 40, 1e-12  # relative
+SLOPE_STEP = 1e-4
+"""Of the frequency: step of the differences that give a slope; they err by 1e-8."""
+NEWTON_STEPS, NEWTON_TOLERANCE = 40, 1e-12
+"""Most steps of Newton's method, and the relative one at which it ends."""
 _GROUND, _SIDE_A, _SIDE_B = "ground", "A", "B"
 
 
 @dataclass(frozen=True, eq=False)
 class SampledResistance:
-    """Resistance matrix at any frequency: linear between the frequencies where it is known, constant beyond.
-
-    Parameters
-    ----------
-    frequencies : ndarray, shape (f,)
-        Rising frequencies in Hz.
-    matrices : ndarray, shape (f, n, n)
-        Resistance matrices in Ω.
-    """
+    """Resistance matrices (f, n, n) in Ω at rising frequencies (f,) in Hz: linear between them, constant beyond."""
 
     frequencies: FloatArray
     matrices: FloatArray
@@ -70,27 +64,10 @@ class SampledResistance:
 class Network:
     """Coils and switches, to be solved in any state at any frequency.
 
-    Parameters
-    ----------
-    names : tuple of str, length n
-        Names of the coils.
-    inductance : ndarray, shape (n, n)
-        Inductance matrix in H.
-    resistance : callable
-        Takes a frequency in Hz and returns the resistance matrix, shape (n, n), in Ω.
-    winding_capacitance : ndarray, shape (n,)
-        Lumped capacitance across each coil in F.
-    mutual_capacitance : ndarray, shape (n, n)
-        Capacitance C_ij between two coils, each at one potential, in F; symmetric, the diagonal is not used.
-    switches : Switches
-        The rest of the circuit.
-    left_out : tuple of str
-        What of the board's circuit is not in the network, in words.
-
-    Raises
-    ------
-    NetworkError
-        Shapes that do not fit, or a capacitance that is negative or not finite.
+    The inductance matrix (n, n) is in H; `resistance` takes a frequency in Hz and returns the resistance matrix (n, n)
+    in Ω; `winding_capacitance` (n,) lies across each coil, in F; `mutual_capacitance` (n, n) C_ij in F between two
+    coils, each at one potential, is symmetric, its diagonal is not used. `left_out` says what of the board's circuit is
+    not in it. Shapes that do not fit, or a capacitance that is negative or not finite, are a NetworkError.
 
     Notes
     -----
@@ -125,18 +102,8 @@ class Network:
 class StateResult(PortImpedance):
     """What the converter sees in one state at one frequency.
 
-    Parameters
-    ----------
-    frequency : float
-        Frequency in Hz.
-    impedance : complex
-        Impedance in Ω between the sides of the converter, without the tank's capacitor.
-    state : ScanState
-        The multiplexer's state.
-    admittance : complex
-        Admittance in S between the sides of the converter, with the tank's capacitor.
-    currents : ndarray of complex, shape (n,)
-        Current through every coil in A per A in the first measured one.
+    The `impedance` in Ω is that between the sides of the converter without the tank's capacitor, the `admittance` in S
+    that with it. `currents` (n,) flow through every coil in A per A in the first measured one.
     """
 
     state: ScanState
@@ -156,14 +123,7 @@ class StateResult(PortImpedance):
 
 @dataclass(frozen=True, eq=False)
 class Resonance(StateResult):
-    """One state where the converter oscillates, Im Y = 0.
-
-    Parameters
-    ----------
-    frequency, impedance, state, admittance, currents
-        See `StateResult`.
-    tank_capacitance : float
-        Capacitance of the tank in F.
+    """One state where the converter oscillates, Im Y = 0, with the capacitance of the tank in F.
 
     Notes
     -----
@@ -180,26 +140,10 @@ class Resonance(StateResult):
 
 
 def solve_state(network: Network, state: ScanState, frequency: float) -> StateResult:
-    """Solve one state at one frequency.
+    """Solve one state at one frequency in Hz.
 
-    Parameters
-    ----------
-    network : Network
-        Coils and switches.
-    state : ScanState
-        The multiplexer's state.
-    frequency : float
-        Frequency in Hz.
-
-    Returns
-    -------
-    StateResult
-
-    Raises
-    ------
-    NetworkError
-        A coil that is not there or stands twice in the state, a frequency that is not positive and finite, or a
-        singular network.
+    A coil that is not there or stands twice in the state, a frequency that is not positive and finite, or a singular
+    network is a NetworkError.
 
     Examples
     --------
@@ -211,8 +155,7 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
     (50.0, 15.0)
     """
     check_state(state, network.names)
-    if not (math.isfinite(frequency) and frequency > 0):
-        raise NetworkError(f"frequency must be positive and finite; got {frequency} Hz.")
+    check_frequency(frequency)
     at = np.array([frequency])
     impedance, currents, admittance = _solve_with_tank(network, state, at, network.inductance)
     first = network.names.index(state.measured[0][0])
@@ -221,30 +164,12 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
 
 
 def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> ComplexArray:
-    """Impedance of one state between the sides of the converter at many frequencies, without the tank's capacitor.
+    """Impedance (f,) in Ω of one state between the sides of the converter without the tank, at frequencies (f,) in Hz.
 
-    Parameters
-    ----------
-    network : Network
-        Coils and switches.
-    state : ScanState
-        The multiplexer's state.
-    frequencies : ndarray, shape (f,)
-        Frequencies in Hz, positive and finite.
-
-    Returns
-    -------
-    ndarray of complex, shape (f,)
-        Impedance in Ω.
-
-    Raises
-    ------
-    NetworkError
-        As `solve_state`.
+    Errors as in `solve_state`.
     """
     check_state(state, network.names)
-    if not (np.isfinite(frequencies).all() and (frequencies > 0).all()):
-        raise NetworkError(f"frequencies must be positive and finite; got {frequencies}.")
+    check_frequency(frequencies)
     blocks = ranges(len(frequencies), _AT_ONCE)
     return np.concatenate(
         [_solve_with_tank(network, state, frequencies[low:high], network.inductance)[0] for low, high in blocks]
@@ -252,29 +177,22 @@ def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> C
 
 
 def driven(network: Network, state: ScanState, frequencies: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-    """Drive one volt between the sides of the converter, the tank included.
+    """Drive one volt between the sides of the converter, the tank included, at frequencies (f,) in Hz.
 
-    Parameters
-    ----------
-    network : Network
-        Coils and switches.
-    state : ScanState
-        The multiplexer's state.
-    frequencies : ndarray, shape (f,)
-        Frequencies in Hz.
-
-    Returns
-    -------
-    admittance : ndarray of complex, shape (f,)
-        Admittance in S.
-    currents : ndarray of complex, shape (f, n)
-        Current through every coil in A.
+    Returns the admittance (f,) in S and the current (f, n) through every coil in A.
     """
     switches = network.switches
     at_coil = switches.tank_capacitance if switches.tank_at == "coil" else 0.0
     impedance, currents = _solve(network, state, frequencies, network.winding_capacitance + at_coil, network.inductance)
     tank = 0.0 if at_coil else 2j * math.pi * frequencies * switches.tank_capacitance
     return 1 / impedance + tank, currents / impedance[:, None]
+
+
+def susceptance_slope(network: Network, state: ScanState, frequency: float) -> float:
+    """Slope of Im Y, the tank included, over the frequency: S/Hz."""
+    low, high = frequency * (1 - SLOPE_STEP), frequency * (1 + SLOPE_STEP)
+    below, above = driven(network, state, np.array([low, high]))[0].imag
+    return float((above - below) / (high - low))
 
 
 def _solve_with_tank(
@@ -301,25 +219,10 @@ def _solve_with_tank(
 
 
 def resonate(network: Network, state: ScanState) -> Resonance:
-    """Solve one state where the converter oscillates, Im Y = 0.
+    """Solve one state where the converter oscillates: the resonance, Im Y = 0, that continues that of its coils alone.
 
-    Parameters
-    ----------
-    network : Network
-        Coils and switches.
-    state : ScanState
-        The multiplexer's state.
-
-    Returns
-    -------
-    Resonance
-        The resonance that continues the one of the measured coils alone with the tank.
-
-    Raises
-    ------
-    NetworkError
-        As `solve_state`; also where there is no resonance from a thirtieth of the frequency of the measured coils
-        alone with one tank capacitor to thirty times that with all others ideally shorted.
+    A NetworkError as of `solve_state`, and where there is no resonance from a thirtieth of the frequency of the
+    measured coils alone with one tank capacitor to thirty times that with all others ideally shorted.
     """
     check_state(state, network.names)
     alone, least = _bare_inductances(network, state)
@@ -341,46 +244,20 @@ def resonate(network: Network, state: ScanState) -> Resonance:
 
 
 def loaded_quality(network: Network, result: StateResult) -> float:
-    """Quality factor of the whole resonator, Q = (ω/2) (dB/dω)/G at resonance with Y = G + jB.
+    """Quality factor of the whole resonator at a resonance, (ω/2) (dB/dω)/G with Y = G + jB; infinite without losses.
 
     It counts what every inductance and capacitance stores, switches and bus included; `StateResult.quality_factor` is
     that of the coils without the tank.
-
-    Parameters
-    ----------
-    network : Network
-        Coils and switches.
-    result : StateResult
-        Resonance from `resonate`.
-
-    Returns
-    -------
-    float
-        Infinite without losses.
     """
     if result.admittance.real <= 0:
         return math.inf
-    step = _SLOPE_STEP * result.frequency
-    above, below = (
-        solve_state(network, result.state, result.frequency + sign * step).admittance.imag for sign in (1, -1)
-    )
-    return result.frequency / 2 * (above - below) / (2 * step) / result.admittance.real
+    return result.frequency / 2 * susceptance_slope(network, result.state, result.frequency) / result.admittance.real
 
 
 def self_resonance_of(network: Network, result: StateResult) -> float:
-    """Lowest frequency above a resonance at which the state without its tank turns from coil to capacitor, in Hz.
+    """Lowest frequency in Hz above a resonance at which the state without its tank turns from coil to capacitor.
 
-    Parameters
-    ----------
-    network : Network
-        Coils and switches.
-    result : StateResult
-        Resonance from `resonate`.
-
-    Returns
-    -------
-    float
-        Infinite where there is none below thirty times the resonance.
+    Infinite where there is none below thirty times the resonance.
     """
 
     def susceptance(frequencies: FloatArray) -> FloatArray:
@@ -394,45 +271,21 @@ def self_resonance_of(network: Network, result: StateResult) -> float:
 def resonances_near(
     network: Network, result: StateResult, inductances: FloatArray, winding_capacitances: FloatArray | None = None
 ) -> FloatArray:
-    """Frequencies of a resonance while inductances and capacitances change a little.
+    """Frequencies (cases,) in Hz of a resonance while inductances and capacitances change a little.
 
-    Parameters
-    ----------
-    network : Network
-        Coils and switches.
-    result : StateResult
-        Resonance of this network from `resonate`.
-    inductances : ndarray, shape (cases, n, n)
-        Inductance matrices in H in place of the network's own.
-    winding_capacitances : ndarray, shape (cases, n), optional
-        Capacitances in F across the coils in place of the network's own; a change may make them negative, as the tank
-        is in parallel.
-
-    Returns
-    -------
-    ndarray, shape (cases,)
-        Frequencies in Hz.
-
-    Raises
-    ------
-    NetworkError
-        A resonance that Newton's method does not find from the given one.
-
-    Notes
-    -----
-    Newton's method on Im Y(f) = 0 for all cases at once, with the slope of the given resonance: the error falls by
-    about the relative change of L at every step.
+    `inductances` (cases, n, n) in H and `winding_capacitances` (cases, n) in F replace the network's own; a change may
+    make the latter negative, as the tank is in parallel. Newton's method on Im Y(f) = 0 for all cases at once, with the
+    slope of the given resonance of this network: the error falls by about the relative change of L at every step. A
+    NetworkError where it finds no resonance.
     """
     f0 = result.frequency
-    pair = f0 * np.array([1 - _SLOPE_STEP, 1 + _SLOPE_STEP])
-    below, above = _solve_with_tank(network, result.state, pair, network.inductance)[2].imag
-    slope = (above - below) / (pair[1] - pair[0])
+    slope = susceptance_slope(network, result.state, f0)
     frequencies = np.full(len(inductances), f0)
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(NEWTON_STEPS):
         solved = _solve_with_tank(network, result.state, frequencies, inductances, winding_capacitances)
         step = solved[2].imag / slope
         frequencies -= step
-        if not len(step) or np.abs(step).max() <= _NEWTON_TOLERANCE * f0:
+        if not len(step) or np.abs(step).max() <= NEWTON_TOLERANCE * f0:
             return frequencies
     raise NetworkError(
         f"state {result.state.name}: no resonance found near {f0:.6g} Hz for a changed inductance matrix; "
@@ -471,16 +324,9 @@ def _bare_inductances(network: Network, state: ScanState) -> tuple[float, float]
 class _Wiring:
     """A state's nodes and branches; the terminals of coil k are the nodes 2k and 2k + 1, its branch is the k-th.
 
-    Parameters
-    ----------
-    ends : ndarray of int, shape (branches, 2)
-        Nodes that each branch joins: coils, closed switches, loads, leads.
-    resistance, inductance : ndarray, shape (branches,)
-        Series impedance of the branches in Ω and H, zero for the coils.
-    capacitance : ndarray, shape (nodes, nodes)
-        Maxwell matrix of all capacitors in F but those across the coils.
-    port : tuple of int
-        Nodes of the converter.
+    `ends` (branches, 2) are the nodes that each branch joins: coils, closed switches, loads, leads, with a series
+    `resistance` and `inductance` (branches,) in Ω and H, zero for the coils. `capacitance` (nodes, nodes) in F is the
+    Maxwell matrix of all capacitors but those across the coils; `port` the nodes of the converter.
     """
 
     ends: IntArray

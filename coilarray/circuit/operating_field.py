@@ -7,6 +7,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import provenance
+from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.electromagnetics.field import grid_points, magnetic_field
@@ -92,20 +93,21 @@ def operating_field(
     currents = current * operating_currents(design, coupling, active, terminated=terminated)
     points = grid_points(x, y, z)
     conductors = design.array.conductors()
-    parts = []
-    for k, part in enumerate((currents.real, currents.imag)):
-        parts.append(magnetic_field(conductors, points, part, progress=progress and _half(progress, k)))
-    in_phase, quadrature = parts
+    in_phase, quadrature = (
+        magnetic_field(conductors, points, part, progress=progress and _half(progress, k))
+        for k, part in enumerate((currents.real, currents.imag))
+    )
     dims = ("x", "y", "z", "component")
     axes = {
         name: (name, np.atleast_1d(np.asarray(axis, dtype=np.float64)), {"units": "m"})
         for name, axis in zip("xyz", (x, y, z), strict=True)
     }
+    rows = (
+        ("B", dims, in_phase, "T", "flux density in phase with the active current"),
+        ("B_quadrature", dims, quadrature, "T", "flux density 90 degrees ahead"),
+    )
     return xr.Dataset(
-        {
-            "B": (dims, in_phase, {"units": "T", "long_name": "flux density in phase with the active current"}),
-            "B_quadrature": (dims, quadrature, {"units": "T", "long_name": "flux density 90 degrees ahead"}),
-        },
+        variables(*rows),
         coords={**axes, "component": ["x", "y", "z"]},
         attrs={
             **provenance(design),

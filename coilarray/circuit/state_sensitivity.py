@@ -30,7 +30,18 @@ from scipy.linalg import eigh
 from scipy.sparse import csc_array, eye_array
 from scipy.sparse.linalg import splu
 
-from coilarray.circuit.network import Network, Resonance, SampledResistance, between_coils, driven, resonate
+from coilarray.circuit.network import (
+    NEWTON_STEPS,
+    NEWTON_TOLERANCE,
+    SLOPE_STEP,
+    Network,
+    Resonance,
+    SampledResistance,
+    between_coils,
+    driven,
+    resonate,
+    susceptance_slope,
+)
 from coilarray.compute.threads import serial_algebra
 from coilarray.design.scan_states import ScanState, check_state
 from coilarray.errors import NetworkError
@@ -39,8 +50,6 @@ FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 IntArray = npt.NDArray[np.int64]
 
-_NEWTON_STEPS, _NEWTON_TOLERANCE = 40, 1e-12  # relative
-_SLOPE_STEP = 1e-4  # of the frequency; the difference errs by 1e-8
 # Frequencies of a group of states: first two far apart, then Chebyshev points. Interpolation over a relative
 # half-width w errs by (w/2)^points.
 _FAR, _SPAN, _PAD, _POINTS, _ROUNDS = 0.1, 0.02, 2e-3, 6, 20
@@ -51,16 +60,8 @@ _FEW = 12  # coils of which a state by itself costs less than the samples
 class StateSensitivity:
     """States of a scan at their resonances, and what changes of the inductance matrix do to them.
 
-    Parameters
-    ----------
-    measured : ndarray of int, shape (states,)
-        Number of the coil that each state measures.
-    base_inductance : ndarray, shape (states,)
-        Effective inductance L = 1/(ω²C) in H.
-    currents : ndarray of complex, shape (coils, states)
-        Current through every coil in A per A of the measured one.
-    weights : ndarray of complex, shape (states,)
-        Factor w of each state in 1/H.
+    `measured` (states,) is the number of the coil that each state measures, `base_inductance` (states,) L = 1/(ω²C) in
+    H, `currents` (coils, states) those in A per A of the measured coil, `weights` (states,) the factors w in 1/H.
     """
 
     measured: IntArray
@@ -76,23 +77,9 @@ class StateSensitivity:
 
 @serial_algebra()
 def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSensitivity:
-    """Solve every state of a scan at its resonance.
+    """Solve every state of a scan, each of one measured coil, at its resonance.
 
-    Parameters
-    ----------
-    network : Network
-        Coils and switches, for example from `coilarray.circuit.coupling.design_circuit`.
-    states : sequence of ScanState
-        States that each measure one coil.
-
-    Returns
-    -------
-    StateSensitivity
-
-    Raises
-    ------
-    NetworkError
-        A state that measures several coils or none, or one without a resonance.
+    A state that measures several coils or none, or one without a resonance, is a NetworkError.
 
     Examples
     --------
@@ -129,24 +116,7 @@ def state_sensitivity(network: Network, states: Sequence[ScanState]) -> StateSen
 
 @serial_algebra()
 def resonances(network: Network, states: Sequence[ScanState]) -> list[Resonance]:
-    """Solve states where the converter oscillates: `coilarray.circuit.network.resonate`, faster for many coils.
-
-    Parameters
-    ----------
-    network : Network
-        Coils and switches.
-    states : sequence of ScanState
-        The multiplexer's states.
-
-    Returns
-    -------
-    list of Resonance
-
-    Raises
-    ------
-    NetworkError
-        A state that cannot be made with these coils, or one without a resonance.
-    """
+    """Solve states where the converter oscillates: `coilarray.circuit.network.resonate`, faster for many coils."""
     for state in states:
         check_state(state, network.names)
     C = network.switches.tank_capacitance
@@ -220,9 +190,8 @@ def _closed(network: Network, state: ScanState) -> npt.NDArray[np.bool_]:
 def _alone(network: Network, state: ScanState) -> tuple[float, float, ComplexArray]:
     """Angular frequency, dB/dω and currents (coils,) of one state."""
     frequency = resonate(network, state).frequency
-    step = _SLOPE_STEP * frequency
-    admittance, currents = driven(network, state, np.array([frequency, frequency - step, frequency + step]))
-    return 2 * np.pi * frequency, float((admittance[2] - admittance[1]).imag / (4 * np.pi * step)), currents[0]
+    currents = driven(network, state, np.array([frequency]))[1][0]
+    return 2 * np.pi * frequency, susceptance_slope(network, state, frequency) / (2 * np.pi), currents
 
 
 def _bare_states(network: Network, coils: IntArray, measured: IntArray) -> _States:
@@ -233,15 +202,15 @@ def _bare_states(network: Network, coils: IntArray, measured: IntArray) -> _Stat
     rate, V = eigh(np.diag(R), L)
     square = V[measured] ** 2
     omega = 1 / np.sqrt(np.diag(L)[measured] * capacitance)
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(NEWTON_STEPS):
         pole = 1 / (rate + 1j * omega[:, None])
         admittance = (square * pole).sum(axis=1) + 1j * omega * capacitance
         slope = (-1j * square * pole**2).sum(axis=1).imag + capacitance
         step = admittance.imag / slope
-        if not (np.abs(step) > _NEWTON_TOLERANCE * omega).any():
+        if not (np.abs(step) > NEWTON_TOLERANCE * omega).any():
             break
         omega = omega - step
-    omega = np.where((np.abs(step) <= _NEWTON_TOLERANCE * omega) & (omega > 0), omega, np.nan)
+    omega = np.where((np.abs(step) <= NEWTON_TOLERANCE * omega) & (omega > 0), omega, np.nan)
     return _States(omega, admittance, slope, np.asarray(V @ (V[measured] * pole).T, dtype=np.complex128))
 
 
@@ -266,7 +235,7 @@ def _sampled_states(network: Network, measured: IntArray) -> _States:
             middle = float(np.median(omega[group]))
             low, high = max([low, *inside[inside <= middle]]), min([high, *inside[inside > middle]])
             some = _interpolated(network, measured[group], omega[group], low, high)
-            away = (some.omega < low * (1 - _NEWTON_TOLERANCE)) | (some.omega > high * (1 + _NEWTON_TOLERANCE))
+            away = (some.omega < low * (1 - NEWTON_TOLERANCE)) | (some.omega > high * (1 + NEWTON_TOLERANCE))
             for whole, values in zip(found, some, strict=True):
                 whole[..., group] = values
             missed.append(group[away])
@@ -296,14 +265,14 @@ def _interpolated(network: Network, measured: IntArray, omega: FloatArray, low: 
     def susceptance(points: FloatArray) -> FloatArray:
         return np.asarray(np.einsum("ak,ka->a", lagrange(points), Y.imag))
 
-    for _ in range(_NEWTON_STEPS):
-        above, below = (susceptance(omega * (1 + sign * _SLOPE_STEP)) for sign in (1, -1))
-        slope = (above - below) / (2 * _SLOPE_STEP * omega)
+    for _ in range(NEWTON_STEPS):
+        above, below = (susceptance(omega * (1 + sign * SLOPE_STEP)) for sign in (1, -1))
+        slope = (above - below) / (2 * SLOPE_STEP * omega)
         step = susceptance(omega) / slope
         omega = omega - step
-        if not (np.abs(step) > _NEWTON_TOLERANCE * omega).any():
+        if not (np.abs(step) > NEWTON_TOLERANCE * omega).any():
             break
-    omega = np.where((np.abs(step) <= _NEWTON_TOLERANCE * omega) & (omega > 0), omega, np.nan)
+    omega = np.where((np.abs(step) <= NEWTON_TOLERANCE * omega) & (omega > 0), omega, np.nan)
     shares = lagrange(omega)
     return _States(
         omega,

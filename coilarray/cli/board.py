@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.board_options import BoardOptions, board_command, marked, opened_board
+from coilarray.cli.board_options import BoardOptions, board_command, opened_board, print_marked
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
     DesignArgument,
     open_design,
-    print_json,
     progress_bar,
     table_text,
 )
@@ -73,14 +72,16 @@ def board(
         wired = wiring_of_board(place, opened, options.wiring)
         with open_board(options.port, design=opened, wiring=wired, **options.emulation) as one:
             drives, result, record, line = None, None, _record(one), one.line
-    if as_json:
-        print_json(record | {"drives": _drives_record(drives), "self_test": _test_record(result)})
-    else:
-        parts = [_ports_text(record["ports"]), line]
-        parts += [] if record["chain"] is None else [f"end of the chain of switches: {_CHAIN[record['chain']]}"]
-        parts += [] if drives is None else [_drives_text(drives)]
-        parts += [] if result is None else [_test_text(result)]
-        typer.echo(marked("\n".join(parts), emulated=record["emulated"]))
+    data, parts = record | {"drives": None, "self_test": None}, [_ports_text(record["ports"]), line]
+    if record["chain"] is not None:
+        parts.append(f"end of the chain of switches: {_CHAIN[record['chain']]}")
+    if drives is not None:
+        data["drives"] = {name: asdict(drive) for name, drive in drives.items()}
+        parts.append(_drives_text(drives))
+    if result is not None:
+        data["self_test"] = {"passed": result.passed, **asdict(result)}
+        parts.append(_test_text(result))
+    print_marked(data, parts, as_json=as_json, emulated=record["emulated"])
     if result is not None and not result.passed:
         raise HardwareError(f"the self-test of {options.port} has failed: {result.symptoms[0]}.")
 
@@ -120,14 +121,6 @@ def _record(one: Board, chain: str | None = None) -> dict[str, Any]:
         "ports": found_ports(),
         "chain": chain,
     }
-
-
-def _drives_record(drives: Mapping[str, FoundDrive] | None) -> dict[str, Any] | None:
-    return None if drives is None else {name: asdict(drive) for name, drive in drives.items()}
-
-
-def _test_record(result: SelfTest | None) -> dict[str, Any] | None:
-    return None if result is None else {"passed": result.passed, **asdict(result)}
 
 
 def _ports_text(ports: Mapping[str, tuple[str, ...]]) -> str:

@@ -10,10 +10,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
+from coilarray.cli.shared import print_json
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ WiringName = Annotated[
     str | None, typer.Option("--wiring", help="Wiring file (TOML) or name of a bundled one; six_coils by default.")
 ]
 
+_T = TypeVar("_T")
 _PATH_COLUMNS = ["time_s", "x_mm", "y_mm", "depth_mm"]
 _LARGEST_SEED = 2**63
 _LONGEST_PATH = 1_000_000  # lines
@@ -48,17 +50,14 @@ class BoardOptions:
     port: Annotated[
         str,
         typer.Option(
-            "--port",
             help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), i2c:1[:0x2A][,spi:0.0] (Linux), "
-            "ftdi://...; the emulator by default. /dev/ttyACM0?baud=any tries every rate.",
+            "ftdi://...; the emulator by default. /dev/ttyACM0?baud=any tries every rate."
         ),
     ] = EMULATOR
     wiring: WiringName = None
     rate: Annotated[
         float | None,
-        typer.Option(
-            "--rate", help="Scans per second, estimated with the I²C clock of the port; full resolution by default."
-        ),
+        typer.Option(help="Scans per second, estimated with the I²C clock of the port; full resolution by default."),
     ] = None
     clock_MHz: Annotated[  # noqa: N815 - as the option
         float | None,
@@ -70,8 +69,7 @@ class BoardOptions:
     drive: Annotated[
         list[str] | None,
         typer.Option(
-            "--drive",
-            help="IDRIVE, 0 to 31, of all coils, or as COIL=CODE; may be repeated. From the design by default.",
+            help="IDRIVE, 0 to 31, of all coils, or as COIL=CODE; may be repeated. From the design by default."
         ),
     ] = None
     coils: Annotated[
@@ -81,10 +79,9 @@ class BoardOptions:
     emulate: Annotated[
         list[str] | None,
         typer.Option(
-            "--emulate",
             help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), "
             "drift=0.01 (K/s), press=X,Y,DEPTH (mm; in live after the baseline), path=FILE.csv (columns time_s, x_mm, "
-            "y_mm, depth_mm).",
+            "y_mm, depth_mm)."
         ),
     ] = None
     emulation: dict[str, Any] = field(init=False)
@@ -103,12 +100,9 @@ class BoardOptions:
 
 
 def board_command(*, without: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that replaces the parameter ``options`` of a command by the options of a board.
+    """Return a decorator that replaces the parameter ``options`` of a command by the fields of `BoardOptions`.
 
-    Parameters
-    ----------
-    without : sequence of str
-        Names of the fields of `BoardOptions` that the command does not have.
+    The command does not have the fields whose names are in `without`.
     """
     hints = get_type_hints(BoardOptions, include_extras=True)
     shared = [
@@ -139,28 +133,10 @@ def opened_board(
 ) -> Iterator[tuple[Board, ScanSettings]]:
     """Open the board of the options and configure it for the coils of a design, for the length of a ``with`` block.
 
-    Parameters
-    ----------
-    options : BoardOptions
-        Options of the command line.
-    design : Design
-        Design of the coils on the board.
-    real_time : bool
-        Whether the emulator takes the time that a board would; otherwise its time is virtual.
-    progress : callable, optional
-        Called with (done, total) while the emulator computes its response table, once per design.
-
-    Yields
-    ------
-    board : Board
-        The open board; its coils are grounded whichever way the block is left.
-    settings : ScanSettings
-        Settings that the board was configured with.
-
-    Raises
-    ------
-    HardwareError
-        Options that do not fit the design or the wiring, or a board that cannot be opened or configured.
+    Its coils are grounded whichever way the block is left. The emulator takes the time that a board would where
+    `real_time` asks for it, otherwise its time is virtual; `progress` gets (done, total) while it computes its response
+    table, once per design. HardwareError for options that do not fit the design or the wiring, or a board that cannot
+    be opened or configured.
     """
     from coilarray.hardware.board.connect import open_board, wiring_of_board
     from coilarray.hardware.scan.design_settings import design_settings
@@ -192,31 +168,44 @@ def opened_board(
         yield board, settings
 
 
-def marked(text: str, *, emulated: bool) -> str:
-    """Return a text with every line marked where it is about an emulated board.
+def print_marked(data: Any, parts: Sequence[str], *, as_json: bool, emulated: bool) -> None:
+    """Print the result of a command with a board: `data` as JSON and nothing else, or marked texts for people."""
+    if as_json:
+        print_json(data)
+    else:
+        typer.echo(marked("\n".join(parts), emulated=emulated))
 
-    Examples
-    --------
-    >>> marked("6 states", emulated=True)
-    '[emulator] 6 states'
-    """
+
+def marked(text: str, *, emulated: bool) -> str:
+    """Return a text with every line marked where it is about an emulated board."""
     return "\n".join(f"{MARK}{line}".rstrip() for line in text.splitlines()) if emulated else text
 
 
-def _drives(texts: Sequence[str]) -> dict[str, int] | int | None:
-    codes: dict[str, int] = {}
+def all_or_each(
+    option: str, what: str, form: str, texts: Sequence[str], read: Callable[[str], tuple[str, _T]]
+) -> dict[str, _T]:
+    """Read an option that is given once for all, which gets an empty name, or once for each coil or state."""
+    found: dict[str, _T] = {}
     for text in texts:
-        coil, equals, code = text.rpartition("=")
-        if not (code.isdecimal() and code.isascii() and int(code) <= 31 and bool(coil) == bool(equals)):
-            raise HardwareError(f"--drive must be 0 to 31, or COIL=CODE; got {text!r}.")
-        if coil in codes:
-            raise HardwareError(f"--drive must name a coil once; got {text!r} again.")
-        codes[coil] = int(code)
-    if "" not in codes:
-        return codes or None
-    if len(codes) > 1:
-        raise HardwareError("--drive must be one number for all coils, or COIL=CODE for each; got both.")
-    return codes[""]
+        name, value = read(text)
+        if name in found:
+            raise HardwareError(f"{option} must name a {what} once; got {text!r} again.")
+        found[name] = value
+    if "" in found and len(found) > 1:
+        raise HardwareError(f"{option} must be one value for all {what}s, or {form} for each; got both.")
+    return found
+
+
+def _drives(texts: Sequence[str]) -> dict[str, int] | int | None:
+    codes = all_or_each("--drive", "coil", "COIL=CODE", texts, _drive)
+    return codes.get("", codes or None)
+
+
+def _drive(text: str) -> tuple[str, int]:
+    coil, equals, code = text.rpartition("=")
+    if not (code.isdecimal() and code.isascii() and int(code) <= 31 and bool(coil) == bool(equals)):
+        raise HardwareError(f"--drive must be 0 to 31, or COIL=CODE; got {text!r}.")
+    return coil, int(code)
 
 
 def _emulation(texts: Sequence[str]) -> dict[str, Any]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.board_options import marked
-from coilarray.cli.shared import AsJson, check_file, print_json, table_text
+from coilarray.cli.board_options import all_or_each, print_marked
+from coilarray.cli.shared import AsJson, check_file, table_text
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ def calibrate_board(
         ),
     ] = None,
     inductance_error: Annotated[
-        float, typer.Option("--inductance-error", help="Relative standard error of the known inductance, as 0.01.")
+        float, typer.Option(help="Relative standard error of the known inductance, as 0.01.")
     ] = 0.0,
     simulated: Annotated[
         bool,
@@ -51,13 +50,10 @@ def calibrate_board(
         ),
     ] = None,
     frequency_error: Annotated[
-        float, typer.Option("--frequency-error", help="Relative standard error of the known frequency, as 1e-6.")
+        float, typer.Option(help="Relative standard error of the known frequency, as 1e-6.")
     ] = 0.0,
     drift_order: Annotated[
-        int | None,
-        typer.Option(
-            "--drift-order", help="Order of the polynomial of the drift, 1 to 3; by default the lowest that fits."
-        ),
+        int | None, typer.Option(help="Order of the polynomial of the drift, 1 to 3; by default the lowest that fits.")
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .toml.")] = Path("board.toml"),
     as_json: AsJson = False,
@@ -72,7 +68,7 @@ def calibrate_board(
     Example: coilarray calibrate-board campaign.sqlite --simulated --out board.toml
     """
     check_file("--out", out, (".toml",))
-    given = _inductances(inductance_uh or ())
+    given = all_or_each("--inductance-uH", "state", "STATE=VALUE", inductance_uh or (), _inductance)
     frequency = None if frequency_mhz is None else _pair("--frequency-MHz", frequency_mhz, 1e6)
     if given and simulated:
         raise HardwareError("--inductance-uH and --simulated cannot be given together.")
@@ -95,23 +91,17 @@ def calibrate_board(
             made=datetime.now(UTC).isoformat(timespec="seconds"),
         )
     write_text(out, calibration_to_toml(result))
-    if as_json:
-        print_json({**_data(result), "file": str(out)})
-        return
-    typer.echo(marked(f"{_text(result)}\nwrote {out}", emulated=result.emulated))
+    print_marked(
+        {**_data(result), "file": str(out)},
+        [*_text(result), f"wrote {out}"],
+        as_json=as_json,
+        emulated=result.emulated,
+    )
 
 
-def _inductances(texts: Sequence[str]) -> dict[str, float]:
-    """Return the inductances in H by state; one for all states has an empty name."""
-    found: dict[str, float] = {}
-    for text in texts:
-        state, value = _pair("--inductance-uH", text if "=" in text else f"={text}", 1e-6)
-        if state in found:
-            raise HardwareError(f"--inductance-uH must name a state once; got {text!r} again.")
-        found[state] = value
-    if "" in found and len(found) > 1:
-        raise HardwareError("--inductance-uH must be one value for all states, or STATE=VALUE for each; got both.")
-    return found
+def _inductance(text: str) -> tuple[str, float]:
+    """Return a state, whose name is empty for all of them, and its inductance in H."""
+    return _pair("--inductance-uH", text if "=" in text else f"={text}", 1e-6)
 
 
 def _pair(option: str, text: str, unit: float) -> tuple[str, float]:
@@ -126,6 +116,8 @@ def _pair(option: str, text: str, unit: float) -> tuple[str, float]:
 
 
 def _data(result: BoardCalibration) -> dict[str, Any]:
+    from coilarray.hardware.record.calibration_file import channel_record
+
     return {
         "emulated": result.emulated,
         "board": result.board,
@@ -133,15 +125,7 @@ def _data(result: BoardCalibration) -> dict[str, Any]:
         "clock_standard_error_Hz": result.clock_error,
         "clock_from": result.clock_from,
         "capacitances_from": result.inductances_from,
-        "channels": [
-            {
-                "state": channel.state,
-                "capacitance_F": channel.capacitance,
-                "standard_error_F": channel.standard_error,
-                "inductance_H": channel.inductance,
-            }
-            for channel in result.channels
-        ],
+        "channels": [channel_record(channel) for channel in result.channels],
         "drifts": [
             {
                 "session": drift.session,
@@ -157,7 +141,7 @@ def _data(result: BoardCalibration) -> dict[str, Any]:
     }
 
 
-def _text(result: BoardCalibration) -> str:
+def _text(result: BoardCalibration) -> list[str]:
     error = "" if result.clock_error is None else f" ± {result.clock_error:.3g} Hz"
     parts = [f"clock {result.clock:.8g} Hz{error}, from the {result.clock_from}"]
     if result.channels:
@@ -167,7 +151,7 @@ def _text(result: BoardCalibration) -> str:
     if result.drifts:
         headers = ("session", "state", "order", "drift of L_0 (10⁻⁶/h)", "±", "scatter (10⁻⁶)", "smooth")
         parts.append(table_text(headers, [_drift_row(one) for one in result.drifts]))
-    return "\n".join(parts)
+    return parts
 
 
 def _channel_row(channel: Channel) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli.board_options import EMULATOR, BoardOptions, board_command, marked, opened_board
-from coilarray.cli.measure import RUN, print_result, recorded_session
+from coilarray.cli.measure import RUN, print_recording, recorded_session
 from coilarray.cli.scan_info import FORMATS, write_response
 from coilarray.cli.shared import (
     AllowViolations,
@@ -20,7 +20,7 @@ from coilarray.cli.shared import (
     check_file,
     lengths,
     open_design,
-    print_json,
+    print_result,
     progress_bar,
 )
 from coilarray.errors import HardwareError, OutputError
@@ -47,34 +47,27 @@ def campaign(
     resume: Annotated[bool, typer.Option("--resume", help="Continue the recording where the file exists.")] = False,
     x_mm: Annotated[
         str | None,
-        typer.Option(
-            "--x-mm", help="Positions from the map's origin, as 0,5 or START:STOP:COUNT; the design's by default."
-        ),
+        typer.Option(help="Positions from the map's origin, as 0,5 or START:STOP:COUNT; the design's by default."),
     ] = None,
-    y_mm: Annotated[str | None, typer.Option("--y-mm", help="The same along y.")] = None,
-    depth_mm: Annotated[str | None, typer.Option("--depth-mm", help="Depths of the indentation, likewise.")] = None,
-    repeats: Annotated[int, typer.Option("--repeats", help="Number of passes over the whole grid.")] = 1,
-    average: Annotated[int, typer.Option("--average", help="Number of scans at every baseline and every peak.")] = 1,
-    dwell_s: Annotated[float, typer.Option("--dwell-s", help="Time at full depth before the peak is measured.")] = 0.5,
-    speed_mm_s: Annotated[float, typer.Option("--speed-mm-s", help="Speed of indenting and lifting.")] = 1.5,
+    y_mm: Annotated[str | None, typer.Option(help="The same along y.")] = None,
+    depth_mm: Annotated[str | None, typer.Option(help="Depths of the indentation, likewise.")] = None,
+    repeats: Annotated[int, typer.Option(help="Number of passes over the whole grid.")] = 1,
+    average: Annotated[int, typer.Option(help="Number of scans at every baseline and every peak.")] = 1,
+    dwell_s: Annotated[float, typer.Option(help="Time at full depth before the peak is measured.")] = 0.5,
+    speed_mm_s: Annotated[float, typer.Option(help="Speed of indenting and lifting.")] = 1.5,
     stage: Annotated[
         str | None,
         typer.Option(
-            "--stage",
             help="What moves the indenter: person, who is asked (by default, with a real board); grbl:PORT or "
-            "marlin:PORT, homed, x and y of the map, z = 0 where the indenter touches.",
+            "marlin:PORT, homed, x and y of the map, z = 0 where the indenter touches."
         ),
     ] = None,
     reach_mm: Annotated[
-        str | None,
-        typer.Option("--reach-mm", metavar="XMIN,XMAX,YMIN,YMAX,DEPTH", help="Where a G-code stage may go."),
+        str | None, typer.Option(metavar="XMIN,XMAX,YMIN,YMAX,DEPTH", help="Where a G-code stage may go.")
     ] = None,
     clearance_mm: Annotated[
         float | None,
-        typer.Option(
-            "--clearance-mm",
-            help="Height at which a G-code stage travels and baselines are measured; 2 by default.",
-        ),
+        typer.Option(help="Height at which a G-code stage travels and baselines are measured; 2 by default."),
     ] = None,
     ignore_self_test: Annotated[
         bool, typer.Option("--ignore-self-test", help="Continue although the self-test has failed.")
@@ -83,8 +76,7 @@ def campaign(
         bool, typer.Option("--plan", help="Print the grid and how long it takes; measure nothing.")
     ] = False,
     response: Annotated[
-        Path | None,
-        typer.Option("--response", help="File for the measured response (.nc or .csv), as of coilarray scan-info."),
+        Path | None, typer.Option(help="File for the measured response (.nc or .csv), as of coilarray scan-info.")
     ] = None,
     *,
     options: BoardOptions,
@@ -136,7 +128,7 @@ def campaign(
             _run(grid, board, moving, recorder, progress)
             after = _tested(board, settings, "after", ignore=True)
             recorder.add_self_test(after.symptoms, after.findings)
-    summary = print_result(out, as_json=as_json)
+    summary = print_recording(out, as_json=as_json)
     if response is not None:
         with open_recording(out) as recording:
             wrote = write_response(recording, response)
@@ -145,11 +137,9 @@ def campaign(
 
 
 def _print_plan(grid: Campaign, *, as_json: bool) -> None:
-    if as_json:
-        print_json({**grid.to_record(), "least_seconds": grid.seconds})
-        return
     counts = f"{len(grid.x)} × {len(grid.y)} positions, {len(grid.depths)} depths, {grid.repeats} repeats"
-    typer.echo(f"{counts}: {grid.size} indentations, at least {grid.seconds / 60:.1f} min without scans and travel")
+    line = f"{counts}: {grid.size} indentations, at least {grid.seconds / 60:.1f} min without scans and travel"
+    print_result({**grid.to_record(), "least_seconds": grid.seconds}, as_json=as_json, lines=[line])
 
 
 def _tested(board: Board, settings: ScanSettings, when: str, *, ignore: bool) -> SelfTest:

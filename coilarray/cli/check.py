@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from coilarray import viz
 from coilarray.cli import shared
 from coilarray.errors import DesignError
 
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from coilarray.design.fab_limits import FabProfile
-    from coilarray.geometry import Margin
     from coilarray.report.tables import Table
 
 
@@ -25,13 +25,11 @@ def check(
     ] = False,
     fab: Annotated[
         str | None,
-        typer.Option("--fab", metavar="NAME", help="Check against the limits of this profile instead of the design's."),
+        typer.Option(metavar="NAME", help="Check against the limits of this profile instead of the design's."),
     ] = None,
     list_fabs: Annotated[bool, typer.Option("--list-fabs", help="Print the bundled profiles and exit.")] = False,
-    picture: Annotated[
-        Path | None, typer.Option("--picture", help="Also draw the worst places: .png, .svg or .pdf.")
-    ] = None,
-    out: Annotated[Path | None, shared.out_option("Also write every margin: .csv.")] = None,
+    picture: Annotated[Path | None, shared.plot_option("the worst places", "--picture")] = None,
+    out: Annotated[Path | None, shared.out_option("Also write every margin: .csv.", ".csv")] = None,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -42,13 +40,12 @@ def check(
 
     Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
     """
-    shared.check_file("--picture", picture, shared.PICTURES)
-    shared.check_file("--out", out, (".csv",))
     from coilarray.compute.files import write_text
     from coilarray.design import fabs
     from coilarray.design.fab_limits import load_profile
     from coilarray.design.model import load_design_file
     from coilarray.geometry import check_rules, require_kept
+    from coilarray.geometry.rules import KEPT_WITHIN
     from coilarray.report.tables import rules_table
 
     if list_fabs:
@@ -61,34 +58,23 @@ def check(
     named = fab or file.values.get("fab.profile")
     profile = None if named is None else load_profile(str(named))
     margins = check_rules(opened.array, load_profile(fab).rules if fab else opened.rules)
-    shown = margins if every else _worst_of_each(margins)
+    first = {(margin.rule, margin.layer): margin for margin in reversed(margins)}  # margins are sorted, the worst first
+    shown = [margin for margin in margins if every or margin is first[margin.rule, margin.layer]]
     if out is not None:
         write_text(out, rules_table(margins).csv())
-    if picture is not None:
-        from coilarray.viz.plots.check import check_figure
-
-        shared.draw(picture, lambda: check_figure(opened.array, shown))
-    if not as_json:
-        _print_margins(rules_table(shown), profile.title if profile else "the design")
+    shared.draw(picture, lambda: viz.check_figure(opened.array, shown))
+    lines = [_margins_text(rules_table(shown), profile.title if profile else "the design")]
+    lines += [f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else []
     source = None if profile is None else _source(profile)
-    shared.print_result(
-        {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()},
-        as_json=as_json,
-        lines=[f"… and {len(margins) - len(shown)} more (--all)"] if len(shown) < len(margins) else (),
-        files=(out, picture),
-    )
+    data = {**shared.design_record(opened), "fab": source, "rules": rules_table(margins).records()}
+    shared.print_result(data, as_json=as_json, lines=lines, files=(out, picture))
     if not allow_violations:
         require_kept(margins)
-    if not as_json:
-        _print_result(margins)
-
-
-def _worst_of_each(margins: Sequence[Margin]) -> list[Margin]:
-    """Return the first margin of each rule on each layer."""
-    first: dict[tuple[str, str], Margin] = {}
-    for margin in margins:
-        first.setdefault((margin.rule, margin.layer), margin)
-    return list(first.values())
+    broken = sum(not margin.kept for margin in margins)
+    if broken and not as_json:
+        typer.echo(f"{broken} of {len(margins)} margins are broken")
+    elif not as_json:
+        typer.echo(f"all margins are kept (to {KEPT_WITHIN * 1e6:g} µm)")
 
 
 def _source(profile: FabProfile) -> dict[str, object]:
@@ -108,26 +94,12 @@ def _print_profiles(profiles: Sequence[FabProfile]) -> None:
         [profile.name, profile.title, *(f"{profile.limits.get(key, '')}" for key in keys), profile.read.isoformat()]
         for profile in profiles
     ]
-    shared.print_table(
-        ("profile", "board house", "trace", "gap", "drill", "layers", "read"), rows, title="lengths in mm"
-    )
+    headers = ("profile", "board house", "trace", "gap", "drill", "layers", "read")
+    shared.print_table(headers, rows, title="lengths in mm")
 
 
-def _print_margins(table: Table, whose: str) -> None:
+def _margins_text(table: Table, whose: str) -> str:
     cells = [[str(k + 1), *row] for k, row in enumerate(table.cells())]
-    shared.print_table(
-        ("no.", *table.headers[:-1]),
-        [row[:-1] for row in cells],
-        title=f"margins to the limits of {whose}, the worst first",
-        marked=[k for k, row in enumerate(cells) if row[-1] == "no"],
-    )
-
-
-def _print_result(margins: Sequence[Margin]) -> None:
-    from coilarray.geometry.rules import KEPT_WITHIN
-
-    broken = sum(not margin.kept for margin in margins)
-    if broken:
-        typer.echo(f"{broken} of {len(margins)} margins are broken")
-    else:
-        typer.echo(f"all margins are kept (to {KEPT_WITHIN * 1e6:g} µm)")
+    broken = [k for k, row in enumerate(cells) if row[-1] == "no"]
+    title = f"margins to the limits of {whose}, the worst first"
+    return shared.table_text(("no.", *table.headers[:-1]), [row[:-1] for row in cells], title, broken)

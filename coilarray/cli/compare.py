@@ -4,24 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from coilarray import viz
+from coilarray.cli import shared
 from coilarray.cli.board_options import marked
 from coilarray.cli.maps import is_map, is_recording, read_response
-from coilarray.cli.shared import (
-    PICTURES,
-    AllowViolations,
-    AsJson,
-    check_file,
-    open_design,
-    print_json,
-    progress_bar,
-    table_text,
-)
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
@@ -32,10 +23,10 @@ if TYPE_CHECKING:
     from coilarray.design.model import Design
 
     FloatArray = npt.NDArray[np.float64]
+    _Source = tuple[xr.Dataset, Sequence[FloatArray]]  # a response, and the outlines of its coils where they are known
 
-_PUBLISHED = "published"
 _PAGE = ".html"
-_LONGEST_MM = 1000.0
+_LACKING = ("only_measured", "only_simulated")
 _ALONE = 2e-3  # m; spacing of a simulated map along an axis on which there is a single measured position
 
 
@@ -43,37 +34,33 @@ def compare(
     measured: Annotated[
         str,
         typer.Argument(
-            metavar="MEASURED",
-            help="Recording of a campaign, response (.nc), a design, or `published` for Table A1.",
+            metavar="MEASURED", help="Recording of a campaign, response (.nc), a design, or `published` for Table A1."
         ),
     ],
     simulated: Annotated[
         str, typer.Argument(metavar="SIMULATED", help="The same; a design is computed at the measured positions.")
     ],
     calibration: Annotated[
-        Path | None,
-        typer.Option("--calibration", help="Constants of the measured board, of `coilarray calibrate-board` (.toml)."),
+        Path | None, typer.Option(help="Constants of the measured board, of `coilarray calibrate-board` (.toml).")
     ] = None,
     largest_shift_mm: Annotated[
         float | None,
-        typer.Option(
-            "--largest-shift-mm",
-            "--reach-mm",
-            help="Largest shift that is tried; the measured spacing by default.",
+        shared.number_option(
+            ("--largest-shift-mm", "--reach-mm"),
+            0,
+            1000,
+            "Largest shift that is tried; the measured spacing by default.",
         ),
     ] = None,
     replicates: Annotated[
-        int, typer.Option("--replicates", min=0, max=1000, help="Noisy maps for the uncertainty of the ellipses.")
+        int, shared.number_option(("--replicates",), 0, 1000, "Noisy maps for the uncertainty of the ellipses.")
     ] = 16,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Also write: one page (.html), or a folder with page, tables and netCDF."),
+        Path | None, shared.out_option("Also write: one page (.html), or a folder with page, tables and netCDF.")
     ] = None,
-    picture: Annotated[
-        Path | None, typer.Option("--picture", help="Also draw what remains and x0 of both: .png, .svg or .pdf.")
-    ] = None,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    picture: Annotated[Path | None, shared.plot_option("what remains and x0 of both", "--picture")] = None,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Compare a measured response with a simulated one.
 
@@ -83,78 +70,60 @@ def compare(
 
     Example: coilarray compare campaign.sqlite gast2020 --out comparison
     """
-    if largest_shift_mm is not None and not (math.isfinite(largest_shift_mm) and 0 <= largest_shift_mm <= _LONGEST_MM):
-        raise LocalizeError(f"--largest-shift-mm must be 0 to {_LONGEST_MM:g}; got {largest_shift_mm:g}.")
     if calibration is not None and not is_recording(measured):
         raise LocalizeError(f"--calibration is for a recording; {measured} is none.")
-    if out is not None and out.suffix.lower() == _PAGE:
-        check_file("--out", out, (_PAGE,))
-    check_file("--picture", picture, PICTURES)
-    from coilarray.compute.files import make_folder, write_atomically
+    from coilarray.compute.files import make_folder
     from coilarray.localize.comparison import compare_responses
+    from coilarray.report.comparison import comparison_notes, comparison_tables
 
-    page_alone = out is not None and out.suffix.lower() == _PAGE
-    if out is not None and not page_alone:
+    if out is not None and _is_page(out):
+        shared.check_file("--out", out, (_PAGE,))
+    elif out is not None:
         make_folder(out)  # a folder that cannot be written is known before the work begins
     largest_shift = None if largest_shift_mm is None else largest_shift_mm * 1e-3
-    first = _response(measured, None, largest_shift, calibration, allow_violations=allow_violations)
-    second = _response(simulated, first.response, largest_shift, None, allow_violations=allow_violations)
-    with progress_bar("comparison") as progress:
-        result = compare_responses(
-            first.response, second.response, largest_shift=largest_shift, replicates=replicates, progress=progress
-        )
-    written: list[Path] = []
-    outlines = first.outlines or second.outlines
-    if out is not None:
-        written = _write(result, out, (measured, simulated), outlines, page_alone=page_alone)
-    if picture is not None:
-        from coilarray.viz.plots.comparison import comparison_figure
-
-        write_atomically(picture, comparison_figure(result, -1, outlines).savefig)
-        written.append(picture)
-    data = _data(result, (measured, simulated), emulated=first.emulated or second.emulated)
+    first, outlines = _response(measured, None, largest_shift, calibration, allow_violations)
+    second, others = _response(simulated, first, largest_shift, None, allow_violations)
+    outlines = outlines or others
+    with shared.progress_bar("comparison") as progress:
+        result = compare_responses(first, second, largest_shift=largest_shift, replicates=replicates, progress=progress)
+    written = [] if out is None else _write(result, out, (measured, simulated), outlines)
+    shared.draw(picture, lambda: viz.comparison_figure(result, -1, outlines))
+    files = [str(path) for path in (*written, picture) if path is not None]
+    emulated = any(bool(one.attrs.get("emulated", 0)) for one in (first, second))
+    tables, notes = comparison_tables(result), comparison_notes(result)
     if as_json:
-        print_json({**data, "files": [str(path) for path in written]})
+        said = {key: result.attrs[key] for key in ("noise_from", "points_left_out", "points_missing")}
+        lacking = {key: [name for name in result.attrs[key].split(", ") if name] for key in _LACKING}
+        shared.print_json({
+            "emulated": emulated, "measured": measured, "simulated": simulated, **said,
+            **lacking, "notes": notes, **{table.name: table.records() for table in tables}, "files": files,
+        })  # fmt: skip
         return
-    lines = _text(result, written)
-    typer.echo(marked(lines, emulated=first.emulated or second.emulated))
+    parts = [shared.table_text(table.headers, table.cells(), table.title) for table in tables if table.name != "curves"]
+    typer.echo(marked("\n".join((*parts, *notes, *(f"wrote {path}" for path in files))), emulated=emulated))
 
 
-@dataclass(frozen=True, eq=False)
-class _Source:
-    """A response, and the outlines of its coils where they are known."""
-
-    response: xr.Dataset
-    outlines: Sequence[FloatArray] = ()
-
-    @property
-    def emulated(self) -> bool:
-        return bool(self.response.attrs.get("emulated", 0))
+def _is_page(out: Path) -> bool:
+    return out.suffix.lower() == _PAGE
 
 
 def _response(
-    name: str,
-    beside: xr.Dataset | None,
-    largest_shift: float | None,
-    calibration: Path | None,
-    *,
-    allow_violations: bool,
+    name: str, beside: xr.Dataset | None, largest_shift: float | None, calibration: Path | None, allow_violations: bool
 ) -> _Source:
     """Read or compute a response; what is computed beside another one has positions around all of its own."""
     if is_recording(name):
         return _recorded(Path(name), calibration)
     if is_map(name):
-        return _Source(read_response(Path(name)))
-    if name == _PUBLISHED:
+        return read_response(Path(name)), ()
+    if name == "published":
         from coilarray.localize.published import published_map
 
         x, y = (None, None) if beside is None else _around(beside, largest_shift)
-        return _Source(published_map(x, y))
-    return _computed(open_design(name, allow_violations=allow_violations), beside, largest_shift)
+        return published_map(x, y), ()
+    return _computed(shared.open_design(name, allow_violations=allow_violations), beside, largest_shift)
 
 
 def _recorded(path: Path, calibration: Path | None) -> _Source:
-    from coilarray.design.model import build_design
     from coilarray.hardware.record.calibration_file import load_calibration
     from coilarray.hardware.record.channel_calibration import calibrated_response
     from coilarray.hardware.record.recorded_response import recorded_response
@@ -167,8 +136,8 @@ def _recorded(path: Path, calibration: Path | None) -> _Source:
             response = recorded_response(recording, partial=True)
         else:
             response = calibrated_response(recording, known, partial=True)
-        design = build_design(recording.sessions[0].design_document, str(path))
-    return _Source(response, map_outlines(design, response))
+        design = recording.design
+    return response, map_outlines(design, response)
 
 
 def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | None) -> _Source:
@@ -186,7 +155,7 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
 
     indentation_of(design)  # refused before the network is computed
     network = board_network(design, open_store())
-    with progress_bar(f"response of {design.name}") as progress:
+    with shared.progress_bar(f"response of {design.name}") as progress:
 
         def at(*axes: FloatArray | None) -> xr.Dataset:
             depths, x, y = axes
@@ -194,41 +163,39 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
 
         if beside is None:
             response = at(None, None, None)
-        else:
-            try:
-                response = at(beside.depth.values, *_around(beside, largest_shift))
-            except ElastomerError:  # a sample may end where the measured positions do
-                response = at(beside.depth.values, beside.x.values, beside.y.values)
-    if beside is not None and "capacitance_from" in beside.attrs:
+            return response, map_outlines(design, response)
+        try:
+            response = at(beside.depth.values, *_around(beside, largest_shift))
+        except ElastomerError:  # a sample may end where the measured positions do
+            response = at(beside.depth.values, beside.x.values, beside.y.values)
+    if "capacitance_from" in beside.attrs:
         response = response.assign(base_inductance=respond(design, response, ideal=True).base_inductance)
-    return _Source(response, map_outlines(design, response))
+    return response, map_outlines(design, response)
 
 
 def _around(response: xr.Dataset, largest_shift: float | None) -> tuple[FloatArray, FloatArray]:
-    """Positions of a response along x and y in m, and as many beyond as a shift may largest_shift."""
+    """Positions of a response along x and y in m, and as many beyond as the largest shift may reach."""
     import numpy as np
 
     axes = []
     for name in ("x", "y"):
         axis = np.asarray(response[name].values, dtype=np.float64)
         step = float(np.median(np.diff(axis))) if len(axis) > 1 else _ALONE
-        beyond = step * np.arange(
-            1, 1 + max(1 if len(axis) > 1 else 2, math.ceil((largest_shift or 0.0) / step - 1e-9))
-        )
+        count = max(1 if len(axis) > 1 else 2, math.ceil((largest_shift or 0.0) / step - 1e-9))
+        beyond = step * np.arange(1, 1 + count)
         axes.append(np.concatenate((axis[0] - beyond[::-1], axis, axis[-1] + beyond)))
     return axes[0], axes[1]
 
 
-def _write(
-    result: xr.Dataset, out: Path, names: tuple[str, str], outlines: Sequence[FloatArray], *, page_alone: bool
-) -> list[Path]:
+def _write(result: xr.Dataset, out: Path, names: tuple[str, str], outlines: Sequence[FloatArray]) -> list[Path]:
+    """Write the page alone, or a folder with page, numbers and tables; return the files."""
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
     from coilarray.report.comparison import comparison_tables, write_comparison_page
 
-    page = out if page_alone else out / "comparison.html"
+    page = out if _is_page(out) else out / "comparison.html"
     write_comparison_page(result, page, names, outlines)
-    if page_alone:
+    if page == out:
         return [page]
     written = [page, out / "comparison.nc"]
     save_dataset(result, written[-1])
@@ -236,37 +203,3 @@ def _write(
         written.append(out / f"{table.name}.csv")
         write_text(written[-1], table.csv())
     return written
-
-
-def _data(result: xr.Dataset, names: tuple[str, str], *, emulated: bool) -> dict[str, Any]:
-    from coilarray.report.comparison import comparison_notes, comparison_tables
-
-    return {
-        "emulated": emulated,
-        "measured": names[0],
-        "simulated": names[1],
-        "noise_from": result.attrs["noise_from"],
-        "only_measured": _names(result.attrs["only_measured"]),
-        "only_simulated": _names(result.attrs["only_simulated"]),
-        "points_left_out": result.attrs["points_left_out"],
-        "points_missing": result.attrs["points_missing"],
-        "notes": comparison_notes(result),
-        **{table.name: table.records() for table in comparison_tables(result)},
-    }
-
-
-def _names(joined: str) -> list[str]:
-    return joined.split(", ") if joined else []
-
-
-def _text(result: xr.Dataset, written: Sequence[Path]) -> str:
-    from coilarray.report.comparison import comparison_notes, comparison_tables
-
-    parts = [
-        table_text([column.header for column in table.columns], table.cells(), table.title)
-        for table in comparison_tables(result)
-        if table.name != "curves"
-    ]
-    parts += comparison_notes(result)
-    parts += [f"wrote {path}" for path in written]
-    return "\n".join(parts)

@@ -7,49 +7,36 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from coilarray.cli.shared import (
-    PICTURES,
-    AllowViolations,
-    AsJson,
-    DesignArgument,
-    check_file,
-    open_design,
-    print_json,
-    print_table,
-    progress_bar,
-)
+from coilarray import viz
+from coilarray.cli import shared
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from coilarray.design.model import Design
     from coilarray.localize.calibration import Calibration
+    from coilarray.report.tables import Table
 
 Base = Literal["bonded", "frictionless"]
 _BASES: tuple[Base, ...] = ("bonded", "frictionless")
 
 
 def distortion(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     coil: Annotated[
-        list[str] | None, typer.Option("--coil", help="Coil to look at; may be repeated. coil1 to coil3 by default.")
+        list[str] | None, typer.Option(help="Coil to look at; may be repeated. coil1 to coil3 by default.")
     ] = None,
-    calibrate: Annotated[
+    calibrated: Annotated[
         bool,
         typer.Option("--calibrate", help="Also fit what the paper leaves open to its A, B and peaks, never to x0."),
     ] = False,
     base: Annotated[
         Base | None,
-        typer.Option(
-            "--base", help="How the lowest sheet lies on the board; the design's by default, both calibrated."
-        ),
+        typer.Option(help="How the lowest sheet lies on the board; the design's by default, both calibrated."),
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Also write every number: .nc or .csv.")] = None,
-    plot: Annotated[
-        Path | None, typer.Option("--plot", help="Also draw x0 and its causes over δ: .png, .svg or .pdf.")
-    ] = None,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    out: Annotated[Path | None, shared.out_option("Also write every number: .nc or .csv.", ".nc", ".csv")] = None,
+    plot: Annotated[Path | None, shared.plot_option("x0 and its causes over δ")] = None,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Predict how the ellipses' centre x0 moves with δ, and what moves it.
 
@@ -58,64 +45,32 @@ def distortion(
 
     Example: coilarray distortion gast2020 --out distortion.nc --plot distortion.png
     """
-    check_file("--out", out, (".nc", ".csv"))
-    check_file("--plot", plot, PICTURES)
-    from coilarray.compute.files import write_atomically, write_text
-    from coilarray.compute.netcdf import save_dataset
-    from coilarray.localize.calibration import apply
+    from coilarray.localize.calibration import apply, calibrate
     from coilarray.localize.distortion import distortion as split
-    from coilarray.report.localize_tables import (
-        calibration_table,
-        cause_table,
-        correlation_table,
-        distortion_table,
-        misfit_table,
-        residual_table,
-    )
+    from coilarray.report import localize_tables
 
-    opened = open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations)
     states = coil or ["coil1", "coil2", "coil3"]
-    bases = (base,) if base is not None else _BASES
     if base is not None:
         opened, _ = apply(opened, {}, base)
-    with progress_bar("maps of the causes") as progress:
+    with shared.progress_bar("maps of the causes") as progress:
         result = split(opened, states, progress=progress)
     found: dict[str, Calibration] = {}
-    if calibrate:
-        for one in bases:
-            found[one] = _calibrated(opened, states, one)
+    if calibrated:
+        for one in _BASES if base is None else (base,):
+            with shared.progress_bar(f"calibration, {one}") as progress:
+                found[one] = calibrate(opened, states, base=one, progress=progress)
         result = _with_predictions(result, found)
-    if out is not None and out.suffix.lower() == ".nc":
-        save_dataset(result, out)
-    elif out is not None:
-        write_text(out, distortion_table(result).csv())
-    if plot is not None:
-        from coilarray.viz import distortion_figure
-
-        write_atomically(plot, distortion_figure(result).savefig)
-    fitted = {name: one.result for name, one in found.items()}
-    tables = [cause_table(result), residual_table(result)]
-    if fitted:
-        tables += [calibration_table(fitted), misfit_table(fitted)]
-        tables += [correlation_table(name, one) for name, one in fitted.items()]
-    if as_json:
-        named = {table.name: table.records() for table in tables}
-        print_json({"design": opened.name, "design_hash": opened.digest, **named})
-        return
-    for table in tables:
-        print_table([column.header for column in table.columns], table.cells())
-        typer.echo()
-    typer.echo(_verdict(result))
-    for path in (out, plot):
-        if path is not None:
-            typer.echo(f"wrote {path}")
-
-
-def _calibrated(design: Design, states: list[str], base: Base) -> Calibration:
-    from coilarray.localize.calibration import calibrate
-
-    with progress_bar(f"calibration, {base}") as progress:
-        return calibrate(design, states, base=base, progress=progress)
+    shared.write_numbers(out, result, localize_tables.distortion_table(result).csv)
+    shared.draw(plot, lambda: viz.distortion_figure(result))
+    remaining = localize_tables.residual_table(result)
+    tables = [localize_tables.cause_table(result), remaining]
+    if found:
+        fitted = {name: one.result for name, one in found.items()}
+        tables += [localize_tables.calibration_table(fitted), localize_tables.misfit_table(fitted)]
+        tables += [localize_tables.correlation_table(name, one) for name, one in fitted.items()]
+    data = {**shared.design_record(opened), **{table.name: table.records() for table in tables}}
+    shared.print_result(data, as_json=as_json, tables=tables, lines=[_verdict(remaining)], files=(out, plot))
 
 
 def _with_predictions(result: xr.Dataset, found: dict[str, Calibration]) -> xr.Dataset:
@@ -137,12 +92,10 @@ def _with_predictions(result: xr.Dataset, found: dict[str, Calibration]) -> xr.D
     )
 
 
-def _verdict(result: xr.Dataset) -> str:
+def _verdict(remaining: Table) -> str:
     """One line about what remains."""
-    from coilarray.report.localize_tables import residual_table
-
     parts = []
-    for row in residual_table(result).records():
+    for row in remaining.records():
         published, remains = row["published_rms_m"], row["residual_rms_m"]
         if isinstance(published, float) and isinstance(remains, float):
             parts.append(f"{row['coil']} {row['prediction']} {remains * 1e3:.2f} of {published * 1e3:.2f} mm")

@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 import math
-from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.shared import (
-    AllowViolations,
-    AsJson,
-    Cluster,
-    DesignArgument,
-    Workers,
-    open_design,
-    print_json,
-    progress_bar,
-)
+from coilarray.cli import shared
 from coilarray.errors import ClusterError, GeometryError, OutputError
 
 if TYPE_CHECKING:
@@ -31,34 +20,33 @@ if TYPE_CHECKING:
 
     FloatArray = npt.NDArray[np.float64]
     Axes = tuple[FloatArray, FloatArray, FloatArray]
+    _Processes = tuple[int | None, str | None]  # of --workers and --cluster
 
-_SUFFIXES = (".nc", ".vtr")
-_FARTHEST_MM = 100_000.0
 _LARGEST_MA = 1e9
+_SPACING = shared.number_option(("--spacing-mm",), shared.SMALLEST_MM, shared.LONGEST_MM, "Distance of the points.")
 _MOST_POINTS = 20_000_000  # 24 bytes a point and array; more needs more memory than a desk computer has to spare
 _MOST_LARGE = 100_000_000_000  # 4.8 TB
 
 
 def field(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     coil: Annotated[str | None, typer.Option(help="Coil that carries the current; the middle one by default.")] = None,
     z_mm: Annotated[
-        str | None,
-        typer.Option("--z-mm", help="Height above the board, or FROM:TO for a volume; the design's plane by default."),
+        str | None, typer.Option(help="Height above the board, or FROM:TO for a volume; the design's plane by default.")
     ] = None,
-    spacing_mm: Annotated[float, typer.Option("--spacing-mm", help="Distance of the points.")] = 0.5,
+    spacing_mm: Annotated[float, _SPACING] = 0.5,
     current_mA: Annotated[float, typer.Option("--current-mA", help="Current in the coil.")] = 1.0,
-    others_open: Annotated[bool, typer.Option("--others-open", help="All other coils open.")] = False,
+    others_open: shared.OthersOpen = False,
     large: Annotated[
         bool, typer.Option("--large", help="Write block by block (.nc), for more points than fit into memory.")
     ] = False,
-    workers: Workers = None,
-    cluster: Cluster = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .nc (netCDF) or .vtr (ParaView).")] = Path(
+    workers: shared.Workers = None,
+    cluster: shared.Cluster = None,
+    out: Annotated[Path, shared.out_option("File to write: .nc (netCDF) or .vtr (ParaView).", ".nc", ".vtr")] = Path(
         "field.nc"
     ),
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Write the field over the board.
 
@@ -72,53 +60,37 @@ def field(
 
     Example: coilarray field gast2020 --z-mm 1:9 --spacing-mm 0.05 --large --out volume.nc
     """
-    if out.suffix.lower() not in _SUFFIXES:
-        raise OutputError(f"--out must end in {' or '.join(_SUFFIXES)}; got {out}.")
-    if not 1e-6 <= spacing_mm <= _FARTHEST_MM:
-        raise GeometryError(f"--spacing-mm must be 1e-06 to {_FARTHEST_MM:g}; got {spacing_mm:g}.")
     if not abs(current_mA) <= _LARGEST_MA:
         raise GeometryError(f"--current-mA must be at most {_LARGEST_MA:g}; got {current_mA:g}.")
     if large and out.suffix.lower() != ".nc":
         raise OutputError(f"--large writes .nc; got {out}.")
     if not large and (workers is not None or cluster is not None):
         raise ClusterError("--workers and --cluster are for --large.")
-    if workers is not None and cluster is not None:
-        raise ClusterError("--workers is for processes of this machine; it cannot be given with --cluster.")
+    shared.check_workers(workers, cluster)
     heights = None if z_mm is None else _heights(z_mm)
     from coilarray.circuit.coupling import couple_design
 
-    opened = open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations)
     names = opened.array.names
     active = names[(len(names) - 1) // 2] if coil is None else coil
     if active not in names:
         raise GeometryError(f"--coil must be one of {', '.join(names)}; got {active}.")
     axes = _axes(opened, heights, spacing_mm, large=large)
-    setting = _Setting(active, current_mA * 1e-3, terminated=not others_open)
+    setting = {"current": current_mA * 1e-3, "terminated": not others_open}
     coupling = couple_design(opened)
     if large:
-        peak = _write_large(opened, coupling, setting, axes, out, workers, cluster)
+        peak = _write_large(opened, coupling, active, axes, out, (workers, cluster), **setting)
     else:
-        peak = _write(opened, coupling, setting, axes, out)
-    if as_json:
-        print_json(
-            {
-                "file": str(out), "design": opened.name, "design_hash": opened.digest, "coil": active,
-                "others": "open" if others_open else "as terminated", "current_A": current_mA * 1e-3,
-                "shape": [len(axis) for axis in axes], "peak_Bz_T": peak,
-            }
-        )  # fmt: skip
-    else:
-        shape = " × ".join(str(len(axis)) for axis in axes)
-        typer.echo(f"wrote {out}: {shape} points, {active} active, largest |B_z| {peak * 1e6:.4g} µT")
-
-
-@dataclass(frozen=True)
-class _Setting:
-    """Which coil carries how much current in A, and whether the others are closed as terminated."""
-
-    active: str
-    current: float
-    terminated: bool
+        peak = _write(opened, coupling, active, axes, out, **setting)
+    shape = [len(axis) for axis in axes]
+    data = {
+        **shared.design_record(opened), "file": str(out), "coil": active,
+        "others": "open" if others_open else "as terminated", "current_A": current_mA * 1e-3, "shape": shape,
+        "peak_Bz_T": peak,
+    }  # fmt: skip
+    points = " × ".join(map(str, shape))
+    line = f"wrote {out}: {points} points, {active} active, largest |B_z| {peak * 1e6:.4g} µT"
+    shared.print_result(data, as_json=as_json, lines=[line])
 
 
 def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float, *, large: bool) -> Axes:
@@ -128,7 +100,8 @@ def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float
     x_min, y_min, x_max, y_max = design.array.bounds
     low, high = (design.field_height, design.field_height) if heights is None else heights
     ranges = ((x_min, x_max), (y_min, y_max), (low, high))
-    counts = [_points(start, end, spacing_mm * 1e-3) for start, end in ranges]
+    # at most a step apart
+    counts = [math.ceil((end - start) / (spacing_mm * 1e-3) * (1 - 1e-12)) + 1 for start, end in ranges]
     count, most = math.prod(counts), _MOST_LARGE if large else _MOST_POINTS
     if count > most:
         instead = "widen the spacing" if large else "widen the spacing, or write block by block with --large"
@@ -137,60 +110,38 @@ def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float
     return x, y, z
 
 
-def _write(design: Design, coupling: xr.Dataset, setting: _Setting, axes: Axes, out: Path) -> float:
-    """Compute the field in memory and write it; return the largest |B_z| in T."""
+def _write(design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: Path, **setting: Any) -> float:
+    """Compute the field in memory for a current in A and write it; return the largest |B_z| in T."""
     from coilarray.circuit.operating_field import operating_field
+    from coilarray.compute.files import write_atomically
+    from coilarray.compute.netcdf import save_dataset
+    from coilarray.viz import field_grid
 
-    with progress_bar(f"field at {math.prod(map(len, axes))} points") as progress:
-        result = operating_field(
-            design, coupling, setting.active, *axes,
-            current=setting.current, terminated=setting.terminated, progress=progress,
-        )  # fmt: skip
-    _save(result, out)
+    with shared.progress_bar(f"field at {math.prod(map(len, axes))} points") as progress:
+        result = operating_field(design, coupling, active, *axes, **setting, progress=progress)
+    if out.suffix.lower() == ".nc":
+        save_dataset(result, out)
+    else:
+        write_atomically(out, field_grid(result.x.values, result.y.values, result.z.values, result.B.values).save)
     return float(abs(result.B.sel(component="z")).max())
 
 
 def _write_large(
-    design: Design,
-    coupling: xr.Dataset,
-    setting: _Setting,
-    axes: Axes,
-    out: Path,
-    workers: int | None,
-    cluster: str | None,
+    design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: Path, processes: _Processes, **setting: Any
 ) -> float:
     """Write the field block by block; return the largest |B_z| in T."""
     from coilarray.circuit.field_volume import block_count, bytes_needed, write_field_volume
     from coilarray.compute.large_file import parts_folder
-    from coilarray.compute.workers import default_count
-    from coilarray.compute.workers import workers as open_workers
 
     blocks = block_count(design, axes)
-    count = min(default_count(), blocks) if workers is None else workers
-    done = 0
-    try:
-        with open_workers(count, cluster) as pool, ExitStack() as bars:
-            on_disk, in_memory = (size / 1e9 for size in bytes_needed(design, axes, pool))
-            text = f"{blocks} blocks, {on_disk:.3g} GB on the disk, {in_memory:.2g} GB of memory"
-            show = bars.enter_context(progress_bar(text))
-
-            def progress(now: int, total: int) -> None:
-                nonlocal done
-                done = now
-                show(now, total)
-
-            return write_field_volume(
-                out, design, coupling, setting.active, *axes, pool,
-                current=setting.current, terminated=setting.terminated, progress=progress,
-            )  # fmt: skip
-    except (KeyboardInterrupt, ClusterError):
-        if done:
-            typer.echo(
-                f"coilarray: {done} of {blocks} blocks are kept in {parts_folder(out)}; "
-                "the same command goes on from there",
-                err=True,
-            )
-        raise
+    with (
+        shared.resumable(lambda done: f"{done} of {blocks} blocks are kept in {parts_folder(out)}") as counting,
+        shared.open_pool(*processes, blocks) as pool,
+    ):
+        on_disk, in_memory = (size / 1e9 for size in bytes_needed(design, axes, pool))
+        text = f"{blocks} blocks, {on_disk:.3g} GB on the disk, {in_memory:.2g} GB of memory"
+        with shared.progress_bar(text) as show:
+            return write_field_volume(out, design, coupling, active, *axes, pool, **setting, progress=counting(show))
 
 
 def _heights(text: str) -> tuple[float, float]:
@@ -199,30 +150,9 @@ def _heights(text: str) -> tuple[float, float]:
         values = [float(part) * 1e-3 for part in parts]
     except ValueError:
         values = []
-    if (
-        len(values) not in (1, 2)
-        or not all(abs(value) <= _FARTHEST_MM * 1e-3 for value in values)
-        or values != sorted(values)
-    ):
+    far = not all(abs(value) <= shared.LONGEST_MM * 1e-3 for value in values)
+    if len(values) not in (1, 2) or far or values != sorted(values):
         raise GeometryError(
-            f"--z-mm must be a number or FROM:TO with FROM below TO, at most {_FARTHEST_MM:g}; got {text!r}."
+            f"--z-mm must be a number or FROM:TO with FROM below TO, at most {shared.LONGEST_MM:g}; got {text!r}."
         )
     return values[0], values[-1]
-
-
-def _points(low: float, high: float, step: float) -> int:
-    """Count the points from low to high that are at most a step apart."""
-    return math.ceil((high - low) / step * (1 - 1e-12)) + 1
-
-
-def _save(result: xr.Dataset, path: Path) -> None:
-    if path.suffix.lower() == ".nc":
-        from coilarray.compute.netcdf import save_dataset
-
-        save_dataset(result, path)
-        return
-    from coilarray.compute.files import write_atomically
-    from coilarray.viz import field_grid
-
-    grid = field_grid(result.x.values, result.y.values, result.z.values, result.B.values)
-    write_atomically(path, grid.save)

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
+from coilarray import viz
+from coilarray.cli import shared
 from coilarray.cli.maps import depth_in_metres, one_map
-from coilarray.cli.shared import PICTURES, AllowViolations, AsJson, check_file, print_json, print_table
 
 
 def fit(
@@ -19,17 +20,15 @@ def fit(
             help="Response as netCDF (.nc), measured or of `coilarray response`, or a design; gast2020 by default.",
         ),
     ] = None,
-    depth_mm: Annotated[float | None, typer.Option("--depth-mm", help="Depth; the first one by default.")] = None,
+    depth_mm: Annotated[float | None, typer.Option(help="Depth; the first one by default.")] = None,
     coil: Annotated[
         list[str] | None,
-        typer.Option("--coil", help="Coil to fit; may be repeated. All whose curves close within the map by default."),
+        typer.Option(help="Coil to fit; may be repeated. All whose curves close within the map by default."),
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Also write the model: .json.")] = None,
-    plot: Annotated[
-        Path | None, typer.Option("--plot", help="Also draw A, B and x0 over δ: .png, .svg or .pdf.")
-    ] = None,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    out: Annotated[Path | None, shared.out_option("Also write the model: .json.", ".json")] = None,
+    plot: Annotated[Path | None, shared.plot_option("A, B and x0 over δ")] = None,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Fit the ellipse model of Gast & Zimmermann (2020) to a response.
 
@@ -38,12 +37,11 @@ def fit(
 
     Example: coilarray fit gast2020 --out model.json --plot model.png
     """
-    check_file("--out", out, (".json",))
-    check_file("--plot", plot, PICTURES)
     depth = depth_in_metres(depth_mm)
-    from coilarray.compute.files import write_atomically, write_text
+    from coilarray.compute.files import write_text
     from coilarray.localize.ellipse import fit_ellipses
     from coilarray.localize.ellipse_model import ellipse_model, model_to_json
+    from coilarray.localize.published import published_model
     from coilarray.report.localize_tables import fit_table, polynomial_table
 
     response, at = one_map(source, depth, allow_violations=allow_violations)
@@ -52,17 +50,6 @@ def fit(
     polynomials, steps = polynomial_table(model), fit_table(fits, model)
     if out is not None:
         write_text(out, model_to_json(model, f"coilarray fit {source or 'gast2020'}"))
-    if plot is not None:
-        from coilarray.localize.published import published_model
-        from coilarray.viz import ellipse_parameter_figure
-
-        write_atomically(plot, ellipse_parameter_figure(fits, model, published_model()).savefig)
-    if as_json:
-        print_json({"polynomials": polynomials.records(), "fits": steps.records()})
-        return
-    for table in (polynomials, steps):
-        print_table([column.header for column in table.columns], table.cells())
-        typer.echo()
-    for path in (out, plot):
-        if path is not None:
-            typer.echo(f"wrote {path}")
+    shared.draw(plot, lambda: viz.ellipse_parameter_figure(fits, model, published_model()))
+    data = {"polynomials": polynomials.records(), "fits": steps.records()}
+    shared.print_result(data, as_json=as_json, tables=(polynomials, steps), files=(out, plot))

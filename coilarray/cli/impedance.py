@@ -7,10 +7,9 @@ from typing import Annotated
 
 import typer
 
+from coilarray import viz
 from coilarray.cli import shared
 from coilarray.errors import GeometryError
-
-_MOST_POINTS = 10_000
 
 
 def impedance(
@@ -18,9 +17,10 @@ def impedance(
     from_mhz: Annotated[float, typer.Option("--from-MHz", help="Lowest frequency of the sweep.")] = 0.1,
     to_mhz: Annotated[float, typer.Option("--to-MHz", help="Highest frequency of the sweep.")] = 10.0,
     points: Annotated[
-        int, typer.Option("--points", help="Number of frequencies, evenly spaced on a logarithmic scale.")
+        int,
+        shared.number_option(("--points",), 2, 10_000, "Number of frequencies, evenly spaced on a logarithmic scale."),
     ] = 50,
-    out: Annotated[Path | None, shared.out_option("Also write the sweep: .nc or .csv.")] = None,
+    out: Annotated[Path | None, shared.out_option("Also write the sweep: .nc or .csv.", ".nc", ".csv")] = None,
     plot: Annotated[Path | None, shared.plot_option("the apparent inductance over frequency")] = None,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
@@ -33,44 +33,32 @@ def impedance(
     """
     if not 1e-6 <= from_mhz < to_mhz <= 1e6:
         raise GeometryError(f"--from-MHz must be at least 1e-06 and below --to-MHz; got {from_mhz:g} and {to_mhz:g}.")
-    if not 2 <= points <= _MOST_POINTS:
-        raise GeometryError(f"--points must be 2 to {_MOST_POINTS}; got {points}.")
-    shared.check_file("--out", out, (".nc", ".csv"))
-    shared.check_file("--plot", plot, shared.PICTURES)
     import numpy as np
 
     from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
-    from coilarray.report.circuit_tables import (
-        drive_table,
-        limit_table,
-        state_current_table,
-        state_table,
-        sweep_table,
-        winding_table,
-    )
+    from coilarray.report import circuit_tables
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     with shared.progress_bar("states") as progress:
         scan = scan_design(opened, progress=progress)
     with shared.progress_bar(f"impedance at {points} frequencies") as progress:
         sweep = sweep_design(opened, np.geomspace(from_mhz * 1e6, to_mhz * 1e6, points), progress=progress)
-    shared.write_numbers(out, sweep, sweep_table(sweep).csv)
-    if plot is not None:
-        from coilarray.viz import plot_frequency_sweep
-
-        shared.draw(plot, lambda: plot_frequency_sweep(sweep))
-    states, windings, drives, limits = state_table(scan), winding_table(scan), drive_table(scan), limit_table(scan)
+    of_sweep = circuit_tables.sweep_table(sweep)
+    shared.write_numbers(out, sweep, of_sweep.csv)
+    shared.draw(plot, lambda: viz.plot_frequency_sweep(sweep))
+    states, windings = circuit_tables.state_table(scan), circuit_tables.winding_table(scan)
+    drives, limits = circuit_tables.drive_table(scan), circuit_tables.limit_table(scan)
     close = close_channels(scan.state.values.tolist(), scan.frequency.values)
     data = {
         **shared.design_record(opened),
         "states": states.records(),
         "windings": windings.records(),
-        "state_currents": state_current_table(scan).records(),
+        "state_currents": circuit_tables.state_current_table(scan).records(),
         "capacitance_F": scan.capacitance.values.tolist(),
         "ldc1614_drive": drives.records(),
         "ldc1614": limits.records(),
         "close_channels": [{"states": [a, b], "relative_distance": d} for a, b, d in close],
-        "sweep": sweep_table(sweep).records(),
+        "sweep": of_sweep.records(),
     }
     lines = [
         f"LDC1614, {state}: {limit} is {value:.4g}, allowed {low:g} to {high if high == '' else f'{high:g}'}"

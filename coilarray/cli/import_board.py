@@ -24,13 +24,12 @@ def import_board(
         Path, typer.Argument(metavar="BOARD", help="KiCad board (.kicad_pcb), or Gerber files (a .zip or a folder).")
     ],
     nets: Annotated[
-        str | None,
-        typer.Option("--nets", help="Names of the nets that are coils, as A,B; by default every net that winds."),
+        str | None, typer.Option(help="Names of the nets that are coils, as A,B; by default every net that winds.")
     ] = None,
     stackup: Annotated[
-        str | None, typer.Option("--stackup", metavar="DESIGN", help="Design whose [stackup] to take for the board's.")
+        str | None, typer.Option(metavar="DESIGN", help="Design whose [stackup] to take for the board's.")
     ] = None,
-    out: Annotated[Path, shared.out_option("Design file to write.")] = Path("design.toml"),
+    out: Annotated[Path, shared.out_option("Design file to write: .toml.", ".toml")] = Path("design.toml"),
     force: shared.Force = False,
     as_json: shared.AsJson = False,
 ) -> None:
@@ -45,7 +44,6 @@ def import_board(
     from coilarray.design.write import design_text
     from coilarray.geometry.readers import trace_coils, traced_array
 
-    shared.check_file("--out", out, (".toml",))
     if out.exists() and not force:
         raise OutputError(f"{out} exists; --force replaces it.")
     copper = _read(board, stackup)
@@ -60,24 +58,17 @@ def import_board(
     write_text(out, text)
     records = _records(tracing, traced)
     notes = [*traced.notes, _NO_FAB]
-    if not as_json:
-        shared.print_table(
-            ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y"),
-            [_cells(record) for record in records],
-            title=f"coils of {board.name}; lengths in mm, turns anticlockwise positive",
-        )
-    lines = ["\nnets with tracks that are no coils"] if tracing.left_out else []
+    headers = ("coil", "net", "shape", "layers", "turns", "length", "trace width", "vias", "x", "y")
+    title = f"coils of {board.name}; lengths in mm, turns anticlockwise positive"
+    lines = [shared.table_text(headers, [_cells(record) for record in records], title)]
+    lines += ["\nnets with tracks that are no coils"] if tracing.left_out else []
     lines += [f"  {net}: {reason}" for net, reason in tracing.left_out.items()]
     lines += [f"assumed: {key}: {reason}" for key, reason in traced.assumed.items()]
     lines += [*(f"note: {note}" for note in notes), f"wrote {out}; next: coilarray check {out}"]
     data = {
-        "board": str(board),
-        "design": str(out),
-        "coils": records,
-        "left_out": tracing.left_out,
-        "assumed": traced.assumed,
-        "notes": notes,
-    }
+        "board": str(board), "design": str(out), "coils": records, "left_out": tracing.left_out,
+        "assumed": traced.assumed, "notes": notes,
+    }  # fmt: skip
     shared.print_result(data, as_json=as_json, lines=lines)
 
 
@@ -85,23 +76,18 @@ def _read(board: Path, stackup: str | None) -> BoardCopper:
     from coilarray.design.model import load_design
     from coilarray.geometry.readers import read_gerbers, read_kicad
 
-    is_folder = _is_folder(board)
+    try:
+        is_folder = stat.S_ISDIR(board.stat().st_mode)
+    except (FileNotFoundError, NotADirectoryError):
+        raise BoardError(f"{board}: there is no such file or folder.") from None
+    except OSError as error:
+        raise BoardError(f"{board}: cannot be read: {error.strerror}.") from None
     layers = None if stackup is None else load_design(stackup).array.stackup
     if board.suffix == ".kicad_pcb":
         return read_kicad(board, layers)
     if is_folder or board.suffix.lower() == ".zip":
         return read_gerbers(board, layers)
     raise BoardError(f"{board}: a board must be a .kicad_pcb file, or Gerber files in a .zip or a folder.")
-
-
-def _is_folder(board: Path) -> bool:
-    """Whether it is a folder; BoardError where it is not there or cannot be reached."""
-    try:
-        return stat.S_ISDIR(board.stat().st_mode)
-    except (FileNotFoundError, NotADirectoryError):
-        raise BoardError(f"{board}: there is no such file or folder.") from None
-    except OSError as error:
-        raise BoardError(f"{board}: cannot be read: {error.strerror}.") from None
 
 
 def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
@@ -111,21 +97,15 @@ def _records(tracing: Tracing, traced: TracedArray) -> list[dict[str, Any]]:
     names = design_names(traced.array.names)
     return [
         {
-            "name": names[coil.name],
-            "net": coil.net,
-            "shape": shape,
-            "layers": list(coil.layers),
-            "turns": coil.turns,
-            "length_m": coil.length,
+            "name": names[coil.name], "net": coil.net, "shape": shape, "layers": list(coil.layers),
+            "turns": coil.turns, "length_m": coil.length,
             "trace_widths_m": sorted({float(width) for line in coil.widths for width in line}),
-            "vias": len(coil.vias),
-            "x_m": placement.x,
-            "y_m": placement.y,
+            "vias": len(coil.vias), "x_m": placement.x, "y_m": placement.y,
         }
         for coil, placement, shape in zip(
             tracing.coils, traced.array.placements, shape_names(traced.array), strict=True
         )
-    ]
+    ]  # fmt: skip
 
 
 def _cells(record: dict[str, Any]) -> list[str]:

@@ -12,7 +12,7 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from coilarray.design.model import Design, Indentation
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.record.live_tracking import LiveReading, LiveState, LiveTracker
-    from coilarray.hardware.record.recording import RecordedScan
-    from coilarray.hardware.scan.reader import RawScan
     from coilarray.hardware.scan.readings import ScanReading
     from coilarray.localize.forward import ForwardModel
     from coilarray.localize.inverse import Mode
@@ -66,14 +64,11 @@ def live(
         ),
     ] = None,
     recording: Annotated[
-        Path | None, typer.Option("--recording", help="Replay a recording (.sqlite) instead of reading a board.")
+        Path | None, typer.Option(help="Replay a recording (.sqlite) instead of reading a board.")
     ] = None,
-    speed: Annotated[
-        float, typer.Option("--speed", help="Speed of a replay: 1 as it was recorded, 0 without any waiting.")
-    ] = 1.0,
+    speed: Annotated[float, typer.Option(help="Speed of a replay: 1 as it was recorded, 0 without any waiting.")] = 1.0,
     table: Annotated[
-        Path | None,
-        typer.Option("--table", help="Where the table for positions is kept (.nc); in the user's cache by default."),
+        Path | None, typer.Option(help="Where the table for positions is kept (.nc); in the user's cache by default.")
     ] = None,
     locate: Annotated[bool, typer.Option("--locate/--no-locate", help="Also find where the indentation is.")] = True,
     baseline: Annotated[
@@ -81,11 +76,9 @@ def live(
         typer.Option("--baseline-scans", help="Number of first scans, without an indentation, from which δ counts."),
     ] = 10,
     noise: Annotated[
-        float, typer.Option("--noise", help="Standard deviation of δ of the table; that of the readings is added.")
+        float, typer.Option(help="Standard deviation of δ of the table; that of the readings is added.")
     ] = 1e-5,
-    scans: Annotated[
-        int | None, typer.Option("--scans", help="Number of scans after which to end; never by default.")
-    ] = None,
+    scans: Annotated[int | None, typer.Option(help="Number of scans after which to end; never by default.")] = None,
     *,
     options: BoardOptions,
     as_json: Annotated[bool, typer.Option("--json", help="One line of JSON in SI units for each scan.")] = False,
@@ -179,7 +172,7 @@ def _stream(options: BoardOptions, design: Design, *, quiet: bool) -> Iterator[_
             typer.echo(marked(board.line, emulated=board.emulated))
 
         capacitance = design.circuit.switches.tank_capacitance
-        scans = opened.enter_context(closing(cast("Generator[RawScan]", board.reader.scans())))
+        scans = opened.enter_context(closing(board.reader.scans()))
         yield _Source(((read_scan(scan, settings, capacitance), True) for scan in scans), board.emulated, begin)
 
 
@@ -210,15 +203,14 @@ def _held_back(options: BoardOptions) -> list[str]:
 @contextmanager
 def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Design, _Source]]:
     """Yield the design of a recording, and its readings in the recorded order and time."""
-    from coilarray.design.model import build_design
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.scan.readings import read_scan
 
     with open_recording(path) as recording:
 
-        def readings() -> Iterator[tuple[ScanReading, bool]]:
+        def readings() -> Generator[tuple[ScanReading, bool]]:
             session, when = -1, 0.0
-            with closing(cast("Generator[RecordedScan]", recording.scans())) as scans:
+            with closing(recording.scans()) as scans:
                 for one in scans:
                     if one.session == session and speed > 0:
                         time.sleep(min(max((one.scan.time - when) / speed, 0.0), _LONGEST_GAP))
@@ -226,11 +218,8 @@ def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Desi
                     own = recording.sessions[session]
                     yield read_scan(one.scan, own.settings, own.capacitances), not (one.depth or 0.0) > 0
 
-        with closing(cast("Generator[tuple[ScanReading, bool]]", readings())) as replayed:
-            if design is None:
-                opened = build_design(recording.sessions[0].design_document, str(path))
-            else:
-                opened = open_design(design, allow_violations=True)
+        with closing(readings()) as replayed:
+            opened = recording.design if design is None else open_design(design, allow_violations=True)
             yield opened, _Source(replayed, recording.emulated)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import sys
@@ -11,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from coilarray.cli import shared
 from coilarray.cli.maps import depth_in_metres, is_map, kept_table, one_map, read_map
 from coilarray.cli.readings import Reading, line_readings, read_readings
-from coilarray.cli.shared import AllowViolations, AsJson, check_file, open_design, print_json, print_table
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     from coilarray.localize.forward import ForwardModel
 
 Record = dict[str, Any]
-Solver = Callable[[Sequence[Reading | LocalizeError]], list[Record]]
-"""From readings, or why one is none, to what they say: mappings for JSON, with ``error`` alone for a bad reading."""
+Solver = Callable[[Sequence[Reading]], list[Record]]
+"""From readings to what they say: mappings for JSON, with ``error`` alone for a bad reading."""
 
 _MOST_MM = 10.0
 _PUBLISHED = "published"
@@ -40,33 +41,25 @@ def locate(
     model: Annotated[
         str | None,
         typer.Option(
-            "--model",
             help="Response as netCDF (.nc) or a design; gast2020 by default. With --ellipse also a model of "
-            "`coilarray fit` (.json), or `published` for Table A1.",
+            "`coilarray fit` (.json), or `published` for Table A1."
         ),
     ] = None,
-    table: Annotated[
-        Path | None,
-        typer.Option("--table", help="Where the table of a design is kept (.nc): computed if it is not there."),
-    ] = None,
+    table: shared.TableFile = None,
     coil: Annotated[
         list[str] | None,
-        typer.Option(
-            "--coil", help="Use this coil; may be repeated. All by default; for example without a broken one."
-        ),
+        typer.Option(help="Use this coil; may be repeated. All by default; for example without a broken one."),
     ] = None,
-    noise: Annotated[float, typer.Option("--noise", help="Standard deviation of δ.")] = 1e-5,
+    noise: shared.Noise = 1e-5,
     ellipse: Annotated[
         bool, typer.Option("--ellipse", help="Use the ellipse model of Gast & Zimmermann (2020) instead.")
     ] = False,
-    addition_mm: Annotated[
-        float, typer.Option("--addition-mm", help="With --ellipse: added to every A; the paper adds 0.2.")
-    ] = 0.2,
+    addition_mm: Annotated[float, typer.Option(help="With --ellipse: added to every A; the paper adds 0.2.")] = 0.2,
     depth_mm: Annotated[
-        float | None, typer.Option("--depth-mm", help="With --ellipse: depth of the map; the first one by default.")
+        float | None, typer.Option(help="With --ellipse: depth of the map; the first one by default.")
     ] = None,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Find where, and how deep, an indentation is from the δ of the coils.
 
@@ -91,7 +84,6 @@ def locate(
         raise LocalizeError("--table is for the table of a design, without --ellipse.")
     if depth is not None and not ellipse:
         raise LocalizeError("--depth-mm is for --ellipse; the depth is found otherwise.")
-    check_file("--table", table, (".nc",))
     given = [] if stream else [one for text in readings for one in read_readings(text)]
     if ellipse:
         solve = _with_ellipses(_ellipse_model(model, depth, allow_violations), coil, addition_mm * 1e-3)
@@ -100,46 +92,37 @@ def locate(
     if stream:
         _stream(solve)
         return
-    records = solve(given)
-    if all("error" in record for record in records):
-        raise LocalizeError(f"there is no reading in {' '.join(readings)}: {records[0]['error']}")
-    if as_json:
-        print_json({"positions": records})
-        return
-    _print(records)
-
-
-def _print(records: Sequence[Record]) -> None:
     from coilarray.report.localize_tables import position_table
 
-    table = position_table(records)
-    print_table([column.header for column in table.columns], table.cells())
-    for k, record in enumerate(records):
-        text = record.get("error") or record.get("reason")
-        if text:
-            typer.echo(f"reading {k + 1}: {text}")
+    records = _answers(solve, given)
+    if all("error" in record for record in records):
+        raise LocalizeError(f"there is no reading in {' '.join(readings)}: {records[0]['error']}")
+    texts = [record.get("error") or record.get("reason") for record in records]
+    lines = [f"reading {k}: {text}" for k, text in enumerate(texts, start=1) if text]
+    shared.print_result({"positions": records}, as_json=as_json, tables=[position_table(records)], lines=lines)
+
+
+def _answers(solve: Solver, readings: Sequence[Reading | LocalizeError]) -> list[Record]:
+    """Return what readings say; where one is none, why."""
+    found = iter(solve([one for one in readings if not isinstance(one, LocalizeError)]))
+    return [{"error": str(one)} if isinstance(one, LocalizeError) else next(found) for one in readings]
 
 
 def _stream(solve: Solver) -> None:
     """Answer every line of standard input at once; a bad one with its error."""
-    import json
-
-    lines = bad = 0
-    first = "it is empty"
+    good, first = False, None
     try:
         for raw in line_readings(sys.stdin.buffer):
-            (record,) = solve([raw])
-            lines += 1
-            if "error" in record:
-                bad += 1
-                first = str(record["error"]) if bad == 1 else first
+            (record,) = _answers(solve, [raw])
+            good |= "error" not in record
+            first = first or record.get("error")
             sys.stdout.write(json.dumps(record, allow_nan=False) + "\n")
             sys.stdout.flush()
     except BrokenPipeError:  # nobody listens any more; Python would complain again when it closes the stream
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return
-    if lines == bad:
-        raise LocalizeError(f"there is no reading in the stream: {first}")
+    if not good:
+        raise LocalizeError(f"there is no reading in the stream: {first or 'it is empty'}")
 
 
 def _forward_model(source: str | None, table: Path | None, allow_violations: bool) -> ForwardModel:
@@ -147,7 +130,7 @@ def _forward_model(source: str | None, table: Path | None, allow_violations: boo
 
     if is_map(source):
         return forward_model(read_map(Path(str(source))))
-    return forward_model(kept_table(open_design(source, allow_violations=allow_violations), table))
+    return forward_model(kept_table(shared.open_design(source, allow_violations=allow_violations), table))
 
 
 def _ellipse_model(source: str | None, depth: float | None, allow_violations: bool) -> EllipseModel:
@@ -176,12 +159,9 @@ def _with_all_coils(model: ForwardModel, coils: Sequence[str] | None, noise: flo
     checked_noise(used, noise)
     locate_all(used, [], noise=noise)  # a model that no reading fits is refused here, not at the first reading
 
-    def solve(readings: Sequence[Reading | LocalizeError]) -> list[Record]:
-        good = [_of_states(one, used.states, model.states) for one in readings if not isinstance(one, LocalizeError)]
-        found = iter(locate_all(used, good, noise=noise))
-        return [
-            {"error": str(one)} if isinstance(one, LocalizeError) else location_record(next(found)) for one in readings
-        ]
+    def solve(readings: Sequence[Reading]) -> list[Record]:
+        good = [_of_states(one, used.states, model.states) for one in readings]
+        return [location_record(found) for found in locate_all(used, good, noise=noise)]
 
     return solve
 
@@ -204,14 +184,7 @@ def _with_ellipses(model: EllipseModel, coils: Sequence[str] | None, addition: f
     widened = used.with_semiaxis_addition(addition)
     if len(used.coils) < 2:
         raise LocalizeError(f"two coils are needed for a position; the model has {', '.join(used.names)}.")
-
-    def solve(readings: Sequence[Reading | LocalizeError]) -> list[Record]:
-        return [
-            {"error": str(one)} if isinstance(one, LocalizeError) else _crossed(widened, one, model.names)
-            for one in readings
-        ]
-
-    return solve
+    return lambda readings: [_crossed(widened, one, model.names) for one in readings]
 
 
 def _crossed(model: EllipseModel, reading: Reading, names: Sequence[str]) -> Record:

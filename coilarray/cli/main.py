@@ -70,18 +70,10 @@ def _root(version: bool = typer.Option(False, "--version", help="Print the versi
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line and return its exit code.
+    """Run a command line, that of the process by default, and return its exit code.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments without the program's name; those of the process by default.
-
-    Returns
-    -------
-    int
-        0 done; 2 bad input, with one line on standard error; 130 interrupted. An error that is ours, not the
-        user's, keeps its traceback.
+    It is 0 for done, 2 for bad input, with one line on standard error, and 130 for interrupted. An error that is ours,
+    not the user's, keeps its traceback.
     """
     for variable in _BLAS_THREADS:
         os.environ.setdefault(variable, "1")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
+from coilarray.cli import shared
 from coilarray.cli.board_options import marked
-from coilarray.cli.shared import open_design, progress_bar
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
@@ -22,26 +23,14 @@ _RECORDING = ".sqlite"
 
 
 def depth_in_metres(depth_mm: float | None) -> float | None:
-    """Convert the option --depth-mm.
-
-    Raises
-    ------
-    LocalizeError
-        A depth that is not positive and finite.
-    """
+    """Convert the option --depth-mm; LocalizeError where it is not positive and finite."""
     if depth_mm is not None and not (math.isfinite(depth_mm) and depth_mm > 0):
         raise LocalizeError(f"--depth-mm must be positive and finite; got {depth_mm:g}.")
     return None if depth_mm is None else depth_mm * 1e-3
 
 
 def is_map(source: str | None) -> bool:
-    """Whether a response is given as a netCDF file; else it is a design.
-
-    Raises
-    ------
-    LocalizeError
-        A recording, which is neither.
-    """
+    """Whether a response is given as a netCDF file, else it is a design; LocalizeError where it is a recording."""
     if source is not None and is_recording(source):
         raise LocalizeError(f"{source} is a recording; make a response of it: coilarray scan-info {source} --to nc")
     return source is not None and source.lower().endswith(".nc")
@@ -49,13 +38,10 @@ def is_map(source: str | None) -> bool:
 
 def is_recording(source: str) -> bool:
     """Whether a file is a database of SQLite, whatever its name; where there is no file, by its ending."""
-    try:
-        if not Path(source).is_file():
-            return source.lower().endswith(_RECORDING)
-        with Path(source).open("rb") as file:
-            return file.read(len(_SQLITE)) == _SQLITE or source.lower().endswith(_RECORDING)
-    except (OSError, ValueError):  # a file that may not be read; a name with a zero byte
-        return source.lower().endswith(_RECORDING)
+    begins = b""
+    with suppress(OSError, ValueError), Path(source).open("rb") as file:  # no file to be read; a name with a zero byte
+        begins = file.read(len(_SQLITE))
+    return begins == _SQLITE or source.lower().endswith(_RECORDING)
 
 
 def read_map(path: Path) -> xr.Dataset:
@@ -68,13 +54,7 @@ def read_map(path: Path) -> xr.Dataset:
 
 
 def read_response(path: Path) -> xr.Dataset:
-    """Read a response from a netCDF file.
-
-    Raises
-    ------
-    LocalizeError
-        A file that is not there, or no netCDF file with δ over depth, y, x and state.
-    """
+    """Read a response from a netCDF file; LocalizeError where it is none with δ over depth, y, x and state."""
     from coilarray.compute.netcdf import load_part
 
     if not path.is_file():
@@ -91,38 +71,24 @@ def read_response(path: Path) -> xr.Dataset:
 def one_map(source: str | None, depth: float | None, *, allow_violations: bool) -> tuple[xr.Dataset, int | float]:
     """Return a response and which of its depths is meant: read from a file, or computed on the grid of a design.
 
-    Parameters
-    ----------
-    source : str or None
-        netCDF file, design file or name of a bundled design; gast2020 by default.
-    depth : float or None
-        Depth in m; the first one by default.
-    allow_violations : bool
-        Whether designs that break fabrication rules are read.
-
-    Raises
-    ------
-    LocalizeError, DesignError, RuleViolationError, ElastomerError
-        What is refused by `read_map`, `open_design` and `coilarray.response.map.response_map`.
+    `source` is a netCDF file, a design file or the name of a bundled design, gast2020 by default; `depth` is in m, the
+    first one by default. Errors are those of `read_map`, `open_design` and `coilarray.response.map.response_map`.
     """
     if is_map(source):
         return read_map(Path(str(source))), 0 if depth is None else depth
     from coilarray.response.map import response_map
     from coilarray.response.setup import indentation_of
 
-    design = open_design(source, allow_violations=allow_violations)
+    design = shared.open_design(source, allow_violations=allow_violations)
     depths = indentation_of(design).depths[:1] if depth is None else [depth]
-    with progress_bar("response") as progress:
+    with shared.progress_bar("response") as progress:
         return response_map(design, depths=depths, reach="auto", progress=progress), 0
 
 
 def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
     """Read the table of a design for positions where it has been kept, else compute it, and keep it where wanted.
 
-    Raises
-    ------
-    LocalizeError
-        A file that is the table of another design.
+    LocalizeError where the file is the table of another design.
     """
     from coilarray.compute.netcdf import save_dataset
     from coilarray.localize.forward import table_for
@@ -132,7 +98,7 @@ def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
         if response.attrs.get("design_hash") != design.digest:
             raise LocalizeError(f"{kept} is the table of another design than {design.name}; remove it or name another.")
         return response
-    with progress_bar(f"table of {design.name}") as progress:
+    with shared.progress_bar(f"table of {design.name}") as progress:
         response = table_for(design, progress=progress)
     if kept is not None:
         save_dataset(response, kept)

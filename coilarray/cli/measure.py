@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.board_options import BoardOptions, board_command, marked, opened_board
-from coilarray.cli.scan_info import print_summary, reading_cells
+from coilarray.cli.board_options import BoardOptions, board_command, marked, opened_board, print_marked
+from coilarray.cli.scan_info import reading_cells, summary_lines
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
     DesignArgument,
     check_file,
     open_design,
-    print_json,
     progress_bar,
     table_text,
 )
@@ -45,11 +44,10 @@ def measure(
         typer.Option("--out", "-o", help="Recording to write (SQLite); run.sqlite by default, none with --single."),
     ] = None,
     scans: Annotated[
-        int | None,
-        typer.Option("--scans", help="Number of scans, including those that --resume finds; 100 by default."),
+        int | None, typer.Option(help="Number of scans, including those that --resume finds; 100 by default.")
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option("--seconds", help="Duration instead of a number of scans, by the board's clock.")
+        float | None, typer.Option(help="Duration instead of a number of scans, by the board's clock.")
     ] = None,
     single: Annotated[
         bool, typer.Option("--single", help="Print one scan; write a file only where --out names one.")
@@ -105,7 +103,7 @@ def measure(
         recorded_session(recorder, board, settings, opened, quiet=as_json),
     ):
         _stream(board, recorder, scans, seconds, progress)
-    summary = print_result(path, as_json=as_json)
+    summary = print_recording(path, as_json=as_json)
     if not as_json and options.rate is not None and summary.rate is not None and summary.rate < _MET * options.rate:
         text = f"the board reached {summary.rate:.4g} scans/s; --rate asked for {options.rate:g}"
         typer.echo(marked(text, emulated=summary.emulated))
@@ -118,7 +116,7 @@ def recorded_session(
     """Record a session of a board; where the block fails, say how many scans are kept."""
     from coilarray.hardware.record.recorder import begin_session
 
-    recorder.start(begin_session(board.identity, board.port, settings, board.wiring.name, design), plan)
+    recorder.start(begin_session(board, settings, design), plan)
     if not quiet:
         typer.echo(marked(board.line, emulated=board.emulated))
     try:
@@ -129,17 +127,14 @@ def recorded_session(
         raise
 
 
-def print_result(path: Path, *, as_json: bool) -> RecordingSummary:
+def print_recording(path: Path, *, as_json: bool) -> RecordingSummary:
     """Print what is in a recording, and return it."""
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.record.recording_summary import summarize_recording
 
     with open_recording(path) as recording:
         summary = summarize_recording(recording)
-    if as_json:
-        print_json(summary.to_record())
-    else:
-        print_summary(summary)
+    print_marked(summary.to_record(), summary_lines(summary), as_json=as_json, emulated=summary.emulated)
     return summary
 
 
@@ -154,29 +149,27 @@ def _single(options: BoardOptions, design: Design, out: Path | None, *, as_json:
     ):
         raw = board.reader.scan()
         if recorder is not None:
-            recorder.start(begin_session(board.identity, board.port, settings, board.wiring.name, design))
+            recorder.start(begin_session(board, settings, design))
             recorder.add(raw, "single")
         scan = read_scan(raw, settings, design.circuit.switches.tank_capacitance)
         line, emulated = board.line, board.emulated
-    if as_json:
-        states = [
-            {
-                "state": state.name,
-                "frequency_Hz": state.frequency,
-                "inductance_H": state.inductance,
-                "verdict": state.verdict,
-                "reasons": [str(reason) for reason in state.reasons],
-            }
-            for state in scan.states
-        ]
-        print_json({"emulated": emulated, "board": line, "time_s": scan.time, "states": states})
-        return
+    states = [
+        {
+            "state": state.name,
+            "frequency_Hz": state.frequency,
+            "inductance_H": state.inductance,
+            "verdict": state.verdict,
+            "reasons": [str(reason) for reason in state.reasons],
+        }
+        for state in scan.states
+    ]
     rows = [
         (state.name, *reading_cells(state.frequency, state.inductance), state.verdict, ", ".join(state.reasons))
         for state in scan.states
     ]
     table = table_text(("state", "f in MHz", "L in µH", "verdict", "why"), rows)
-    typer.echo(marked(f"{line}\n{table}", emulated=emulated))
+    data = {"emulated": emulated, "board": line, "time_s": scan.time, "states": states}
+    print_marked(data, [line, table], as_json=as_json, emulated=emulated)
 
 
 def _stream(board: Board, recorder: Recorder, scans: int | None, seconds: float | None, progress: Progress) -> None:

@@ -14,7 +14,6 @@ from coilarray.cli import shared
 from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
-    from coilarray.design.model import Design
     from coilarray.studies.optimize.goal import Goal
     from coilarray.studies.optimize.run import Optimization, SearchProgress
     from coilarray.studies.optimize.trials import Trial
@@ -29,7 +28,7 @@ def optimize(
     ] = None,
     out: Annotated[Path, shared.out_option("Folder for the results and the study.")] = Path("optimization"),
     trials: Annotated[
-        int | None, typer.Option("--trials", help="Number of points to try; the goal's by default.")
+        int | None, shared.number_option(("--trials",), 1, 1_000_000, "Number of points to try; the goal's by default.")
     ] = None,
     workers: shared.Workers = None,
     cluster: shared.Cluster = None,
@@ -65,7 +64,9 @@ def optimize(
     from coilarray.studies.optimize.write import result_data, write_optimization
 
     opened = load_design_file(design)
-    wanted = _with_trials(load_goal(goal), trials)
+    wanted = load_goal(goal)
+    if trials is not None:
+        wanted = wanted.model_copy(update={"search": wanted.search.model_copy(update={"trials": trials})})
     axes_of(wanted, opened)  # mistakes before anything is made and any process is started
     require_coils(opened.design, wanted)
     kept = open_store(cache)
@@ -90,27 +91,13 @@ def optimize(
     shared.print_result({**result_data(result), "files": [str(path) for path in files]}, as_json=as_json, files=files)
 
 
-def _with_trials(goal: Goal, trials: int | None) -> Goal:
-    if trials is None:
-        return goal
-    if not 1 <= trials <= 1_000_000:
-        raise GoalError(f"--trials must be 1 to 1000000; got {trials}.")
-    return goal.model_copy(update={"search": goal.search.model_copy(update={"trials": trials})})
-
-
 def _print_quantities(*, as_json: bool) -> None:
     from coilarray.studies.quantities import QUANTITIES
 
-    rows = [
-        (
-            quantity.name,
-            quantity.unit,
-            ", ".join(option.name + (" (needed)" if option.required else "") for option in quantity.options),
-            quantity.cost,
-            quantity.says,
-        )
-        for quantity in QUANTITIES.values()
-    ]
+    rows = []
+    for one in QUANTITIES.values():
+        options = ", ".join(option.name + (" (needed)" if option.required else "") for option in one.options)
+        rows.append((one.name, one.unit, options, one.cost, one.says))
     headers = ("quantity", "unit", "options", "needs", "what it is")
     if as_json:
         shared.print_json([dict(zip(headers, row, strict=True)) for row in rows])
@@ -120,6 +107,7 @@ def _print_quantities(*, as_json: bool) -> None:
 
 def _print_result(result: Optimization) -> None:
     """Print the start and what was found side by side, a quantity or entry a line."""
+    from coilarray.geometry import check_rules
     from coilarray.report.optimization import chosen_designs, reason_table
 
     tried = f"{len(result.trials)} points, {sum(trial.feasible for trial in result.trials)} keep all bounds"
@@ -139,17 +127,15 @@ def _print_result(result: Optimization) -> None:
         [axis.entry, *(_text(result.values(trial)[axis.entry]) for trial in shown)] for axis in result.axes
     ]  # fmt: skip
     shared.print_table(("", "as it was", *(one.label for one in chosen)), rows, title=tried)
-    broken = [one.label for one in chosen if not _keeps_rules(one.design)]
+    broken = [
+        one.label
+        for one in chosen
+        if not all(margin.kept for margin in check_rules(one.design.array, one.design.rules))
+    ]
     if broken:
         typer.echo(f"{', '.join(broken)} break fabrication rules (coilarray check); fab_margin_mm can be a constraint")
     if len(result.goal.objectives) > 1:
         typer.echo(f"Pareto front: {len(result.front)} designs")
-
-
-def _keeps_rules(design: Design) -> bool:
-    from coilarray.geometry import check_rules
-
-    return all(margin.kept for margin in check_rules(design.array, design.rules))
 
 
 def _text(value: object) -> str:
@@ -169,14 +155,10 @@ def _progress(goal: Goal) -> Iterator[SearchProgress]:
     console = Console(stderr=True)
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=None)
+        task, first = bar.add_task("", total=None), goal.objectives[0].quantity
 
         def progress(done: int, total: int, best: Trial | None) -> None:
-            text = "" if best is None else f"best {goal.objectives[0].quantity} {_best(goal, best):.5g}"
+            text = "" if best is None else f"best {first} {best.quantities[first]:.5g}"
             bar.update(task, completed=done, total=total, description=text)
 
         yield progress
-
-
-def _best(goal: Goal, best: Trial) -> float:
-    return best.quantities[goal.objectives[0].quantity]

@@ -16,22 +16,10 @@ _SHOWN = 60  # characters of a bad input that an error repeats
 
 
 def read_readings(text: str) -> list[Reading | LocalizeError]:
-    """Read one argument of the command line.
+    """Read one argument: coil1=7.1e-4,coil2=3e-4,... or the name of a file, .csv, .json or .jsonl.
 
-    Parameters
-    ----------
-    text : str
-        Reading as coil1=7.1e-4,coil2=3e-4,... or the name of a file: .csv, .json or .jsonl.
-
-    Returns
-    -------
-    list of Reading or LocalizeError
-        Readings in the order of the file, or what is wrong with them.
-
-    Raises
-    ------
-    LocalizeError
-        Another text, a file that cannot be read as a whole, a file without a reading.
+    Returns the readings in the order of the file, or what is wrong with them. LocalizeError for another text, a file
+    that cannot be read as a whole, and one without a reading.
     """
     path = Path(text)
     suffix = path.suffix.lower()
@@ -62,33 +50,30 @@ def line_readings(lines: Iterable[bytes]) -> Iterator[Reading | LocalizeError]:
     """Yield one reading for each line of JSON, or what is wrong with it."""
     for line in lines:
         try:
-            yield json_reading(_parsed(line.decode("utf-8")))
+            yield _json_reading(_parsed(line.decode("utf-8")))
         except UnicodeDecodeError:
             yield LocalizeError("a line must be UTF-8 text.")
         except LocalizeError as error:
             yield error
 
 
-def json_reading(value: object) -> Reading:
-    """Check that a JSON value is a reading: an object or a list of numbers; LocalizeError where it is not."""
-    if isinstance(value, dict):
-        return {name: _number(name, one) for name, one in value.items()}
-    if isinstance(value, list):
-        return [_number(f"number {k + 1}", one) for k, one in enumerate(value)]
-    raise LocalizeError(f"a reading must be an object or a list of numbers; got {_short(json.dumps(value))}.")
+def _json_reading(value: object) -> Reading | LocalizeError:
+    """Return a JSON value as a reading, or why it is none: it must be an object or a list of numbers."""
+    try:
+        if isinstance(value, dict):
+            return {name: _number(name, one) for name, one in value.items()}
+        if isinstance(value, list):
+            return [_number(f"number {k + 1}", one) for k, one in enumerate(value)]
+    except LocalizeError as error:
+        return error
+    return LocalizeError(f"a reading must be an object or a list of numbers; got {_short(json.dumps(value))}.")
 
 
 def _json_file(content: str) -> list[Reading | LocalizeError]:
     """Read one reading, or a list of them."""
     value = _parsed(content)
-    several = isinstance(value, list) and any(isinstance(one, (dict, list)) for one in value)
-    readings: list[Reading | LocalizeError] = []
-    for one in value if several and isinstance(value, list) else [value]:
-        try:
-            readings.append(json_reading(one))
-        except LocalizeError as error:
-            readings.append(error)
-    return readings
+    several = value if isinstance(value, list) and any(isinstance(one, (dict, list)) for one in value) else [value]
+    return [_json_reading(one) for one in several]
 
 
 def _csv_readings(content: str) -> Iterator[Reading | LocalizeError]:
@@ -98,10 +83,9 @@ def _csv_readings(content: str) -> Iterator[Reading | LocalizeError]:
         if len(set(names)) < len(names):
             raise LocalizeError(f"the first line must name every coil once; got {_short(', '.join(names))}.")
         for row in rows:
-            if len(row) != len(names):
-                yield LocalizeError(f"a line must have {len(names)} values; got {len(row)}.")
-                continue
             try:
+                if len(row) != len(names):
+                    raise LocalizeError(f"a line must have {len(names)} values; got {len(row)}.")
                 yield {name: _from_text(name, value) for name, value in zip(names, row, strict=True)}
             except LocalizeError as error:
                 yield error

@@ -49,18 +49,15 @@ def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> tuple[li
     names = coupling.coil.values.tolist()
     distance = np.hypot(*(centres[:, None] - centres[None, :]).transpose(2, 0, 1))
     np.fill_diagonal(distance, np.inf)
+    columns = (
+        (coupling.open_inductance, 1e6, 3), (coupling.effective_inductance, 1e6, 3), (coupling.frequency, 1e-6, 4),
+        (coupling.ideal_effective_inductance, 1e6, 3),
+    )  # fmt: skip
     rows = []
     for a, name in enumerate(names):
         # neighbours: the coils at the least distance, to a twentieth
         near = np.flatnonzero(np.isfinite(distance[a]) & (distance[a] <= 1.05 * distance[a].min()))
-        rows.append(
-            [
-                name,
-                f"{float(coupling.open_inductance[a]) * 1e6:.3f}",
-                f"{float(coupling.effective_inductance[a]) * 1e6:.3f}",
-                f"{float(coupling.frequency[a]) / 1e6:.4f}",
-                f"{float(coupling.ideal_effective_inductance[a]) * 1e6:.3f}",
-                ", ".join(f"{names[b]} {float(coupling.coupling[a, b]):+.4f}" for b in near) or "none",
-            ]
-        )
+        numbers = [f"{float(values[a]) * factor:.{digits}f}" for values, factor, digits in columns]
+        neighbours = ", ".join(f"{names[b]} {float(coupling.coupling[a, b]):+.4f}" for b in near)
+        rows.append([name, *numbers, neighbours or "none"])
     return ["coil", "L (µH)", "L_eff (µH)", "f (MHz)", "L_eff ideal (µH)", "k to the neighbours"], rows

@@ -8,17 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.shared import (
-    AllowViolations,
-    AsJson,
-    DesignArgument,
-    check_file,
-    lengths,
-    open_design,
-    print_json,
-    print_table,
-    progress_bar,
-)
+from coilarray import viz
+from coilarray.cli import shared
 from coilarray.errors import ElastomerError, NetworkError
 
 if TYPE_CHECKING:
@@ -26,27 +17,26 @@ if TYPE_CHECKING:
 
 
 def response(
-    design: DesignArgument = None,
-    depth_mm: Annotated[
-        str | None, typer.Option("--depth-mm", help="Depths, as 0.5,1 or START:STOP:COUNT; the design's by default.")
-    ] = None,
+    design: shared.DesignArgument = None,
+    depth_mm: shared.Depths = None,
     x_mm: Annotated[
-        str | None, typer.Option("--x-mm", help="Positions along x from the map's origin, as 0,5 or START:STOP:COUNT.")
+        str | None, typer.Option(help="Positions along x from the map's origin, as 0,5 or START:STOP:COUNT.")
     ] = None,
-    y_mm: Annotated[str | None, typer.Option("--y-mm", help="Positions along y, in the same form.")] = None,
-    tilt: Annotated[
-        tuple[float, float], typer.Option("--tilt", help="Rise of the sample along x and y, mm per mm.")
-    ] = (0.0, 0.0),
-    offset_mm: Annotated[
-        tuple[float, float], typer.Option("--offset-mm", help="True minus assumed position of the indenter.")
-    ] = (0.0, 0.0),
-    depth_error_mm: Annotated[float, typer.Option("--depth-error-mm", help="True minus assumed depth.")] = 0.0,
+    y_mm: Annotated[str | None, typer.Option(help="Positions along y, in the same form.")] = None,
+    tilt: Annotated[tuple[float, float], typer.Option(help="Rise of the sample along x and y, mm per mm.")] = (
+        0.0,
+        0.0,
+    ),
+    offset_mm: Annotated[tuple[float, float], typer.Option(help="True minus assumed position of the indenter.")] = (
+        0.0,
+        0.0,
+    ),
+    depth_error_mm: Annotated[float, typer.Option(help="True minus assumed depth.")] = 0.0,
     thickness_error_mm: Annotated[
-        list[str] | None,
-        typer.Option("--thickness-error-mm", help="SHEET=VALUE, true minus designed thickness; may be repeated."),
+        list[str] | None, typer.Option(help="SHEET=VALUE, true minus designed thickness; may be repeated.")
     ] = None,
-    noise: Annotated[float, typer.Option("--noise", help="Relative standard deviation of each reading of L.")] = 0.0,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the noise.")] = 0,
+    noise: Annotated[float, typer.Option(help="Relative standard deviation of each reading of L.")] = 0.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     ideal: Annotated[
         bool,
         typer.Option("--ideal/--strays", help="Leave alternating-current resistance and strays out of the circuit."),
@@ -57,19 +47,14 @@ def response(
     reach: Annotated[
         str,
         typer.Option(
-            "--reach",
             help="Coils that count at a position: all; a number from 0.0001 to 0.1: those near the indenter, for this "
-            "error of δ relative to its peak; auto: all, on large boards those for 0.001.",
+            "error of δ relative to its peak; auto: all, on large boards those for 0.001."
         ),
     ] = "auto",
-    out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .nc (netCDF) or .csv.")] = Path(
-        "response.nc"
-    ),
-    plot: Annotated[
-        Path | None, typer.Option("--plot", help="Also draw the maps of the deepest dent: .png, .svg or .pdf.")
-    ] = None,
-    as_json: AsJson = False,
-    allow_violations: AllowViolations = False,
+    out: shared.NumbersFile = Path("response.nc"),
+    plot: Annotated[Path | None, shared.plot_option("the maps of the deepest dent")] = None,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Map what an indentation does to every coil.
 
@@ -80,80 +65,55 @@ def response(
 
     Example: coilarray response gast2020 --depth-mm 0.5,1 --out map.nc --plot map.png
     """
-    check_file("--out", out, (".nc", ".csv"))
-    check_file("--plot", plot, (".png", ".svg", ".pdf"))
     depths, x, y = (
-        None if text is None else lengths(option, text)
+        None if text is None else shared.lengths(option, text)
         for option, text in (("--depth-mm", depth_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
     )
     errors = _thickness_errors(thickness_error_mm or ())
     counted = _reach(reach)
-    from coilarray.compute.files import write_atomically, write_text
-    from coilarray.compute.netcdf import save_dataset
     from coilarray.compute.store import open_store
+    from coilarray.report.figures import map_outlines
     from coilarray.report.indentation_tables import response_table
     from coilarray.response.map import Imperfections, response_map
 
-    opened = open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations)
     offset = (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3)
     imperfections = Imperfections(tilt, offset, depth_error_mm * 1e-3, errors, noise, seed)
     parts = out.with_name(f"{out.name}.parts")
     store = open_store(parts)
     kept = store.keys()
     try:
-        with progress_bar("response") as progress:
+        with shared.progress_bar("response") as progress:
             result = response_map(
-                opened,
-                depths=depths,
-                x=x,
-                y=y,
-                reach=counted,
-                imperfections=imperfections,
-                ideal=ideal,
-                dielectric=dielectric,
-                parts=parts,
-                progress=progress,
-            )
+                opened, depths=depths, x=x, y=y, reach=counted, imperfections=imperfections, ideal=ideal,
+                dielectric=dielectric, parts=parts, progress=progress,
+            )  # fmt: skip
     except NetworkError:
         store.discard(store.keys() - kept)  # of no use: going on would end in the same way
         raise
     finally:
         store.discard(())  # the folder, where nothing was computed
     table = response_table(result)
-    if out.suffix.lower() == ".nc":
-        save_dataset(result, out)
-    else:
-        in_metres = result.delta.rename(depth="depth_m", y="y_m", x="x_m")
-        write_text(out, in_metres.to_dataframe().to_csv(lineterminator="\n"))
+    in_metres = result.delta.rename(depth="depth_m", y="y_m", x="x_m")
+    shared.write_numbers(out, result, lambda: in_metres.to_dataframe().to_csv(lineterminator="\n"))
     store.discard(store.keys())
-    if plot is not None:
-        from coilarray.report.figures import map_outlines
-        from coilarray.viz import response_figure
-
-        write_atomically(plot, response_figure(result, map_outlines(opened, result)).savefig)
-    if as_json:
-        answer = {"file": str(out), "design": opened.name, "design_hash": opened.digest}
-        print_json({**answer, "error_of_peak": result.attrs["error_of_peak"], "response": table.records()})
-        return
-    print_table([column.header for column in table.columns], table.cells())
-    if result.attrs["error_of_peak"]:
-        typer.echo(
+    shared.draw(plot, lambda: viz.response_figure(result, map_outlines(opened, result)))
+    error = result.attrs["error_of_peak"]
+    lines = [f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}"]
+    if error:
+        lines.insert(
+            0,
             f"only coils up to {result.attrs['coil_cutoff_m'] * 1e3:.0f} mm from the indenter count: δ is within "
-            f"{result.attrs['error_of_peak']:g} of its peak; --reach all counts every coil"
+            f"{error:g} of its peak; --reach all counts every coil",
         )
-    typer.echo(f"wrote {out}: {' × '.join(str(n) for n in result.delta.shape)} values over {result.delta.dims}")
-    if plot is not None:
-        typer.echo(f"wrote {plot}")
+    data = {**shared.design_record(opened), "file": str(out), "error_of_peak": error, "response": table.records()}
+    shared.print_result(data, as_json=as_json, tables=[table], lines=lines, files=[plot])
 
 
 def _reach(text: str) -> Reach:
     """Which coils count; the library checks the number."""
-    if text == "all":
-        return None
-    if text == "auto":
-        return "auto"
     try:
-        return float(text)
+        return None if text == "all" else "auto" if text == "auto" else float(text)
     except ValueError:
         raise ElastomerError(f"--reach must be all, auto or an error of δ; got {text!r}.") from None
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.board_options import marked
-from coilarray.cli.shared import AsJson, check_file, print_json, table_text
+from coilarray.cli.board_options import print_marked
+from coilarray.cli.shared import AsJson, check_file, table_text, write_numbers
 from coilarray.errors import HardwareError, OutputError
 
 if TYPE_CHECKING:
@@ -24,22 +24,19 @@ FORMATS = ("nc", "csv")
 
 def scan_info(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Recording of coilarray measure or campaign.")],
-    to: Annotated[str | None, typer.Option("--to", help="Format to convert to: nc (netCDF) or csv.")] = None,
+    to: Annotated[str | None, typer.Option(help="Format to convert to: nc (netCDF) or csv.")] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="File to write; RUN with the ending .nc or .csv by default.")
     ] = None,
     series: Annotated[
         bool, typer.Option("--series", help="Convert to a time series of all scans, also for a campaign.")
     ] = False,
-    baseline: Annotated[
-        int, typer.Option("--baseline", help="Number of first scans from which δ of a time series counts.")
-    ] = 10,
+    baseline: Annotated[int, typer.Option(help="Number of first scans from which δ of a time series counts.")] = 10,
     partial: Annotated[
         bool, typer.Option("--partial", help="Convert an unfinished campaign; missing positions are NaN.")
     ] = False,
     calibration: Annotated[
-        Path | None,
-        typer.Option("--calibration", help="Constants of the board, from coilarray calibrate-board, for a response."),
+        Path | None, typer.Option(help="Constants of the board, from coilarray calibrate-board, for a response.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -62,22 +59,21 @@ def scan_info(
     with open_recording(run) as recording:
         recording.check()
         summary = summarize_recording(recording)
-        if series or recording.campaign is None:
-            if calibration is not None:
-                raise HardwareError("--calibration is for the response of a campaign; δ of a time series needs none.")
-            wrote = None if target is None else _write_series(recording, target, baseline)
+        as_series = series or recording.campaign is None
+        if as_series and calibration is not None:
+            raise HardwareError("--calibration is for the response of a campaign; δ of a time series needs none.")
+        if target is None:
+            wrote = []
+        elif as_series:
+            wrote = [_write_series(recording, target, baseline)]
         else:
-            wrote = None if target is None else write_response(recording, target, calibration, partial=partial)
-    if as_json:
-        print_json({**summary.to_record(), "wrote": None if target is None else str(target)})
-        return
-    print_summary(summary)
-    if wrote is not None:
-        typer.echo(marked(wrote, emulated=summary.emulated))
+            wrote = [write_response(recording, target, calibration, partial=partial)]
+    data = {**summary.to_record(), "wrote": None if target is None else str(target)}
+    print_marked(data, [*summary_lines(summary), *wrote], as_json=as_json, emulated=summary.emulated)
 
 
-def print_summary(summary: RecordingSummary) -> None:
-    """Print what is in a recording for people."""
+def summary_lines(summary: RecordingSummary) -> list[str]:
+    """Return what is in a recording for people."""
     lines = [f"{summary.file}: design {summary.design}, wiring {summary.wiring}, coilarray {summary.version}"]
     lines += [
         f"{session['started']}  {session['port']} ({session['board']}), settings {session['settings_hash']}: "
@@ -100,7 +96,7 @@ def print_summary(summary: RecordingSummary) -> None:
         for state in summary.states
     ]
     table = table_text(("state", "f in MHz", "L in µH", "noise of L", "good", "doubtful", "bad", "why"), rows)
-    typer.echo(marked("\n".join([*lines, table]), emulated=summary.emulated))
+    return [*lines, table]
 
 
 def reading_cells(frequency: float | None, inductance: float | None) -> tuple[str, str]:
@@ -160,11 +156,5 @@ def _write_series(recording: Recording, target: Path, baseline: int) -> str:
 
 
 def _write(dataset: xr.Dataset, table: Callable[[xr.Dataset], str], target: Path, what: str) -> str:
-    from coilarray.compute.files import write_text
-    from coilarray.compute.netcdf import save_dataset
-
-    if target.suffix.lower() == ".nc":
-        save_dataset(dataset, target)
-    else:
-        write_text(target, table(dataset))
+    write_numbers(target, dataset, lambda: table(dataset))
     return f"wrote {target}: {what}, {' × '.join(str(n) for n in dataset.delta.shape)} values over {dataset.delta.dims}"

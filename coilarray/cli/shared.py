@@ -1,7 +1,8 @@
 """What the commands share: arguments and options, and how a command ends.
 
 A command ends with `print_result`, which prints JSON, or tables and the names of the files that `write_numbers` and
-`draw` wrote. Declare an option here as soon as a second command has it.
+`draw` wrote. Declare an option here as soon as a second command has it. An option without a name of its own is called
+after its parameter: ``depth_mm`` is --depth-mm.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from coilarray.errors import ClusterError, ElastomerError, OutputError
+from coilarray.errors import ClusterError, CoilarrayError, ElastomerError, OutputError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,14 +31,39 @@ if TYPE_CHECKING:
     from coilarray.report.tables import Table
 
 
-def out_option(text: str) -> Any:
+PICTURES = (".png", ".svg", ".pdf")
+
+
+def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = ()) -> Any:
+    """Return an option for a file to write; where it has suffixes, `check_file` refuses it before any work."""
+
+    def check(path: Path | None) -> Path | None:
+        if suffixes:
+            check_file(names[0], path, suffixes)
+        return path
+
+    return typer.Option(*names, help=text, callback=check)
+
+
+def number_option(names: Sequence[str], low: float, high: float, text: str) -> Any:
+    """Return an option for a number from `low` to `high`; another one, also NaN, is refused before any work."""
+
+    def check(value: float | None) -> float | None:
+        if value is not None and not low <= value <= high:
+            raise CoilarrayError(f"{names[0]} must be {low:.12g} to {high:.12g}; got {value:.12g}.")
+        return value
+
+    return typer.Option(*names, help=text, callback=check)
+
+
+def out_option(text: str, *suffixes: str) -> Any:
     """Return the option --out with its help text."""
-    return typer.Option("--out", "-o", help=text)
+    return file_option(("--out", "-o"), text, suffixes)
 
 
-def plot_option(what: str) -> Any:
-    """Return the option --plot for a picture of what is named, such as "the maps"."""
-    return typer.Option("--plot", help=f"Also draw {what}: .png, .svg or .pdf.")
+def plot_option(what: str, name: str = "--plot") -> Any:
+    """Return the option for a picture of what is named, such as "the maps"."""
+    return file_option((name,), f"Also draw {what}: .png, .svg or .pdf.", PICTURES)
 
 
 DesignArgument = Annotated[
@@ -63,23 +89,25 @@ Cache = Annotated[
     Path | None,
     typer.Option("--cache", metavar="DIR", help="Folder of results already computed; the user's cache by default."),
 ]
+Depths = Annotated[
+    str | None, typer.Option("--depth-mm", help="Depths, as 0.5,1 or START:STOP:COUNT; the design's by default.")
+]
+Noise = Annotated[float, typer.Option("--noise", help="Standard deviation of δ in a reading.")]
+NumbersFile = Annotated[Path, out_option("File to write: .nc (netCDF) or .csv.", ".nc", ".csv")]
+OthersOpen = Annotated[bool, typer.Option("--others-open", help="All other coils open.")]
+TableFile = Annotated[
+    Path | None,
+    file_option(("--table",), "File of the design's response table (.nc); computed if it does not exist.", (".nc",)),
+]
 
-PICTURES = (".png", ".svg", ".pdf")
-_MOST_LENGTHS, _LONGEST_MM = 1000, 100_000.0
+SMALLEST_MM, LONGEST_MM = 1e-6, 100_000.0
+_MOST_LENGTHS = 1000
 _PIPE_WIDTH = 1000  # characters; output that is read by a program is never cut
 _NARROWEST = 10  # characters of a heading before it goes on in the next line
 
 
 def open_design(name: str | None, *, allow_violations: bool) -> Design:
-    """Read a design and refuse it where it breaks a fabrication rule.
-
-    Raises
-    ------
-    DesignError
-        The file is no design.
-    RuleViolationError
-        A rule is broken, and violations are not allowed.
-    """
+    """Read a design; DesignError where it is none, RuleViolationError where it breaks a rule that it must keep."""
     return open_design_file(name, allow_violations=allow_violations).design
 
 
@@ -104,13 +132,7 @@ def design_record(design: Design) -> dict[str, str]:
 
 
 def lengths(option: str, text: str) -> list[float]:
-    """Convert a rising list or range in mm, as 0.5,1 or START:STOP:COUNT, to m.
-
-    Raises
-    ------
-    ElastomerError
-        Text that is neither.
-    """
+    """Convert a rising list or range in mm, as 0.5,1 or START:STOP:COUNT, to m; ElastomerError where it is neither."""
     import numpy as np
 
     parts = text.split(":")
@@ -123,7 +145,7 @@ def lengths(option: str, text: str) -> list[float]:
     except ValueError:
         values = []
     rising = all(low < high for low, high in itertools.pairwise(values))
-    if not (0 < len(values) <= _MOST_LENGTHS and rising and np.abs(values).max() <= _LONGEST_MM):
+    if not (0 < len(values) <= _MOST_LENGTHS and rising and np.abs(values).max() <= LONGEST_MM):
         raise ElastomerError(
             f"{option} must be rising numbers of mm, as 0.5,1 or START:STOP:COUNT with 2 to {_MOST_LENGTHS} of them; "
             f"got {text!r}."
@@ -134,11 +156,8 @@ def lengths(option: str, text: str) -> list[float]:
 def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -> None:
     """Refuse before a long computation what could not be written after it; no path is right.
 
-    Raises
-    ------
-    OutputError
-        Another suffix, where there are some; a folder of that name, or a folder that is not there, cannot be looked
-        into, or where nothing may be written.
+    OutputError for another suffix, where there are some; for a folder of that name, and for a folder that is not there,
+    cannot be looked into, or where nothing may be written.
     """
     if path is None:
         return

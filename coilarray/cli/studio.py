@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 import webbrowser
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from coilarray.cli.board_options import EMULATOR, WiringName, marked
-from coilarray.cli.shared import DesignArgument
+from coilarray.cli.shared import DesignArgument, number_option
 from coilarray.errors import OutputError
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Indentation
     from coilarray.hardware.record.live_tracking import LiveReading
-    from coilarray.hardware.scan.reader import RawScan
     from coilarray.viz.studio.services import BoardFrame, BoardRequest, Document
 
 _LONGEST = 86_400.0  # s
@@ -32,21 +31,18 @@ _TOUR, _PERIOD, _STEP = 3600.0, 40.0, 1.0  # s: duration of the emulated finger'
 def studio(
     design: DesignArgument = None,
     host: Annotated[
-        str | None,
-        typer.Option("--host", help="Host to listen on; every browser then needs the token of the address."),
+        str | None, typer.Option(help="Host to listen on; every browser then needs the token of the address.")
     ] = None,
-    port: Annotated[int, typer.Option("--port", help="TCP port of the page; 0 takes a free one.")] = 8070,
+    port: Annotated[int, typer.Option(help="TCP port of the page; 0 takes a free one.")] = 8070,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
     folder: Annotated[
-        Path | None,
-        typer.Option("--folder", help="Folder of designs, reports and runs; by default that of DESIGN."),
+        Path | None, typer.Option(help="Folder of designs, reports and runs; by default that of DESIGN.")
     ] = None,
-    board: Annotated[
-        str, typer.Option("--board", help="Board of the tab of that name, as --port of coilarray live.")
-    ] = EMULATOR,
+    board: Annotated[str, typer.Option(help="Board of the tab of that name, as --port of coilarray live.")] = EMULATOR,
     wiring: WiringName = None,
     linger: Annotated[
-        float, typer.Option("--linger", help="Seconds before it ends after the last page is closed; 0 for never.")
+        float,
+        number_option(("--linger",), 0, _LONGEST, "Seconds before it ends after the last page is closed; 0 for never."),
     ] = 20.0,
 ) -> None:
     """Change a design in the browser and see its results at once.
@@ -59,8 +55,6 @@ def studio(
 
     Example: coilarray studio better.toml --host 0.0.0.0 --no-browser
     """
-    if not 0 <= linger <= _LONGEST:
-        raise OutputError(f"--linger must be 0 to {_LONGEST:g}; got {linger:g}.")
     where = _folder(design, folder)
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, check_studio, new_token
 
@@ -71,6 +65,11 @@ def studio(
     from coilarray.viz.studio.shelf import Shelf
     from coilarray.viz.studio.work import work_on
 
+    def ready(url: str) -> None:
+        typer.echo(f"studio: {url} (Ctrl-C ends it)")
+        if browser:
+            Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+
     opened = load_design_file(design)
     work = work_on(opened, Path(design).name if design else opened.design.name)
     with bind(address) as listening:
@@ -80,7 +79,7 @@ def studio(
             response_table=kept_response, write_report=write_report, watch_board=watch_board, port=board, wiring=wiring
         )
         with suppress(KeyboardInterrupt):  # where the loop cannot handle signals
-            serve(work, Shelf(where), services, address, listening, linger=linger, ready=_ready(browser=browser))
+            serve(work, Shelf(where), services, address, listening, linger=linger, ready=ready)
     typer.echo("coilarray: the studio has ended", err=True)
 
 
@@ -91,15 +90,6 @@ def _folder(design: str | None, folder: Path | None) -> Path:
     if not where.is_dir():
         raise OutputError(f"--folder must be a folder; got {where}.")
     return where
-
-
-def _ready(*, browser: bool) -> Callable[[str], None]:
-    def ready(url: str) -> None:
-        typer.echo(f"studio: {url} (Ctrl-C ends it)")
-        if browser:
-            Thread(target=webbrowser.open, args=(url,), daemon=True).start()
-
-    return ready
 
 
 # These run in processes of their own, and are therefore functions of a module with plain arguments.
@@ -154,7 +144,7 @@ def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopp
             model = forward_model(kept_response(request.document, request.name, wait))
         tracker, going = LiveTracker(model), False
         capacitance = design.circuit.switches.tank_capacitance
-        with closing(cast("Generator[RawScan]", board.reader.scans())) as scans:
+        with closing(board.reader.scans()) as scans:
             for scan in scans:
                 if stopped():
                     return
@@ -168,18 +158,10 @@ def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopp
 def _frame(reading: LiveReading, line: str, *, emulated: bool) -> BoardFrame:
     from coilarray.viz.studio.services import BoardFrame
 
-    return BoardFrame(
-        line,
-        emulated,
-        reading.sequence,
-        {state.name: state.delta for state in reading.states},
-        {state.name: f"{state.verdict}: {', '.join(state.reasons)}" for state in reading.states if state.reasons},
-        reading.waiting,
-        reading.location,
-        reading.problem,
-        reading.rate,
-        reading.lost,
-    )
+    deltas = {state.name: state.delta for state in reading.states}
+    doubts = {state.name: f"{state.verdict}: {', '.join(state.reasons)}" for state in reading.states if state.reasons}
+    told = (reading.waiting, reading.location, reading.problem, reading.rate, reading.lost)
+    return BoardFrame(line, emulated, reading.sequence, deltas, doubts, *told)
 
 
 def _round(setup: Indentation, start: float) -> list[tuple[float, float, float, float]]:

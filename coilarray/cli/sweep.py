@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from coilarray import viz
 from coilarray.cli import shared
 
 if TYPE_CHECKING:
@@ -26,16 +27,14 @@ def sweep(
     ] = None,
     samples: Annotated[
         int | None,
-        typer.Option(
-            "--samples", help="Number of sampled points, instead of all combinations; then give KEY=START:STOP."
-        ),
+        typer.Option(help="Number of sampled points, instead of all combinations; then give KEY=START:STOP."),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of the samples.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the samples.")] = 0,
     accuracy: shared.Accuracy = "full",
     workers: shared.Workers = None,
     cluster: shared.Cluster = None,
     cache: shared.Cache = None,
-    out: Annotated[Path, shared.out_option("File to write: .nc (netCDF) or .csv.")] = Path("sweep.nc"),
+    out: shared.NumbersFile = Path("sweep.nc"),
     plot: Annotated[Path | None, shared.plot_option("the quantities")] = None,
     as_json: shared.AsJson = False,
 ) -> None:
@@ -47,8 +46,6 @@ def sweep(
 
     Example: coilarray sweep gast2020 --vary array.pitch_mm=12:15:7 --quantity worst_k --out sweep.nc --plot sweep.png
     """
-    shared.check_file("--out", out, (".nc", ".csv"))
-    shared.check_file("--plot", plot, shared.PICTURES)
     shared.check_workers(workers, cluster)
     from coilarray.compute.store import open_store
     from coilarray.design.model import load_design_file
@@ -66,10 +63,7 @@ def sweep(
     ):
         result = run_sweep(plan, pool, kept, progress=counting(show))
     shared.write_numbers(out, result, lambda: result.to_dataframe().to_csv(lineterminator="\n"))
-    if plot is not None:
-        from coilarray.viz.plots.sweep_grid import sweep_figure
-
-        shared.draw(plot, lambda: sweep_figure(result))
+    shared.draw(plot, lambda: viz.sweep_figure(result))
     reasons = [reason for reason in result.reason.values.ravel().tolist() if reason]
     data = {
         "file": str(out),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from coilarray import viz
 from coilarray.cli import shared
 from coilarray.cli.maps import depth_in_metres, kept_table
 from coilarray.errors import GoalError
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
     from coilarray.design.model import Design
     from coilarray.studies.tolerance import Positions
-
 
 _LARGEST_STEP_CHANGE = 0.05  # of a standard deviation
 _ERRORS_OFF = 3.0  # standard errors
@@ -38,37 +38,33 @@ def tolerance(
         ),
     ] = None,
     x_mm: Annotated[
-        str | None, typer.Option("--x-mm", help="Positions of the indenter along x, as 0,5 or START:STOP:COUNT.")
+        str | None, typer.Option(help="Positions of the indenter along x, as 0,5 or START:STOP:COUNT.")
     ] = None,
-    y_mm: Annotated[str | None, typer.Option("--y-mm", help="Positions of the indenter along y; 0 by default.")] = None,
+    y_mm: Annotated[str | None, typer.Option(help="Positions of the indenter along y; 0 by default.")] = None,
     depth_mm: Annotated[
-        float | None, typer.Option("--depth-mm", help="Depth of the indentation; the design's first depth by default.")
+        float | None, typer.Option(help="Depth of the indentation; the design's first depth by default.")
     ] = None,
-    noise: Annotated[float | None, typer.Option("--noise", help="Standard deviation of δ in a reading.")] = None,
-    table: Annotated[
-        Path | None,
-        typer.Option(
-            "--table", help="File with the response table of the design (.nc); computed if it does not exist."
-        ),
-    ] = None,
-    samples: Annotated[
-        int, typer.Option("--samples", help="Number of boards to draw, 0 or at least 8; best a power of 2.")
-    ] = 64,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of the drawn boards.")] = 0,
+    noise: Annotated[float | None, typer.Option(help="Standard deviation of δ in a reading.")] = None,
+    table: shared.TableFile = None,
+    samples: Annotated[int, typer.Option(help="Number of boards to draw, 0 or at least 8; best a power of 2.")] = 64,
+    seed: Annotated[int, typer.Option(help="Seed of the drawn boards.")] = 0,
     sampling: Annotated[
-        Literal["sobol", "random"], typer.Option("--sampling", help="Draw evenly spread errors, or independent ones.")
+        Literal["sobol", "random"], typer.Option(help="Draw evenly spread errors, or independent ones.")
     ] = "sobol",
     accuracy: shared.Accuracy = "screen",
     workers: shared.Workers = None,
     cluster: shared.Cluster = None,
     cache: shared.Cache = None,
     out: Annotated[
-        Path | None, shared.out_option("Also write every number: .nc, .json, or the spread as .csv.")
+        Path | None,
+        shared.out_option("Also write every number: .nc, .json, or the spread as .csv.", ".nc", ".json", ".csv"),
     ] = None,
     plot: Annotated[Path | None, shared.plot_option("shares and histograms")] = None,
     template: Annotated[
         Path | None,
-        typer.Option("--template", help="Write the typical values as a tolerance file to edit (.toml), and exit."),
+        shared.file_option(
+            ("--template",), "Write the typical values as a tolerance file to edit (.toml), and exit.", (".toml",)
+        ),
     ] = None,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
@@ -84,10 +80,6 @@ def tolerance(
 
     Example: coilarray tolerance gast2020 fab.toml --x-mm 0,5 --y-mm 4 --table table.nc
     """
-    shared.check_file("--out", out, (".nc", ".json", ".csv"))
-    shared.check_file("--plot", plot, shared.PICTURES)
-    shared.check_file("--table", table, (".nc",))
-    shared.check_file("--template", template, (".toml",))
     shared.check_workers(workers, cluster)
     from contextlib import ExitStack
     from dataclasses import replace
@@ -107,13 +99,8 @@ def tolerance(
     if positions is None and table is not None:
         raise GoalError("--table is for located positions; it needs --x-mm, or [positions] in the file.")
     wanted = replace(read, positions=positions)
-    settings: dict[str, Any] = {
-        "quantities": quantity or (),
-        "samples": samples,
-        "seed": seed,
-        "sampling": sampling,
-        "accuracy": accuracy,
-    }
+    settings: dict[str, Any] = {"quantities": quantity or (), "samples": samples, "seed": seed}
+    settings |= {"sampling": sampling, "accuracy": accuracy}
     check_analysis(opened, wanted, **settings, with_table=table is not None and table.exists())
     kept = open_store(cache)
     with (
@@ -130,25 +117,17 @@ def tolerance(
         write_text(out, json.dumps({**_numbers(result), **samples_of}, indent=1, allow_nan=False) + "\n")
     else:
         shared.write_numbers(out, result, spread_table(result).csv)
-    if plot is not None:
-        from coilarray.viz.plots.tolerance import tolerance_figure
-
-        shared.draw(plot, lambda: tolerance_figure(result))
+    shared.draw(plot, lambda: viz.tolerance_figure(result))
     tables = (given_table(result), spread_table(result), yield_table(result))
     shown = [one.without_empty_columns() for one in tables if one.rows]
-    shared.print_result(
-        _numbers(result), as_json=as_json, tables=shown, titles=True, lines=_remarks(result), files=(out, plot)
-    )
+    lines = _remarks(result)
+    shared.print_result(_numbers(result), as_json=as_json, tables=shown, titles=True, lines=lines, files=(out, plot))
 
 
 def _positions(
-    design: Design,
-    given: Positions | None,
-    x_mm: str | None,
-    y_mm: str | None,
-    depth_mm: float | None,
+    design: Design, given: Positions | None, x_mm: str | None, y_mm: str | None, depth_mm: float | None,
     noise: float | None,
-) -> Positions | None:
+) -> Positions | None:  # fmt: skip
     """Positions of the options, which go before those of the file."""
     from coilarray.studies.tolerance import Positions
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 
+from coilarray import viz
+from coilarray.cli import shared
 from coilarray.cli.maps import kept_table, read_map
 from coilarray.cli.readings import read_readings
-from coilarray.cli.shared import AllowViolations, DesignArgument, check_file, open_design, progress_bar
 from coilarray.errors import GeometryError, LocalizeError, OutputError
 
 if TYPE_CHECKING:
@@ -24,77 +26,71 @@ if TYPE_CHECKING:
     from coilarray.viz.scenes.scene import Scene
 
 _SHOWN = "board,elastomer"
-_MOST_FRAMES = 1000
-_SMALLEST_MM, _LARGEST_MM, _LARGEST_MA = 1e-6, 1e5, 1e9
+_LARGEST_MA = 1e9
 _SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
 
 
+def _length(name: str, text: str) -> Any:
+    return shared.number_option((name,), shared.SMALLEST_MM, shared.LONGEST_MM, text)
+
+
+def _file(name: str, text: str, *suffixes: str) -> Any:
+    return shared.file_option((f"--{name}",), text, suffixes)
+
+
 def view(
-    design: DesignArgument = None,
+    design: shared.DesignArgument = None,
     show: Annotated[
         str,
         typer.Option(
-            "--show",
             help="Items to show, separated by commas: board, elastomer, dent, field (B on planes with arrows), lines "
-            "(of B), surfaces (of equal B), currents (of the passive coils), coupling, response, location.",
+            "(of B), surfaces (of equal B), currents (of the passive coils), coupling, response, location."
         ),
     ] = _SHOWN,
-    screenshot: Annotated[Path | None, typer.Option("--screenshot", help="Write a picture: .png.")] = None,
+    screenshot: Annotated[Path | None, _file("screenshot", "Write a picture: .png.", ".png")] = None,
     movie: Annotated[
-        Path | None,
-        typer.Option("--movie", help="Write a film of the indenter moving over the board: .gif or .mp4."),
+        Path | None, _file("movie", "Write a film of the indenter moving over the board: .gif or .mp4.", ".gif", ".mp4")
     ] = None,
     html: Annotated[
-        Path | None, typer.Option("--html", help="Write a page to turn in a browser, without a network: .html.")
+        Path | None, _file("html", "Write a page to turn in a browser, without a network: .html.", ".html")
     ] = None,
     vtk: Annotated[
-        Path | None, typer.Option("--vtk", help="Write for ParaView: .vtm, or a folder with a file for each part.")
+        Path | None, typer.Option(help="Write for ParaView: .vtm, or a folder with a file for each part.")
     ] = None,
-    side: Annotated[str, typer.Option("--from", help="Side: oblique, top, front or right.")] = "oblique",
+    side: Annotated[
+        Literal["oblique", "top", "front", "right"], typer.Option("--from", help="Side from which it is seen.")
+    ] = "oblique",
     size: Annotated[
-        str | None, typer.Option("--size", help="Pixels of picture and film; 1600x900 and 960x540 by default.")
+        str | None, typer.Option(help="Pixels of picture and film; 1600x900 and 960x540 by default.")
     ] = None,
-    layers: Annotated[
-        str | None, typer.Option("--layers", help="Copper layers shown, as L1,L3; all by default.")
-    ] = None,
-    coil: Annotated[str | None, typer.Option("--coil", help="The measured coil; the middle one by default.")] = None,
-    others_open: Annotated[bool, typer.Option("--others-open", help="All other coils open.")] = False,
+    layers: Annotated[str | None, typer.Option(help="Copper layers shown, as L1,L3; all by default.")] = None,
+    coil: Annotated[str | None, typer.Option(help="The measured coil; the middle one by default.")] = None,
+    others_open: shared.OthersOpen = False,
     current_mA: Annotated[
         float, typer.Option("--current-mA", help="Current in the measured coil, for the field.")
     ] = 1.0,
     spacing_mm: Annotated[
-        float | None,
-        typer.Option("--spacing-mm", help="Distance of the points of B; 0.5 on planes and 1 in a box by default."),
+        float | None, _length("--spacing-mm", "Distance of the points of B; 0.5 on planes and 1 in a box by default.")
     ] = None,
     at_mm: Annotated[
         tuple[float, float] | None,
-        typer.Option("--at-mm", help="x and y of the indenter from the map's origin; off the middle by default."),
+        typer.Option(help="x and y of the indenter from the map's origin; off the middle by default."),
     ] = None,
     depth_mm: Annotated[
-        float | None, typer.Option("--depth-mm", help="Depth of the dent; the deepest of the design by default.")
+        float | None, _length("--depth-mm", "Depth of the dent; the deepest of the design by default.")
     ] = None,
-    response: Annotated[
-        Path | None,
-        typer.Option("--response", help="Response to show (.nc); computed by default."),
-    ] = None,
+    response: Annotated[Path | None, typer.Option(help="Response to show (.nc); computed by default.")] = None,
     reading: Annotated[
-        str | None,
-        typer.Option("--reading", help="δ to locate, as coil1=7.1e-4,...; that of the indenter by default."),
+        str | None, typer.Option(help="δ to locate, as coil1=7.1e-4,...; that of the indenter by default.")
     ] = None,
-    noise: Annotated[float, typer.Option("--noise", help="Standard deviation of δ, for the location.")] = 1e-5,
-    table: Annotated[
-        Path | None,
-        typer.Option("--table", help="File of the response table for locations (.nc), computed if it does not exist."),
-    ] = None,
+    noise: shared.Noise = 1e-5,
+    table: shared.TableFile = None,
     path_mm: Annotated[
-        str | None,
-        typer.Option(
-            "--path-mm", help='Path of the film, as "X,Y X,Y ..." from the map\'s origin; along x by default.'
-        ),
+        str | None, typer.Option(help='Path of the film, as "X,Y X,Y ..." from the map\'s origin; along x by default.')
     ] = None,
-    frames: Annotated[int, typer.Option("--frames", help="Number of pictures of the film.")] = 48,
-    rate: Annotated[float, typer.Option("--rate", help="Pictures of the film per second.")] = 12.0,
-    allow_violations: AllowViolations = False,
+    frames: Annotated[int, shared.number_option(("--frames",), 2, 1000, "Number of pictures of the film.")] = 48,
+    rate: Annotated[float, typer.Option(help="Pictures of the film per second.")] = 12.0,
+    allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Show a design in three dimensions.
 
@@ -107,14 +103,7 @@ def view(
 
     Example: coilarray view gast2020 --movie touch.gif
     """
-    wanted = _Outputs(screenshot, movie, html, vtk, _side(side), _pixels(size), rate)
-    for option, path, suffixes in (
-        ("--screenshot", screenshot, (".png",)),
-        ("--movie", movie, (".gif", ".mp4")),
-        ("--html", html, (".html",)),
-        ("--table", table, (".nc",)),
-    ):
-        check_file(option, path, suffixes)
+    wanted = _Outputs(screenshot, movie, html, vtk, side, _pixels(size), rate)
     _check_vtk(vtk)
     items = _items(show)
     for option, given, needed in (
@@ -131,33 +120,23 @@ def view(
         ):  # fmt: skip
             if changed:
                 raise OutputError(f"{option} is not for --movie: a film shows the dent and δ of all coils.")
-    if not 2 <= frames <= _MOST_FRAMES:
-        raise OutputError(f"--frames must be 2 to {_MOST_FRAMES}; got {frames}.")
     corners = None if path_mm is None else _way(path_mm)
-    depth = None if depth_mm is None else _length("--depth-mm", depth_mm)
-    spacing = None if spacing_mm is None else _length("--spacing-mm", spacing_mm)
-    current = _current(current_mA)
+    depth, spacing = (None if length is None else length * 1e-3 for length in (depth_mm, spacing_mm))
+    if not 0 < abs(current_mA) <= _LARGEST_MA:
+        raise GeometryError(f"--current-mA must be at most {_LARGEST_MA:g} and not 0; got {current_mA:g}.")
     located = None if reading is None else _reading(reading)
     draped = None if response is None else read_map(response)
     from coilarray.viz.scenes.of_design import View
 
-    opened = open_design(design, allow_violations=allow_violations)
+    opened = shared.open_design(design, allow_violations=allow_violations)
     wanted.check()
     if movie is None or wanted.still:
         asked = View(
-            show=items,
-            layers=None if layers is None else tuple(name.strip() for name in layers.split(",")),
-            coil=coil,
-            others_open=others_open,
-            current=current,
-            spacing=spacing,
-            at=None if at_mm is None else (at_mm[0] * 1e-3, at_mm[1] * 1e-3),
-            depth=depth,
-            response=draped,
-            table=kept_table(opened, table) if "location" in items else None,
-            reading=located,
-            noise=noise,
-        )
+            show=items, layers=None if layers is None else tuple(name.strip() for name in layers.split(",")),
+            coil=coil, others_open=others_open, current=current_mA * 1e-3, spacing=spacing,
+            at=None if at_mm is None else (at_mm[0] * 1e-3, at_mm[1] * 1e-3), depth=depth, response=draped,
+            table=kept_table(opened, table) if "location" in items else None, reading=located, noise=noise,
+        )  # fmt: skip
         wanted.show(_scene(opened, asked), opened.name)
     if movie is not None:
         wanted.film(opened, corners, frames, depth)
@@ -198,44 +177,41 @@ class _Outputs:
 
     def show(self, scene: Scene, name: str) -> None:
         """Write the files of a scene, or show it in a window."""
-        from coilarray.viz import save_page, save_picture, save_vtk, show
-
         for note in scene.notes:
             typer.echo(note)
         if self.screenshot is not None:
-            save_picture(scene, self.screenshot, side=self.side, **self.pixels)
+            viz.save_picture(scene, self.screenshot, side=self.side, **self.pixels)
             typer.echo(f"wrote {self.screenshot}")
         if self.html is not None:
-            save_page(scene, self.html, title=name, side=self.side)
+            viz.save_page(scene, self.html, title=name, side=self.side)
             typer.echo(f"wrote {self.html}")
         if self.vtk is not None:
-            typer.echo(f"wrote {', '.join(str(path) for path in save_vtk(scene, self.vtk))}")
+            typer.echo(f"wrote {', '.join(str(path) for path in viz.save_vtk(scene, self.vtk))}")
         if not self.still:
-            show(scene, side=self.side)
+            viz.show(scene, side=self.side)
 
     def film(self, design: Design, corners: list[tuple[float, float]] | None, frames: int, depth: float | None) -> None:
         """Write the film of an indenter that moves over the board."""
-        from coilarray.viz import save_movie
         from coilarray.viz.scenes.touch import touch_along
 
         path = cast("Path", self.movie)
-        with progress_bar("response") as progress:
+        with shared.progress_bar("response") as progress:
             touch = touch_along(design, corners, count=frames, depth=depth, progress=progress)
-        with progress_bar("film") as progress:
+        with shared.progress_bar("film") as progress:
 
             def counted() -> Iterator[Scene]:
                 for done, scene in enumerate(touch.scenes(), start=1):
                     yield scene
                     progress(done, frames)
 
-            save_movie(touch.board(), counted(), path, side=self.side, rate=self.rate, **self.pixels)
+            viz.save_movie(touch.board(), counted(), path, side=self.side, rate=self.rate, **self.pixels)
         typer.echo(f"wrote {path}: {frames} pictures, {frames / self.rate:.3g} s")
 
 
 def _check_vtk(path: Path | None) -> None:
     """Refuse before a long computation a file .vtm, or a folder, that could not be written after it."""
     if path is None or path.suffix.lower() == ".vtm":
-        check_file("--vtk", path, None)
+        shared.check_file("--vtk", path, None)
         return
     try:
         there = next(folder for folder in (path, *path.parents) if folder.exists())  # at last . or /
@@ -245,15 +221,6 @@ def _check_vtk(path: Path | None) -> None:
         raise OutputError(f"cannot make the folder {there}: a file has that name.")
     if not os.access(there, os.W_OK):
         raise OutputError(f"cannot write {path}: nothing may be written in the folder {there}.")
-
-
-def _side(text: str) -> Side:
-    from coilarray.viz.scenes.camera import Side
-
-    side: Side | None = next((one for one in get_args(Side) if one == text), None)
-    if side is None:
-        raise OutputError(f"--from must be {', '.join(get_args(Side))}; got {text!r}.")
-    return side
 
 
 def _items(text: str) -> tuple[Item, ...]:
@@ -268,18 +235,13 @@ def _items(text: str) -> tuple[Item, ...]:
 
 def _scene(design: Design, view: View) -> Scene:
     """Compute a scene with a progress bar for each piece of work."""
-    from contextlib import ExitStack
-
     from coilarray.viz.scenes.of_design import scene_of_design
 
-    with ExitStack() as bars:
-        current: list[ExitStack] = []
+    with ExitStack() as bar:
 
         def track(text: str) -> Any:
-            if current:
-                current.pop().close()
-            current.append(bars.enter_context(ExitStack()))
-            return current[0].enter_context(progress_bar(text))
+            bar.close()  # of the work before
+            return bar.enter_context(shared.progress_bar(text))
 
         return scene_of_design(design, view, track)
 
@@ -294,25 +256,13 @@ def _pixels(text: str | None) -> dict[str, tuple[int, int]]:
     return {"size": (int(match[1]), int(match[2]))}
 
 
-def _length(option: str, value_mm: float) -> float:
-    if not _SMALLEST_MM <= value_mm <= _LARGEST_MM:
-        raise GeometryError(f"{option} must be {_SMALLEST_MM:g} to {_LARGEST_MM:g}; got {value_mm:g}.")
-    return value_mm * 1e-3
-
-
-def _current(value_mA: float) -> float:
-    if not 0 < abs(value_mA) <= _LARGEST_MA:
-        raise GeometryError(f"--current-mA must be at most {_LARGEST_MA:g} and not 0; got {value_mA:g}.")
-    return value_mA * 1e-3
-
-
 def _way(text: str) -> list[tuple[float, float]]:
     """Return corners in m from X,Y X,Y ... in mm."""
     try:
         corners = [(float(x) * 1e-3, float(y) * 1e-3) for x, y in (part.split(",") for part in text.split())]
     except ValueError:
         corners = []
-    if len(corners) < 2 or not all(abs(value) <= _LARGEST_MM * 1e-3 for corner in corners for value in corner):
+    if len(corners) < 2 or not all(abs(value) <= shared.LONGEST_MM * 1e-3 for corner in corners for value in corner):
         raise GeometryError(f'--path-mm must be two or more points in mm, as "-20,0 20,0"; got {text!r}.')
     return corners
 

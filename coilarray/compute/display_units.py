@@ -5,25 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
-_MINUS = "\u2212"  # as wide as a plus
+import numpy as np
+import numpy.typing as npt
+
 _LARGEST_DIGITS, _MOST_DECIMALS = 4, 9
 
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """A unit for people: its symbol, the factor from SI, and the digits that are written.
+    """A unit for people: its symbol, empty for a pure number, the factor from SI, and the digits that are written.
 
-    Parameters
-    ----------
-    symbol : str
-        Symbol of the unit, such as "µH"; empty for a pure number.
-    factor : float
-        Factor from SI to this unit.
-    digits : int, optional
-        Number of decimal places. By default as many as give the largest of the numbers four significant digits.
-    significant : bool
-        Whether `digits` are significant digits of each number, for numbers that span many powers of ten.
+    `digits` are decimal places, by default as many as give the largest of the numbers four significant digits; or
+    `significant` digits of each number, for numbers that span many powers of ten.
 
     Examples
     --------
@@ -31,6 +26,8 @@ class DisplayUnit:
     (['58.0294', '−2.9825'], 'inductance (µH)')
     >>> display_unit("1").texts([-0.051326, 0.0012]), PER_MILLION.texts([7.9e-4])
     (['−0.05133', '0.00120'], ['790.00'])
+    >>> MM.of([0.0, 13.28e-3]).tolist(), MM.text(13.28e-3)
+    ([0.0, 13.28], '13.28 mm')
     """
 
     symbol: str = ""
@@ -46,9 +43,27 @@ class DisplayUnit:
         """Return numbers in SI as text in this unit, with a true minus sign and never a minus zero."""
         shown = [number * self.factor for number in numbers]
         if self.significant:
-            return [f"{number:.{self.digits or _LARGEST_DIGITS}g}".replace("-", _MINUS) for number in shown]
+            return [true_minus(f"{number:.{self.digits or _LARGEST_DIGITS}g}") for number in shown]
         digits = _decimals(shown) if self.digits is None else self.digits
-        return [f"{round(number, digits) + 0.0:.{digits}f}".replace("-", _MINUS) for number in shown]
+        return [number_text(number, digits) for number in shown]
+
+    def of(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return values in SI as numbers in this unit."""
+        return np.asarray(values, dtype=np.float64) * self.factor
+
+    def text(self, value: Any, digits: str = "") -> str:
+        """Return a value in SI as a plain number with its unit; `digits` is a precision as in ``".3"``."""
+        return f"{float(value) * self.factor:{digits}g} {self.symbol}".rstrip()
+
+
+def number_text(number: float, digits: int) -> str:
+    """Return a number with so many decimal places as text, with a true minus sign, and none before a zero."""
+    return true_minus(f"{round(number, digits) + 0.0:.{digits}f}")
+
+
+def true_minus(text: str) -> str:
+    """Replace hyphens by minus signs, which are as wide as a plus."""
+    return text.replace("-", "−")
 
 
 def _decimals(numbers: Sequence[float]) -> int:
@@ -59,44 +74,29 @@ def _decimals(numbers: Sequence[float]) -> int:
     return min(max(_LARGEST_DIGITS - 1 - math.floor(math.log10(largest)), 0), _MOST_DECIMALS)
 
 
+PLAIN = DisplayUnit()
+"""Numbers as they are."""
+MM = DisplayUnit("mm", 1e3, 3)
+"""Places and shapes: people read pictures of boards in mm."""
+MILLI_DELTA = DisplayUnit("10⁻³", 1e3)
+"""δ as an axis of its own, as in the figures of Gast & Zimmermann (2020)."""
 PERCENT = DisplayUnit("%", 100.0, 2)
 """Shares and relative changes."""
 PER_MILLION = DisplayUnit("10⁻⁶", 1e6, 2)
 """Relative changes of inductance, δ."""
 
 _UNITS = {
-    "1": DisplayUnit(),
-    "A": DisplayUnit("µA", 1e6, 0),
-    "A/A": DisplayUnit("A/A", 1.0, 5),
-    "F": DisplayUnit("pF", 1e12, 2),
-    "H": DisplayUnit("µH", 1e6, 4),
-    "Hz": DisplayUnit("MHz", 1e-6, 4),
-    "N": DisplayUnit("mN", 1e3, 2),
-    "N/m": DisplayUnit("N/m", 1.0, 3),
-    "T/A": DisplayUnit("µT/mA", 1e3, 4),
-    "V": DisplayUnit("V", 1.0, 2),
-    "m": DisplayUnit("mm", 1e3, 3),
-    "ohm": DisplayUnit("Ω", 1.0, 3),
+    "1": DisplayUnit(), "A": DisplayUnit("µA", 1e6, 0), "A/A": DisplayUnit("A/A", 1.0, 5),
+    "F": DisplayUnit("pF", 1e12, 2), "H": DisplayUnit("µH", 1e6, 4), "Hz": DisplayUnit("MHz", 1e-6, 4),
+    "N": DisplayUnit("mN", 1e3, 2), "N/m": DisplayUnit("N/m", 1.0, 3), "T/A": DisplayUnit("µT/mA", 1e3, 4),
+    "V": DisplayUnit("V", 1.0, 2), "m": DisplayUnit("mm", 1e3, 3), "ohm": DisplayUnit("Ω", 1.0, 3),
     "rad": DisplayUnit("mrad", 1e3, 3),
-}
+}  # fmt: skip
 
 
 def display_unit(unit: str) -> DisplayUnit:
-    """Return the unit in which people read values that are stored in an SI unit.
+    """Return the unit in which people read values stored in an SI unit, which is itself where no other is customary.
 
-    Parameters
-    ----------
-    unit : str
-        SI unit as the attribute ``units`` of a dataset has it, such as "H" or "ohm"; "" and "1" are pure numbers.
-
-    Returns
-    -------
-    DisplayUnit
-        The unit itself where no other one is customary for planar coils.
-
-    Examples
-    --------
-    >>> display_unit("Hz").symbol, display_unit("ohm").symbol, display_unit("Pa").symbol
-    ('MHz', 'Ω', 'Pa')
+    The SI unit is as the attribute ``units`` of a dataset has it, such as "H" or "ohm"; "" and "1" are pure numbers.
     """
     return _UNITS.get(unit or "1", DisplayUnit(unit))

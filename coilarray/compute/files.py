@@ -15,19 +15,9 @@ os.umask(_UMASK)
 
 
 def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
-    """Let `write` fill a temporary file beside `path`, then give it the name `path`.
+    """Let `write` fill a temporary file beside `path` with the same suffix, then give it the name `path`.
 
-    Parameters
-    ----------
-    path : Path
-        The file to make or replace; its folder must exist.
-    write : callable
-        Called with the temporary path, which has the suffix of `path`.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; `path` is then as it was before.
+    OutputError where the file cannot be written; `path` is then as it was before.
     """
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)

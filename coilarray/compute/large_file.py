@@ -41,17 +41,7 @@ _FORMAT = "1"
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable of the file, of float64.
-
-    Parameters
-    ----------
-    name : str
-        Name in the file.
-    dims : tuple of str
-        Dimensions, which are coordinates of the frame.
-    units, long_name : str
-        Attributes of the variable.
-    """
+    """One float64 variable of the file: its name, dimensions, which are coordinates of the frame, and attributes."""
 
     name: str
     dims: tuple[str, ...]
@@ -110,28 +100,9 @@ def open_large(
 ) -> Iterator[LargeFile]:
     """Open a file to be filled within a ``with`` block, which gets its final name once all blocks are done.
 
-    Parameters
-    ----------
-    path : Path
-        The file to make or replace, .nc; its folder is made where it does not exist.
-    frame : xarray.Dataset
-        Coordinates and attributes.
-    variables : sequence of Variable
-        Variables to fill, over the frame's dimensions.
-    key : str
-        Hash of everything that decides the numbers; the run continues an unfinished file of the same key.
-    blocks : int
-        Number of blocks.
-
-    Yields
-    ------
-    LargeFile
-
-    Raises
-    ------
-    OutputError
-        Too little space on the disk, an unfinished file of another key, a file that another run is filling, or one
-        that cannot be written.
+    `path` is the .nc file to make or replace, `frame` has its coordinates and attributes. An unfinished file of the
+    same `key`, a hash of everything that decides the numbers, is continued. OutputError for too little space on the
+    disk, an unfinished file of another key, a file that another run is filling, or one that cannot be written.
     """
     if os.path.isdir(path):  # refused before the work; false for names that are too long
         raise OutputError(f"cannot write {path}: it is a folder.")
@@ -170,34 +141,12 @@ def fill_large(
     pool: Pool,
     progress: Progress | None = None,
 ) -> dict[int, float]:
-    """Compute the missing blocks of a file on a pool of workers, and write each as it comes.
+    """Compute the missing blocks of a file on a pool of workers, and write each as it comes; see `open_large`.
 
-    Parameters
-    ----------
-    path, frame, variables, key, blocks
-        See `open_large`.
-    task : callable
-        Returns the input of the block of a given number.
-    compute : callable
-        Computes the values of a block from its input, on a worker; see `coilarray.compute.workers.Pool.run`.
-    write : callable
-        Called with the file, the block's number and its values; writes them, and returns the figure to keep of them.
-    pool : Pool
-        From `coilarray.compute.workers.workers`.
-    progress : callable, optional
-        Called with (done, total) as blocks are done, those of an earlier run included.
-
-    Returns
-    -------
-    dict of int to float
-        Figure of every block by its number.
-
-    Raises
-    ------
-    GeometryError
-        The first block that was refused, and why.
-    OutputError, ClusterError
-        See `open_large` and `coilarray.compute.workers.Pool.run`.
+    `task` makes the input of the block of a number, `compute` its values from that, on a worker, and `write` writes
+    them to the file and returns the figure to keep of them. `progress` is called with (done, total), blocks of an
+    earlier run included. Returns the figure of every block by its number. GeometryError says why the first block was
+    refused; ClusterError as `coilarray.compute.workers.Pool.run`.
     """
     with open_large(path, frame, variables, key, blocks) as file:
         missing = file.missing

@@ -23,25 +23,10 @@ class MemoryLimitError(CoilarrayError, MemoryError):
 
 
 def require_memory(size: float, what: str, advice: str = "") -> None:
-    """Refuse work that needs more memory than is allowed; call it before allocating.
-
-    Parameters
-    ----------
-    size : float
-        Estimated need in bytes.
-    what : str
-        Subject of the error message, as "the field at 100 points".
-    advice : str
-        Advice for the user, as "compute it in pieces"; may be empty.
-
-    Raises
-    ------
-    MemoryLimitError
-        The need exceeds `allowed_memory`.
+    """Refuse work that needs more bytes than `allowed_memory`, with `what` as subject; call it before allocating.
 
     Examples
     --------
-    >>> require_memory(1e6, "a small array")
     >>> require_memory(1e18, "a huge map", "take fewer points")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
     coilarray.compute.memory.MemoryLimitError: a huge map needs about 1e+09 GB of memory; ... GB are allowed: take fewer
@@ -60,10 +45,7 @@ def require_memory(size: float, what: str, advice: str = "") -> None:
 def allowed_memory() -> float:
     """Bytes that one piece of work may use: `SHARE` of what is free, or what ``COILARRAY_MEMORY_GB`` says.
 
-    Raises
-    ------
-    MemoryLimitError
-        A variable that is no positive number.
+    MemoryLimitError where that is no positive number.
     """
     said = os.environ.get(LIMIT_VARIABLE)
     if said is None:

@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
 from coilarray.compute.files import write_atomically
+
+
+def variables(
+    *rows: tuple[str, tuple[str, ...], Any, str, str],
+) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
+    """Variables of a dataset from rows of a name, dimensions, values, the unit ("" for none), and the name in words."""
+    return {
+        name: (dims, values, ({"units": unit} if unit else {}) | {"long_name": words})
+        for name, dims, values, unit, words in rows
+    }
 
 
 def save_dataset(dataset: xr.Dataset, path: Path) -> None:

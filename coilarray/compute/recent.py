@@ -12,12 +12,9 @@ Result = TypeVar("Result")
 
 
 class Recent(Generic[Result]):
-    """Results by key; a second thread that asks for one waits for the first instead of computing it again.
+    """The last `size` results by key.
 
-    Parameters
-    ----------
-    size : int
-        Number of results that are kept.
+    A second thread that asks for one waits for the first instead of computing it again.
     """
 
     def __init__(self, size: int) -> None:

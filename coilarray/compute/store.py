@@ -36,13 +36,7 @@ _ENTRY = re.compile(r"([0-9a-f]{64})\.(json|nc)")
 
 @dataclasses.dataclass(frozen=True)
 class Store:
-    """Results in a folder; `open_store` makes one.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of the entries, which lie in subfolders named by the first two digits of their key.
-    """
+    """Results in a folder, in subfolders named by the first two digits of their key; `open_store` makes one."""
 
     folder: Path
 
@@ -74,24 +68,7 @@ class Store:
         save_dataset(dataset, path)
 
     def dataset(self, parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-        """Return the dataset that an earlier run kept, or compute and keep it.
-
-        Parameters
-        ----------
-        parts : iterable of object
-            Everything that decides the result besides the code, as `content_key` takes it.
-        compute : callable
-            Called where no readable dataset is kept.
-
-        Returns
-        -------
-        xarray.Dataset
-
-        Raises
-        ------
-        OutputError
-            A file that cannot be written.
-        """
+        """Return the dataset kept of these parts, as `content_key` takes them, or compute and keep it."""
         key = content_key(*parts)
         found = self.get_dataset(key)
         if found is None:
@@ -118,17 +95,9 @@ class Store:
 
 
 def open_store(folder: Path | None = None) -> Store:
-    """Open a store, in a new folder where there is none.
+    """Open a store, in a new folder where there is none; OutputError where that cannot be made.
 
-    Parameters
-    ----------
-    folder : Path, optional
-        By default the folder that the environment variable ``COILARRAY_CACHE`` names, else the user's cache folder.
-
-    Raises
-    ------
-    OutputError
-        The folder cannot be made.
+    By default it is the folder that the environment variable ``COILARRAY_CACHE`` names, else the user's cache folder.
     """
     import platformdirs
 
@@ -139,26 +108,10 @@ def open_store(folder: Path | None = None) -> Store:
 
 
 def content_key(*parts: Any) -> str:
-    """Return the key of a result.
+    """Return the key of a result: SHA-256, hexadecimal, of the parts and of `code_version`.
 
-    Parameters
-    ----------
-    *parts : object
-        Everything that decides the result besides the code: tables, lists, texts, numbers, arrays and dataclasses of
-        these.
-
-    Returns
-    -------
-    str
-        SHA-256 of the parts and of `coilarray.compute.code_version.code_version`, hexadecimal. The order of a table's
-        entries does not matter; 1 and 1.0 are different.
-
-    Examples
-    --------
-    >>> content_key({"a": 1, "b": [2.5]}) == content_key({"b": [2.5], "a": 1})
-    True
-    >>> content_key(np.zeros(2)) == content_key(np.zeros(3))
-    False
+    The parts are everything that decides the result besides the code: tables, lists, texts, numbers, arrays and
+    dataclasses of these. The order of a table's entries does not matter; 1 and 1.0 are different.
     """
     text = json.dumps([code_version(), *parts], sort_keys=True, default=_plain)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -168,22 +121,8 @@ def content_key(*parts: Any) -> str:
 def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
     """Open a SQLite file that no other process can use meanwhile; the lock ends with this process on every system.
 
-    Parameters
-    ----------
-    path : Path
-        The file, made where it does not exist. An empty one serves as a plain lock.
-    message : str
-        What the error says where another process holds the lock.
-
-    Yields
-    ------
-    sqlite3.Connection
-        In autocommit mode.
-
-    Raises
-    ------
-    OutputError
-        A file that another process has locked, that cannot be written, or that is not a database.
+    It is made where it does not exist, empty as a plain lock, and in autocommit mode. OutputError for a file that
+    another process has locked, which `message` says, that cannot be written, or that is not a database.
     """
     try:
         connection = sqlite3.connect(path, timeout=0, isolation_level=None)

@@ -56,10 +56,7 @@ def run_blocks(
     if cores() == 1:
         return _run_here(work, todo, progress)
     done = 0
-    with (
-        serial_algebra(),
-        ThreadPoolExecutor(max_workers=min(cores(), len(todo))) as pool,
-    ):
+    with serial_algebra(), ThreadPoolExecutor(max_workers=min(cores(), len(todo))) as pool:
         futures = [pool.submit(work, item) for item in todo]
         try:  # an interrupt too drops what has not begun, wherever it comes
             if progress is not None:

@@ -19,13 +19,7 @@ _PLACES = 12
 
 
 def digest_of(*values: object) -> str:
-    """Return the SHA-256 of frozen values, hexadecimal.
-
-    Parameters
-    ----------
-    *values : object
-        Dataclasses, mappings, sequences, arrays, texts, numbers, truth values and None, nested in any way.
-    """
+    """Return the SHA-256, hexadecimal, of dataclasses, mappings, sequences, arrays and plain values in any nesting."""
     return hashlib.sha256(json.dumps([_plain(value) for value in values], sort_keys=True).encode()).hexdigest()
 
 

@@ -13,13 +13,9 @@ Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]
 """Format of an exported board."""
 
 SUFFIXES: dict[str, tuple[str, ...]] = {
-    "gerber": (".zip",),
-    "dxf": (".dxf",),
-    "svg": (".svg",),
-    "step": (".step", ".stp"),
-    "stl": (".stl",),
+    "gerber": (".zip",), "dxf": (".dxf",), "svg": (".svg",), "step": (".step", ".stp"), "stl": (".stl",),
     "glb": (".glb",),
-}
+}  # fmt: skip
 """Suffixes of the files of each format; KiCad's files lie in a folder."""
 
 _SHOWN_FAULTS = 3
@@ -27,16 +23,7 @@ _SHOWN_FAULTS = 3
 
 @dataclass(frozen=True)
 class Exported:
-    """Result of an export.
-
-    Parameters
-    ----------
-    files : tuple of Path
-        Files that were written.
-    net_faults : tuple of str
-        Up to three faults that were found in the copper as written; empty without faults and for formats that are not
-        read back.
-    """
+    """Files that were written, and up to three faults in their copper, read back; formats not read back have none."""
 
     files: tuple[Path, ...]
     net_faults: tuple[str, ...]

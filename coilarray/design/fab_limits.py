@@ -10,11 +10,9 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from coilarray.design import fabs
-from coilarray.design.units import LimitMillimetres, Micrometres, Millimetres, Table
+from coilarray.design.units import LimitMillimetres, Micrometres, Millimetres, Table, in_si
 from coilarray.errors import DesignError
 from coilarray.geometry import FabRules
-
-_MM, _UM = 1e-3, 1e-6
 
 
 @dataclass(frozen=True)
@@ -49,24 +47,8 @@ class FabProfile:
 
 
 def load_profile(name: str) -> FabProfile:
-    """Read a bundled profile.
+    """Read a bundled profile; DesignError for a name that is not in `coilarray.design.fabs.names`.
 
-    Parameters
-    ----------
-    name : str
-        Name of a profile: one of `coilarray.design.fabs.names`.
-
-    Returns
-    -------
-    FabProfile
-
-    Raises
-    ------
-    DesignError
-        No profile of that name; the message lists the profiles.
-
-    Examples
-    --------
     >>> round(load_profile("oshpark-4-layer").rules.min_trace * 1e3, 3)
     0.127
     """
@@ -112,18 +94,4 @@ class FabTable(Table):
 
     def build(self) -> FabRules:
         """Return the limits in SI."""
-        board = self.max_board_mm
-        return FabRules(
-            min_trace=self.min_trace_mm * _MM,
-            min_gap=self.min_gap_mm * _MM,
-            min_drill=self.min_drill_mm * _MM,
-            min_annular_ring=self.min_annular_ring_mm * _MM,
-            min_edge_clearance=self.min_edge_clearance_mm * _MM,
-            min_hole_spacing=self.min_hole_spacing_mm * _MM,
-            max_layers=self.max_layers,
-            max_outer_copper=None if self.max_outer_copper_um is None else self.max_outer_copper_um * _UM,
-            max_inner_copper=None if self.max_inner_copper_um is None else self.max_inner_copper_um * _UM,
-            max_aspect_ratio=self.max_aspect_ratio,
-            max_board=None if board is None else (board[0] * _MM, board[1] * _MM),
-            blind_holes=self.blind_holes,
-        )
+        return FabRules(**in_si(self, "profile"))

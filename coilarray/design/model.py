@@ -264,10 +264,6 @@ def load_design(name_or_path: str | Path | None = None) -> Design:
     name_or_path : str or Path, optional
         A TOML file, or the name of a bundled design; the bundled ``gast2020`` by default.
 
-    Returns
-    -------
-    Design
-
     Raises
     ------
     DesignError
@@ -299,23 +295,9 @@ def parse_design_file(text: str, origin: str = "design") -> DesignFile:
 
 
 def build_design(document: Mapping[str, Any], origin: str = "design") -> Design:
-    """Check a document and make the design of it.
+    """Check a document, a design file as TOML reads it, and make its design; `origin` names it in messages.
 
-    Parameters
-    ----------
-    document : mapping of str to object
-        A design file as TOML reads it.
-    origin : str
-        Name of the document in messages.
-
-    Returns
-    -------
-    Design
-
-    Raises
-    ------
-    DesignError
-        As `load_design`.
+    DesignError as `load_design`.
     """
     return build_design_file(document, origin).design
 

@@ -110,19 +110,9 @@ def terminated_state(
 
 
 def check_state(state: ScanState, names: Sequence[str]) -> None:
-    """Refuse a state that cannot be made with these coils.
+    """Refuse a state that cannot be made with coils of these names: NetworkError, which state and which coil.
 
-    Parameters
-    ----------
-    state : ScanState
-        The state.
-    names : sequence of str
-        Names of all coils.
-
-    Raises
-    ------
-    NetworkError
-        No measured coil, an unknown coil, one named twice, or a value that is not allowed: which state, which coil.
+    It measures no coil, names an unknown one or one twice, or has a value that is not allowed.
     """
     known = ", ".join(names)
     if not state.measured:

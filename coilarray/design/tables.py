@@ -5,9 +5,8 @@ Numbers stay in the units of their key names up to the `build` methods, which re
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Literal
 
@@ -19,28 +18,15 @@ from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design.fab_limits import FabTable
 from coilarray.design.scan_states import Passive, ScanState, terminated_state
 from coilarray.design.units import (
-    Degrees,
-    HalfAngle,
-    Kilopascals,
+    SCALES,
     LimitMillimetres,
-    LoadOhms,
     Micrometres,
     Millimetres,
     Name,
-    Nanohenries,
-    Ohms,
-    Picofarads,
-    Point,
-    PoissonsRatio,
     Position,
-    Positions,
-    Range,
-    Relative,
-    Resistivity,
-    StepMillimetres,
-    StrayPicofarads,
     Table,
-    Turns,
+    in_si,
+    require_rising,
 )
 from coilarray.errors import DesignError, GeometryError
 from coilarray.geometry import (
@@ -50,6 +36,7 @@ from coilarray.geometry import (
     CylinderEdge,
     FlatPunch,
     Hemisphere,
+    Indenter,
     Lattice,
     Leads,
     Paraboloid,
@@ -67,7 +54,24 @@ from coilarray.geometry import (
 SCHEMA = 1
 """Version of the design file format."""
 
-_MM, _UM, _DEG, _KPA = 1e-3, 1e-6, math.pi / 180, 1e3
+_MM, _UM, _DEG = SCALES["mm"], SCALES["um"], SCALES["deg"]
+
+Degrees = Annotated[float, Field(ge=-36_000, le=36_000)]
+Picofarads = Annotated[float, Field(ge=1e-6, le=1e12)]
+StrayPicofarads = Annotated[float, Field(ge=0, le=1e6)]
+Nanohenries = Annotated[float, Field(ge=0, le=1e9)]
+Ohms = Annotated[float, Field(ge=0, le=1e9)]
+LoadOhms = Annotated[float, Field(gt=0, le=1e9)]
+Resistivity = Annotated[float, Field(ge=1e-10, le=1.0)]
+Relative = Annotated[float, Field(ge=1, le=1e6)]
+Turns = Annotated[float, Field(gt=0, le=1000)]
+Kilopascals = Annotated[float, Field(ge=1e-6, le=1e9)]
+PoissonsRatio = Annotated[float, Field(ge=0, le=0.5)]
+HalfAngle = Annotated[float, Field(gt=0, lt=90)]
+StepMillimetres = Annotated[float, Field(ge=1e-3, le=10_000)]
+Point = Annotated[list[Position], Field(min_length=2, max_length=2)]
+Positions = Annotated[list[Position], Field(min_length=1, max_length=100_000)]
+Range = Annotated[list[Position], Field(min_length=2, max_length=2)]
 
 _MOST_SEGMENTS = 100_000
 _MOST_POSITIONS = 100_000
@@ -84,12 +88,7 @@ class StackupTable(Table):
 
     def build(self) -> Stackup:
         """Return the stack-up in SI."""
-        return Stackup(
-            tuple(self.layers),
-            tuple(value * _UM for value in self.copper_thickness_um),
-            tuple(value * _MM for value in self.dielectric_thickness_mm),
-            tuple(self.dielectric_epsilon_r),
-        )
+        return Stackup(*in_si(self).values())  # the keys are in its order
 
 
 class ViaTable(Table):
@@ -101,7 +100,7 @@ class ViaTable(Table):
 
     def build(self) -> PlatedHole:
         """Return the hole in SI."""
-        return PlatedHole(self.drill_mm * _MM, self.pad_mm * _MM, self.plating_um * _UM)
+        return PlatedHole(**in_si(self))
 
 
 class LeadsTable(Table):
@@ -250,14 +249,7 @@ class FreeArray(Table):
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
         """Return the array in SI; DesignError for a coil that is not there."""
         placements = tuple(
-            Placement(
-                place.name,
-                _coil(coils, place.coil, f"array.placements.{index}.coil"),
-                tuple(place.layers),
-                place.x_mm * _MM,
-                place.y_mm * _MM,
-                place.rotation_deg * _DEG,
-            )
+            Placement(coil=_coil(coils, place.coil, f"array.placements.{index}.coil"), **in_si(place, "coil"))
             for index, place in enumerate(self.placements)
         )
         return CoilArray(stackup, placements, board.margin_mm * _MM, board.through_holes)
@@ -279,18 +271,8 @@ class LatticeArray(Table):
 
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
         """Return the array in SI; DesignError for a coil that is not there."""
-        lattice = Lattice(
-            self.lattice,
-            self.pitch_mm * _MM,
-            self.columns,
-            self.rows,
-            tuple(map(tuple, self.layers)),
-            self.direction_deg * _DEG,
-            self.rotation_deg * _DEG,
-            self.layer_shift_per_row,
-            None if self.names is None else tuple(self.names),
-        )
-        coil = _coil(coils, self.coil, "array.coil")
+        coil, own = _coil(coils, self.coil, "array.coil"), in_si(self, "coil")
+        lattice = Lattice(own.pop("lattice"), layer_shift=own.pop("layer_shift_per_row"), **own)
         return lattice_array(
             stackup, coil, lattice, board_margin=board.margin_mm * _MM, through_holes=board.through_holes
         )
@@ -314,41 +296,26 @@ class SheetTable(Table):
 
     def build(self) -> Sheet:
         """Return the sheet in SI."""
-        modulus = None if self.youngs_modulus_kPa is None else self.youngs_modulus_kPa * _KPA
-        return Sheet(self.name, self.thickness_mm * _MM, self.relative_permeability, modulus, self.poissons_ratio)
+        return Sheet(**in_si(self))
 
 
-class HemisphereTable(Table):
-    """``[indenter]`` with ``shape = "hemisphere"``."""
+class RoundTable(Table):
+    """``[indenter]`` of every shape but the cone.
 
-    shape: Literal["hemisphere"]
+    The radius of a paraboloid is that of curvature at its tip; a cylinder edge is a long cylinder that lies along y.
+    """
+
+    shape: Literal["hemisphere", "paraboloid", "flat_punch", "cylinder_edge"]
     radius_mm: Millimetres
 
-    def build(self) -> Hemisphere:
+    def build(self) -> Indenter:
         """Return the indenter in SI."""
-        return Hemisphere(self.radius_mm * _MM)
+        return _ROUND[self.shape](self.radius_mm * _MM)
 
 
-class ParaboloidTable(Table):
-    """``[indenter]`` with ``shape = "paraboloid"``; the radius is that of curvature at the tip."""
-
-    shape: Literal["paraboloid"]
-    radius_mm: Millimetres
-
-    def build(self) -> Paraboloid:
-        """Return the indenter in SI."""
-        return Paraboloid(self.radius_mm * _MM)
-
-
-class FlatPunchTable(Table):
-    """``[indenter]`` with ``shape = "flat_punch"``."""
-
-    shape: Literal["flat_punch"]
-    radius_mm: Millimetres
-
-    def build(self) -> FlatPunch:
-        """Return the indenter in SI."""
-        return FlatPunch(self.radius_mm * _MM)
+_ROUND: Mapping[str, Callable[[float], Indenter]] = {
+    "hemisphere": Hemisphere, "paraboloid": Paraboloid, "flat_punch": FlatPunch, "cylinder_edge": CylinderEdge,
+}  # fmt: skip
 
 
 class ConeTable(Table):
@@ -362,17 +329,6 @@ class ConeTable(Table):
         """Return the indenter in SI."""
         angle = self.half_angle_deg * _DEG
         return Cone(angle) if self.radius_mm is None else Cone(angle, self.radius_mm * _MM)
-
-
-class CylinderEdgeTable(Table):
-    """``[indenter]`` with ``shape = "cylinder_edge"``: a long cylinder that lies along y."""
-
-    shape: Literal["cylinder_edge"]
-    radius_mm: Millimetres
-
-    def build(self) -> CylinderEdge:
-        """Return the indenter in SI."""
-        return CylinderEdge(self.radius_mm * _MM)
 
 
 class IndentationTable(Table):
@@ -393,8 +349,7 @@ class IndentationTable(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> IndentationTable:
-        if not all(shallow < deep for shallow, deep in itertools.pairwise(self.depths_mm)):
-            raise ValueError(f"needs depths_mm that rise from each to the next; got {self.depths_mm}")
+        require_rising("depths_mm", self.depths_mm)
         if self.origin is not None and self.origin_mm is not None:
             raise ValueError("needs one of origin and origin_mm, not both")
         ranges = (self.x_mm, self.y_mm, self.step_mm)
@@ -406,8 +361,7 @@ class IndentationTable(Table):
                 low, high = values
                 self._check_range(key, low, high, self.step_mm)
         for key, positions in (("x_positions_mm", lists[0]), ("y_positions_mm", lists[1])):
-            if positions is not None and not all(low < high for low, high in itertools.pairwise(positions)):
-                raise ValueError(f"needs {key} that rise from each to the next; got {positions}")
+            require_rising(key, positions or ())
         count = math.prod(map(len, self.positions()))
         if count > _MOST_POSITIONS:
             raise ValueError(f"may have {_MOST_POSITIONS} positions; x_mm, y_mm and step_mm give {count}")
@@ -514,13 +468,7 @@ class Document(Table):
     array: Annotated[LatticeArray | FreeArray, Field(discriminator="lattice")]
     board: BoardTable = BoardTable()
     elastomer: list[SheetTable] = Field(default_factory=list)
-    indenter: (
-        Annotated[
-            HemisphereTable | ParaboloidTable | FlatPunchTable | ConeTable | CylinderEdgeTable,
-            Field(discriminator="shape"),
-        ]
-        | None
-    ) = None
+    indenter: Annotated[RoundTable | ConeTable, Field(discriminator="shape")] | None = None
     indentation: IndentationTable | None = None
     circuit: CircuitTable = CircuitTable()
     scan: list[StateTable] = Field(default_factory=list)

@@ -24,14 +24,8 @@ _Model = TypeVar("_Model", bound=BaseModel)
 class TomlFiles:
     """One kind of TOML file, such as designs, some of which come with the package.
 
-    Parameters
-    ----------
-    kind : str
-        The kind in messages, such as ``"design"``.
-    error : type
-        The error that is raised for a file that cannot be read.
-    package : str
-        Import name of the folder with the files that come with the package; empty where there are none.
+    `kind` names it in messages, `error` is raised for a file that cannot be read, and `package` is the import name of
+    the folder with the files that come with the package; empty where there are none.
     """
 
     kind: str

@@ -3,33 +3,24 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
-from typing import Annotated
+import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
+
+SCALES: Mapping[str, float] = {
+    "mm": 1e-3, "um": 1e-6, "deg": math.pi / 180, "mrad": 1e-3, "kPa": 1e3, "pF": 1e-12, "nH": 1e-9, "percent": 1e-2,
+}  # fmt: skip
+"""SI value of each unit that stands at the end of a key."""
 
 # Bounds far beyond any board: a typo is refused where it stands instead of overflowing or running for hours.
 Millimetres = Annotated[float, Field(gt=0, le=10_000)]
 Micrometres = Annotated[float, Field(gt=0, le=100_000)]
 LimitMillimetres = Annotated[float, Field(ge=0, le=10_000)]
 Position = Annotated[float, Field(ge=-100_000, le=100_000)]
-Degrees = Annotated[float, Field(ge=-36_000, le=36_000)]
-Picofarads = Annotated[float, Field(ge=1e-6, le=1e12)]
-StrayPicofarads = Annotated[float, Field(ge=0, le=1e6)]
-Nanohenries = Annotated[float, Field(ge=0, le=1e9)]
-Ohms = Annotated[float, Field(ge=0, le=1e9)]
-LoadOhms = Annotated[float, Field(gt=0, le=1e9)]
-Resistivity = Annotated[float, Field(ge=1e-10, le=1.0)]
-Relative = Annotated[float, Field(ge=1, le=1e6)]
-Turns = Annotated[float, Field(gt=0, le=1000)]
-Kilopascals = Annotated[float, Field(ge=1e-6, le=1e9)]
-PoissonsRatio = Annotated[float, Field(ge=0, le=0.5)]
-HalfAngle = Annotated[float, Field(gt=0, lt=90)]
-StepMillimetres = Annotated[float, Field(ge=1e-3, le=10_000)]
-Point = Annotated[list[Position], Field(min_length=2, max_length=2)]
-Positions = Annotated[list[Position], Field(min_length=1, max_length=100_000)]
-Range = Annotated[list[Position], Field(min_length=2, max_length=2)]
 Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+][A-Za-z0-9_.+-]*$")]
 
 
@@ -51,3 +42,40 @@ class Table(BaseModel):
                     "unknown_key", "{hint}", {"hint": f"has no key {key!r}; {hint}Allowed are {', '.join(known)}"}
                 )
         return table
+
+
+class Bounds(Table):
+    """Bounds of what a table names: at least one, and the lower one not above the upper one."""
+
+    at_least: float | None = None
+    at_most: float | None = None
+
+    @model_validator(mode="after")
+    def _some_room(self) -> Bounds:
+        if self.at_least is None and self.at_most is None:
+            raise ValueError("needs at_least, at_most or both")
+        if self.at_least is not None and self.at_most is not None and not self.at_least <= self.at_most:
+            raise ValueError(f"needs at_least up to at_most; got {self.at_least:g} and {self.at_most:g}")
+        return self
+
+
+def in_si(table: Table, *without: str) -> dict[str, Any]:
+    """Return the values of a table in SI by their keys without the unit; lists as tuples, `without` names left out."""
+    values = {}
+    for key in type(table).model_fields:
+        if key not in without:
+            name, _, unit = key.rpartition("_")
+            values[name if unit in SCALES else key] = _times(getattr(table, key), SCALES.get(unit))
+    return values
+
+
+def _times(value: Any, scale: float | None) -> Any:
+    if isinstance(value, list):
+        return tuple(_times(item, scale) for item in value)
+    return value if scale is None or value is None else value * scale
+
+
+def require_rising(key: str, values: Sequence[float]) -> None:
+    """Refuse values that do not rise from each to the next: ValueError for a validator."""
+    if not all(low < high for low, high in pairwise(values)):
+        raise ValueError(f"needs {key} that rise from each to the next; got {values}")

@@ -66,27 +66,12 @@ def vary(design: Design | DesignFile, changes: Mapping[str, Any]) -> Design:
 
 
 def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Change entries of a design file as TOML reads it; for workers, which get plain tables.
+    """Return a design file as TOML reads it with entries changed as `vary` does; for workers, which get plain tables.
 
-    Parameters
-    ----------
-    document : mapping of str to object
-        Document as of a `DesignFile`; stays as it is.
-    changes : mapping of str to object
-        As in `vary`. Numbers of numpy become plain ones, and a whole number like 3.0 the integer 3, which every
-        numeric entry takes.
-
-    Returns
-    -------
-    dict
-        Shares with `document` what did not change; to be checked by `coilarray.design.model.build_design`.
-
-    Raises
-    ------
-    DesignError
-        A key that cannot be an entry: it only describes the design or its file, leads through a value, past the end of
-        a list, to a coil shape that is not there, or to a whole table. Other wrong keys and values are found by
-        `build_design`.
+    What does not change is shared. Numbers of numpy become plain ones, and a whole number like 3.0 the integer 3, which
+    every numeric entry takes. DesignError for a key that cannot be an entry: it only describes the design or its file,
+    leads through a value, past the end of a list, to a coil shape that is not there, or to a whole table. Other wrong
+    keys and values are found by `coilarray.design.model.build_design`.
 
     Examples
     --------

@@ -14,6 +14,7 @@ import numpy as np
 from coilarray.design.fab_limits import FabTable
 from coilarray.design.model import Circuit, Design, DesignFile, Indentation, build_design_file
 from coilarray.design.tables import PASSIVE, SCHEMA, CircuitTable, map_positions
+from coilarray.design.units import SCALES, Table
 from coilarray.geometry import (
     Coil,
     CoilArray,
@@ -38,7 +39,8 @@ _LONGEST_LINE = 120
 _LEAST_CIRCLE = 8  # segments of a turn that a file takes for a circle
 _PICOMETRE = 1e-12
 _PLACES = ("lines_mm", "outline_mm", "x_mm", "y_mm")
-_MM, _UM, _PF, _DEG = 1e-3, 1e-6, 1e-12, math.pi / 180
+_VIA = ("drill_mm", "pad_mm", "plating_um")
+_MM, _UM, _PF, _DEG = (SCALES[unit] for unit in ("mm", "um", "pF", "deg"))
 _WORDS = {passive: word for word, passive in PASSIVE.items()}
 
 
@@ -103,27 +105,11 @@ def as_file(design: Design | DesignFile) -> DesignFile:
 
 
 def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str:
-    """Return the text of a design file.
+    """Return the TOML text of a design; places are rounded to 1 nm, other numbers to 12 digits.
 
-    Parameters
-    ----------
-    design : Design
-        Placements that share a `Coil` share its table, see `shape_names`.
-    assumed : mapping of str to str, optional
-        Dotted keys of the design whose values are assumed, with the reason. ``coils.*.KEY`` stands for every shape,
-        ``coils.NAME.KEY`` for that of the coil NAME.
-
-    Returns
-    -------
-    str
-        TOML. Places are rounded to 1 nm, other numbers to 12 digits.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> from coilarray.design.model import parse_design
-    >>> parse_design(design_text(load_design("gast2020"))).array.names[:2]
-    ('coil1', 'coil2')
+    Placements that share a `Coil` share its table, see `shape_names`. `assumed` has dotted keys of the design whose
+    values are assumed, with the reason: ``coils.*.KEY`` stands for every shape, ``coils.NAME.KEY`` for that of the coil
+    NAME.
     """
     import tomli_w
 
@@ -200,12 +186,10 @@ def _spiral_table(of: Wound) -> dict[str, Any]:
     table |= {
         "turns_per_layer": float(spiral.turns),
         "winding_layers": of.winding_layers,
-        "trace_width_mm": _entry(spiral.trace_width, _MM),
-        "gap_mm": _entry(spiral.gap, _MM),
-        "first_corner_deg": _entry(spiral.first_corner, _DEG),
+        **_entries(spiral, "trace_width_mm", "gap_mm", "first_corner_deg"),
         "winding": spiral.winding,
         "return_lead": of.return_lead,
-        "via": _via_table(of.via),
+        "via": _entries(of.via, *_VIA),
     }
     return table if of.leads is None else table | {"leads": _leads_table(of.leads, of.via)}
 
@@ -227,14 +211,8 @@ def _polygon_size(spiral: Spiral) -> dict[str, float]:
 
 
 def _leads_table(leads: Leads, via: PlatedHole) -> dict[str, float]:
-    table = {
-        "length_mm": _entry(leads.length, _MM),
-        "spacing_mm": _entry(leads.spacing, _MM),
-        "pad_mm": _entry(leads.terminal.pad, _MM),
-        "drill_mm": _entry(leads.terminal.drill, _MM),
-    }
-    same = leads.terminal.plating == via.plating
-    return table if same else table | {"plating_um": _entry(leads.terminal.plating, _UM)}
+    own = ("pad_mm", "drill_mm") if leads.terminal.plating == via.plating else ("pad_mm", "drill_mm", "plating_um")
+    return _entries(leads, "length_mm", "spacing_mm") | _entries(leads.terminal, *own)
 
 
 def _path_table(coil: Coil) -> dict[str, Any]:
@@ -255,19 +233,11 @@ def _path_table(coil: Coil) -> dict[str, Any]:
     hull = hull_outline(coil)
     if hull.shape != coil.outline.shape or not np.allclose(hull, coil.outline, rtol=0, atol=_PICOMETRE):
         table["outline_mm"] = _points(coil.outline.tolist())
-    return table | {"via": _via_table(coil.via)}
+    return table | {"via": _entries(coil.via, *_VIA)}
 
 
 def _points(points: Sequence[Sequence[float]]) -> list[list[float]]:
     return [[_place(x), _place(y)] for x, y in points]
-
-
-def _via_table(via: PlatedHole) -> dict[str, float]:
-    return {
-        "drill_mm": _entry(via.drill, _MM),
-        "pad_mm": _entry(via.pad, _MM),
-        "plating_um": _entry(via.plating, _UM),
-    }
 
 
 def _array_table(
@@ -280,9 +250,7 @@ def _array_table(
             "coil": shapes[0],
             "columns": lattice.columns,
             "rows": lattice.rows,
-            "pitch_mm": _entry(lattice.pitch, _MM),
-            "direction_deg": _entry(lattice.direction, _DEG),
-            "rotation_deg": _entry(lattice.rotation, _DEG),
+            **_entries(lattice, "pitch_mm", "direction_deg", "rotation_deg"),
             "layers": [[layers.get(layer, layer) for layer in each] for each in lattice.layers],
         }
         if lattice.layer_shift is not None:
@@ -297,9 +265,7 @@ def _array_table(
                 "name": names[place.name],
                 "coil": shape,
                 "layers": [layers[layer] for layer in place.layers],
-                "x_mm": _place(place.x),
-                "y_mm": _place(place.y),
-                "rotation_deg": _place(place.rotation, _DEG),
+                **_entries(place, "x_mm", "y_mm", "rotation_deg", places=True),
             }
             for shape, place in zip(shapes, array.placements, strict=True)
         ],
@@ -320,17 +286,16 @@ def _is_on(lattice: Lattice, array: CoilArray) -> bool:
 
 def _sheet_tables(sheets: Sequence[Sheet]) -> list[dict[str, Any]]:
     names = design_names(sheet.name for sheet in sheets)
-    tables = []
-    for sheet in sheets:
-        table: dict[str, Any] = {
+    return [
+        {
             "name": names[sheet.name],
-            "thickness_mm": _entry(sheet.thickness, _MM),
+            **_entries(sheet, "thickness_mm"),
             "relative_permeability": float(sheet.relative_permeability),
+            **_entries(sheet, "youngs_modulus_kPa"),
+            "poissons_ratio": float(sheet.poissons_ratio),
         }
-        if sheet.youngs_modulus is not None:
-            table["youngs_modulus_kPa"] = _entry(sheet.youngs_modulus, 1e3)
-        tables.append(table | {"poissons_ratio": float(sheet.poissons_ratio)})
-    return tables
+        for sheet in sheets
+    ]
 
 
 def _indenter_table(indenter: Indenter) -> dict[str, Any]:
@@ -377,16 +342,13 @@ def _circuit_table(circuit: Circuit, names: Mapping[str, str]) -> dict[str, Any]
         "short_resistance_ohm": 2.0 * switches.on_resistance,
         "resistivity_ohm_m": circuit.resistivity,
         "switch_off_capacitance_pF": _entry(switches.off_capacitance, _PF),
-        "terminal_capacitance_pF": _entry(switches.terminal_capacitance, _PF),
-        "bus_capacitance_pF": _entry(switches.bus_capacitance, _PF),
-        "lead_inductance_nH": _entry(switches.lead_inductance, 1e-9),
+        **_entries(switches, "terminal_capacitance_pF", "bus_capacitance_pF", "lead_inductance_nH"),
         "tank": switches.tank_at,
         "elastomer_permittivity": float(circuit.elastomer_permittivity),
         "default_termination": _WORDS[circuit.default_termination],
         "terminations": {names[coil]: _WORDS[passive] for coil, passive in circuit.terminations.items()},
     }
-    default = CircuitTable().model_dump()
-    return {key: value for key, value in table.items() if value != default[key]}
+    return _without_defaults(table, CircuitTable())
 
 
 def _scan_tables(circuit: Circuit, names: Mapping[str, str]) -> Iterator[dict[str, Any]]:
@@ -403,21 +365,8 @@ def _scan_tables(circuit: Circuit, names: Mapping[str, str]) -> Iterator[dict[st
 
 
 def _fab_table(rules: FabRules) -> dict[str, Any]:
-    def length(value: float | None, unit: float) -> float | None:
-        return None if value is None else _entry(value, unit)
-
-    lengths = ("min_trace", "min_gap", "min_drill", "min_annular_ring", "min_edge_clearance", "min_hole_spacing")
-    table = {
-        **{f"{name}_mm": _entry(getattr(rules, name), _MM) for name in lengths},
-        "max_layers": rules.max_layers,
-        "max_outer_copper_um": length(rules.max_outer_copper, _UM),
-        "max_inner_copper_um": length(rules.max_inner_copper, _UM),
-        "max_aspect_ratio": rules.max_aspect_ratio,
-        "max_board_mm": None if rules.max_board is None else [_entry(side, _MM) for side in rules.max_board],
-        "blind_holes": rules.blind_holes,
-    }
-    default = FabTable().model_dump()
-    return {key: value for key, value in table.items() if value is not None and value != default[key]}
+    keys = (key for key in FabTable.model_fields if key != "profile")
+    return _without_defaults(_entries(rules, *keys), FabTable())
 
 
 def _assumed_table(assumed: Mapping[str, str], of_coil: Mapping[str, str], shapes: list[str]) -> dict[str, str]:
@@ -434,14 +383,33 @@ def _assumed_table(assumed: Mapping[str, str], of_coil: Mapping[str, str], shape
     return table
 
 
-def _entry(value: float, unit: float) -> float:
-    """Return the entry of a file that is read as a value, `unit` times the entry."""
-    return _number(value / unit, value, lambda entry: entry * unit)
+def _without_defaults(entries: Mapping[str, Any], table: Table) -> dict[str, Any]:
+    default = table.model_dump()
+    return {key: value for key, value in entries.items() if value != default[key]}
 
 
-def _place(value: float, unit: float = _MM) -> float:
-    """Return the entry of a place or angle, for which zero is no special value."""
-    return _number(value / unit, value, lambda entry: entry * unit, places=True)
+def _entries(of: object, *keys: str, places: bool = False) -> dict[str, Any]:
+    """Return entries whose keys are names of attributes, most with a unit; those that are None are left out."""
+    found = {}
+    for key in keys:
+        name, _, unit = key.rpartition("_")
+        value = getattr(of, name if unit in SCALES else key)
+        if unit in SCALES and isinstance(value, tuple):
+            value = [_entry(side, SCALES[unit]) for side in value]
+        elif unit in SCALES and value is not None:
+            value = _entry(value, SCALES[unit], places=places)
+        if value is not None:
+            found[key] = value
+    return found
+
+
+def _entry(value: float, unit: float, *, places: bool = False) -> float:
+    """Return the entry that is read as a value, `unit` times the entry; for `places` zero is no special value."""
+    return _number(value / unit, value, lambda entry: entry * unit, places=places)
+
+
+def _place(value: float) -> float:
+    return _entry(value, _MM, places=True)
 
 
 def _number(guess: float, value: float, read: Callable[[float], float], *, places: bool = False) -> float:

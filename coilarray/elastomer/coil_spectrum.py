@@ -61,40 +61,21 @@ class CoilSpectra:
     series: tuple[tuple[ComplexArray, ...], ...]
 
 
-def coil_centres(source: Source) -> tuple[FloatArray, float]:
-    """Centres of the coils' bounding rectangles, shape (coils, 2), and the largest radius about them, both in m."""
-    return _centres([conductor.vertices for conductor in as_conductors(source)])
+def coil_segments(source: Source) -> list[Segments]:
+    """Segments of current paths at z ≤ 0.
+
+    A path whose ends lie apart is closed by a straight line between them, since only a closed current has a potential.
+    """
+    vertices = [conductor.vertices for conductor in as_conductors(source)]
+    return [Segments(v, np.roll(v, -1, axis=0), np.ones(len(v))) for v in vertices]
 
 
 def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
-    """As `coil_centres`, of coils given by their segments."""
-    return _centres([np.concatenate((coil.start, coil.stop)) for coil in coils])
-
-
-def _centres(corners: Sequence[FloatArray]) -> tuple[FloatArray, float]:
-    plane = [points[:, :2] for points in corners]
+    """Centres of the coils' bounding rectangles, shape (coils, 2), and the largest radius about them, both in m."""
+    plane = [np.concatenate((coil.start, coil.stop))[:, :2] for coil in coils]
     centres = np.array([(points.min(axis=0) + points.max(axis=0)) / 2 for points in plane])
     radius = max(float(np.hypot(*(points - centre).T).max()) for points, centre in zip(plane, centres, strict=True))
     return centres, radius
-
-
-def coil_spectra(source: Source, wavenumbers: FloatArray) -> CoilSpectra:
-    """Compute the spectra of coils, each distinct shape once.
-
-    Parameters
-    ----------
-    source : CoilArray, Conductor, polyline or sequence of them
-        Paths at z ≤ 0. A path whose ends lie apart is closed by a straight line between them, since only a closed
-        current has a potential.
-    wavenumbers : ndarray, shape (k,)
-        Wavenumbers in 1/m, positive.
-
-    Returns
-    -------
-    CoilSpectra
-    """
-    vertices = [conductor.vertices for conductor in as_conductors(source)]
-    return segment_spectra([Segments(v, np.roll(v, -1, axis=0), np.ones(len(v))) for v in vertices], wavenumbers)
 
 
 def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilSpectra:
@@ -106,7 +87,8 @@ def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilS
     for coil, centre in zip(coils, centres, strict=True):
         shape = replace(coil, start=coil.start - [*centre, 0.0], stop=coil.stop - [*centre, 0.0])
         ends = np.hstack((shape.start, shape.stop)) / radius
-        key = np.round(np.column_stack((ends, shape.weights)) / _SAME_SHAPE).tobytes()
+        # as integers, for −0.0 and 0.0 have other bytes
+        key = np.round(np.column_stack((ends, shape.weights)) / _SAME_SHAPE).astype(np.int64).tobytes()
         if key not in known:
             known[key] = len(shapes)
             shapes.append(shape)

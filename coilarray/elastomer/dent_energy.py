@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges
-from coilarray.elastomer.coil_spectrum import CoilSpectra, harmonics_about
+from coilarray.elastomer.coil_spectrum import Segments, harmonics_about, segment_centres, segment_spectra
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.scattering import LayerMesh, Scattering, wavenumber_rule
 from coilarray.errors import ElastomerError
@@ -23,9 +23,19 @@ _POSITIONS = 128  # at a time, which bounds the memory
 _DISTANCES = 5  # numbers for every position and coil, to find the farthest
 
 
-def checked_positions(positions: npt.ArrayLike, dents: Sequence[Dent]) -> FloatArray:
-    """Positions in m, shape (n, 2), of dents that belong together.
+def dent_energies(
+    dents: Sequence[Dent],
+    positions: npt.ArrayLike,
+    coils: Sequence[Segments],
+    solve: Solver,
+    mesh: LayerMesh,
+    *,
+    progress: Progress | None = None,
+) -> FloatArray:
+    """Change of the energy between the fields of all coils by dents in the same sheets.
 
+    The axis of the indenter is at `positions` (positions, 2) in m. The result, shape (dents, positions, coils, coils),
+    is ∫ Δμ ∇U_i·∇U_j dV with relative material constants, symmetric: times μ0 an inductance, times ε0 a capacitance.
     ElastomerError for positions that are not finite, dents of different sheets, or in plane strain.
     """
     points = np.asarray(positions, dtype=np.float64)
@@ -35,25 +45,7 @@ def checked_positions(positions: npt.ArrayLike, dents: Sequence[Dent]) -> FloatA
         raise ElastomerError("coils in space need dents about an axis; for plane strain there is the line model.")
     if len({(dent.thicknesses, dent.permeabilities) for dent in dents}) > 1:
         raise ElastomerError("dents must be in the same sheets.")
-    return points
-
-
-def dent_energies(
-    dents: Sequence[Dent],
-    points: FloatArray,
-    circle: tuple[FloatArray, float],
-    spectra_at: Callable[[FloatArray], CoilSpectra],
-    solve: Solver,
-    mesh: LayerMesh,
-    *,
-    progress: Progress | None = None,
-) -> FloatArray:
-    """Change of the energy between the fields of all coils by dents in the same sheets.
-
-    The axis of the indenter is at `points` (positions, 2) in m. The result, shape (dents, positions, coils, coils), is
-    ∫ Δμ ∇U_i·∇U_j dV with relative material constants, symmetric: times μ0 an inductance, times ε0 a capacitance.
-    """
-    centres, radius = circle
+    centres, radius = segment_centres(coils)
     require_memory(
         8.0 * len(points) * len(centres) * (len(dents) * len(centres) + _DISTANCES),
         f"{len(dents)} dents at {len(points)} positions with {len(centres)} coils",
@@ -71,21 +63,17 @@ def dent_energies(
     blocks = ranges(len(points), _POSITIONS)
     total = len(moving) + len(blocks)
     deepest = max(float(np.abs(dent.displacement).max()) for dent in dents)
+    report = progress or (lambda done, total: None)
     solved = []
     for index in moving:
         solved.append(solve(dents[index], wavenumbers, weights, deepest))
-        _report(progress, len(solved), total)
-    spectra = spectra_at(wavenumbers)
+        report(len(solved), total)
+    spectra = segment_spectra(coils, wavenumbers)
     factors = 2 * np.pi * np.array([1.0, *[2.0] * mesh.harmonics])
     for done, (start, stop) in enumerate(blocks, start=1):
         incident = harmonics_about(spectra, points[start:stop], mesh.harmonics)
         incident *= wavenumbers[:, None, None, None] / (2 * np.pi)
         for index, one in zip(moving, solved, strict=True):
             change[index, start:stop] = one.change(incident, factors)
-        _report(progress, len(moving) + done, total)
+        report(len(moving) + done, total)
     return change
-
-
-def _report(progress: Progress | None, done: int, total: int) -> None:
-    if progress is not None:
-        progress(done, total)

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
-from coilarray.elastomer.coil_spectrum import coil_centres, coil_spectra
+from coilarray.elastomer.coil_spectrum import coil_segments
 from coilarray.elastomer.dent import Dent
-from coilarray.elastomer.dent_energy import checked_positions, dent_energies
+from coilarray.elastomer.dent_energy import dent_energies
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter
 from coilarray.elastomer.shortcuts import born, first_order
 from coilarray.electromagnetics.source import Source, as_conductors
@@ -79,7 +79,6 @@ def dent_inductance(
     >>> np.round(change[0, :, 0, 0] * 1e12, 2)
     array([25.93,  0.23])
     """
-    points = checked_positions(positions, dents)
     if model not in get_args(Model):
         raise ElastomerError(f"model must be one of {', '.join(get_args(Model))}; got {model!r}.")
     paths = as_conductors(source)
@@ -94,7 +93,4 @@ def dent_inductance(
         shortcut = {"first order": first_order, "Born": born}[model]
         return shortcut(dent, wavenumbers, weights, accuracy.harmonics)
 
-    energies = dent_energies(
-        dents, points, coil_centres(paths), lambda k: coil_spectra(paths, k), solve, accuracy, progress=progress
-    )
-    return MU_0 * energies
+    return MU_0 * dent_energies(dents, positions, coil_segments(paths), solve, accuracy, progress=progress)

@@ -8,6 +8,7 @@ the rest is the magnetic problem of `coilarray.elastomer.scattering`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +16,9 @@ import shapely
 from shapely.geometry.polygon import orient
 
 from coilarray.constants import EPSILON_0
-from coilarray.elastomer.coil_spectrum import Segments, segment_centres, segment_spectra
+from coilarray.elastomer.coil_spectrum import Segments
 from coilarray.elastomer.dent import Dent
-from coilarray.elastomer.dent_energy import checked_positions, dent_energies
+from coilarray.elastomer.dent_energy import dent_energies
 from coilarray.elastomer.scattering import LayerMesh, scatter
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Coil, CoilArray, Placement, Stackup
@@ -75,20 +76,18 @@ def dent_capacitance(
     two layers, solved alone in the true surroundings of its copper (tests/elastomer/test_dielectric.py), has 0.75 to
     0.9 of this in symmetric drive, where the layers' potentials are opposite and cancel outside; with a terminal at
     ground 0.3 to 0.7, as then nothing but the neighbours holds the outside at zero. Where the zero is matters more: a
-    dent of 1 mm in the gast2020 design feigns at most about 1e-7 in symmetric drive, 1.5e-6 with the upper layer's
+    dent of 1 mm in the gast2020 design passes for 1e-7 of L at most in symmetric drive, 1.5e-6 with the upper layer's
     outer end at the full voltage, 6e-7 with that end at ground. The sign may be either: a
     raised ring where the field is strong outweighs the pit.
     """
-    points = checked_positions(positions, dents)
     if not (np.isfinite(permittivity) and permittivity >= 1):
         raise ElastomerError(f"permittivity must be at least 1; got {permittivity}.")
     accuracy = LayerMesh() if mesh is None else mesh
     electrodes = [surface_potential(placement, array.stackup, zero_at) for placement in array.placements]
     energies = dent_energies(
         [_filled(dent, permittivity) for dent in dents],
-        points,
-        segment_centres(electrodes),
-        lambda wavenumbers: segment_spectra(electrodes, wavenumbers),
+        positions,
+        electrodes,
         lambda dent, k, weights, deepest: scatter(dent, k, weights, accuracy, deepest, "grounded"),
         accuracy,
     )
@@ -143,7 +142,13 @@ def outlined(outlines: Sequence[FloatArray], potentials: Sequence[float], z: flo
 def _filled(dent: Dent, permittivity: float) -> Dent:
     """Sheets of one permittivity on electrodes: of their faces the electric field sees the top alone."""
     faces = dent.displacement[:, [0, -1]]
-    return Dent((sum(dent.thicknesses),), (permittivity,), dent.radius, faces, below=permittivity)
+    return replace(
+        dent,
+        thicknesses=(sum(dent.thicknesses),),
+        permeabilities=(permittivity,),
+        displacement=faces,
+        below=permittivity,
+    )
 
 
 def _along(coil: Coil, zero_at: float) -> tuple[list[FloatArray], list[FloatArray]]:

@@ -86,12 +86,7 @@ def _strains(basis: Any, symmetry: Symmetry) -> FloatArray:
     r = basis.global_coordinates()[0]
     return np.stack(
         [
-            [
-                u.grad[0, 0],
-                u.grad[1, 1],
-                hoop_strain(symmetry, u, r),
-                (u.grad[0, 1] + u.grad[1, 0]) / np.sqrt(2),
-            ]
+            [u.grad[0, 0], u.grad[1, 1], hoop_strain(symmetry, u, r), (u.grad[0, 1] + u.grad[1, 0]) / np.sqrt(2)]
             for (u,) in basis.basis
         ]
     )

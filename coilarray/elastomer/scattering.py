@@ -138,9 +138,8 @@ def scatter(
     grid = _grid(dent, mesh, deepest, base)
     basis = Basis(grid, ElementQuad2(), intorder=6)
     r, z = np.asarray(basis.global_coordinates())
-    mu = _permeability(dent, z)
-    map_ = _Mapping(dent, deepest)
-    stretch, shear = map_.gradient(r, z)
+    mu = np.array([1.0, *dent.permeabilities, 1.0])[np.searchsorted(dent.heights, z)]
+    stretch, shear = _gradient(dent, deepest, r, z)
     flat = _Forms(basis, mu, np.ones_like(mu), np.zeros_like(mu), np.ones_like(mu), dent.symmetry)
     change = _Forms(basis, mu, stretch, -shear, (1 + shear**2) / (1 + stretch) - 1, dent.symmetry)
     nodes = basis.doflocs
@@ -174,28 +173,20 @@ def scatter(
     return Scattering(wavenumbers, weights, tuple(p for p, _ in solved), tuple(e for _, e in solved))
 
 
-@dataclass(frozen=True, eq=False)
-class _Mapping:
-    """Heights z = Z + w(r, Z) that move the contrasts with the dent and nothing beyond the anchors."""
-
-    dent: Dent
-    deepest: float | None
-
-    def gradient(self, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """∂w/∂Z and ∂w/∂r at points, both dimensionless."""
-        heights, faces = self.dent.anchors(self.deepest)
-        shape = self.dent.faces
-        w, slope = shape(r)[..., list(faces)], shape(r, 1)[..., list(faces)]
-        stretch, shear = np.zeros_like(r), np.zeros_like(r)
-        rigid = np.zeros((*r.shape, 1))
-        low = [rigid] if len(heights) == len(faces) + 2 else []
-        w, slope = (np.concatenate([*low, part, rigid], axis=-1) for part in (w, slope))
-        for k, (lower, upper) in enumerate(pairwise(heights.tolist())):
-            here = (z > lower) & (z < upper)
-            share = (z[here] - lower) / (upper - lower)
-            stretch[here] = (w[here, k + 1] - w[here, k]) / (upper - lower)
-            shear[here] = (1 - share) * slope[here, k] + share * slope[here, k + 1]
-        return stretch, shear
+def _gradient(dent: Dent, deepest: float | None, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """∂w/∂Z and ∂w/∂r at points of z = Z + w(r, Z), which moves the contrasts and nothing beyond the anchors."""
+    heights, faces = dent.anchors(deepest)
+    w, slope = dent.faces(r)[..., list(faces)], dent.faces(r, 1)[..., list(faces)]
+    stretch, shear = np.zeros_like(r), np.zeros_like(r)
+    rigid = np.zeros((*r.shape, 1))
+    low = [rigid] if len(heights) == len(faces) + 2 else []
+    w, slope = (np.concatenate([*low, part, rigid], axis=-1) for part in (w, slope))
+    for k, (lower, upper) in enumerate(pairwise(heights.tolist())):
+        here = (z > lower) & (z < upper)
+        share = (z[here] - lower) / (upper - lower)
+        stretch[here] = (w[here, k + 1] - w[here, k]) / (upper - lower)
+        shear[here] = (1 - share) * slope[here, k] + share * slope[here, k + 1]
+    return stretch, shear
 
 
 class _Forms:
@@ -236,11 +227,6 @@ def _by_value(values: FloatArray, function: Callable[[FloatArray], FloatArray]) 
     """Apply a function to the distinct values only: mesh lines share their coordinates."""
     distinct, inverse = np.unique(np.round(values, 12), return_inverse=True)  # to a picometre
     return np.asarray(function(distinct)[inverse])
-
-
-def _permeability(dent: Dent, z: FloatArray) -> FloatArray:
-    mu = np.array([1.0, *dent.permeabilities, 1.0])
-    return np.asarray(mu[np.searchsorted(dent.heights, z)])
 
 
 def _grid(dent: Dent, mesh: LayerMesh, deepest: float | None, base: Base) -> MeshQuad:

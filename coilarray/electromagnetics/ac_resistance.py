@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Progress, ranges, run_blocks, serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.kernels.cuts import gauss_points, lateral_axes, nearest_crossing, radial_cut
@@ -51,51 +52,22 @@ MODELS = ("transverse field", "section filaments")
 
 @dataclass(frozen=True, eq=False)
 class CrossSection:
-    """Losses of one straight isolated trace; arrays have the shape of `frequency`.
+    """Losses of one straight isolated trace over frequency.
 
-    Parameters
-    ----------
-    width, thickness : float
-        Sides of the trace in m.
-    frequency : ndarray
-        Frequencies in Hz.
-    resistivity : float
-        Resistivity of the copper in Ω·m.
-    resistance_ratio : ndarray
-        R_ac/R_dc, without neighbours.
-    normal_field_loss, lateral_field_loss : ndarray
-        g in Ω·m: a uniform field of peak value H along the thickness (normal to the plane) or along the width adds
-        the loss ½ g |H|² in W/m. The two and the loss of the trace's own current add without cross terms.
+    `resistance_ratio` is R_ac/R_dc without neighbours. `normal_field_loss` and `lateral_field_loss` are g in Ω·m: a
+    uniform field of peak value H along the thickness (normal to the plane) or along the width adds the loss ½ g |H|²
+    in W/m. The two and the loss of the trace's own current add without cross terms.
     """
 
-    width: float
-    thickness: float
-    frequency: FloatArray
-    resistivity: float
     resistance_ratio: FloatArray
     normal_field_loss: FloatArray
     lateral_field_loss: FloatArray
 
 
 def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER) -> FloatArray:
-    """Skin depth δ = √(ρ/(π f µ0)).
+    """Skin depth δ = √(ρ/(π f µ0)) in m of copper of a `resistivity` in Ω·m, in the shape of `frequency` in Hz.
 
-    Parameters
-    ----------
-    frequency : array_like
-        Positive frequencies in Hz.
-    resistivity : float
-        Resistivity of the copper in Ω·m.
-
-    Returns
-    -------
-    ndarray, shape of frequency
-        Skin depth in m.
-
-    Raises
-    ------
-    ValueError
-        A frequency or resistivity that is not positive and finite.
+    A frequency that is not positive and finite is a ValueError, such a resistivity a GeometryError.
 
     Examples
     --------
@@ -115,27 +87,10 @@ def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
 def cross_section(
     width: float, thickness: float, frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
 ) -> CrossSection:
-    """Losses of one straight, infinitely long, isolated rectangular trace.
+    """Losses of one straight, infinitely long, isolated rectangular trace: sides in m, frequencies in Hz of any shape.
 
-    Parameters
-    ----------
-    width, thickness : float
-        Sides of the trace in m.
-    frequency : array_like
-        Frequencies in Hz, of any shape.
-    resistivity : float
-        Resistivity of the copper in Ω·m.
-
-    Returns
-    -------
-    CrossSection
-
-    Raises
-    ------
-    GeometryError
-        A size or resistivity that is not positive and finite, or a side of more than `MOST_SKIN_DEPTHS`.
-    ValueError
-        A frequency that is not positive and finite.
+    A size or resistivity (Ω·m) that is not positive and finite, or a side of more than `MOST_SKIN_DEPTHS`, is a
+    GeometryError, a frequency that is not positive and finite a ValueError.
 
     Notes
     -----
@@ -157,15 +112,7 @@ def cross_section(
     own, normal, lateral = _isolated_modes(round(thickness / width, 12))
     beta = (width / delta) ** 2 / np.pi  # ωµ0 w²/(2πρ) with ωµ0/ρ = 2/δ²
     drive = resistivity * (2 * np.pi) ** 2  # (ωµ0)² w⁴/ρ = ρ (2πβ)²
-    return CrossSection(
-        width,
-        thickness,
-        np.asarray(frequency, dtype=np.float64),
-        resistivity,
-        1.0 + _answer(own, beta),
-        drive * _answer(normal, beta),
-        drive * _answer(lateral, beta),
-    )
+    return CrossSection(1.0 + _answer(own, beta), drive * _answer(normal, beta), drive * _answer(lateral, beta))
 
 
 def _check_mesh(side: float, delta: FloatArray) -> None:
@@ -214,31 +161,12 @@ def resistance_matrix(
 ) -> xr.Dataset:
     """Resistance matrix R(f) of coils: their own losses and those they induce in each other's copper.
 
-    Parameters
-    ----------
-    source : CoilArray, Conductor, polyline or sequence of them
-        See `coilarray.electromagnetics.source.as_conductors`. Every segment needs a cross-section.
-    frequencies : array_like, shape (n,) or scalar
-        Frequencies in Hz.
-    resistivity : float
-        Resistivity of the copper in Ω·m.
-    progress : callable, optional
-        Called with (done, total) as coils are done.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``resistance`` (frequency, coil, other) in Ω: real, symmetric, positive definite; ½ Re(iᴴ R i) is the loss in W
-        in all copper for any peak currents i, open and grounded coils included. ``dc_resistance`` (coil) in Ω.
-        ``model`` (frequency, coil): one of `MODELS`.
-
-    Raises
-    ------
-    GeometryError
-        A segment without a cross-section, a resistivity that is not positive and finite, or a trace of more than
-        `MOST_SKIN_DEPTHS`.
-    ValueError
-        Frequencies that are not positive and finite, or of another shape.
+    Every segment of `source` (see `as_conductors`) needs a cross-section; `frequencies` in Hz have shape (n,), the
+    `resistivity` of the copper is in Ω·m. ``resistance`` (frequency, coil, other) in Ω is real, symmetric and positive
+    definite; ½ Re(iᴴ R i) is the loss in W in all copper for any peak currents i, open and grounded coils included.
+    ``dc_resistance`` (coil) in Ω; ``model`` (frequency, coil) is one of `MODELS`. Raises a GeometryError for a segment
+    without a cross-section, a resistivity that is not positive and finite, or a trace of more than `MOST_SKIN_DEPTHS`,
+    a ValueError for frequencies that are not positive and finite, or of another shape.
 
     Notes
     -----
@@ -248,11 +176,11 @@ def resistance_matrix(
     but themselves.
 
     *Section filaments* (wider traces): the same, each turn's part times three factors from the radial cut through its
-    coil, all turns on all layers as infinite traces: heat by filaments over heat by transverse
-    field, for the coil's own current (with the mean local field of the turn where the cut alone has another), and for
-    a uniform field along the thickness and the width, as other coils make it. The part of two coils takes √ of both
-    factors, which keeps R positive definite. So turns of one coil shield each other, coils do not; corners, leads
-    and turns shorter than a few bundle widths are the weak points.
+    coil, all turns on all layers as infinite traces: heat by filaments over heat by transverse field, for the coil's
+    own current (with the mean local field of the turn where the cut alone has another), and for a uniform field along
+    the thickness and the width, as other coils make it. The part of two coils takes √ of both factors, which keeps R
+    positive definite. So turns of one coil shield each other, coils do not; corners, leads and turns shorter than a few
+    bundle widths are the weak points.
 
     Vertical segments (vias) count with their DC resistance; eddy currents in pads and planes are not there.
 
@@ -288,18 +216,13 @@ def resistance_matrix(
         if progress is not None:
             progress(c + 1, n)
     names = [conductor.name for conductor in conductors]
-    return xr.Dataset(
-        {
-            "resistance": (("frequency", "coil", "other"), R, {"units": "ohm", "long_name": "AC resistance matrix"}),
-            "dc_resistance": ("coil", dc, {"units": "ohm", "long_name": "DC resistance"}),
-            "model": (
-                ("frequency", "coil"),
-                np.array(MODELS)[wide.astype(int)],
-                {"long_name": "model of the proximity effect"},
-            ),
-        },
-        {"frequency": ("frequency", f, {"units": "Hz"}), "coil": names, "other": names},
+    model = np.array(MODELS)[wide.astype(int)]
+    rows = (
+        ("resistance", ("frequency", "coil", "other"), R, "ohm", "AC resistance matrix"),
+        ("dc_resistance", ("coil",), dc, "ohm", "DC resistance"),
+        ("model", ("frequency", "coil"), model, "", "model of the proximity effect"),
     )
+    return xr.Dataset(variables(*rows), {"frequency": ("frequency", f, {"units": "Hz"}), "coil": names, "other": names})
 
 
 def _trace_losses(

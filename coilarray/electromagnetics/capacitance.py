@@ -12,6 +12,7 @@ import shapely
 import xarray as xr
 from shapely import affinity
 
+from coilarray.compute.netcdf import variables
 from coilarray.electromagnetics.layered_strips import LayeredMedium, crossed_grid_capacitance, strip_capacitance
 from coilarray.errors import GeometryError
 from coilarray.geometry import Coil, CoilArray, Placement, Sheet, Stackup
@@ -29,19 +30,13 @@ _MIRROR_DISTANCE = 2.0  # of the next coil's image in outer radii; 4 instead cha
 
 @dataclass(frozen=True, eq=False)
 class WindingCapacitance:
-    """Capacitance of one coil, the others absent.
+    """Capacitance of one coil in F, the others absent.
 
-    Parameters
-    ----------
-    interlayer, turn_to_turn : float
-        Parts in F of the lumped capacitance across the terminals: the field's energy between turns of different
-        layers, and between turns of one layer.
-    layers : ndarray, shape (lines, lines)
-        Maxwell matrix in F of the coil's lines, one a layer of the winding, each at one potential; rows sum to zero.
-        Lines that only carry a lead have zeros.
-    longest_turns : float
-        Lumped capacitance in F if every turn were as long as the longest: of one quadratic form, so that it grows with
-        every permittivity, and by more than `total` does.
+    `interlayer` and `turn_to_turn` are parts of the lumped capacitance across the terminals: the field's energy between
+    turns of different layers, and between turns of one layer. `layers` (lines, lines) is the Maxwell matrix of the
+    coil's lines, one a layer of the winding, each at one potential; rows sum to zero, lines that only carry a lead have
+    zeros. `longest_turns` is the lumped capacitance if every turn were as long as the longest: of one quadratic form,
+    so that it grows with every permittivity, and by more than `total` does.
     """
 
     interlayer: float
@@ -58,33 +53,26 @@ class WindingCapacitance:
 def coil_capacitance(
     array: CoilArray, sheets: Sequence[Sheet] = (), *, relative_permittivity: float = 1.0
 ) -> xr.Dataset:
-    """Lumped capacitance of every coil, and the capacitance matrix between coils.
+    """Lumped capacitance of every coil, and the capacitance matrix between coils; all in F.
 
-    Parameters
-    ----------
-    array : CoilArray
-        Coils of the board.
-    sheets : sequence of Sheet
-        Elastomer on the board, upwards; air above it.
-    relative_permittivity : float
-        Relative permittivity of the sheets; without sheets, of the whole half space above the board. This medium also
-        fills the gaps of the top copper.
-
-    Returns
-    -------
-    xarray.Dataset
-        Dimensions ``coil`` and ``other``; all in F. ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn``,
-        see `winding_capacitance`; ``capacitance`` (coil, other), the Maxwell matrix between coils, each at one
-        potential: symmetric, off-diagonal ≤ 0, diagonally dominant. There is no ground near the board, so its
-        rows sum to zero.
-
-    Raises
-    ------
-    GeometryError
-        Coils whose copper meets on a layer, or that `winding_capacitance` refuses.
+    `sheets` are the elastomer on the board, upwards, with air above it; `relative_permittivity` is that of the sheets,
+    or without sheets of the whole half space above the board. This medium also fills the gaps of the top copper.
+    ``coil_capacitance`` (coil) = ``interlayer`` + ``turn_to_turn``, the field's energy between turns of different
+    layers and of one layer; ``capacitance`` (coil, other) is the Maxwell matrix between coils, each at one potential:
+    symmetric, off-diagonal ≤ 0, diagonally dominant. There is no ground near the board, so its rows sum to zero. Raises
+    a GeometryError for a coil that does not wind around its centre, copper that overlaps on a layer, or a permittivity
+    below 1.
 
     Notes
     -----
+    Of one winding: the voltage rises linearly along the path from one terminal to the other; the coil floats. Rays from
+    the centre cut the winding; the traces on a ray, unfolded to perpendicular cuts, are a row of strips on each layer,
+    mirrored at the centre, with the Maxwell matrix c per length of `strip_capacitance`, two faces a trace. A piece ds
+    of trace i then has the energy e_i ds, e_i = Σ_j (−c_ij)(V_i − V_j)²/4, and C = 2 ∫ e ds/V². So turns that are not
+    neighbours, the winding's edges and the layers' shift against each other all count. Two layers joined inside give
+    C_facing/3 with C_facing the capacitance between the layers; n layers Σ 4 C_i/(3n²) over adjacent ones (Zolfaghari,
+    Chan, Razavi, IEEE JSSC 36, 620 (2001)), if the fringing at the edges is small.
+
     Between coils: the area in which the windings (traces and gaps) lie above each other, for every set of coils that
     does so anywhere, times the capacitance per area of crossed grids with these fill factors
     (`crossed_grid_capacitance`; a coil in between shields). Not counted: fringing at the edges of these areas, pads,
@@ -102,91 +90,21 @@ def coil_capacitance(
     _refuse_touching_coils(array)
     windings = _windings(array, above, half_space)
     single, pair = ("coil",), ("coil", "other")
+    rows = (
+        ("coil_capacitance", single, [w.total for w in windings], "F", "lumped capacitance"),
+        ("interlayer", single, [w.interlayer for w in windings], "F", "part between layers"),
+        ("turn_to_turn", single, [w.turn_to_turn for w in windings], "F", "part within layers"),
+        ("capacitance", pair, _between_coils(array, above, half_space), "F", "Maxwell matrix"),
+    )
     return xr.Dataset(
-        {
-            "coil_capacitance": (
-                single, np.array([w.total for w in windings]), {"units": "F", "long_name": "lumped capacitance"}
-            ),
-            "interlayer": (
-                single, np.array([w.interlayer for w in windings]), {"units": "F", "long_name": "part between layers"}
-            ),
-            "turn_to_turn": (
-                single, np.array([w.turn_to_turn for w in windings]), {"units": "F", "long_name": "part within layers"}
-            ),
-            "capacitance": (
-                pair, _between_coils(array, above, half_space), {"units": "F", "long_name": "Maxwell matrix"}
-            ),
-        },
-        coords={"coil": list(array.names), "other": list(array.names)},
-        attrs={"relative_permittivity": relative_permittivity, "sheet_thickness_m": sum(d for d, _ in above)},
-    )  # fmt: skip
-
-
-def winding_capacitance(
-    array: CoilArray, name: str, sheets: Sequence[Sheet] = (), *, relative_permittivity: float = 1.0
-) -> WindingCapacitance:
-    """Lumped capacitance of one coil from the voltage along its winding.
-
-    Parameters
-    ----------
-    array : CoilArray
-        Coils of the board.
-    name : str
-        Name of the coil.
-    sheets, relative_permittivity
-        See `coil_capacitance`.
-
-    Returns
-    -------
-    WindingCapacitance
-
-    Raises
-    ------
-    GeometryError
-        No such coil, a coil that does not wind around its centre, copper that overlaps on a layer, a permittivity
-        below 1.
-
-    Notes
-    -----
-    The voltage rises linearly along the path from one terminal to the other; the coil floats. Rays from the centre
-    cut the winding; the traces on a ray, unfolded to perpendicular cuts, are a row of strips on each layer, mirrored
-    at the centre, with the Maxwell matrix c per length of `strip_capacitance`, two faces a trace. A piece ds of
-    trace i then has the energy e_i ds, e_i = Σ_j (−c_ij)(V_i − V_j)²/4, and C = 2 ∫ e ds/V². So turns that are not
-    neighbours, the winding's edges and the layers' shift against each other all count. Two layers joined inside
-    give C_facing/3 with C_facing the capacitance between the layers; n layers Σ 4 C_i/(3n²) over adjacent ones
-    (Zolfaghari, Chan, Razavi, IEEE JSSC 36, 620 (2001)), if the fringing at the edges is small.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> winding = winding_capacitance(load_design("gast2020").array, "coil1")
-    >>> winding.turn_to_turn < 0.05 * winding.total
-    True
-    """
-    if name not in array.names:
-        raise GeometryError(f"there is no coil {name!r}; the array has {', '.join(array.names)}.")
-    above = _slabs(sheets, relative_permittivity)
-    placement = array.placements[array.names.index(name)]
-    return _winding(array.stackup, placement, above, 1.0 if sheets else relative_permittivity)
+        variables(*rows),
+        {"coil": list(array.names), "other": list(array.names)},
+        {"relative_permittivity": relative_permittivity, "sheet_thickness_m": sum(d for d, _ in above)},
+    )
 
 
 def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> FloatArray:
-    """Self-resonance 1/(2π √(LC)) of a coil with its own capacitance.
-
-    Parameters
-    ----------
-    inductance, capacitance : array_like
-        L in H and C in F, shapes that broadcast.
-
-    Returns
-    -------
-    ndarray
-        Frequency in Hz, of the broadcast shape.
-
-    Raises
-    ------
-    ValueError
-        A value that is not positive and finite.
+    """Self-resonance 1/(2π √(LC)) in Hz of coils of L in H with a capacitance of their own in F; shapes that broadcast.
 
     Examples
     --------
@@ -195,53 +113,6 @@ def self_resonance(inductance: npt.ArrayLike, capacitance: npt.ArrayLike) -> Flo
     """
     L, C = _positive("inductance", inductance, "H"), _positive("capacitance", capacitance, "F")
     return np.asarray(1 / (2 * math.pi * np.sqrt(L * C)))
-
-
-def apparent_inductance(
-    inductance: npt.ArrayLike, resistance: npt.ArrayLike, capacitance: npt.ArrayLike, frequencies: npt.ArrayLike
-) -> FloatArray:
-    """Apparent inductance Im Z/ω of coils with their own capacitance in parallel.
-
-    Parameters
-    ----------
-    inductance, resistance, capacitance : array_like
-        L in H, R in Ω and C in F, shapes that broadcast to one shape S, for example (coils,).
-    frequencies : array_like, shape (m,)
-        Frequencies in Hz.
-
-    Returns
-    -------
-    ndarray, shape S + (m,)
-        Inductance in H; negative above the self-resonance, where the coil is capacitive.
-
-    Raises
-    ------
-    ValueError
-        A negative or non-finite value, an L or f of zero, or frequencies that are no list.
-
-    Notes
-    -----
-    Z = (R + jωL)/(1 − ω²LC + jωRC), so Im Z/ω = (L(1 − ω²LC) − R²C)/((1 − ω²LC)² + (ωRC)²); infinite at the resonance
-    of a coil without resistance.
-
-    Examples
-    --------
-    >>> L = apparent_inductance(57e-6, 20.0, 18e-12, [0.1e6, 2e6])
-    >>> [round(float(value) * 1e6, 1) for value in L]
-    [57.0, 68.0]
-    """
-    L = _positive("inductance", inductance, "H")
-    R = _positive("resistance", resistance, "Ω", zero=True)
-    C = _positive("capacitance", capacitance, "F", zero=True)
-    f = _positive("frequencies", frequencies, "Hz")
-    if f.ndim != 1:
-        raise ValueError(f"frequencies must be of shape (m,); got {f.shape}.")
-    L, R, C = (value[..., None] for value in np.broadcast_arrays(L, R, C))
-    omega = 2 * math.pi * f
-    detuned = 1 - omega**2 * L * C
-    with np.errstate(divide="ignore", invalid="ignore"):
-        apparent = (L * detuned - R**2 * C) / (detuned**2 + (omega * R * C) ** 2)
-    return np.where((detuned == 0) & (R == 0), math.inf, apparent)
 
 
 def elastomer_effect(
@@ -254,40 +125,21 @@ def elastomer_effect(
 ) -> xr.Dataset:
     """Change of the coils' capacitance by the elastomer's permittivity, and the apparent change of inductance.
 
-    Parameters
-    ----------
-    array : CoilArray
-        Coils of the board.
-    relative_permittivity : float
-        Relative permittivity of the elastomer.
-    tank_capacitance : float
-        C_t in F, in parallel to the coil.
-    sheets : sequence of Sheet
-        The elastomer; without sheets it fills the half space above the board.
-    undisturbed : float
-        Height in m above the board below which an indentation changes no permittivity: the deepest point that the
-        indented surface (with layers of unlike permittivity: the deepest interface) reaches. 0 is always right.
-
-    Returns
-    -------
-    xarray.Dataset
-        Dimension ``coil``: ``without`` and ``with_elastomer`` (C_L in F), ``change`` ΔC in F, ``apparent_delta``
-        (apparent relative change of L when the elastomer is laid on), ``dent_bound`` (upper bound of that of a dent).
-
-    Raises
-    ------
-    ValueError
-        A tank capacitance or height that is not allowed.
-    GeometryError
-        Coils that `coil_capacitance` refuses.
+    `tank_capacitance` C_t in F is in parallel to the coil; without `sheets` the elastomer fills the half space above
+    the board. `undisturbed` is the height in m above the board below which an indentation changes no permittivity: the
+    deepest point that the indented surface (with layers of unlike permittivity: the deepest interface) reaches; 0 is
+    always right. For each ``coil``: ``without`` and ``with_elastomer`` (C_L in F), ``change`` ΔC in F,
+    ``apparent_delta`` (apparent relative change of L when the elastomer is laid on), ``dent_bound`` (upper bound of
+    that of a dent). A capacitance or height that is not allowed is a ValueError, coils that `coil_capacitance` refuses
+    a GeometryError.
 
     Notes
     -----
-    The converter measures f with f² (C_t + C_L) L constant and takes the capacitance for constant, so
-    δ = ΔC/(C_t + C_L), positive and independent of f. C grows with the permittivity at every point (Thomson's
-    principle), and a dent changes it only above `undisturbed`, to something between 1 and `relative_permittivity`:
-    no dent changes C by more than full minus empty space there, the bound (taken with `longest_turns`). All of this
-    for the coil alone and floating: the field of its mean voltage against ground or neighbours is not in it.
+    The converter measures f with f² (C_t + C_L) L constant and takes the capacitance for constant, so δ = ΔC/(C_t +
+    C_L), positive and independent of f. C grows with the permittivity at every point (Thomson's principle), and a dent
+    changes it only above `undisturbed`, to something between 1 and `relative_permittivity`: no dent changes C by more
+    than full minus empty space there, the bound (taken with `longest_turns`). All of this for the coil alone and
+    floating: the field of its mean voltage against ground or neighbours is not in it.
 
     Examples
     --------
@@ -313,25 +165,18 @@ def elastomer_effect(
     spread = most - least
     single = ("coil",)
     change = with_elastomer - without
+    rows = (
+        ("without", single, without, "F", "lumped capacitance in air"),
+        ("with_elastomer", single, with_elastomer, "F", "lumped capacitance, elastomer on"),
+        ("change", single, change, "F", "capacitance the elastomer adds"),
+        ("apparent_delta", single, change / (C_t + without), "1", "apparent relative change of L by it"),
+        ("dent_bound", single, spread / (C_t + without), "1", "upper bound of the apparent change by a dent"),
+    )
     return xr.Dataset(
-        {
-            "without": (single, without, {"units": "F", "long_name": "lumped capacitance in air"}),
-            "with_elastomer": (single, with_elastomer, {"units": "F", "long_name": "lumped capacitance, elastomer on"}),
-            "change": (single, change, {"units": "F", "long_name": "capacitance the elastomer adds"}),
-            "apparent_delta": (
-                single, change / (C_t + without), {"units": "1", "long_name": "relative change of L that it feigns"}
-            ),
-            "dent_bound": (
-                single, spread / (C_t + without), {"units": "1", "long_name": "upper bound of what a dent feigns"}
-            ),
-        },
-        coords={"coil": list(array.names)},
-        attrs={
-            "relative_permittivity": relative_permittivity,
-            "tank_capacitance_F": C_t,
-            "undisturbed_m": undisturbed,
-        },
-    )  # fmt: skip
+        variables(*rows),
+        {"coil": list(array.names)},
+        {"relative_permittivity": relative_permittivity, "tank_capacitance_F": C_t, "undisturbed_m": undisturbed},
+    )
 
 
 def _positive(name: str, value: npt.ArrayLike, unit: str, *, zero: bool = False) -> FloatArray:

@@ -54,7 +54,8 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
     >>> round(M * 1e9, 6)
     418.647078
     """
-    first, second = _filament(p1, p2, "first"), _filament(q1, q2, "second")
+    ends = (("first", p1, p2), ("second", q1, q2))
+    first, second = (Conductor(np.array((start, end)), name=f"the {which} filament") for which, start, end in ends)
     (l1,), (l2,) = first.lengths, second.lengths
     u = (first.vertices[1] - first.vertices[0]) / l1
     v = (second.vertices[1] - second.vertices[0]) / l2
@@ -63,10 +64,6 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
     if not np.isfinite(integral):
         raise GeometryError("the two filaments run over each other on one line: their mutual inductance is infinite.")
     return float(_SCALE * integral)
-
-
-def _filament(start: npt.ArrayLike, end: npt.ArrayLike, which: str) -> Conductor:
-    return Conductor(np.stack((np.asarray(start), np.asarray(end))), name=f"the {which} filament")
 
 
 def rectangular_bars(
@@ -149,7 +146,7 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
     first, second : CoilArray, Conductor, polyline or sequence of them
         Current paths, also thin filaments.
     accuracy : {"full", "screen"}
-        Accuracy of the result; see `Accuracy`.
+        See `Accuracy`.
 
     Returns
     -------
@@ -183,10 +180,10 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
     ----------
     source : CoilArray, Conductor, polyline or sequence of them
         Current paths. Every segment needs a cross-section, with a uniform current density (direct current).
+    accuracy : {"full", "screen"}
+        See `Accuracy`.
     progress : callable, optional
         Called with (done, total) as the work goes on.
-    accuracy : {"full", "screen"}
-        Accuracy of the result; see `Accuracy`.
 
     Returns
     -------
@@ -263,22 +260,10 @@ def coupling_matrix(inductance: npt.ArrayLike) -> FloatArray:
 
 
 def standing_for_all(path: Conductor, accuracy: Accuracy) -> tuple[IntArray, FloatArray]:
-    """Segments whose weighted sum stands for that over a whole path.
+    """Numbers and weights (n,) of segments whose weighted sum stands for that over a whole path.
 
-    Parameters
-    ----------
-    path : Conductor
-        Any.
-    accuracy : {"full", "screen"}
-        ``full`` takes every segment once; ``screen`` a few turns of a winding, for sums of what changes smoothly from
-        turn to turn.
-
-    Returns
-    -------
-    segments : ndarray, shape (n,)
-        Their numbers.
-    weights : ndarray, shape (n,)
-        Adding up to the number of segments.
+    ``full`` takes every segment once; ``screen`` a few turns of a winding, for sums of what changes smoothly from turn
+    to turn. The weights add up to the number of segments.
     """
     if accuracy == "full":
         return np.arange(len(path.lengths)), np.ones(len(path.lengths))

@@ -36,15 +36,7 @@ _VARIABLE = Variable("inductance", ("path", "other"), "H", "inductance matrix")
 
 @dataclass(frozen=True, eq=False)
 class MatrixBlock:
-    """The paths of some rows and some columns of a matrix.
-
-    Parameters
-    ----------
-    rows, columns : tuple of Conductor
-        Paths of the rows and of the columns; no columns for a block on the diagonal.
-    accuracy : {"full", "screen"}
-        Accuracy of the inductances; see `coilarray.inductance_matrix`.
-    """
+    """The paths of some rows and some columns of a matrix; no columns for a block on the diagonal."""
 
     rows: tuple[Conductor, ...]
     columns: tuple[Conductor, ...]
@@ -52,12 +44,7 @@ class MatrixBlock:
 
 
 def write_inductance_matrix(
-    path: Path,
-    source: Source,
-    pool: Pool,
-    *,
-    accuracy: Accuracy = "full",
-    progress: Progress | None = None,
+    path: Path, source: Source, pool: Pool, *, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> None:
     """Write the inductance matrix of any number of paths.
 

@@ -23,6 +23,7 @@ import numpy.typing as npt
 import scipy.linalg
 from scipy.special import jv
 
+from coilarray.compute.threads import serial_algebra
 from coilarray.constants import EPSILON_0
 from coilarray.errors import GeometryError
 
@@ -40,25 +41,11 @@ _CUTOFF_DISTANCE = 5.0
 class LayeredMedium:
     """Parallel planes with a dielectric between each two, above and below.
 
-    Parameters
-    ----------
-    thicknesses : tuple of float
-        Distances in m between consecutive planes, from the top plane down; empty for a single plane.
-    epsilon_r : tuple of float
-        Relative permittivities from the region above the top plane to the one below the bottom plane; two longer than
-        `thicknesses`.
-    ground_above, ground_below : float, optional
-        Distance in m from the top (bottom) plane to a grounded plane; without it the region is a half space.
-
-    Raises
-    ------
-    GeometryError
-        Lengths that do not fit, a thickness that is not positive, a permittivity below 1.
-
-    Examples
-    --------
-    >>> LayeredMedium((0.2e-3,), (1.0, 4.5, 1.0)).planes
-    2
+    `thicknesses` are the distances in m between consecutive planes, from the top plane down; empty for a single plane.
+    `epsilon_r`, two longer, are the relative permittivities from the region above the top plane to the one below the
+    bottom plane. `ground_above`, `ground_below`: distance in m from the top (bottom) plane to a grounded plane; without
+    it the region is a half space. Lengths that do not fit, a thickness that is not positive, or a permittivity below 1
+    are a GeometryError.
     """
 
     thicknesses: tuple[float, ...]
@@ -93,22 +80,12 @@ class LayeredMedium:
         return self.ground_above is not None or self.ground_below is not None
 
     def green(self, k: FloatArray) -> FloatArray:
-        """Potential of each plane per charge density on each, for wavenumbers k > 0.
+        """Potential of each plane per charge density on each in V m²/C, shape (n, planes, planes).
 
-        Parameters
-        ----------
-        k : ndarray, shape (n,)
-            Wavenumbers in 1/m.
+        The wavenumbers `k` (n,) are positive, in 1/m.
 
-        Returns
-        -------
-        ndarray, shape (n, planes, planes)
-            Green's function in V m²/C.
-
-        Notes
-        -----
-        Admittances looking up and down from each plane, carried through a slab as along a line of length d:
-        Y → y (y + Y coth kd)/(y coth kd + Y) with y = ε0 ε k, and the potential by y/sinh kd/(y coth kd + Y).
+        Admittances looking up and down from each plane, carried through a slab as along a line of length d: Y → y (y +
+        Y coth kd)/(y coth kd + Y) with y = ε0 ε k, and the potential by y/sinh kd/(y coth kd + Y).
         """
         n = self.planes
         y = EPSILON_0 * np.outer(self.epsilon_r, k)
@@ -136,8 +113,6 @@ class LayeredMedium:
     def mean_green(self) -> FloatArray:
         """As `green` for k = 0, shape (planes, planes): without ground relative to the bottom plane, for no net charge.
 
-        Notes
-        -----
         The limit of the slabs, ε0 ε/d. Without a grounded plane the potential of a net charge is infinite, and that of
         a neutral set of planes is fixed up to a constant.
         """
@@ -155,6 +130,7 @@ class LayeredMedium:
         return G
 
 
+@serial_algebra()
 def strip_capacitance(
     medium: LayeredMedium,
     planes: Sequence[int],
@@ -167,48 +143,25 @@ def strip_capacitance(
     basis: int = 3,
     cutoff: float | None = None,
 ) -> FloatArray:
-    """Maxwell capacitance matrix per length of parallel strips, repeated with a period.
+    """Maxwell capacitance matrix in F/m of parallel strips, repeated with a period.
 
-    Parameters
-    ----------
-    medium : LayeredMedium
-        The dielectrics.
-    planes : sequence of int, length n
-        Plane of each strip, 0 on top.
-    centres, widths : array_like, shape (n,)
-        Centres and widths of the strips, across them, in m.
-    conductors : sequence of int, length n, optional
-        Conductor 0, 1, … each strip belongs to; by default each is one of its own. Strips of one conductor share its
-        potential.
-    period : float
-        Period in m. Isolated strips without net charge need many times their extent: the error falls as its square.
-    mirror : bool
-        True: strips lie in 0 < x < period and are mirrored at x = 0 and at x = period, with their potentials.
-    basis : int
-        Number of basis functions per strip. Three are good for strips not much wider than their distances;
-        wider ones need more.
-    cutoff : float, optional
-        Largest wavenumber in 1/m; by default from the widths and the distances of the planes that carry strips.
+    Strips lie on the `planes` (n,) of the medium, 0 on top, with `centres` and `widths` (n,) across them in m. Those of
+    one of the `conductors` 0, 1, … share its potential; by default each is one of its own. Isolated strips without net
+    charge need a `period` in m of many times their extent: the error falls as its square. With `mirror`, strips lie in
+    0 < x < period and are mirrored at x = 0 and at x = period, with their potentials. Three functions a strip (`basis`)
+    are good for strips not much wider than their distances; wider ones need more. `cutoff` is the largest wavenumber in
+    1/m, by default from the widths and the distances of the planes that carry strips.
 
-    Returns
-    -------
-    ndarray, shape (conductors, conductors)
-        In F/m: charge per length of each conductor (of one period) per potential of each. Symmetric. Rows sum to the
-        capacitance to the grounded planes; without such a plane to zero (no net charge).
-
-    Raises
-    ------
-    GeometryError
-        Strips that overlap on a plane, or do not fit into the period; a width that is not positive.
-    ValueError
-        Lengths that do not fit, a plane that does not exist, a conductor without strip, a period, basis or cutoff
-        that is not positive.
+    The matrix, charge per length of each conductor (of one period) per potential of each, is symmetric. Rows sum to the
+    capacitance to the grounded planes; without such a plane to zero (no net charge). Strips that overlap on a plane or
+    do not fit into the period, or a width that is not positive, are a GeometryError; lengths that do not fit, a plane
+    that does not exist, a conductor without strip, or a period, basis or cutoff that is not positive a ValueError.
 
     Notes
     -----
-    A q = V with A_pq = (1/P) Σ_n (2 − δ_n0) G(k_n) f_p(k_n) f_q(k_n), k_n = 2πn/P (mirrored: πn/P), f the transforms
-    in the module's heading. Beyond the cutoff K, one strip's J_m J_m' averages to ±1/(πka) and G to
-    1/(ε0 (ε_above + ε_below) k): the tail 1/(π² a K ε0 (ε_above + ε_below)).
+    A q = V with A_pq = (1/P) Σ_n (2 − δ_n0) G(k_n) f_p(k_n) f_q(k_n), k_n = 2πn/P (mirrored: πn/P), f the transforms in
+    the module's heading. Beyond the cutoff K, one strip's J_m J_m' averages to ±1/(πka) and G to 1/(ε0 (ε_above +
+    ε_below) k): the tail 1/(π² a K ε0 (ε_above + ε_below)).
 
     Examples
     --------
@@ -231,11 +184,13 @@ def strip_capacitance(
     k: FloatArray = step * np.arange(1.0, max(1, math.ceil(cutoff / step)) + 1)
     order = np.argsort(plane, kind="stable")
     plane, x, w, label = plane[order], x[order], w[order], label[order]
-    used = np.unique(plane)
+    used, first = np.unique(plane, return_index=True)
     G = medium.green(k)
     A = np.zeros((len(plane) * basis,) * 2)
-    bounds = np.searchsorted(plane, np.append(used, medium.planes)) * basis
-    for f in _transforms(k, x, w / 2, basis, mirror):
+    bounds = np.append(first, len(plane)) * basis
+    places, place = np.unique(np.column_stack((x, w)), axis=0, return_inverse=True)  # both faces of a trace lie in one
+    for transforms in _transforms(k, places[:, 0], places[:, 1] / 2, basis, mirror):
+        f = transforms[:, place.ravel()].reshape(len(k), -1)
         for i, p in enumerate(used):
             rows = slice(bounds[i], bounds[i + 1])
             weighted = f[:, rows].T * (2 / period)
@@ -247,6 +202,7 @@ def strip_capacitance(
     return _maxwell(A, label, basis, grounded=medium.grounded)
 
 
+@serial_algebra()
 def crossed_grid_capacitance(
     medium: LayeredMedium,
     planes: Sequence[int],
@@ -257,38 +213,17 @@ def crossed_grid_capacitance(
     *,
     basis: int = 3,
 ) -> FloatArray:
-    """Maxwell capacitance matrix per area of grids of traces above each other that run in unlike directions.
+    """Maxwell matrix in F/m² of grids of traces above each other that run in unlike directions.
 
-    Parameters
-    ----------
-    medium : LayeredMedium
-        The dielectrics.
-    planes : sequence of int, length n
-        Plane of each face.
-    widths, pitches : array_like, shape (n,)
-        Width and pitch of the traces of each face in m.
-    grids : sequence of int, length n
-        Number of the grid that each face belongs to; the faces of one grid lie above each other.
-    conductors : sequence of int, length n
-        Conductor 0, 1, … each face belongs to.
-    basis : int
-        Number of basis functions per strip; see `strip_capacitance`.
-
-    Returns
-    -------
-    ndarray, shape (conductors, conductors)
-        Maxwell matrix in F/m².
-
-    Raises
-    ------
-    GeometryError
-        A trace that is not narrower than its pitch.
+    Each of n faces has its plane in the medium, the width and pitch of its traces in m, the number of its grid (the
+    faces of one grid lie above each other) and its conductor 0, 1, …; `basis` as in `strip_capacitance`. A trace that
+    is not narrower than its pitch is a GeometryError.
 
     Notes
     -----
-    Grids of unlike direction, pitch or phase see each other by the mean charge alone (k = 0): their other
-    harmonics have no wavevector in common, and what they induce comes back damped by exp(−4πh/pitch). Within a grid
-    all harmonics count. So the fill factor enters with its fringing.
+    Grids of unlike direction, pitch or phase see each other by the mean charge alone (k = 0): their other harmonics
+    have no wavevector in common, and what they induce comes back damped by exp(−4πh/pitch). Within a grid all harmonics
+    count. So the fill factor enters with its fringing.
 
     Examples
     --------
@@ -310,8 +245,7 @@ def crossed_grid_capacitance(
         k: FloatArray = step * np.arange(1.0, math.ceil(cutoff / step) + 1)
         G = medium.green(k)
         block = np.zeros((len(faces) * basis,) * 2)
-        for f in _transforms(k, np.zeros(len(faces)), w[faces] / 2, basis, mirror=False):
-            parts = f.reshape(len(k), len(faces), basis)
+        for parts in _transforms(k, np.zeros(len(faces)), w[faces] / 2, basis, mirror=False):
             among = G[:, plane[faces][:, None], plane[faces]]
             block += np.einsum("kfm,kfg,kgn->fmgn", parts, among, parts, optimize=True).reshape(block.shape)
         block *= 2 / pitch
@@ -330,19 +264,19 @@ def _default_cutoff(medium: LayeredMedium, plane: IntArray, widths: FloatArray, 
 
 
 def _transforms(k: FloatArray, x: FloatArray, a: FloatArray, basis: int, mirror: bool) -> list[FloatArray]:
-    """Cosine and (unless mirrored) sine transforms of all basis functions, each of shape (k, strips · basis)."""
+    """Cosine and (unless mirrored) sine transforms of all basis functions, each of shape (k, strips, basis)."""
     halves, which = np.unique(a, return_inverse=True)
     m = np.arange(basis)
-    sign = np.where((m // 2) % 2 == 0, 1.0, -1.0)
-    J = np.stack([sign * jv(m, k[:, None] * half) for half in halves], axis=1)[:, which, :]  # k, strip, m
-    phase = k[:, None] * x
-    cos, sin = np.cos(phase)[:, :, None], np.sin(phase)[:, :, None]
-    even = m % 2 == 0
-    shape = (len(k), len(x) * basis)
-    transforms = [(J * np.where(even, cos, -sin)).reshape(shape)]
-    if not mirror:
-        transforms.append((J * np.where(even, sin, cos)).reshape(shape))
-    return transforms
+    J = np.where(m // 2 % 2 == 0, 1.0, -1.0) * jv(m, np.multiply.outer(k, halves)[:, :, None])
+    cos, sin = np.cos(k[:, None] * x), np.sin(k[:, None] * x)
+
+    def transform(of_even: FloatArray, of_odd: FloatArray) -> FloatArray:
+        f = J[:, which]
+        f[:, :, 0::2] *= of_even[:, :, None]
+        f[:, :, 1::2] *= of_odd[:, :, None]
+        return f
+
+    return [transform(cos, -sin)] if mirror else [transform(cos, -sin), transform(sin, cos)]
 
 
 def _add_tail(

@@ -24,19 +24,13 @@ _MIRRORS = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
 
 @dataclass(frozen=True, eq=False)
 class PathParts:
-    """Parts of several paths.
+    """Parts of several paths: `tables` of the distinct ones, from the origin, and how each part follows from them.
 
-    Parameters
-    ----------
-    tables : list of ndarray, shape (segments, 12)
-        Distinct parts as rows of `coilarray.electromagnetics.kernels.paths`, each from the origin.
-    flat, upright : ndarray of bool, shape (distinct,)
-        True for the parts that lie at one height, and for those that run straight up and down.
-    first : ndarray of int, shape (paths + 1,)
-        Number of the first part of each path; the last entry is the number of all parts.
-    number, mirror, sign, origin : ndarray, shapes (parts,), (parts, 3), (parts,), (parts, 3)
-        Each part is the distinct one of this number, mirrored by these signs of its coordinates and moved to `origin`
-        in m from the start of its path; `sign` is −1 where the current runs the other way.
+    `tables` are rows of `coilarray.electromagnetics.kernels.paths`, shape (segments, 12). `flat` and `upright`
+    (distinct,) mark those that lie at one height, and those that run straight up and down. `first` (paths + 1,) is the
+    number of the first part of each path, and at the end that of all parts. Part k is the distinct one `number[k]`,
+    mirrored by the signs `mirror[k]` of its coordinates and moved to `origin[k]` in m from the start of its path;
+    `sign[k]` is −1 where the current runs the other way.
     """
 
     tables: list[FloatArray]
@@ -50,19 +44,9 @@ class PathParts:
 
 
 def find_parts(tables: Sequence[FloatArray], quanta: FloatArray) -> PathParts:
-    """Cut paths into parts.
+    """Cut paths, rows of `coilarray.electromagnetics.kernels.paths` each, into parts in their order along each path.
 
-    Parameters
-    ----------
-    tables : sequence of ndarray, shape (segments, 12)
-        Rows of `coilarray.electromagnetics.kernels.paths`.
-    quanta : ndarray, shape (paths,)
-        Differences in m that do not make another part; parts of different quanta are never the same.
-
-    Returns
-    -------
-    PathParts
-        Parts in their order along each path.
+    `quanta` (paths,) are differences in m that do not make another part; parts of different quanta are never the same.
     """
     cut = [_cut(table, quantum) for table, quantum in zip(tables, quanta.tolist(), strict=True)]
     first = np.concatenate(([0], np.cumsum([len(parts) for parts in cut])))

@@ -23,8 +23,7 @@ from coilarray.electromagnetics.neumann_far import (
     equivalent_currents,
     nodes_needed,
 )
-from coilarray.electromagnetics.neumann_near import Accuracy, Sums, part_blocks
-from coilarray.electromagnetics.pair_classes import pair_classes
+from coilarray.electromagnetics.neumann_near import Accuracy, Sums, pair_classes, part_blocks
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
 
@@ -50,29 +49,10 @@ def path_sums(
     accuracy: Accuracy = "full",
     progress: Progress | None = None,
 ) -> FloatArray:
-    """∬ dl·dl'/R of pairs of paths, averaged over the cross-sections.
+    """∬ dl·dl'/R in m of pairs of paths, averaged over the cross-sections; µ0/4π times these are inductances.
 
-    Parameters
-    ----------
-    conductors : sequence of Conductor
-        Current paths that the pairs refer to.
-    first, second : ndarray of int, shape (n,)
-        Numbers of the paths of each pair; equal ones for a path with itself.
-    accuracy : {"full", "screen"}
-        Accuracy of the sums; see `Accuracy`.
-    progress : callable, optional
-        Called with (done, total) as the work goes on.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Integrals in m; µ0/4π times these are inductances. Infinite for thin filaments that overlap on one
-        line.
-
-    Raises
-    ------
-    GeometryError
-        A thin filament paired with itself.
+    Pair k is the paths `first[k]` and `second[k]`, equal numbers for a path with itself; see `Accuracy`. Infinite for
+    thin filaments that overlap on one line; one that is paired with itself is a GeometryError.
     """
     if not len(first):
         return np.zeros(0)

@@ -30,63 +30,27 @@ _NONE = 1e-9  # of the box: an extent that is none
 
 @dataclass(frozen=True, eq=False)
 class EquivalentCurrents:
-    """Currents that act like a path on everything far enough away.
-
-    Parameters
-    ----------
-    nodes : ndarray, shape (n, 3)
-        Places in m.
-    currents : ndarray, shape (n, 3)
-        ∫ L I dl in A m.
-    """
+    """Currents ∫ L I dl in A m at nodes in m, (n, 3) each, that act like a path on everything far enough away."""
 
     nodes: FloatArray
     currents: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Boxes:
-    """Bounding boxes of paths.
-
-    Parameters
-    ----------
-    centre, half : ndarray, shape (n, 3)
-        Middle and half of the extent in m.
-    """
-
-    centre: FloatArray
-    half: FloatArray
-
-    def __getitem__(self, which: IntArray) -> Boxes:
-        """Those with the numbers `which`."""
-        return Boxes(self.centre[which], self.half[which])
-
-
-def bounding_boxes(paths: Sequence[FloatArray]) -> Boxes:
-    """Return the smallest boxes around paths, each the vertices (m, 3) in m."""
+def bounding_boxes(paths: Sequence[FloatArray]) -> FloatArray:
+    """Middle and half of the extent in m of the vertices (m, 3) of each path, shape (paths, 2, 3)."""
     low = np.array([vertices.min(axis=0) for vertices in paths])
     high = np.array([vertices.max(axis=0) for vertices in paths])
-    return Boxes((low + high) / 2, (high - low) / 2)
+    return np.stack(((low + high) / 2, (high - low) / 2), axis=1)
 
 
-def nodes_needed(first: Boxes, second: Boxes, shifts: FloatArray) -> IntArray:
-    """Nodes along the sides of pairs of boxes.
+def nodes_needed(first: FloatArray, second: FloatArray, shifts: FloatArray) -> IntArray:
+    """Nodes along x and y, and along z, of n pairs of boxes, the second moved by `shifts` (n, 3) in m; shape (n, 2).
 
-    Parameters
-    ----------
-    first, second : Boxes
-        n boxes each.
-    shifts : ndarray, shape (n, 3)
-        Displacements of the second box in m.
-
-    Returns
-    -------
-    ndarray of int, shape (n, 2)
-        Numbers along x and y, and along z. A value above `MOST_NODES` means that the boxes are too near each other.
+    Boxes are those of `bounding_boxes`; a value above `MOST_NODES` means that they are too near each other.
     """
-    between = np.abs(second.centre + shifts - first.centre) - first.half - second.half
+    between = np.abs(second[:, 0] + shifts - first[:, 0]) - first[:, 1] - second[:, 1]
     gap = np.maximum(between, 0.0)
-    half = np.maximum(first.half, second.half)
+    half = np.maximum(first[:, 1], second[:, 1])
     sizes = np.column_stack((half[:, :2].max(axis=1), half[:, 2]))
     none = _NONE * half.max(axis=1)[:, None]
     # singularities beside the interval [−1, 1] lie beyond its ends, those above it anywhere along it
@@ -101,24 +65,12 @@ def nodes_needed(first: Boxes, second: Boxes, shifts: FloatArray) -> IntArray:
 
 
 def equivalent_currents(segments: FloatArray, count: int, count_z: int, current: float = 1.0) -> EquivalentCurrents:
-    """Currents of segments at the Chebyshev nodes of their box.
+    """Currents of segments, ends (m, 2, 3) in m, at the Chebyshev nodes of their box.
 
-    Parameters
-    ----------
-    segments : ndarray, shape (m, 2, 3)
-        Ends of each segment in m.
-    count, count_z : int
-        Number of nodes along x and y, and along z.
-    current : float
-        Current of every segment in A.
-
-    Returns
-    -------
-    EquivalentCurrents
-        Currents of count² · count_z nodes. Polynomials along a segment are integrated exactly.
+    There are `count` nodes along x and y, and `count_z` along z; `current` is that of every segment in A. Polynomials
+    along a segment are integrated exactly.
     """
-    box = bounding_boxes([segments.reshape(-1, 3)])
-    centre, extent = box.centre[0], box.half[0]
+    ((centre, extent),) = bounding_boxes([segments.reshape(-1, 3)])
     gauss, weight = np.polynomial.legendre.leggauss(count + (count_z + 1) // 2)
     step = segments[:, 1] - segments[:, 0]
     places = (segments[:, :1] + 0.5 * (1.0 + gauss)[:, None] * step[:, None]).reshape(-1, 3)

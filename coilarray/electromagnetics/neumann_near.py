@@ -17,18 +17,12 @@ import numpy.typing as npt
 
 from coilarray.electromagnetics.kernels.bars import bar_self
 from coilarray.electromagnetics.kernels.paths import mutual_sum, own_mutual_sum
-from coilarray.electromagnetics.kernels.turns import (
-    find_series,
-    own_series_sum,
-    series_members,
-    series_rules,
-    series_sum,
-)
+from coilarray.electromagnetics.kernels.turns import find_series, series_members, series_rules, series_sum
 from coilarray.electromagnetics.mirror_parts import PathParts, find_parts, mirrored
-from coilarray.electromagnetics.pair_classes import pair_classes
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 Accuracy = Literal["full", "screen"]
 """``full``: 1e-6 of L and k. ``screen``: a tenth of the time for windings of many turns, for searches whose results
@@ -86,28 +80,12 @@ def part_blocks(
     quantum: float,
     accuracy: Accuracy,
 ) -> list[Callable[[], Sums]]:
-    """Prepare the sums over pairs of paths.
+    """Prepare the sums over pairs of near paths: pieces of the work that several threads may call at once.
 
-    Parameters
-    ----------
-    tables : sequence of ndarray, shape (segments, 12)
-        Rows of `coilarray.electromagnetics.kernels.paths`, each path from the origin.
-    quanta : ndarray, shape (paths,)
-        Largest differences in m between equal paths.
-    first, second : ndarray of int, shape (n,)
-        Numbers of the paths of each pair.
-    shift : ndarray, shape (n, 3)
-        Displacement of the second path in m; zero where a path is paired with itself.
-    quantum : float
-        Largest difference in m between equal shifts.
-    accuracy : {"full", "screen"}
-        Accuracy of the sums; see `Accuracy`.
-
-    Returns
-    -------
-    list of callable
-        Pieces of the work, which may be called at once from several threads; what all return adds up to ∬ dl·dl'/R in
-        m of the pairs, averaged over the cross-sections.
+    What all of them return adds up to ∬ dl·dl'/R in m of the pairs, averaged over the cross-sections. `tables` are rows
+    of `coilarray.electromagnetics.kernels.paths`, each path from the origin, and `quanta` the largest differences in m
+    between equal paths; pair k is the paths `first[k]` and `second[k]`, the second displaced by `shift[k]` in m (zero
+    where a path is paired with itself), and equal shifts differ by up to `quantum` in m.
     """
     if not len(first):
         return []
@@ -174,6 +152,29 @@ def _classes(parts: PathParts, pairs: _Pairs, quantum: float) -> tuple[_Pairs, I
     return alike, example, number
 
 
+def pair_classes(key: IntArray, turned: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """Group pairs by what they are, where rows of `key` and `turned` (n, columns) mean the same.
+
+    Returns one pair of each class (classes,), the class of each pair (n,), and where `turned` stands for it (n,).
+
+    Examples
+    --------
+    >>> example, number, turn = pair_classes(np.array([[1, 2], [2, 1], [3, 3]]), np.array([[2, 1], [1, 2], [3, 3]]))
+    >>> number, turn
+    (array([0, 0, 1]), array([False,  True, False]))
+    """
+    turn, undecided = np.zeros(len(key), dtype=bool), np.ones(len(key), dtype=bool)
+    for column in range(key.shape[1]):
+        turn |= undecided & (turned[:, column] < key[:, column])
+        undecided &= turned[:, column] == key[:, column]
+    number = np.zeros(len(key), dtype=np.int64)
+    for column in np.where(turn[:, None], turned, key).T:
+        if (column != column[0]).any():
+            values, place = np.unique(column, return_inverse=True)
+            number = np.unique(number * len(values) + place, return_inverse=True)[1]
+    return np.unique(number, return_index=True)[1], number, turn
+
+
 def _near_widths(kind: int, accuracy: Accuracy) -> float:
     if accuracy == "full":
         return OWN_NEAR_WIDTHS if kind == _ONE_PATH else MUTUAL_NEAR_WIDTHS
@@ -194,8 +195,9 @@ def _own_sum(part: _Part, start: int, stop: int, accuracy: Accuracy) -> float:
         return float(mutual + _bars_alone(part.table[rows], np.ones(len(rows))))
     rules = series_rules(int(part.series[:, 2].max()))
     rows, weights = series_members(part.series, *rules)
-    mutual = own_series_sum(part.table, part.series, _SCREEN_OWN_NEAR_WIDTHS, *rules)
-    return float(mutual + _bars_alone(part.table[rows], weights))
+    table, series = part.table, part.series
+    mutual = series_sum(table, table, np.zeros(3), series, series, True, _SCREEN_OWN_NEAR_WIDTHS, *rules)
+    return float(2.0 * mutual + _bars_alone(part.table[rows], weights))
 
 
 def _pair_sum(
@@ -213,7 +215,7 @@ def _pair_sum(
     if accuracy == "full":
         return float(mutual_sum(a.table, second, shift, start, stop, near_widths, 0))
     rules = series_rules(int(max(a.series[:, 2].max(), b.series[:, 2].max())))
-    return float(series_sum(a.table, second, shift, a.series, b.series, near_widths, *rules))
+    return float(series_sum(a.table, second, shift, a.series, b.series, False, near_widths, *rules))
 
 
 def _bars_alone(rows: FloatArray, weights: FloatArray) -> float:

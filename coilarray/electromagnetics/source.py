@@ -16,21 +16,9 @@ Source: TypeAlias = CoilArray | Conductor | npt.NDArray[np.float64] | Sequence[C
 
 
 def as_conductors(source: Source) -> tuple[Conductor, ...]:
-    """Return the current paths of anything that describes coils.
+    """Return the current paths of anything that describes coils; plain arrays are polylines in m, thin filaments.
 
-    Parameters
-    ----------
-    source : CoilArray, Conductor, array_like of shape (n + 1, 3), or a sequence of conductors or such arrays
-        Polylines are in m; as plain arrays they are thin filaments.
-
-    Returns
-    -------
-    tuple of Conductor
-
-    Raises
-    ------
-    GeometryError
-        No path at all, or an array that is not a polyline.
+    No path at all, or an array that is no polyline, is a GeometryError.
 
     Examples
     --------

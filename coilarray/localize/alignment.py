@@ -124,31 +124,16 @@ def align(
     if not values_at(model, at)[0].any():
         return Alignment(np.nan, (np.nan, np.nan), np.nan, (np.nan, np.nan), used, False, np.nan)
     each = None if sigma is None else np.broadcast_to(sigma, used.shape)[used]
-    found = _solve(model, at, values, largest_shift, axes, each)
-    while axes and not (found.deviations[1:] <= 1).all():  # NaN is not determined either
-        axes = [axis for axis, known in zip(axes, found.deviations[1:] <= 1, strict=True) if known]
-        found = _solve(model, at, values, largest_shift, axes, each)
+    unknowns, deviations, scatter = _solve(model, at, values, largest_shift, axes, each)
+    while axes and not (deviations[1:] <= 1).all():  # NaN is not determined either
+        axes = [axis for axis, known in zip(axes, deviations[1:] <= 1, strict=True) if known]
+        unknowns, deviations, scatter = _solve(model, at, values, largest_shift, axes, each)
     shift, shift_std = np.full(2, np.nan), np.full(2, np.nan)
     steps = np.asarray(largest_shift)[axes]
-    shift[axes], shift_std[axes] = found.unknowns[1:] * steps, found.deviations[1:] * steps
-    return Alignment(
-        float(found.unknowns[0]),
-        (float(shift[0]), float(shift[1])),
-        float(found.deviations[0]),
-        (float(shift_std[0]), float(shift_std[1])),
-        used,
-        bool((np.abs(found.unknowns[1:]) > 1 - _AT_END).any()),
-        found.scatter,
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    """Scale and shifts relative to the largest ones, with standard deviations; the scatter of what remains in δ."""
-
-    unknowns: FloatArray
-    deviations: FloatArray
-    scatter: float
+    shift[axes], shift_std[axes] = unknowns[1:] * steps, deviations[1:] * steps
+    at_limit = bool((np.abs(unknowns[1:]) > 1 - _AT_END).any())
+    (x, y), (x_std, y_std) = shift.tolist(), shift_std.tolist()
+    return Alignment(float(unknowns[0]), (x, y), float(deviations[0]), (x_std, y_std), used, at_limit, scatter)
 
 
 def _solve(
@@ -158,8 +143,8 @@ def _solve(
     largest_shift: tuple[float, float],
     axes: Sequence[int],
     sigma: FloatArray | None,
-) -> _Solution:
-    """Least squares of the scale and of the shifts along some axes."""
+) -> tuple[FloatArray, FloatArray, float]:
+    """Scale and shifts along some axes over the largest ones, standard deviations; the scatter of what remains in δ."""
     steps = np.asarray(largest_shift)[list(axes)]
     size = float(np.sqrt(np.mean(values**2))) or 1.0
 
@@ -186,7 +171,7 @@ def _solve(
     freedom = len(values) - len(solution)
     scatter = float(np.sqrt(remaining @ remaining / freedom)) * size if freedom else np.nan
     noise = np.full(len(values), scatter) if sigma is None else sigma
-    return _Solution(solution, _deviations(slopes(solution), noise / size), scatter)
+    return solution, _deviations(slopes(solution), noise / size), scatter
 
 
 def _deviations(jacobian: FloatArray, sigma: FloatArray) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,7 @@ from scipy.stats import t as student
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
+from coilarray.elastomer.compliance import Base
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import LocalizeError
 from coilarray.localize.distortion import ellipse_curves
@@ -78,7 +80,7 @@ def calibrate(
     states: Sequence[str] = ("coil1", "coil2", "coil3"),
     unknowns: Sequence[Unknown] = UNKNOWNS,
     *,
-    base: str | None = None,
+    base: Base | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Fit unknowns to the published A_i(δ), B_i(δ) and peaks.
@@ -113,38 +115,33 @@ def calibrate(
     target = _published(states)
     calls = 0
 
-    def residuals(values: FloatArray) -> FloatArray:
+    start, low, high = np.array([(unknown.start, unknown.low, unknown.high) for unknown in unknowns]).T
+    scale = high - low
+
+    def changed_by(parts: FloatArray) -> tuple[Design, Imperfections]:
+        return apply(design, dict(zip(names, (low + parts * scale).tolist(), strict=True)), base)
+
+    def residuals(parts: FloatArray) -> FloatArray:
         nonlocal calls
         calls += 1
         if progress is not None:
             progress(calls, max(calls + 1, 12 * (len(names) + 1)))
-        changed, imperfections = apply(design, dict(zip(names, values.tolist(), strict=True)), base)
-        return _features(changed, imperfections, states) - target
-
-    start = np.array([unknown.start for unknown in unknowns])
-    low, high = (np.array([getattr(unknown, side) for unknown in unknowns]) for side in ("low", "high"))
-    scale = high - low
-
-    def scaled(parts: FloatArray) -> FloatArray:
-        return residuals(low + parts * scale)
+        return _features(*changed_by(parts), states) - target
 
     first = (start - low) / scale
     fitted = least_squares(
-        scaled,
-        np.clip(first, 1e-3, 1 - 1e-3),
-        bounds=(0, 1),
-        diff_step=np.full(len(names), _STEP),
-        xtol=1e-4,
-        ftol=1e-4,
-        max_nfev=25,
-    )
+        residuals, np.clip(first, 1e-3, 1 - 1e-3), bounds=(0, 1), diff_step=np.full(len(names), _STEP),
+        xtol=1e-4, ftol=1e-4, max_nfev=25,
+    )  # fmt: skip
+    changed, imperfections = changed_by(fitted.x)
     value = low + fitted.x * scale
-    changed, imperfections = apply(design, dict(zip(names, value.tolist(), strict=True)), base)
-    result = _result(unknowns, value, np.asarray(fitted.jac), fitted.fun, scale, residuals(start))
-    return Calibration(changed, imperfections, result.assign_attrs({**provenance(design), **_base_of(changed)}))
+    result = _result(unknowns, value, np.asarray(fitted.jac), fitted.fun, scale, residuals(first))
+    return Calibration(
+        changed, imperfections, result.assign_attrs({**provenance(design), "base": indentation_of(changed).base})
+    )
 
 
-def apply(design: Design, values: Mapping[str, float], base: str | None = None) -> tuple[Design, Imperfections]:
+def apply(design: Design, values: Mapping[str, float], base: Base | None = None) -> tuple[Design, Imperfections]:
     """Put values of unknowns, by the names of `UNKNOWNS` in SI units, into a design as for `calibrate`."""
     sheets = list(design.sheets)
     magnetic = _magnetic(design)
@@ -155,15 +152,11 @@ def apply(design: Design, values: Mapping[str, float], base: str | None = None) 
         sheets[magnetic] = replace(sheets[magnetic], youngs_modulus=stiff)
     if "relative_permeability" in values:
         sheets[magnetic] = replace(sheets[magnetic], relative_permeability=values["relative_permeability"])
-    setup = design.indentation
-    if setup is not None and base in ("bonded", "frictionless"):
-        setup = replace(setup, base="bonded" if base == "bonded" else "frictionless")
+    setup = indentation_of(design)
+    if base is not None:
+        setup = replace(setup, base=base)
     imperfections = Imperfections(tilt=(values.get("tilt", 0.0), 0.0), depth_error=values.get("depth_error", 0.0))
     return replace(design, sheets=tuple(sheets), indentation=setup), imperfections
-
-
-def _base_of(design: Design) -> dict[str, str]:
-    return {} if design.indentation is None else {"base": design.indentation.base}
 
 
 def _magnetic(design: Design) -> int:
@@ -173,8 +166,8 @@ def _magnetic(design: Design) -> int:
     return found[0]
 
 
-def _check(design: Design, states: Sequence[str], unknowns: Sequence[Unknown], base: str | None) -> None:
-    if base not in (None, "bonded", "frictionless"):
+def _check(design: Design, states: Sequence[str], unknowns: Sequence[Unknown], base: Base | None) -> None:
+    if base not in (None, *get_args(Base)):
         raise LocalizeError(f"base must be bonded or frictionless; got {base!r}.")
     known = [unknown.name for unknown in UNKNOWNS]
     for unknown in unknowns:
@@ -184,7 +177,7 @@ def _check(design: Design, states: Sequence[str], unknowns: Sequence[Unknown], b
             raise LocalizeError(f"the guess of {unknown.name} must lie between its bounds; got {unknown}.")
     if not unknowns:
         raise LocalizeError("calibration needs at least one unknown; got none.")
-    published = [coil.name for coil in published_model().coils]
+    published = published_model().names
     for state in states:
         if state not in published:
             raise LocalizeError(f"a state must be one of the published {', '.join(published)}; got {state!r}.")
@@ -194,11 +187,10 @@ def _check(design: Design, states: Sequence[str], unknowns: Sequence[Unknown], b
 
 def _published(states: Sequence[str]) -> FloatArray:
     """Return A and B at the levels and the peak of every coil, in units of their trust."""
-    known = {coil.name: coil for coil in published_model().coils}
     parts = []
-    for state in states:
-        axes = [np.polyval(p, LEVELS) for p in (known[state].A, known[state].B)]
-        parts += [*(axis / SEMIAXIS_ERROR for axis in axes), _published_peak(known[state]) / PEAK_ERROR]
+    for coil in map(published_model().__getitem__, states):
+        _, A, B = coil.curves(LEVELS)
+        parts += [A / SEMIAXIS_ERROR, B / SEMIAXIS_ERROR, _published_peak(coil) / PEAK_ERROR]
     return np.concatenate(parts)
 
 
@@ -215,13 +207,11 @@ def _features(design: Design, imperfections: Imperfections, states: Sequence[str
     # the same circuit for every sheet that is tried: losses and strays change δ by less than 1 %
     response = response_map(design, depths=depths, imperfections=imperfections, mesh=_MESH, ideal=True)
     curves = ellipse_curves(response, states, LEVELS)
-    known = {coil.name: coil for coil in published_model().coils}
-    parts = []
-    for row, state in enumerate(states):
+    published, parts = published_model(), []
+    for state, A, B in zip(states, curves.A, curves.B, strict=True):
         peak = float(response.delta.sel(state=state).max())
-        for axis in (curves.A[row], curves.B[row]):
-            parts.append(np.where(np.isfinite(axis), axis, 0.0) / SEMIAXIS_ERROR)
-        parts.append(np.full(len(_published_peak(known[state])), peak / PEAK_ERROR))
+        parts += [np.nan_to_num(axis) / SEMIAXIS_ERROR for axis in (A, B)]
+        parts.append(np.full(len(_published_peak(published[state])), peak / PEAK_ERROR))
     return np.concatenate(parts)
 
 

@@ -8,7 +8,7 @@ and spacing of a map enter them (`coilarray.localize.ellipse`).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +17,9 @@ import xarray as xr
 from coilarray.compute.threads import Progress
 from coilarray.errors import LocalizeError
 from coilarray.localize.alignment import align, inside, values_at
-from coilarray.localize.forward import ForwardModel, forward_model
-from coilarray.localize.level_curves import PARAMETERS, LevelCurves, level_axis, level_curves
+from coilarray.localize.ellipse import PARAMETERS
+from coilarray.localize.forward import ForwardModel, checked_axes, forward_model
+from coilarray.localize.level_curves import LevelCurves, level_axis, level_curves
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -31,6 +32,9 @@ REPLICATES = 16
 _DIMS = ("depth", "y", "x", "state")
 _LEAST_FOR_SHIFT = 4  # measured positions along an axis
 _SAME_DEPTH = 1e-6  # relative
+
+_Compared = dict[str, Any]
+"""Figures of one state at one depth by the names of the dataset; maps have the shape (y, x)."""
 
 
 def compare_responses(
@@ -114,19 +118,13 @@ def compare_responses(
     kept, depths_out = _common_depths(reads.sel(state=states), model)
     noise = _noise(kept, simulated.sel(state=states))
     largest_shifts = _largest_shifts(kept, largest_shift)
-    rows = [
-        [
-            _compared(
-                kept.isel(depth=k, state=j),
-                model.select([state]),
-                None if noise is None else noise[k, ..., j],
-                largest_shifts,
-            )
-            for j, state in enumerate(states)
-        ]
-        for k in range(kept.sizes["depth"])
-    ]
-    if not any(one.points for row in rows for one in row):
+
+    def compared(k: int, j: int) -> _Compared:
+        level = None if noise is None else noise[k, ..., j]
+        return _compared(kept.isel(depth=k, state=j), model.select([states[j]]), level, largest_shifts)
+
+    rows = [[compared(k, j) for j in range(len(states))] for k in range(kept.sizes["depth"])]
+    if not any(one["points"] for row in rows for one in row):
         raise LocalizeError("no measured position is in the simulated map.")
     count, total = 0, 2 * kept.sizes["depth"] * len(states)
 
@@ -144,32 +142,6 @@ def compare_responses(
     return result.assign_attrs({**alone, "depths_left_out": depths_out, "noise_from": known})
 
 
-@dataclass(frozen=True, eq=False)
-class _Compared:
-    """One state at one depth; maps of shape (y, x). The names are those of the dataset."""
-
-    simulated: FloatArray
-    residual_before: FloatArray
-    residual_after: FloatArray
-    scale: float
-    scale_std: float
-    shift: tuple[float, float]
-    shift_std: tuple[float, float]
-    at_limit: bool
-    rms_before: float
-    rms_before_std: float
-    correlation_before: float
-    correlation_before_std: float
-    rms_after: float
-    rms_after_std: float
-    correlation_after: float
-    correlation_after_std: float
-    noise: float
-    points: int
-    left_out: int
-    missing: int
-
-
 def _compared(
     measured: xr.Dataset, model: ForwardModel, sigma: FloatArray | None, largest_shift: tuple[float, float]
 ) -> _Compared:
@@ -180,13 +152,8 @@ def _compared(
     values = measured.delta.values.ravel()
     there = np.isfinite(values) & inside(model, places)
     given = None if sigma is None else sigma.ravel()
-    found = align(
-        model,
-        places[there],
-        values[there],
-        largest_shift=largest_shift,
-        noise=None if given is None else given[there],
-    )
+    level = None if given is None else given[there]
+    found = align(model, places[there], values[there], largest_shift=largest_shift, noise=level)
     used = np.zeros(values.size, dtype=bool)
     used[there] = found.used
     before = np.full(values.size, np.nan)
@@ -197,24 +164,26 @@ def _compared(
     shifted[still] = values_at(model, moved[still])[0]
     after = found.scale * shifted
     noise = np.full(values.size, found.scatter) if given is None else given
-    return _Compared(
-        before.reshape(shape),
-        (values - before).reshape(shape),
-        (values - after).reshape(shape),
-        found.scale,
-        found.scale_std,
-        found.shift,
-        found.shift_std,
-        found.at_limit,
-        *_rms(values[used], before[used], noise[used]),
-        *_correlation(values[used], before[used], noise[used]),
-        *_rms(values[used], after[used], noise[used]),
-        *_correlation(values[used], shifted[used], noise[used]),
-        float(np.sqrt(np.mean(given[used] ** 2))) if given is not None and used.any() else np.nan,
-        int(used.sum()),
-        int((np.isfinite(values) & ~there).sum()),
-        int(np.isnan(values).sum()),
-    )
+    figures: _Compared = {
+        "simulated": before.reshape(shape),
+        "residual_before": (values - before).reshape(shape),
+        "residual_after": (values - after).reshape(shape),
+        "noise": float(np.sqrt(np.mean(given[used] ** 2))) if given is not None and used.any() else np.nan,
+        "points": int(used.sum()),
+        "left_out": int((np.isfinite(values) & ~there).sum()),
+        "missing": int(np.isnan(values).sum()),
+    }
+    figures |= {name: getattr(found, name) for name in ("scale", "scale_std", "shift", "shift_std", "at_limit")}
+    read, spread = values[used], noise[used]
+    pairs = {
+        "rms_before": _rms(read, before[used], spread),
+        "correlation_before": _correlation(read, before[used], spread),
+        "rms_after": _rms(read, after[used], spread),
+        "correlation_after": _correlation(read, shifted[used], spread),
+    }
+    for name, pair in pairs.items():
+        figures[name], figures[f"{name}_std"] = pair
+    return figures
 
 
 def _rms(measured: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[float, float]:
@@ -263,23 +232,16 @@ def _windows(
 
 def _ellipses(windows: Sequence[tuple[xr.Dataset, FloatArray | None]], fit: Callable[..., LevelCurves]) -> xr.Dataset:
     """Ellipses of every level of both maps: dimensions source, depth, state, level."""
-    curves = [
-        [
-            [
-                fit(response.isel(depth=[k], state=[j]), None if noise is None else noise[k, ..., j])
-                for j in range(response.sizes["state"])
-            ]
-            for k in range(response.sizes["depth"])
-        ]
-        for response, noise in windows
-    ]
-    count = max(one.values.shape[1] for side in curves for row in side for one in row)
     dims = ("source", "depth", "state")
-    shape = (len(curves), len(curves[0]), len(curves[0][0]))
+    shape = (len(windows), *(windows[0][0].sizes[name] for name in dims[1:]))
+    curves = {}
+    for side, k, j in np.ndindex(shape):
+        response, noise = windows[side]
+        curves[side, k, j] = fit(response.isel(depth=[k], state=[j]), None if noise is None else noise[k, ..., j])
+    count = max(one.values.shape[1] for one in curves.values())
     values, deviations = (np.full((3, *shape, count), np.nan) for _ in range(2))
     problems = np.empty(shape, dtype=object)
-    for place in np.ndindex(shape):
-        one = curves[place[0]][place[1]][place[2]]
+    for place, one in curves.items():
         reached = one.values.shape[1]
         values[(slice(None), *place, slice(reached))] = one.values
         deviations[(slice(None), *place, slice(reached))] = one.deviations
@@ -299,13 +261,7 @@ def _measured(response: xr.Dataset) -> xr.Dataset:
         raise LocalizeError("a measured response must have delta over depth, y, x and state, with coordinates.")
     if np.isinf(response["delta"].values).any():
         raise LocalizeError("delta of a measured response must not be infinite.")
-    names = [str(name) for name in response["state"].values]
-    if len(set(names)) < len(names):
-        raise LocalizeError(f"states of a response must have different names; got {', '.join(names)}.")
-    for name in ("x", "y", "depth"):
-        axis = np.asarray(response[name].values, dtype=np.float64)
-        if not axis.size or not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
-            raise LocalizeError(f"{name} of a measured response must be finite and rise; got {axis}.")
+    checked_axes(response, "a measured response", 1)
     return response.transpose(*_DIMS, ...)
 
 
@@ -384,7 +340,7 @@ def _dataset(
     measured: xr.Dataset, simulated: xr.Dataset, rows: list[list[_Compared]], ellipses: xr.Dataset
 ) -> xr.Dataset:
     def stacked(name: str) -> npt.NDArray[np.generic]:
-        return np.array([[getattr(one, name) for one in row] for row in rows])
+        return np.array([[one[name] for one in row] for row in rows])
 
     def maps(name: str) -> FloatArray:
         return np.moveaxis(stacked(name).astype(np.float64), 1, -1)  # depth, y, x, state
@@ -422,7 +378,5 @@ def _dataset(
         for who, of in zip(SOURCES, (measured, simulated), strict=True)
         for key, value in of.attrs.items()
     }
-    counts = {
-        f"points_{name}": sum(getattr(one, name) for row in rows for one in row) for name in ("left_out", "missing")
-    }
+    counts = {f"points_{name}": sum(one[name] for row in rows for one in row) for name in ("left_out", "missing")}
     return result.merge(ellipses).assign_attrs({**said, **counts})

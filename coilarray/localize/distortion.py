@@ -19,7 +19,7 @@ from coilarray.design.model import Design
 from coilarray.design.scan_states import Passive, ScanState
 from coilarray.errors import LocalizeError
 from coilarray.geometry import Conductor
-from coilarray.localize.ellipse import fit_ellipses, refined_map
+from coilarray.localize.ellipse import PARAMETERS, fit_ellipses, refined_map
 from coilarray.localize.published import published_model
 from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
 from coilarray.response.setup import indentation_of, map_axes
@@ -106,10 +106,9 @@ def distortion(
     def without(response: xr.Dataset) -> FloatArray:
         return curves.x0 - ellipse_curves(response, states, levels).x0
 
-    opened = _opened(design, base, names)
-    effects = {"all neighbours": without(opened)}
-    for name in names:
-        effects[f"neighbour {name}"] = without(_opened(design, base, (name,)))
+    opened = ellipse_curves(_opened(design, base, names), states, levels)
+    effects = {"all neighbours": curves.x0 - opened.x0}
+    effects |= {f"neighbour {name}": without(_opened(design, base, (name,))) for name in names}
     both = maps.plain(widen=_WIDE, parts=_FINE)
     effects["window"] = without(maps.plain(widen=_WIDE))
     effects["grid"] = without(maps.plain(parts=_FINE))
@@ -119,7 +118,7 @@ def distortion(
     tilted = replace(given, tilt=(given.tilt[0] + TILT, given.tilt[1]))
     effects["tilt"] = -without(_Maps(design, tilted, maps.count).plain())
     effects["noise"] = _scatter(base, states, levels)
-    return _dataset(design, states, levels, curves, ellipse_curves(opened, states, levels), effects)
+    return _dataset(design, states, levels, curves, opened, effects)
 
 
 class _Maps:
@@ -142,19 +141,14 @@ class _Maps:
         """Compute the map of the first depth, on a window wider by `widen` in m on each side, with a divided step."""
         setup = indentation_of(self._design)
         x, y = (_axis(given, more, parts) for given, more in zip((setup.x, setup.y), widen, strict=True))
-        return response_map(
-            self._design,
-            depths=setup.depths[:1],
-            x=x,
-            y=y,
-            imperfections=self._imperfections,
-            progress=self.count,
-        )
+        depths, given = setup.depths[:1], self._imperfections
+        return response_map(self._design, depths=depths, x=x, y=y, imperfections=given, progress=self.count)
 
     def turned(self, base: xr.Dataset) -> xr.Dataset:
         """Average every coil with itself turned by half a turn: neither leads nor spiral to one side are left."""
         paths = self._design.array.conductors()
-        turned = [_moved(path, centre) for path, centre in zip(paths, self._design.array.centres, strict=True)]
+        about = zip(paths, self._design.array.centres, strict=True)
+        turned = [_placed(path, path.vertices * [-1.0, -1.0, 1.0] + [*(2 * centre), 0.0]) for path, centre in about]
         change = self._change(base, [*paths, *turned])
         n = len(paths)
         mean = sum(change[..., i : i + n, j : j + n] for i in (0, n) for j in (0, n)) / 4
@@ -163,12 +157,9 @@ class _Maps:
     def levelled(self, base: xr.Dataset) -> xr.Dataset:
         """Put all coils at the mean height of their copper."""
         paths = self._design.array.conductors()
-        heights = [float((path.vertices[:, 2].max() + path.vertices[:, 2].min()) / 2) for path in paths]
-        mean = float(np.mean(heights))
-        level = [
-            _placed(path, np.add(path.vertices, [0.0, 0.0, mean - height]))
-            for path, height in zip(paths, heights, strict=True)
-        ]
+        heights = np.array([(path.vertices[:, 2].max() + path.vertices[:, 2].min()) / 2 for path in paths])
+        rises = zip(paths, heights.mean() - heights, strict=True)
+        level = [_placed(path, np.add(path.vertices, [0.0, 0.0, rise])) for path, rise in rises]
         return respond(self._design, base, inductance_change=self._change(base, level))
 
     def _change(self, base: xr.Dataset, paths: Sequence[Conductor]) -> FloatArray:
@@ -189,11 +180,6 @@ def _axis(given: Sequence[float], more: float, parts: int) -> FloatArray:
     return np.linspace(axis[0] - beyond * step, axis[-1] + beyond * step, count)
 
 
-def _moved(path: Conductor, centre: FloatArray) -> Conductor:
-    """Turn a path by half a turn about a vertical axis."""
-    return _placed(path, path.vertices * [-1.0, -1.0, 1.0] + [*(2 * centre), 0.0])
-
-
 def _placed(path: Conductor, vertices: FloatArray) -> Conductor:
     return Conductor(vertices, path.widths, path.thicknesses, path.areas, path.name)
 
@@ -212,16 +198,11 @@ def _opened(design: Design, base: xr.Dataset, names: Sequence[str]) -> xr.Datase
 def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> EllipseCurves:
     """Fit the ellipses of a map's first depth and read them at levels of δ, linear between the steps of the sweep."""
     fits = fit_ellipses(response, 0, states=states)
-    curves = []
-    for name in ("x0", "A", "B"):
-        rows = []
-        for state in states:
-            of = fits.sel(state=state)
-            kept = np.isfinite(of[name].values) & np.isfinite(of.delta.values)
-            order = np.argsort(of.delta.values[kept])
-            at, value = of.delta.values[kept][order], of[name].values[kept][order]
-            rows.append(np.interp(levels, at, value, left=np.nan, right=np.nan) if len(at) else levels * np.nan)
-        curves.append(np.array(rows))
+    curves = np.full((len(PARAMETERS), len(states), len(levels)), np.nan)
+    for j, state in enumerate(states):
+        kept = fits.sel(state=state).isel(step=np.flatnonzero(fits.refused.sel(state=state) == "")).sortby("delta")
+        for k, name in enumerate(PARAMETERS):
+            curves[k, j] = np.interp(levels, kept.delta, kept[name], left=np.nan, right=np.nan)
     return EllipseCurves(*curves)
 
 
@@ -266,12 +247,12 @@ def _dataset(
     centre = np.array([design.array.centres[design.array.names.index(state)][0] - origin[0] for state in states])
     dims, metres = ("state", "delta"), {"units": "m"}
     data: dict[str, object] = {}
-    for name in ("x0", "A", "B"):
+    for name in PARAMETERS:
         pair = np.array([getattr(grounded, name), getattr(opened, name)])
         data[name] = (("neighbours", *dims), pair, metres)
         data[f"published_{name}"] = (dims, _published(name, states, levels), metres)
     effect = np.array(list(effects.values()))
-    residual = grounded.x0 - np.asarray(_published("x0", states, levels))
+    residual = grounded.x0 - _published("x0", states, levels)
     data["effect"] = (("cause", *dims), effect, {**metres, "long_name": "what x0 loses without the cause"})
     data["rms"] = (("cause", "state"), _rms(effect), metres)
     data["rms_residual"] = ("state", _rms(residual), {**metres, "long_name": "predicted less published x0, rms"})
@@ -289,16 +270,11 @@ def _dataset(
 
 
 def _published(name: str, states: Sequence[str], levels: FloatArray) -> FloatArray:
-    model = published_model()
-    known = {coil.name: coil for coil in model.coils}
-    return np.array(
-        [np.polyval(getattr(known[state], name), levels) if state in known else levels * np.nan for state in states]
-    )
+    known = {coil.name: np.polyval(getattr(coil, name), levels) for coil in published_model().coils}
+    return np.array([known.get(state, levels * np.nan) for state in states])
 
 
 def _rms(values: FloatArray) -> FloatArray:
     """Root mean square over δ of what is there; NaN where nothing is."""
-    there = np.isfinite(values)
-    count = there.sum(axis=-1)
-    total = np.where(there, values, 0.0) ** 2
-    return np.asarray(np.where(count > 0, np.sqrt(total.sum(axis=-1) / np.maximum(count, 1)), np.nan))
+    count = np.isfinite(values).sum(axis=-1)
+    return np.asarray(np.sqrt(np.nansum(values**2, axis=-1) / np.where(count > 0, count, np.nan)))

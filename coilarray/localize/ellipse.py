@@ -42,6 +42,9 @@ from coilarray.errors import LocalizeError
 
 FloatArray = npt.NDArray[np.float64]
 
+PARAMETERS = ("x0", "A", "B")
+"""Of an ellipse, in the order of every row of them."""
+
 REFINEMENT = 20
 """Parts of every spacing of the sampled grid: within 0.03 mm of 80 parts on the paper's board, 5 are within 0.12 mm."""
 

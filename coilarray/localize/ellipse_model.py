@@ -32,10 +32,10 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.errors import LocalizeError
-from coilarray.localize.ellipse import Ellipse
+from coilarray.localize.ellipse import PARAMETERS, Ellipse
 
 FloatArray = npt.NDArray[np.float64]
-Coefficients = tuple[float, float, float, float, float]
+Coefficients = tuple[float, ...]
 """p4, p3, p2, p1, p0 of a polynomial of δ, in m."""
 
 Case = Literal["two points", "touching", "adjacent coils"]
@@ -77,7 +77,7 @@ class CoilEllipses:
     centre: float
 
     def __post_init__(self) -> None:
-        for key in ("x0", "A", "B"):
+        for key in PARAMETERS:
             p = getattr(self, key)
             if len(p) != DEGREE + 1 or not np.isfinite(p).all():
                 raise LocalizeError(f"{key} of {self.name} must be {DEGREE + 1} finite coefficients; got {p}.")
@@ -173,9 +173,8 @@ def ellipse_model(fits: xr.Dataset) -> EllipseModel:
     steps with an ellipse than a polynomial has coefficients.
     """
     kept = [_kept(fits.sel(state=state)) for state in fits.state.values.tolist()]
-    kept.sort(
-        key=lambda fit: float(fit.x0[np.argmax(fit.delta.values)])
-    )  # the smallest ellipse determines the centre best
+    # the smallest ellipse determines the centre best
+    kept.sort(key=lambda fit: float(fit.x0[np.argmax(fit.delta.values)]))
     return EllipseModel(tuple(_polynomials(fit) for fit in kept))
 
 
@@ -191,7 +190,7 @@ def model_to_json(model: EllipseModel, source: str = "") -> str:
     coils = [
         {
             "name": coil.name,
-            **{f"{key}_m": list(getattr(coil, key)) for key in ("x0", "A", "B")},
+            **{f"{key}_m": list(getattr(coil, key)) for key in PARAMETERS},
             **{key: getattr(coil, key) for key in _RANGE},
         }
         for coil in model.coils
@@ -233,7 +232,9 @@ def crossing(first: Ellipse, second: Ellipse) -> tuple[float, float]:
     if len(met) > 1:
         met = [(x, square) for x, square in met if abs(x) <= abs(one.x0)] or met
     if not met:
-        raise LocalizeError(f"the ellipses do not meet: {_why_apart(first, second)}.")
+        gap = abs(first.x0 - second.x0) - first.A - second.A
+        why = f"{gap * 1e3:.4g} mm lie between them" if gap > 0 else "one lies within the other"
+        raise LocalizeError(f"the ellipses do not meet: {why}.")
     if len(met) > 1:
         places = " and ".join(f"{(middle + x * length) * 1e3:.4g}" for x, _ in met)
         raise LocalizeError(f"the ellipses meet at more than one x: {places} mm.")
@@ -300,7 +301,7 @@ def _reading(deltas: Mapping[str, float], name: str) -> float:
 
 def _coil_from(data: object) -> CoilEllipses:
     """One coil of a JSON file."""
-    keys = ("x0_m", "A_m", "B_m", *_RANGE)
+    keys = (*(f"{key}_m" for key in PARAMETERS), *_RANGE)
     if not isinstance(data, dict) or not isinstance(data.get("name"), str):
         raise LocalizeError("a coil of an ellipse model must have a name.")
     name = data["name"]
@@ -308,15 +309,14 @@ def _coil_from(data: object) -> CoilEllipses:
     if missing:
         raise LocalizeError(f"{name} of an ellipse model must have {', '.join(keys)}; {missing[0]} is missing.")
     try:
-        p4, p3, p2, p1, p0 = (np.array([data[key] for key in keys[:3]], dtype=np.float64).T).tolist()
+        x0, A, B = np.array([data[key] for key in keys[:3]], dtype=np.float64).reshape(3, DEGREE + 1).tolist()
         lowest, highest, centre = (float(data[key]) for key in _RANGE)
     except (TypeError, ValueError, OverflowError):
         raise LocalizeError(
             f"{name} of an ellipse model must have {DEGREE + 1} numbers in x0_m, A_m and B_m and one in each of "
             f"{', '.join(_RANGE)}."
         ) from None
-    x0, A, B = zip(p4, p3, p2, p1, p0, strict=True)
-    return CoilEllipses(name, x0, A, B, lowest, highest, centre)
+    return CoilEllipses(name, tuple(x0), tuple(A), tuple(B), lowest, highest, centre)
 
 
 def _kept(fit: xr.Dataset) -> xr.Dataset:
@@ -334,9 +334,7 @@ def _polynomials(fit: xr.Dataset) -> CoilEllipses:
     """Polynomials through the steps of one state."""
     name, peak, delta = str(fit.state.item()), float(fit.peak), fit.delta.values
     powers = peak ** np.arange(DEGREE, -1, -1)  # δ over its peak, or the equations are ill-conditioned
-    x0, A, B = (
-        tuple((np.polyfit(delta / peak, fit[key].values, DEGREE) / powers).tolist()) for key in ("x0", "A", "B")
-    )
+    x0, A, B = (tuple((np.polyfit(delta / peak, fit[key].values, DEGREE) / powers).tolist()) for key in PARAMETERS)
     threshold = float(fit.attrs["threshold"])
     return CoilEllipses(name, x0, A, B, float(delta.min()) - threshold, peak + threshold, CENTRE_SHARE * peak)
 
@@ -361,8 +359,3 @@ def _square(first: Ellipse, second: Ellipse, x: float) -> float | None:
     if min(squares) < -rounding:
         return None
     return 0.0 if min(squares) <= rounding else sum(squares) / 2
-
-
-def _why_apart(first: Ellipse, second: Ellipse) -> str:
-    gap = abs(first.x0 - second.x0) - first.A - second.A
-    return f"{gap * 1e3:.4g} mm lie between them" if gap > 0 else "one lies within the other"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +23,7 @@ from coilarray.response.interpolation import (
     even_row,
     response_spline,
 )
-from coilarray.response.map import Reach, response_map
+from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -143,8 +142,6 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     """
     delta, (x, y, depth) = _table(response)
     names = tuple(str(name) for name in response["state"].values)
-    if len(set(names)) < len(names):
-        raise LocalizeError(f"states of a response must have different names; got {', '.join(names)}.")
     table = response_spline(x, y, depth, delta, zero_plane=zero_plane)
     return ForwardModel(states=names, x=table.x, y=table.y, depth=table.depth, spline=table.spline)
 
@@ -160,15 +157,24 @@ def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArr
     delta = np.asarray(response["delta"].transpose("x", "y", "depth", "state").values, dtype=np.float64)
     if not delta.size or not np.isfinite(delta).all():
         raise LocalizeError("delta of a response must be finite everywhere.")
-    x, y, depth = (np.asarray(response[name].values, dtype=np.float64) for name in PARAMETERS)
-    for name, axis, least in (("x", x, LEAST_POSITIONS), ("y", y, LEAST_POSITIONS), ("depth", depth, 1)):
-        if len(axis) < least:
-            raise LocalizeError(f"a response must have at least {least} positions along {name}; got {len(axis)}.")
-        if not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
-            raise LocalizeError(f"{name} of a response must be finite and rise; got {axis}.")
+    x, y, depth = checked_axes(response, "a response", LEAST_POSITIONS)
     if depth[0] < 0:
         raise LocalizeError(f"depth of a response must not be negative; got {depth[0]:.4g} m.")
     return delta, (x, y, depth)
+
+
+def checked_axes(response: xr.Dataset, what: str, least: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """x, y and depth of a response in m; LocalizeError where they do not rise, or x or y has fewer than `least`."""
+    names = [str(name) for name in response["state"].values]
+    if len(set(names)) < len(names):
+        raise LocalizeError(f"states of a response must have different names; got {', '.join(names)}.")
+    x, y, depth = (np.asarray(response[name].values, dtype=np.float64) for name in PARAMETERS)
+    for name, axis, count in (("x", x, least), ("y", y, least), ("depth", depth, 1)):
+        if len(axis) < count:
+            raise LocalizeError(f"{what} must have at least {count} positions along {name}; got {len(axis)}.")
+        if not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
+            raise LocalizeError(f"{name} of {what} must be finite and rise; got {axis}.")
+    return x, y, depth
 
 
 def table_grid(
@@ -208,20 +214,11 @@ def table_grid(
     return end * np.array(_DEPTHS), even_row(x_min, x_max, step), even_row(y_min, y_max, step)
 
 
-def table_for(
-    design: Design,
-    *,
-    spacing: float | None = None,
-    deepest: float | None = None,
-    reach: Reach = "auto",
-    network: Network | None = None,
-    parts: Path | None = None,
-    progress: Progress | None = None,
-) -> xr.Dataset:
+def table_for(design: Design, *, network: Network | None = None, progress: Progress | None = None) -> xr.Dataset:
     """Compute the response at the positions of `table_grid`, for `forward_model`: 10 s for the six coils of gast2020.
 
     The network of coils, switches and strays is that of `response_map` by default. ElastomerError for what
     `response_map` refuses, for example positions at which the indenter leaves a small sample.
     """
-    depths, x, y = table_grid(design, spacing=spacing, deepest=deepest)
-    return response_map(design, depths=depths, x=x, y=y, reach=reach, network=network, parts=parts, progress=progress)
+    depths, x, y = table_grid(design)
+    return response_map(design, depths=depths, x=x, y=y, reach="auto", network=network, progress=progress)

@@ -88,8 +88,8 @@ def identifiability(
         Positions or a depth outside the table, noise that is not positive.
     """
     along, across = (
-        np.atleast_1d(np.asarray(axis if given is None else given, dtype=np.float64))
-        for given, axis in ((x, model.x), (y, model.y))
+        np.atleast_1d(np.asarray(axis, dtype=np.float64))
+        for axis in (model.x if x is None else x, model.y if y is None else y)
     )
     if along.ndim != 1 or across.ndim != 1:
         raise LocalizeError(f"x and y must be rows of positions; got shapes {along.shape} and {across.shape}.")

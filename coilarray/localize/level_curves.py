@@ -9,12 +9,9 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.errors import LocalizeError
-from coilarray.localize.ellipse import STEP, fit_ellipses
+from coilarray.localize.ellipse import PARAMETERS, STEP, fit_ellipses
 
 FloatArray = npt.NDArray[np.float64]
-
-PARAMETERS = ("x0", "A", "B")
-"""In the order of the rows of `LevelCurves`."""
 
 _LEAST_SHARE = 0.5  # of the noisy maps: where fewer have a level, its scatter is NaN
 
@@ -42,12 +39,12 @@ def level_curves(
     `replicates` give no standard deviations. The copies add noise to a map that may have it already; its scatter is
     given all the same as long as noise is small beside the width of a level.
     """
-    if not np.isfinite(response.delta.values).all():
-        return _none("the map has gaps.")
     try:
+        if not np.isfinite(response.delta.values).all():
+            raise LocalizeError("the map has gaps.")
         values = _fitted(response)
     except LocalizeError as error:
-        return _none(str(error))
+        return LevelCurves(np.empty((3, 0)), np.empty((3, 0)), str(error))
     unknown = np.full_like(values, np.nan)
     if noise is None or replicates < 2:
         return LevelCurves(values, unknown)
@@ -74,9 +71,4 @@ def level_axis(count: int) -> FloatArray:
 
 def _fitted(response: xr.Dataset) -> FloatArray:
     """x0, A and B, shape (3, levels)."""
-    fits = fit_ellipses(response)
-    return np.array([fits[name].values[0] for name in PARAMETERS])
-
-
-def _none(problem: str) -> LevelCurves:
-    return LevelCurves(np.empty((3, 0)), np.empty((3, 0)), problem)
+    return fit_ellipses(response)[[*PARAMETERS]].isel(state=0).to_dataarray().values

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.localize.ellipse import PARAMETERS
 from coilarray.localize.ellipse_model import CoilEllipses, EllipseModel
 
 CENTRE_DELTA = 1e-3
@@ -57,7 +58,7 @@ def published_model() -> EllipseModel:
     table = {key: tuple(p * 1e-3 for p in values) for key, values in table_a1().items()}
     coils = []
     for name in _COILS:
-        x0, A, B = (_five(table[key, name]) for key in ("x0", "A", "B"))
+        x0, A, B = (table[key, name] for key in PARAMETERS)
         coils.append(CoilEllipses(name, x0, A, B, 0.0, min(_vanishes(A), _vanishes(B)), CENTRE_DELTA))
     return EllipseModel(tuple(coils))
 
@@ -101,11 +102,6 @@ def _delta_at(coil: CoilEllipses, x: npt.NDArray[np.float64], y: npt.NDArray[np.
         outside = ((x - x0) / A) ** 2 + (y / B) ** 2 > 1
         low, high = np.where(outside, low, middle), np.where(outside, middle, high)
     return (low + high) / 2
-
-
-def _five(p: tuple[float, ...]) -> tuple[float, float, float, float, float]:
-    p4, p3, p2, p1, p0 = p
-    return p4, p3, p2, p1, p0
 
 
 def _vanishes(p: tuple[float, ...]) -> float:

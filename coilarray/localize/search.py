@@ -44,20 +44,10 @@ _LEAST_DAMPING = 1e-10  # of the trace of the normal matrix, which a state witho
 class Scan:
     """Cells of the table, with the linear model around each.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Cells along x, y and depth.
-    size : ndarray, shape (unknowns,)
-        Size of a cell in m.
-    centres : ndarray, shape (cells, 3)
-        x, y and depth in m.
-    scaled : ndarray, shape (cells, states)
-        Model at the centre over the noise.
-    slopes : ndarray, shape (cells, states, unknowns)
-        Its change over a cell over the noise, J.
-    forms : ndarray, shape (1 + unknowns, states, cells)
-        `scaled` and the columns of Q.
+    `shape` counts the cells along x, y and depth; `size`, shape (unknowns,), is that of one in m, and `centres`, shape
+    (cells, 3), are in m. `scaled` (cells, states) is the model at the centre over the noise, `slopes` (cells, states,
+    unknowns) its change over a cell over the noise, J, and `forms` (1 + unknowns, states, cells) `scaled` and the
+    columns of Q.
     """
 
     shape: tuple[int, int, int]
@@ -136,8 +126,7 @@ def refine(
 ) -> tuple[FloatArray, FloatArray]:
     """Go down to the least χ² near every start, one row of points (m, 3) in m and of readings (m, states) for each.
 
-    Starts outside the table begin on its border. Returns the points, inside the table or on its border, and their χ²
-    (m,).
+    Starts outside the table begin on its border. Returns the points, inside the table or on its border, and their χ².
     """
     free = model.unknowns
     unit, low, high = _units(model), model.lower[:free], model.upper[:free]

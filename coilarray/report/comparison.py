@@ -17,7 +17,7 @@ import xarray as xr
 
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.compute.files import write_text
-from coilarray.localize.level_curves import PARAMETERS
+from coilarray.localize.ellipse import PARAMETERS
 from coilarray.report import figures
 from coilarray.report.page import now, render_page
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table, root_mean_square
@@ -49,15 +49,10 @@ def remains_table(comparison: xr.Dataset) -> Table:
 def ellipse_table(comparison: xr.Dataset) -> Table:
     """Return one row for each depth, state and ellipse parameter: measured less simulated over the levels of both."""
     columns = (
-        Column("depth", unit="m"),
-        Column("state"),
-        Column("parameter"),
-        Column("levels", "levels of both", "1"),
-        Column("mean_difference", "measured − simulated, mean", "m"),
-        Column("rms_difference", "rms", "m"),
-        Column("rms_noise", "rms of the noise in it", "m"),
-        Column("problem", "why there is none"),
-    )
+        Column("depth", unit="m"), Column("state"), Column("parameter"), Column("levels", "levels of both", "1"),
+        Column("mean_difference", "measured − simulated, mean", "m"), Column("rms_difference", "rms", "m"),
+        Column("rms_noise", "rms of the noise in it", "m"), Column("problem", "why there is none"),
+    )  # fmt: skip
     rows: list[tuple[Value, ...]] = []
     for depth, state, at in _each(comparison):
         problems = _problems(at)
@@ -152,23 +147,11 @@ def comparison_notes(comparison: xr.Dataset) -> list[str]:
 def write_comparison_page(
     comparison: xr.Dataset, path: Path, names: tuple[str, str], outlines: Sequence[FloatArray] = ()
 ) -> None:
-    """Write a comparison as an HTML page that needs no other file.
+    """Write a comparison of two responses as an HTML page that needs no other file, in a folder that exists.
 
-    Parameters
-    ----------
-    comparison : xarray.Dataset
-        Comparison of the two responses.
-    path : Path
-        File of the page, in a folder that exists.
-    names : tuple of str
-        Names of the measured and of the simulated response on the page.
-    outlines : sequence of ndarray, each of shape (m, 2)
-        Corners of the coils in m from the map's origin.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; an earlier page is left as it was.
+    `names` are those of the measured and of the simulated response on the page; `outlines` the corners of the coils in
+    m from the map's origin, each of shape (m, 2). OutputError where it cannot be written; an earlier page stays as it
+    was.
     """
     page = render_page(
         "comparison.html.j2",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -18,34 +18,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imsave
 
+from coilarray import viz
 from coilarray.design.model import Design
 from coilarray.geometry import Indenter
 from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.report.position import MapPositions
-from coilarray.viz import (
-    comparison_figure,
-    plot_bell_curve,
-    plot_board,
-    plot_copper,
-    plot_coupling,
-    plot_currents,
-    plot_dent,
-    plot_effective_inductance,
-    plot_ellipse_parameters,
-    plot_ellipses,
-    plot_field_lines,
-    plot_field_map,
-    plot_force_depth,
-    plot_frequency_sweep,
-    plot_inductance,
-    plot_readings,
-    plot_response_profile,
-    plot_x_error,
-    rendering_problem,
-    response_figure,
-    save_board_picture,
-    save_dent_picture,
-)
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -56,17 +33,7 @@ _DENT_SIZE = (1280, 720)  # pixels; the page is 1100 wide
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture on the page.
-
-    Parameters
-    ----------
-    name : str
-        Name of the picture, unique on the page.
-    caption : str
-        Description of what it shows, with units.
-    uri : str
-        The picture as ``data:image/png;base64,…``.
-    """
+    """A picture on the page: its unique name, a caption with units, and ``data:image/png;base64,…``."""
 
     name: str
     caption: str
@@ -75,18 +42,18 @@ class Picture:
 
 def board_picture(design: Design) -> Picture:
     """Show the board: rendered where this machine can, else drawn from above."""
-    problem = rendering_problem()
+    problem = viz.rendering_problem()
     if problem is None:
         caption = "The board; lengths in mm."
-        return _render("board", caption, lambda path: save_board_picture(design.array, path, design.sheets))
-    return draw("board", f"The board from above; lengths in mm. {problem}", plot_board(design.array))
+        return _render("board", caption, lambda path: viz.save_board_picture(design.array, path, design.sheets))
+    return draw("board", f"The board from above; lengths in mm. {problem}", viz.plot_board(design.array))
 
 
 def copper_pictures(design: Design) -> list[Picture]:
     """Show the copper of every layer that has any."""
     array = design.array
     used = [layer for layer in array.stackup.names if any(layer in place.layers for place in array.placements)]
-    return [draw(f"copper_{layer}", f"Copper of layer {layer}.", plot_copper(array, layer)) for layer in used]
+    return [draw(f"copper_{layer}", f"Copper of layer {layer}.", viz.plot_copper(array, layer)) for layer in used]
 
 
 def coupling_pictures(coupling: xr.Dataset) -> list[Picture]:
@@ -95,15 +62,15 @@ def coupling_pictures(coupling: xr.Dataset) -> list[Picture]:
         draw(
             "inductance",
             "Inductance matrix: self-inductance on the diagonal, mutual inductance off it.",
-            plot_inductance(coupling),
+            viz.plot_inductance(coupling),
         ),
-        draw("coupling", "Coupling coefficients k = M/√(L L).", plot_coupling(coupling)),
+        draw("coupling", "Coupling coefficients k = M/√(L L).", viz.plot_coupling(coupling)),
         draw(
             "effective_inductance",
             "Inductance of each coil with all others open, and with the others as terminated.",
-            plot_effective_inductance(coupling),
+            viz.plot_effective_inductance(coupling),
         ),
-        draw("currents", "Current in each passive coil per ampere in the active one.", plot_currents(coupling)),
+        draw("currents", "Current in each passive coil per ampere in the active one.", viz.plot_currents(coupling)),
     ]
 
 
@@ -118,13 +85,13 @@ def field_pictures(
         draw(
             "field_line",
             f"B_z along x through {active}, {height}, in free space.",
-            plot_field_lines(line, coil=(float(across.min()), float(across.max()))),
+            viz.plot_field_lines(line, coil=(float(across.min()), float(across.max()))),
         ),
         *(
             draw(
                 f"field_map_{k}",
                 f"B_z of {active} {height}, in free space, per ampere: {label}.",
-                plot_field_map(field, outlines=outlines),
+                viz.plot_field_map(field, outlines=outlines),
             )
             for k, (label, field) in enumerate(plane.items())
         ),
@@ -137,82 +104,50 @@ def sweep_pictures(sweep: xr.Dataset) -> list[Picture]:
         draw(
             "apparent_inductance",
             "Apparent inductance Im Z/ω of every state over frequency, tank capacitor left out.",
-            plot_frequency_sweep(sweep, "apparent_inductance"),
+            viz.plot_frequency_sweep(sweep, "apparent_inductance"),
         ),
         draw(
             "resistance",
             "Effective resistance Re Z of every state over frequency, tank capacitor left out.",
-            plot_frequency_sweep(sweep, "impedance_real"),
+            viz.plot_frequency_sweep(sweep, "impedance_real"),
         ),
     ]
 
 
-def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dataset, coil: str) -> list[Picture]:
+def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dataset, coil: str) -> Iterator[Picture]:
     """Force over depth, the deepest dent in section and, where this machine can render, in the middle of a coil."""
     deepest = f"{float(indentation.depth[-1]) * 1e3:g} mm deep"
-    pictures = [
-        draw("force_depth", "Force and contact over the depth.", plot_force_depth(indentation)),
-        draw(
-            "dent_section",
-            f"The sheets under the {indenter.name} in section, {deepest}; dashed where they lay flat.",
-            plot_dent(indentation, indenter),
-        ),
-    ]
-    if rendering_problem() is None:
+    yield draw("force_depth", "Force and contact over the depth.", viz.plot_force_depth(indentation))
+    caption = f"The sheets under the {indenter.name} in section, {deepest}; dashed where they lay flat."
+    yield draw("dent_section", caption, viz.plot_dent(indentation, indenter))
+    if viz.rendering_problem() is None:
         outline = _outline(design, coil)
         x, y = ((outline.min(axis=0) + outline.max(axis=0)) / 2).tolist()
-        caption = f"The deformed sheets over {coil}, {deepest}; a quarter is cut out."
-        pictures.append(
-            _render(
-                "dent",
-                caption,
-                lambda path: save_dent_picture(
-                    design.array, path, design.sheets, indentation, indenter, centre=(x, y), size=_DENT_SIZE
-                ),
-            )
+        yield _render(
+            "dent",
+            f"The deformed sheets over {coil}, {deepest}; a quarter is cut out.",
+            lambda path: viz.save_dent_picture(
+                design.array, path, design.sheets, indentation, indenter, centre=(x, y), size=_DENT_SIZE
+            ),
         )
-    return pictures
 
 
-def response_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
+def response_pictures(design: Design, response: xr.Dataset) -> Iterator[Picture]:
     """Show δ as maps with the outlines of the coils, as profiles along x, and of one state at every depth."""
-    mapped = min(response.sizes["x"], response.sizes["y"]) > 1
     deepest = f"{float(response.depth[-1]) * 1e3:g} mm deep"
-    pictures = []
-    if mapped:
-        pictures.append(
-            draw(
-                "response_maps",
-                f"δ of each state over the position of the indenter, {deepest}, with the outlines of the coils.",
-                response_figure(response, map_outlines(design, response)),
-            )
-        )
+    if min(response.sizes["x"], response.sizes["y"]) > 1:
+        caption = f"δ of each state over the position of the indenter, {deepest}, with the outlines of the coils."
+        yield draw("response_maps", caption, viz.response_figure(response, map_outlines(design, response)))
     along: Literal["x", "y"] = "y" if response.sizes["x"] == 1 else "x"
-    pictures.append(
-        draw(
-            "response_profile",
-            f"δ of each state along {along}, {deepest}; dotted lines are the centres of the coils.",
-            plot_response_profile(response, depth=-1, along=along),
-        )
-    )
+    caption = f"δ of each state along {along}, {deepest}; dotted lines are the centres of the coils."
+    yield draw("response_profile", caption, viz.plot_response_profile(response, depth=-1, along=along))
     if response.sizes[along] > 1:
-        pictures.append(
-            draw(
-                "response_depths",
-                f"δ of the coil in the middle along {along} for each depth, with its width at half the peak.",
-                plot_bell_curve(response, along=along),
-            )
-        )
+        caption = f"δ of the coil in the middle along {along} for each depth, with its width at half the peak."
+        yield draw("response_depths", caption, viz.plot_bell_curve(response, along=along))
     elif response.sizes["depth"] > 1:
         state = response.state.values.tolist()[(response.sizes["state"] - 1) // 2]
-        pictures.append(
-            draw(
-                "response_depths",
-                f"δ of {state} along {along} for each depth.",
-                plot_response_profile(response, state, None, along=along),
-            )
-        )
-    return pictures
+        depths = viz.plot_response_profile(response, state, None, along=along)
+        yield draw("response_depths", f"δ of {state} along {along} for each depth.", depths)
 
 
 def position_pictures(
@@ -227,17 +162,17 @@ def position_pictures(
         draw(
             "ellipse_parameters",
             f"Semi-axes and centre of the ellipses of {coil} over δ, and the polynomials fitted to them{beside}.",
-            plot_ellipse_parameters(positions.fits, positions.model, coil, published=published),
+            viz.plot_ellipse_parameters(positions.fits, positions.model, coil, published=published),
         ),
         draw(
             "ellipses",
             f"Ellipses for the readings at {at}, which meet where the indenter may be; their x is its position.",
-            plot_ellipses(positions.ellipses(place), positions.found[place], place),
+            viz.plot_ellipses(positions.ellipses(place), positions.found[place], place),
         ),
         draw(
             "x_error",
             "Determined less real x over the map; grey where the model has no position.",
-            plot_x_error(positions.error, outlines=map_outlines(design, response)),
+            viz.plot_x_error(positions.error, outlines=map_outlines(design, response)),
         ),
     ]
 
@@ -245,19 +180,17 @@ def position_pictures(
 def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> list[Picture]:
     """Show what remains between two responses and x0 of both, state by state, and reading against reading."""
     deepest = f"{float(comparison.depth[-1]) * 1e3:g} mm deep"
-    mapped = min(comparison.sizes["x"], comparison.sizes["y"]) > 1
+    caption = f"Measured over simulated δ of every position, {deepest}; grey: equality."
+    dots = draw("readings", caption, viz.plot_readings(comparison, -1))
+    if min(comparison.sizes["x"], comparison.sizes["y"]) == 1:
+        return [dots]
     maps = draw(
         "residuals",
         f"Measured less simulated δ {deepest}, as simulated and scaled and shifted, grey where nothing was compared, "
         "with the outlines of the coils; and x0 of the ellipses of both, a band of two standard deviations.",
-        comparison_figure(comparison, -1, outlines),
+        viz.comparison_figure(comparison, -1, outlines),
     )
-    dots = draw(
-        "readings",
-        f"Measured over simulated δ of every position, {deepest}; grey: equality.",
-        plot_readings(comparison, -1),
-    )
-    return [maps, dots] if mapped else [dots]
+    return [maps, dots]
 
 
 def map_outlines(design: Design, response: xr.Dataset) -> list[FloatArray]:

@@ -14,17 +14,9 @@ _NO_RING = 1e-6  # of the depth: a rise below it is rounding
 def indentation_table(indentation: xr.Dataset) -> Table:
     """Return one row for each depth: force, contact, and how far every sheet and the ring around the dent move.
 
-    Parameters
-    ----------
-    indentation : xarray.Dataset
-        Dents that `coilarray.elastomer.contact.indent` returns.
-
-    Returns
-    -------
-    Table
-        Depth, contact radius (half width in plane strain), u_z on the axis of the upper face of every sheet, height
-        and radius of the ring in m; force in N, in plane strain in N/m. A free surface that rises nowhere leaves the
-        ring empty.
+    Depth, contact radius (half width in plane strain), u_z on the axis of the upper face of every sheet, height and
+    radius of the ring in m; force in N, in plane strain in N/m. A free surface that rises nowhere leaves the ring
+    empty.
     """
     on_axis = indentation.displacement_z.isel(r=0, drop=True)
     columns = {

@@ -22,28 +22,15 @@ _PARAMETERS = ("A", "B", "x0")
 _POWERS = ("p4", "p3", "p2", "p1", "p0")
 _COMPARED = np.linspace(1e-4, 1e-3, 37)  # δ, where the paper's polynomials were fitted
 _STATUS = {
-    "found": "located",
-    "border": "on the border",
-    "outside": "outside",
-    "no fit": "no position fits",
+    "found": "located", "border": "on the border", "outside": "outside", "no fit": "no position fits",
     "nothing pressed": "nothing pressed",
-}
+}  # fmt: skip
 
 
 def polynomial_table(model: EllipseModel, *, compare: bool = True) -> Table:
-    """Return one row for each coil and parameter of an ellipse model, and below it that of Table A1 where it has one.
+    """Return one row for each coil and parameter of an ellipse model: coefficients of δ⁴ … δ⁰ in m.
 
-    Parameters
-    ----------
-    model : EllipseModel
-        Polynomials of A, B and x0 of every coil.
-    compare : bool
-        Whether to compare with Table A1; on another board its coils have only the names in common.
-
-    Returns
-    -------
-    Table
-        Coefficients of δ⁴ … δ⁰ in m.
+    Below it stands that of Table A1; not for another board, whose coils have only the names in common with it.
     """
     four = DisplayUnit("mm", 1e3, significant=True)
     columns = (*map(Column, ("coil", "parameter", "source")), *(Column(power, "", "m", four) for power in _POWERS))
@@ -60,20 +47,9 @@ def polynomial_table(model: EllipseModel, *, compare: bool = True) -> Table:
 def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) -> Table:
     """Return one row for each coil: steps, range of δ, misfit of ellipses and polynomials, distance to Table A1.
 
-    Parameters
-    ----------
-    fits : xarray.Dataset
-        Ellipses that `coilarray.localize.ellipse.fit_ellipses` returns.
-    model : EllipseModel
-        Polynomials fitted to these ellipses.
-    compare : bool
-        Whether to add the columns of the distance to Table A1.
-
-    Returns
-    -------
-    Table
-        Misfits in m, root mean square: of the points of all ellipses, of each polynomial over the steps, and of each
-        polynomial less that of Table A1 over δ = 1e-4 … 1e-3 as far as the model reaches; empty without that coil.
+    Misfits are root mean squares in m: of the points of all ellipses, of each polynomial over the steps and, to
+    compare, of each polynomial less that of Table A1 over δ = 1e-4 … 1e-3 as far as the model reaches; empty without
+    that coil.
     """
     whole = DisplayUnit("10⁻⁶", 1e6, 0)
     columns = (
@@ -98,14 +74,10 @@ def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) ->
         apart: list[Value] = ["", "", ""] if compare else []
         if coil.name in published:
             other = published[coil.name]
-            apart = [
-                root_mean_square(np.polyval(getattr(coil, k), at) - np.polyval(getattr(other, k), at))
-                for k in _PARAMETERS
-            ]
-        steps, refused = kept.sizes["step"], len(below)
-        rows.append(
-            (coil.name, steps, refused, coil.lowest, coil.highest, root_mean_square(kept.rms.values), *off, *apart)
-        )
+            both = ((np.polyval(getattr(one, key), at) for one in (coil, other)) for key in _PARAMETERS)
+            apart = [root_mean_square(mine - theirs) for mine, theirs in both]
+        counts, misfit = (kept.sizes["step"], len(below)), root_mean_square(kept.rms.values)
+        rows.append((coil.name, *counts, coil.lowest, coil.highest, misfit, *off, *apart))
     return Table("fits", "Ellipses", columns, tuple(rows))
 
 
@@ -145,17 +117,9 @@ def residual_table(distortion: xr.Dataset) -> Table:
             predicted = x0.sel(state=state).values
             both = np.isfinite(predicted) & np.isfinite(published)
             apart = (predicted - published)[both]
-            rows.append(
-                (
-                    state,
-                    name,
-                    root_mean_square((published - centre)[both]),
-                    root_mean_square((predicted - centre)[np.isfinite(predicted)]),
-                    root_mean_square(apart),
-                    cell(apart.mean()) if len(apart) else "",
-                    int(both.sum()),
-                )
-            )
+            moved = ((published - centre)[both], (predicted - centre)[np.isfinite(predicted)], apart)
+            mean = cell(apart.mean()) if len(apart) else ""
+            rows.append((state, name, *map(root_mean_square, moved), mean, int(both.sum())))
     return Table("residuals", "What remains", columns, tuple(rows))
 
 
@@ -217,20 +181,11 @@ def _by_base(
 
 
 def location_record(location: Location) -> dict[str, object]:
-    """Return a location as a mapping for JSON, in SI units.
+    """Return a location as a mapping for JSON, in SI units: ``error`` alone for a refused reading.
 
-    Parameters
-    ----------
-    location : Location
-        Location that `coilarray.localize.inverse.locate` returns.
-
-    Returns
-    -------
-    dict
-        ``error`` alone for a refused reading. Else ``status``, ``reason`` where there is one, ``chi_square``,
-        ``degrees_of_freedom``, ``probability``, and where there is a position ``x_m``, ``y_m``, ``depth_m`` and their
-        ``sigma_…_m`` of the best of ``modes``, which has the same keys for each; a standard deviation that the reading
-        does not determine is null.
+    Else ``status``, ``reason`` where there is one, ``chi_square``, ``degrees_of_freedom``, ``probability``, and where
+    there is a position ``x_m``, ``y_m``, ``depth_m`` and their ``sigma_…_m`` of the best of ``modes``, which has the
+    same keys for each; a standard deviation that the reading does not determine is null.
     """
     if location.verdict == "refused":
         return {"error": location.reason}
@@ -256,18 +211,9 @@ def location_record(location: Location) -> dict[str, object]:
 
 
 def position_table(records: Sequence[Mapping[str, Any]]) -> Table:
-    """Return one row for each reading and each position that explains it.
+    """Return one row for each reading, counted from 1, and each position that explains it, of `location_record`s.
 
-    Parameters
-    ----------
-    records : sequence of mappings
-        Results of `location_record`, or mappings with ``status`` and ``modes`` of ``x_m`` and ``y_m``.
-
-    Returns
-    -------
-    Table
-        Lengths in m; empty where a reading does not determine them, and without columns that are empty in every row.
-        Readings count from 1.
+    Lengths in m are empty where a reading does not determine them; columns that are empty in every row are left out.
     """
     columns = (
         Column("reading", unit="1"),

@@ -38,17 +38,7 @@ _MOST_FRONTS = 3  # pictures of pairs of objectives
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """A design that the page shows beside the start.
-
-    Parameters
-    ----------
-    label : str
-        Name of the design's file without the suffix.
-    trial : Trial
-        Point of the search that the design was made from.
-    design : Design
-        The design itself.
-    """
+    """A design that the page shows beside the start: the name of its file without the suffix, its trial, and itself."""
 
     label: str
     trial: Trial
@@ -56,24 +46,9 @@ class Chosen:
 
 
 def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
-    """Write ``report.html``, which needs no other file.
+    """Write ``report.html``, which needs no other file, in a folder that is made where it does not exist.
 
-    Parameters
-    ----------
-    result : Optimization
-        Result of `coilarray.studies.optimize.optimize_design`.
-    folder : str or Path
-        Folder of the page; it is made where it does not exist.
-
-    Returns
-    -------
-    Path
-        File of the page.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written; an earlier page is left as it was.
+    OutputError where it cannot be written; an earlier page is left as it was.
     """
     path = Path(folder) / "report.html"
     make_folder(path.parent)

@@ -19,20 +19,10 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class MapPositions:
-    """Positions that the ellipse model of a map gives for the map's own readings.
+    """Positions that the ellipse model of a map, with nothing added to A, gives for the map's own readings.
 
-    Parameters
-    ----------
-    fits : xarray.Dataset
-        Ellipses that `coilarray.localize.ellipse.fit_ellipses` found.
-    model : EllipseModel
-        Polynomials of the ellipses, with nothing added to A.
-    depth : float
-        Depth of the map in m.
-    readings : mapping of Place to mapping of str to float
-        δ of every coil at every place of the grid.
-    found : mapping of Place to EllipsePosition
-        Positions at the places where the model has one, with A longer by `SEMIAXIS_ADDITION` as in the paper.
+    The depth is in m; `readings` are δ of every coil at every place of the grid, `found` the places where the model has
+    a position, with A longer by `SEMIAXIS_ADDITION` as in the paper.
     """
 
     fits: xr.Dataset
@@ -73,20 +63,8 @@ class MapPositions:
 def map_positions(response: xr.Dataset) -> MapPositions:
     """Fit the ellipse model to the deepest map of a response and locate each of the map's own places.
 
-    Parameters
-    ----------
-    response : xarray.Dataset
-        Response map, measured or of `coilarray.response_map`.
-
-    Returns
-    -------
-    MapPositions
-        Ellipses, their polynomials, and the position at each place that has one.
-
-    Raises
-    ------
-    LocalizeError
-        A map with fewer than two coils whose curves close, or at none of whose places the model has a position.
+    LocalizeError for a map with fewer than two coils whose curves close, or at none of whose places the model has a
+    position.
     """
     fits = fit_ellipses(response, -1)
     model = ellipse_model(fits)

@@ -28,16 +28,9 @@ Value = str | float | bool
 class Column:
     """A column of a table.
 
-    Parameters
-    ----------
-    name : str
-        Name of the quantity, without its unit.
-    label : str
-        Heading on the page, without the unit; the name in words by default.
-    unit : str
-        SI unit of the values in the rows and files; empty for text, "1" for a pure number.
-    shown : DisplayUnit, optional
-        Unit on the page; by default the customary one of `unit`.
+    `label` is the heading on the page without the unit, the name in words by default; `unit` the SI unit of the values
+    in the rows and files, empty for text, "1" for a pure number; `shown` the unit on the page, by default the customary
+    one.
     """
 
     name: str
@@ -72,21 +65,10 @@ _TRUTH = {True: "yes", False: "no"}
 
 @dataclass(frozen=True)
 class Table:
-    """A table with a name for files and a title for people.
+    """A table with a name for files and JSON and a title for people; its rows have numbers in SI, "" for none.
 
-    Parameters
-    ----------
-    name : str
-        Name of the file without its suffix, and key in JSON.
-    title : str
-        Heading on the page.
-    columns : tuple of Column
-        Names and units of the columns.
-    rows : tuple of tuple
-        One value for each column, numbers in SI; an empty text where there is none.
-    row_units : tuple of DisplayUnit
-        Unit of each row, where the rows have units of their own; it is shown in the column "unit" and counts for the
-        columns of pure numbers before it.
+    Where rows have units of their own, `row_units` are shown in the column "unit", and count for the columns of pure
+    numbers before it.
     """
 
     name: str
@@ -136,24 +118,10 @@ class Table:
 def dataset_table(
     name: str, title: str, dataset: xr.Dataset, variables: Sequence[str], shown: Mapping[str, DisplayUnit] | None = None
 ) -> Table:
-    """Make a table of the variables of a dataset, with their names and units.
+    """Make a table of the variables and coordinates of a dataset in SI, with their ``long_name`` and ``units``.
 
-    Parameters
-    ----------
-    name, title : str
-        Name of the file without its suffix, and heading on the page.
-    dataset : xarray.Dataset
-        Values in SI, each variable with the attributes ``long_name`` and ``units``.
-    variables : sequence of str
-        Names of variables and coordinates, one for each column. There is a row for each combination of their
-        coordinates; the dimension that is named first changes slowest.
-    shown : mapping of str to DisplayUnit, optional
-        Units on the page of variables for which the customary one of their SI unit does not fit, such as shares in %.
-
-    Returns
-    -------
-    Table
-        A number that is not finite is left empty.
+    There is a row for each combination of their coordinates; the dimension that is named first changes slowest. Numbers
+    that are not finite are left empty. `shown` has units for the page where the customary ones do not fit, such as %.
 
     Examples
     --------

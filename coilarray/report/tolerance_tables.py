@@ -20,16 +20,10 @@ _PERCENT, _MICROMETRES, _MILLIMETRES, _MILLIRADIANS = (
 )
 # units of a tolerance file by its tables
 _FILE_UNITS = {
-    "etch": _MICROMETRES,
-    "registration": _MICROMETRES,
-    "rotation": _MILLIRADIANS,
-    "dielectric": _PERCENT,
-    "copper": _PERCENT,
-    "placement": _MILLIMETRES,
-    "permeability": _PERCENT,
-    "elastomer": _MILLIMETRES,
+    "etch": _MICROMETRES, "registration": _MICROMETRES, "rotation": _MILLIRADIANS, "dielectric": _PERCENT,
+    "copper": _PERCENT, "placement": _MILLIMETRES, "permeability": _PERCENT, "elastomer": _MILLIMETRES,
     "capacitance": _PERCENT,
-}
+}  # fmt: skip
 
 
 def _significant(digits: int) -> DisplayUnit:
@@ -81,13 +75,9 @@ def error_table(result: xr.Dataset) -> Table:
 def given_table(result: xr.Dataset) -> Table:
     """Return one row for each table of the tolerance file: standard deviations of its parts, and why it is assumed."""
     columns = (
-        Column("table", "error"),
-        Column("distribution"),
-        Column("board_deviation", "σ of the board", "1"),
-        Column("layer_deviation", "σ of a layer", "1"),
-        Column("unit"),
-        Column("assumed"),
-    )
+        Column("table", "error"), Column("distribution"), Column("board_deviation", "σ of the board", "1"),
+        Column("layer_deviation", "σ of a layer", "1"), Column("unit"), Column("assumed"),
+    )  # fmt: skip
     rows: list[tuple[Value, ...]] = []
     tables, parts = result.table.values, result.part.values
     names = list(dict.fromkeys(tables.tolist()))

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray import viz
 from coilarray.circuit.coupling import couple_design, design_inductance, provenance, terminations_of
 from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
 from coilarray.circuit.operating_field import operating_field
@@ -32,7 +33,6 @@ from coilarray.report import circuit_tables, figures, indentation_tables, locali
 from coilarray.report.page import now, render_page
 from coilarray.report.position import MapPositions, map_position_table, map_positions
 from coilarray.response.map import response_map
-from coilarray.viz import rendering_problem
 
 T = TypeVar("T")
 
@@ -121,7 +121,7 @@ def write_report(design: Design | DesignFile, where: str | Path = ".", *, progre
 
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn here
     with ThreadPoolExecutor(max_workers=6) as beside:
-        probe = beside.submit(rendering_problem)  # starts a process that takes seconds
+        probe = beside.submit(viz.rendering_problem)  # starts a process that takes seconds
         pressing = beside.submit(_or_reason, lambda: _press(design))
         beside.submit(design_inductance, design)  # which all others wait for, while they compute what is their own
         coupled = beside.submit(couple_design, design)
@@ -202,14 +202,9 @@ def write_report(design: Design | DesignFile, where: str | Path = ".", *, progre
     for name, text in texts.items():
         write_text(data_folder / name, text)
     datasets = {
-        "coupling": coupling,
-        "field": _both(plane),
-        "scan": scan,
-        "impedance": sweep,
-        "indentation": indentation,
-        "response": response,
-        "ellipses": None if positions is None else positions.fits,
-    }
+        "coupling": coupling, "field": _both(plane), "scan": scan, "impedance": sweep, "indentation": indentation,
+        "response": response, "ellipses": None if positions is None else positions.fits,
+    }  # fmt: skip
     for name, dataset in datasets.items():
         if dataset is not None:
             save_dataset(dataset, data_folder / f"{name}.nc")

@@ -359,12 +359,15 @@ def _changes(
     design, levels, points = pressed.design, pressed.levels, pressed.points
     depths, coils = len(pressed.axes.depth), len(design.array.names)
     change, capacitance_change = np.zeros((depths, len(points), coils, coils)), np.zeros((depths, len(points), coils))
+    paths = [conductor.vertices for conductor in design.array.conductors()]
     steps = _Steps(progress, depths * len(ranges(len(points), _POSITIONS)) * len(levels))
     for k in range(depths):
         for start, stop in ranges(len(points), _POSITIONS):
             block = [replace(level, dents=level.dents[k : k + 1], shares=level.shares[start:stop]) for level in levels]
             on_board = points[start:stop]
-            key = _key(design, block, on_board, permittivity, mesh)
+            # everything that decides the numbers of a part
+            shares, dented = [level.shares for level in block], [level.dents[0] for level in block]
+            key = content_key(permittivity, mesh, on_board, shares, dented, paths)
             part = None if parts is None else Store(parts).get_dataset(key)
             if part is not None:
                 for _ in levels:
@@ -415,19 +418,6 @@ def _noisy(delta: FloatArray, imperfections: Imperfections) -> FloatArray:
     random = np.random.default_rng(imperfections.seed)
     peak, base = (1 + imperfections.noise * random.standard_normal(delta.shape) for _ in range(2))
     return (1 + delta) * peak / base - 1
-
-
-def _key(
-    design: Design,
-    levels: Sequence[Level],
-    points: FloatArray,
-    permittivity: float | None,
-    mesh: LayerMesh,
-) -> str:
-    """Return the key of a part: everything that decides its numbers."""
-    paths = [conductor.vertices for conductor in design.array.conductors()]
-    shares = [level.shares for level in levels]
-    return content_key(permittivity, mesh, points, shares, [level.dents[0] for level in levels], paths)
 
 
 def _compute_part(

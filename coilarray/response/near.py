@@ -22,7 +22,7 @@ from scipy.spatial import KDTree
 from coilarray.circuit.state_sensitivity import StateSensitivity
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
-from coilarray.elastomer.coil_spectrum import CoilSpectra, coil_centres, coil_spectra
+from coilarray.elastomer.coil_spectrum import CoilSpectra, coil_segments, segment_centres, segment_spectra
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dent_amplitudes import amplitude_table, dent_amplitudes, offset_grid
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter, wavenumber_rule
@@ -105,7 +105,8 @@ def _solve(
     mesh: LayerMesh,
 ) -> _Solved:
     """Solve the dents for coils as far away as they count."""
-    centres, radius = coil_centres(conductors)
+    coils = coil_segments(conductors)
+    centres, radius = segment_centres(coils)
     corners = np.array([points.min(axis=0), points.max(axis=0)])
     farthest = float(np.hypot(*np.abs(corners[:, None] - centres).max(axis=0).T).max())
     clearance = min(dent.clearance for dent in dents)
@@ -116,7 +117,7 @@ def _solve(
     while True:
         wavenumbers, weights = wavenumber_rule(clearance, extent + radius + width, mesh)
         solved = scatter(dents[worst], wavenumbers, weights, mesh, deepest[worst])
-        spectra = coil_spectra(conductors, wavenumbers)
+        spectra = segment_spectra(coils, wavenumbers)
         cutoff = _cutoff(_profile(solved, spectra, extent), states, centres, error)
         if cutoff.coils <= extent or extent == farthest:
             break

@@ -107,9 +107,9 @@ class Level:
 class Experiment:
     """Everything that is pressed in a map.
 
-    The `design` has the true thicknesses of its sheets, `axes` the assumed depths and positions; `points`, shape (n,
-    2), are the true positions of the indenter on the board in m, x fastest. `contact` is that at the map's origin, at
-    all depths. `levels` is the sample; several level ones for a tilted sample.
+    The `design` has the true thicknesses of its sheets, `axes` the assumed depths and positions; `points` (n, 2) are
+    the true positions of the indenter on the board in m, x fastest. `contact` is that at the map's origin, at all
+    depths. `levels` is the sample; several level ones for a tilted sample.
     """
 
     design: Design
@@ -127,10 +127,7 @@ def indentation_of(design: Design) -> Indentation:
 
 
 def map_axes(
-    design: Design,
-    depths: npt.ArrayLike | None = None,
-    x: npt.ArrayLike | None = None,
-    y: npt.ArrayLike | None = None,
+    design: Design, depths: npt.ArrayLike | None = None, x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None
 ) -> MapAxes:
     """Return the axes of a map; those of the design where None is given.
 

@@ -31,33 +31,11 @@ def evaluate_points(
     progress: Progress | None = None,
     accuracy: Accuracy = "full",
 ) -> Iterator[tuple[int, Outcome]]:
-    """Evaluate quantities of variations of a design.
+    """Evaluate quantities of variations of a design, each given by its changes as for `coilarray.design.vary.vary`.
 
-    Parameters
-    ----------
-    design : Design
-        Design to vary, as its document says.
-    changes : iterable of mapping
-        Changes of each point, as for `coilarray.design.vary.vary`. They are read as the pool has room, so that a
-        generator may decide on a point when it knows earlier outcomes.
-    quantities : sequence of str or mapping
-        Quantities to compute; see `coilarray.studies.quantities.request`.
-    pool : Pool
-        Workers, from `coilarray.compute.workers.workers`.
-    cache : Store, optional
-        Where outcomes are kept, from `coilarray.compute.store.open_store`; nothing is kept by default.
-    progress : callable, optional
-        Called with (done, total).
-    accuracy : {"full", "screen"}
-        Accuracy of the inductances; see `coilarray.electromagnetics.inductance.Accuracy`.
-
-    Yields
-    ------
-    index : int
-        Number of the point, from 0; points come in the order in which they are done.
-    outcome : dict of str to float, or str
-        Quantities by their canonical names, or one line that says why the point has none: an impossible design, or a
-        quantity that it does not have.
+    Changes are read as the pool has room, so that a generator may decide on a point when it knows earlier outcomes.
+    Yields number and outcome of each point as it is done. A `cache` keeps outcomes; `progress` is called with
+    (done, total).
 
     Raises
     ------
@@ -67,8 +45,6 @@ def evaluate_points(
         Lost workers; see `coilarray.compute.workers.Pool.run`.
     OutputError
         A store that cannot be written.
-    ValueError
-        A design that differs from its document, as `coilarray.studies.tolerance` makes them.
     """
     how = {"quantities": [canonical(quantity) for quantity in quantities], "accuracy": accuracy}
     document = {key: plain(value) for key, value in as_file(design).document.items() if key not in _SAYS_NOTHING}
@@ -113,25 +89,10 @@ def run_cached(
 ) -> Iterator[tuple[int, Outcome]]:
     """Apply a function of plain data to items, once to equal items, and not to those whose outcome is kept.
 
-    Parameters
-    ----------
-    function : callable
-        Function of an item that returns numbers by name, defined in a module. Its name and the item are the key in the
-        store.
-    items : iterable of mapping or str
-        Inputs made of plain tables, lists, texts and numbers; a text in place of an item is its outcome. They are read
-        as the pool has room.
-    pool, cache, progress
-        See `evaluate_points`.
-    total : int, optional
-        Number of items, for `progress`; by default the number that was read.
-
-    Yields
-    ------
-    index : int
-        Number of the item, from 0; items come in the order in which they are done.
-    outcome : dict of str to float, or str
-        Result of the function, or the line of its CoilarrayError.
+    The function, defined in a module, returns numbers by name; its name and the item, plain tables, lists, texts and
+    numbers, are the key in the store. A text in place of an item is its outcome. Items are read as the pool has room;
+    `total` is their number for `progress`, by default as many as were read. Yields number and outcome of each item as
+    it is done: the result of the function, or the line of its CoilarrayError.
     """
     name = f"{function.__module__}.{function.__qualname__}"
     keys: dict[int, str] = {}  # of the tasks in flight, by index

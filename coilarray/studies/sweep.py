@@ -43,19 +43,9 @@ _UNITS = {
 class Axis:
     """An entry of a design, and what it takes in a sweep.
 
-    Parameters
-    ----------
-    key : str
-        As in `coilarray.design.vary.vary`.
-    values : tuple
-        Different from each other; of an interval its two ends.
-    interval : bool
-        Samples lie anywhere between the two values, on whole numbers for an entry that takes no others.
-
-    Raises
-    ------
-    GoalError
-        No value, one that is there twice or is not finite, or an interval that does not rise.
+    The `key` is as in `coilarray.design.vary.vary`; the `values` differ, and are the two ends of an `interval`,
+    anywhere between which samples lie, on whole numbers for an entry that takes no others. GoalError for no value, one
+    that is there twice or is not finite, or an interval that does not rise.
     """
 
     key: str
@@ -89,10 +79,7 @@ class Axis:
     def sample(self, parts: Sequence[float], *, whole: bool) -> list[Any]:
         """Return the values at parts, from 0 to less than 1, of the way from the first to the last.
 
-        Raises
-        ------
-        GoalError
-            An interval without a whole number for an entry that takes no others.
+        GoalError for an interval without a whole number for an entry that takes no others.
         """
         if not self.interval:
             return [self.values[int(part * len(self.values))] for part in parts]
@@ -106,18 +93,10 @@ class Axis:
 
 
 def parse_axis(text: str) -> Axis:
-    """Read an axis as the command line has it.
+    """Read an axis as the command line has it; GoalError for anything else.
 
-    Parameters
-    ----------
-    text : str
-        ``KEY=START:STOP:COUNT``, ``KEY=A,B,…`` or, for samples, ``KEY=START:STOP``. Values are as in a design file;
-        texts need no quotes.
-
-    Raises
-    ------
-    GoalError
-        Anything else.
+    ``KEY=START:STOP:COUNT``, ``KEY=A,B,…`` or, for samples, ``KEY=START:STOP``. Values are as in a design file; texts
+    need no quotes.
 
     Examples
     --------
@@ -153,20 +132,8 @@ def parse_axis(text: str) -> Axis:
 class Sweep:
     """A sweep that is checked and ready to run; `plan_sweep` makes one.
 
-    Parameters
-    ----------
-    file : DesignFile
-        The design that is varied.
-    axes : tuple of Axis
-        Entries that are varied.
-    points : tuple of mapping
-        Changes of every point; the last axis of a grid runs fastest.
-    requests : tuple of Request
-        Quantities, each once.
-    sampling : str
-        How the points were chosen, "grid" for all.
-    accuracy : {"full", "screen"}
-        Accuracy of the inductances: `coilarray.electromagnetics.inductance.Accuracy`.
+    `points` are the changes of every point, the last axis of a grid running fastest; `sampling` says how they were
+    chosen, "grid" for all.
     """
 
     file: DesignFile
@@ -231,8 +198,8 @@ def sweep(
     --------
     >>> from coilarray import load_design
     >>> wide = sweep(load_design("starter"), {"array.pitch_mm": [12, 16]}, ["span_mm"])
-    >>> round(float(wide.span_mm.diff("array.pitch_mm")[0]), 6)
-    8.0
+    >>> dict(wide.sizes), wide.span_mm.attrs["units"], round(float(wide.span_mm.diff("array.pitch_mm")[0]), 6)
+    ({'array.pitch_mm': 2}, 'mm', 8.0)
     """
     plan = plan_sweep(
         design, [Axis(key, tuple(values)) for key, values in entries.items()], quantities, accuracy=accuracy
@@ -252,28 +219,10 @@ def plan_sweep(
     seed: int = 0,
     accuracy: Accuracy = "full",
 ) -> Sweep:
-    """Choose the points of a sweep and refuse before the work what would only show after it.
+    """Choose the points of a sweep and refuse before the work what would only show after it; see `sweep`.
 
-    Parameters
-    ----------
-    design : Design or DesignFile
-        The design to be varied.
-    axes : sequence of Axis
-        Entries to vary.
-    quantities : sequence of str or mapping
-        Names of quantities, as `coilarray.studies.quantities.request` reads them.
-    samples : int, optional
-        Number of points that cover the axes evenly, by a scrambled Sobol sequence; all combinations by default. More
-        samples begin with the same ones, so that a sweep can be refined.
-    seed : int
-        Seed of the scrambling.
-    accuracy : {"full", "screen"}
-        Accuracy of the inductances. ``screen`` is some ten times as fast; see
-        `coilarray.electromagnetics.inductance.Accuracy`.
-
-    Returns
-    -------
-    Sweep
+    All combinations of the axes' values, or `samples` points that cover the axes evenly: a Sobol sequence, scrambled
+    by `seed`. More samples begin with the same ones, so that a sweep can be refined.
 
     Raises
     ------
@@ -301,18 +250,7 @@ def plan_sweep(
 
 
 def run_sweep(plan: Sweep, pool: Pool, cache: Store | None = None, *, progress: Progress | None = None) -> xr.Dataset:
-    """Evaluate all points of a sweep.
-
-    Parameters
-    ----------
-    plan : Sweep
-        From `plan_sweep`.
-    pool : Pool
-        From `coilarray.compute.workers.workers`.
-    cache : Store, optional
-        Where outcomes are kept and found again, so that an interrupted sweep goes on; none by default.
-    progress : callable, optional
-        Called with (done, total).
+    """Evaluate all points of a sweep; what a `cache` keeps is not computed again.
 
     Returns
     -------
@@ -327,16 +265,6 @@ def run_sweep(plan: Sweep, pool: Pool, cache: Store | None = None, *, progress: 
     ------
     ClusterError, OutputError
         As `coilarray.studies.evaluate.evaluate_points`.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> from coilarray.compute.workers import workers
-    >>> plan = plan_sweep(load_design("starter"), [Axis("array.pitch_mm", (12, 16))], ["span_mm"])
-    >>> with workers() as pool:
-    ...     wide = run_sweep(plan, pool)
-    >>> dict(wide.sizes), wide.span_mm.attrs["units"], round(float(wide.span_mm.diff("array.pitch_mm")[0]), 6)
-    ({'array.pitch_mm': 2}, 'mm', 8.0)
     """
     values = np.full((len(plan.requests), len(plan.points)), np.nan)
     reasons = np.full(len(plan.points), "", dtype=object)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from coilarray.compute.files import write_atomically
@@ -15,6 +14,7 @@ from coilarray.errors import OutputError
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, drills
 from coilarray.geometry.extras import import_extra
+from coilarray.geometry.values import FloatArray
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -127,11 +127,10 @@ def _drill_layer(array: CoilArray, hole: Drill) -> str:
 
 def _add_paths(space: Modelspace, array: CoilArray) -> None:
     for placement in array.placements:
-        coil = placement.coil
-        for line, widths, layer in zip(coil.lines, coil.widths, placement.layers, strict=True):
+        for line, widths, layer in placement.traces():
             # a vertex carries the widths at both ends of the segment that begins there; none begins at the last
             begun = np.append(widths, widths[-1]) * _MM
-            vertices = np.column_stack((_in_mm(placement.to_board(line)), begun, begun)).tolist()
+            vertices = np.column_stack((_in_mm(line), begun, begun)).tolist()
             space.add_lwpolyline(vertices, format="xyse", dxfattribs={"layer": f"path_{layer}"})
 
 
@@ -140,5 +139,5 @@ def _add_ring(space: Modelspace, ring: shapely.LinearRing, layer: str) -> None:
     space.add_lwpolyline(corners.tolist(), close=True, dxfattribs={"layer": layer})
 
 
-def _in_mm(lengths: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _in_mm(lengths: FloatArray) -> FloatArray:
     return np.round(lengths * _MM, _DIGITS) + 0.0  # + 0.0: no −0 in the file

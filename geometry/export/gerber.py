@@ -22,8 +22,7 @@ from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, drills
 from coilarray.geometry.export.silk import silk_labels
 from coilarray.geometry.readers.gerber_files import gerbonara
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray
 
 _MM = 1e3
 _DIGITS = 6  # of a coordinate in mm, 1 nm: the finest that the Gerber format recommends
@@ -34,12 +33,7 @@ _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 def write_gerbers(
-    array: CoilArray,
-    path: Path,
-    *,
-    name: str,
-    revision: str = "1",
-    check: Callable[[Path], None] | None = None,
+    array: CoilArray, path: Path, *, name: str, revision: str = "1", check: Callable[[Path], None] | None = None
 ) -> None:
     """Write everything a board house needs as one zip.
 
@@ -104,7 +98,13 @@ def write_gerbers(
     content[f"{project.stem}-job.gbrjob"] = _job(array, project, files)
 
     def write(temporary: Path) -> None:
-        _fill(temporary, content)
+        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+            for file, text in content.items():
+                entry = zipfile.ZipInfo(file, _ZIP_TIME)
+                entry.compress_type = zipfile.ZIP_DEFLATED
+                entry.create_system = 3  # Unix, on every machine
+                entry.external_attr = 0o644 << 16
+                archive.writestr(entry, text.encode("utf-8"))
         if check is not None:
             check(temporary)
 
@@ -340,13 +340,3 @@ def _field(text: str) -> str:
 def _mm(lengths: npt.ArrayLike) -> FloatArray:
     """Lengths in mm to the last digit of the file; no negative zero."""
     return np.round(np.asarray(lengths, dtype=np.float64) * _MM, _DIGITS) + 0.0
-
-
-def _fill(path: Path, content: dict[str, str]) -> None:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, text in content.items():
-            entry = zipfile.ZipInfo(name, _ZIP_TIME)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.create_system = 3  # Unix, on every machine
-            entry.external_attr = 0o644 << 16
-            archive.writestr(entry, text.encode("utf-8"))

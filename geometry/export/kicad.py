@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import shutil
@@ -12,9 +13,8 @@ from pathlib import Path
 from coilarray.compute.files import make_folder
 from coilarray.errors import OutputError
 from coilarray.geometry.array import CoilArray, Placement
-from coilarray.geometry.export.kicad_footprint import holes_of, library_footprints, segments, terminal_footprint
-from coilarray.geometry.export.kicad_project import library_table_text, project_text
 from coilarray.geometry.export.kicad_text import (
+    BOTTOM,
     FILE_VERSION,
     GENERATOR,
     OTHER_LAYERS,
@@ -22,10 +22,14 @@ from coilarray.geometry.export.kicad_text import (
     at,
     block,
     copper_names,
-    copper_number,
+    holes_of,
     length,
+    library_footprints,
     node,
+    on_layer,
     quoted,
+    segments,
+    terminal_footprint,
 )
 from coilarray.geometry.export.silk import silk_labels
 from coilarray.geometry.rules import FabRules
@@ -112,8 +116,8 @@ def write_kicad(
             )
     texts = {
         f"{name}.kicad_pcb": board_text(array, name, title or name),
-        f"{name}.kicad_pro": project_text(array, name, rules),
-        "fp-lib-table": library_table_text(name),
+        f"{name}.kicad_pro": _project_text(array, name, rules),
+        "fp-lib-table": _library_table_text(name),
     }
     for footprint, text in library_footprints(array).items():
         texts[f"{name}.pretty/{footprint}.kicad_mod"] = text
@@ -122,18 +126,13 @@ def write_kicad(
 
 
 def board_text(array: CoilArray, name: str, title: str) -> str:
-    """Text of the ``.kicad_pcb`` file of `write_kicad`.
-
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
-    name, title : str
-        Name and title of the project.
-    """
+    """Text of the ``.kicad_pcb`` file of `write_kicad`."""
     layers = copper_names(array.stackup)
     paper, drawing = _sheet(array, name, layers)
     origin = (drawing.x0, drawing.y0)
+    thickness = array.stackup.thickness  # of KiCad's board
+    if len(layers) == 1:
+        thickness += _BACKING + array.stackup.copper_thickness[0]
     setup = (
         _stackup(array.stackup, layers),
         node("pad_to_mask_clearance", "0"),
@@ -143,7 +142,7 @@ def board_text(array: CoilArray, name: str, title: str) -> str:
         node("pcbplotparams", node("useauxorigin", "true")),
     )
     children = [
-        node("general", node("thickness", length(_thickness(array.stackup)))),
+        node("general", node("thickness", length(thickness))),
         node("paper", *paper),
         node("title_block", node("title", quoted(title))),
         _layer_table(layers),
@@ -178,18 +177,15 @@ def _sheet(array: CoilArray, name: str, layers: dict[str, str]) -> tuple[tuple[s
 
 
 def _layer_table(layers: dict[str, str]) -> str:
-    table = [(copper_number(kicad), kicad, "signal", own) for own, kicad in layers.items()]
+    table = [(BOTTOM if kicad == "B.Cu" else k, kicad, "signal", own) for k, (own, kicad) in enumerate(layers.items())]
     if len(layers) == 1:
-        table.append((copper_number("B.Cu"), "B.Cu", "signal", "B.Cu"))
+        table.append((BOTTOM, "B.Cu", "signal", "B.Cu"))
     table += [(number, kicad, "user", shown) for number, kicad, shown in OTHER_LAYERS]
-    return block(
-        "layers",
-        (),
-        (
-            node(str(number), quoted(kicad), kind, *([quoted(shown)] if shown not in ("", kicad) else []))
-            for number, kicad, kind, shown in table
-        ),
+    rows = (
+        node(str(number), quoted(kicad), kind, *([quoted(shown)] if shown not in ("", kicad) else []))
+        for number, kicad, kind, shown in table
     )
+    return block("layers", (), rows)
 
 
 def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
@@ -198,12 +194,9 @@ def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
     if len(layers) == 1:
         copper.append(("B.Cu", stackup.copper_thickness[0]))
         slabs.append((_BACKING, _BACKING_EPSILON_R))
-    lines = [
-        _stackup_layer("F.SilkS", "Top Silk Screen"),
-        # KiCad drops the whole stack-up where a layer of the board is missing in it
-        _stackup_layer("F.Paste", "Top Solder Paste"),
-        _stackup_layer("F.Mask", "Top Solder Mask"),
-    ]
+    # KiCad drops the whole stack-up where a layer of the board, as its paste, is missing in it
+    outer = (("SilkS", "Silk Screen"), ("Paste", "Solder Paste"), ("Mask", "Solder Mask"))
+    lines = [_stackup_layer(f"F.{layer}", f"Top {kind}") for layer, kind in outer]
     for k, (kicad, thickness) in enumerate(copper):
         lines.append(_stackup_layer(kicad, "copper", node("thickness", length(thickness))))
         if k < len(slabs):
@@ -211,22 +204,13 @@ def _stackup(stackup: Stackup, layers: dict[str, str]) -> str:
             kind = "core" if (k - len(slabs) // 2) % 2 == 0 else "prepreg"
             epsilon = node("epsilon_r", repr(float(slabs[k][1])))
             lines.append(_stackup_layer(f"dielectric {k + 1}", kind, node("thickness", length(slabs[k][0])), epsilon))
-    lines += [
-        _stackup_layer("B.Mask", "Bottom Solder Mask"),
-        _stackup_layer("B.Paste", "Bottom Solder Paste"),
-        _stackup_layer("B.SilkS", "Bottom Silk Screen"),
-    ]
+    lines += [_stackup_layer(f"B.{layer}", f"Bottom {kind}") for layer, kind in reversed(outer)]
     # no (dielectric_constraints yes): it would put permittivities into KiCad's job file, and order impedance control
     return block("stackup", (), lines)
 
 
 def _stackup_layer(name: str, kind: str, *properties: str) -> str:
     return node("layer", quoted(name), node("type", quoted(kind)), *properties)
-
-
-def _thickness(stackup: Stackup) -> float:
-    """Thickness of KiCad's board in m."""
-    return stackup.thickness + (_BACKING + stackup.copper_thickness[0] if len(stackup.names) == 1 else 0.0)
 
 
 def _coils(array: CoilArray, drawing: Drawing) -> Iterator[str]:
@@ -243,29 +227,63 @@ def _vias(array: CoilArray, placement: Placement, net: str, drawing: Drawing) ->
     for k, (hole, point) in enumerate(holes_of(array, placement, "via", drawing)):
         through = hole.layers == array.stackup.names
         ends = (drawing.layers[hole.layers[0]], drawing.layers[hole.layers[-1]])
-        yield node(
-            "via",
-            *(() if through else ("blind",)),
-            at("at", point),
-            node("size", length(hole.pad)),
-            node("drill", length(hole.diameter)),
-            node("layers", *map(quoted, ends)),
-            net,
-            drawing.identifier("via", k),
-        )
+        sizes = (node("size", length(hole.pad)), node("drill", length(hole.diameter)))
+        rest = (at("at", point), *sizes, node("layers", *map(quoted, ends)), net, drawing.identifier("via", k))
+        yield node("via", *(() if through else ("blind",)), *rest)
 
 
 def _edge(array: CoilArray, drawing: Drawing) -> str:
     x_min, y_min, x_max, y_max = array.bounds
-    return node(
-        "gr_rect",
-        at("start", drawing.point(x_min, y_max)),
-        at("end", drawing.point(x_max, y_min)),
-        node("layer", quoted("Edge.Cuts")),
-        node("width", "0.05"),
-        node("fill", "none"),
-        drawing.identifier("edge"),
-    )
+    corners = (at("start", drawing.point(x_min, y_max)), at("end", drawing.point(x_max, y_min)))
+    style = (on_layer("Edge.Cuts"), node("width", "0.05"), node("fill", "none"))
+    return node("gr_rect", *corners, *style, drawing.identifier("edge"))
+
+
+def _project_text(array: CoilArray, name: str, rules: FabRules) -> str:
+    """Text of a ``.kicad_pro`` file; the first coil gives the sizes that KiCad offers for new tracks and vias.
+
+    JSON, without severities, so that KiCad's own hold. KiCad has no limit for turns of one net, so `FabRules.min_gap`
+    holds between nets only. The distance of foreign copper to a hole's wall takes the same limit.
+    """
+
+    def mm(metres: float) -> float:
+        return round(metres * 1e3, 6)  # to 1 nm
+
+    coil = array.placements[0].coil
+    gap = mm(rules.min_gap)
+    limits = {
+        "allow_blind_buried_vias": not array.through_holes,
+        "allow_microvias": False,
+        "min_clearance": gap,
+        "min_copper_edge_clearance": mm(rules.min_edge_clearance),
+        "min_hole_clearance": gap,
+        "min_hole_to_hole": mm(rules.min_hole_spacing),
+        "min_through_hole_diameter": mm(rules.min_drill),
+        "min_track_width": mm(rules.min_trace),
+        "min_via_annular_width": mm(rules.min_annular_ring),
+        "min_via_diameter": mm(rules.min_drill + 2 * rules.min_annular_ring),
+    }
+    default_class = {
+        "name": "Default",
+        "clearance": gap,
+        "track_width": mm(coil.trace_width),
+        "via_diameter": mm(coil.via.pad),
+        "via_drill": mm(coil.via.drill),
+    }
+    project = {
+        "board": {"design_settings": {"meta": {"version": 2}, "rules": limits}},
+        "meta": {"filename": f"{name}.kicad_pro", "version": 1},
+        "net_settings": {"classes": [default_class], "meta": {"version": 2}},
+    }
+    return json.dumps(project, indent=2) + "\n"
+
+
+def _library_table_text(name: str) -> str:
+    """Text of the ``fp-lib-table`` that lets KiCad find the footprints of the project, whose name the library has."""
+    folder = f"${{KIPRJMOD}}/{name}.pretty"
+    fields = {"name": name, "type": "KiCad", "uri": folder, "options": "", "descr": "windings of the coils"}
+    library = node("lib", *(node(key, quoted(value)) for key, value in fields.items()))
+    return block("fp_lib_table", (), (library,)) + "\n"
 
 
 def _write_folder(path: Path, texts: Mapping[str, str], check: Callable[[Path], None] | None) -> None:

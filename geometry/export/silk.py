@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import board_outline, disc, drills
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray
 
 # Heights of the letters in m, the first that fits; below 0.8 mm KiCad warns and screens blur.
 _SIZES = (1.0e-3, 0.8e-3)
@@ -28,15 +26,7 @@ _STEP = 0.5e-3
 
 @dataclass(frozen=True)
 class Label:
-    """Where a coil's name stands.
-
-    Parameters
-    ----------
-    x, y : float
-        Middle of the text in m, in the frame of the board.
-    size : float
-        Height of its letters in m.
-    """
+    """Where a coil's name stands: the middle of the text on the board, and the height of its letters, in m."""
 
     x: float
     y: float
@@ -46,15 +36,7 @@ class Label:
 def silk_labels(array: CoilArray) -> tuple[Label | None, ...]:
     """Place the name of every coil as near to its centre as it meets no pad, no other name and no edge.
 
-    Parameters
-    ----------
-    array : CoilArray
-        The board.
-
-    Returns
-    -------
-    tuple of Label or None
-        One a coil; None where the name fits nowhere within the coil's winding.
+    None stands for a name that fits nowhere within the coil's winding.
     """
     holes = [disc(hole.x, hole.y, hole.pad + 2 * _CLEARANCE) for hole in drills(array)]
     inside = board_outline(array).buffer(-_EDGE, join_style="mitre")

@@ -58,7 +58,11 @@ def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
         )  # trimesh is typed in part only
         merged.vertices *= _MM
         data = merged.export(file_type=suffix[1:])
-    write_atomically(path, lambda temporary: _fill(temporary, data))
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(data)
+
+    write_atomically(path, write)
 
 
 def _scene(solids: Mapping[str, trimesh.Trimesh]) -> Any:
@@ -72,7 +76,3 @@ def _scene(solids: Mapping[str, trimesh.Trimesh]) -> Any:
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     scene.apply_transform(_Y_UP)
     return scene
-
-
-def _fill(path: Path, data: bytes) -> None:
-    path.write_bytes(data)

@@ -19,10 +19,9 @@ from coilarray.errors import OutputError
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import disc, drills
 from coilarray.geometry.extras import import_extra
-from coilarray.geometry.prisms import Prism, board_prisms, sheet_prisms
 from coilarray.geometry.sheet import Sheet
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.solids import Prism, board_prisms, sheet_prisms
+from coilarray.geometry.values import FloatArray
 
 _MM = 1e3
 # red, green, blue, opacity of each kind of solid, the first part of its key
@@ -100,18 +99,10 @@ def _circles(array: CoilArray) -> FloatArray:
 
 
 def _owners(corners: FloatArray, circles: FloatArray) -> npt.NDArray[np.intp]:
-    """Circle whose polygon each edge of a closed outline comes from, −1 for none.
+    """Circle whose polygon each edge of a closed outline comes from, −1 for none, shape (n,).
 
-    Parameters
-    ----------
-    corners : ndarray, shape (n, 2)
-        Corners in m, the first not repeated; edge k begins at corner k.
-    circles : ndarray, shape (m, 3)
-        Centre and radius in m.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
+    `corners`, shape (n, 2), are in m, the first not repeated, and edge k begins at corner k; `circles`, shape (m, 3),
+    are centres and radii in m.
     """
     x, y, radius = circles.T
     offset = np.hypot(corners[:, :1] - x, corners[:, 1:] - y) - radius

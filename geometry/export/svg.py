@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -70,16 +69,9 @@ def _drawing(array: CoilArray, title: str) -> ET.Element:
     outline = board_outline(array)
     x_min, y_min, x_max, y_max = (np.array(outline.bounds) * _MM + np.array([-1, -1, 1, 1]) * _MARGIN).tolist()
     width, height = _number(x_max - x_min), _number(y_max - y_min)
-    root = ET.Element(
-        "svg",
-        {
-            "xmlns": "http://www.w3.org/2000/svg",
-            "xmlns:inkscape": _INKSCAPE,
-            "width": f"{width}mm",
-            "height": f"{height}mm",
-            "viewBox": f"{_number(x_min)} {_number(-y_max)} {width} {height}",
-        },
-    )
+    namespaces = {"xmlns": "http://www.w3.org/2000/svg", "xmlns:inkscape": _INKSCAPE}
+    box = f"{_number(x_min)} {_number(-y_max)} {width} {height}"
+    root = ET.Element("svg", {**namespaces, "width": f"{width}mm", "height": f"{height}mm", "viewBox": box})
     if title:
         ET.SubElement(root, "title").text = title
     board = ET.SubElement(root, "g", {"id": "board", "transform": "scale(1 -1)"})
@@ -97,18 +89,10 @@ def _drawing(array: CoilArray, title: str) -> ET.Element:
     for hole in (hole for hole in drills(array) if hole.drilled):
         x, y, r = (_number(value * _MM) for value in (hole.x, hole.y, hole.diameter / 2))
         ET.SubElement(holes, "circle", {"cx": x, "cy": y, "r": r})
-    texts = _layer(
-        board,
-        "names",
-        "names",
-        fill="#202020",
-        font_family="sans-serif",
-        font_size=f"{_TEXT_HEIGHT:g}",
-        text_anchor="middle",
-        stroke=_LAMINATE,  # a halo, so that names on copper can be read
-        stroke_width="0.3",
-        paint_order="stroke",
-    )
+    font = {"font_family": "sans-serif", "font_size": f"{_TEXT_HEIGHT:g}", "text_anchor": "middle"}
+    # so that names on copper can be read
+    halo = {"stroke": _LAMINATE, "stroke_width": "0.3", "paint_order": "stroke"}
+    texts = _layer(board, "names", "names", fill="#202020", **font, **halo)
     for placement in array.placements:
         at = f"translate({_number(placement.x * _MM)} {_number(placement.y * _MM)}) scale(1 -1)"
         ET.SubElement(texts, "text", {"transform": at, "y": _BASELINE}).text = placement.name
@@ -121,13 +105,9 @@ def _layer(parent: ET.Element, identity: str, label: str, **style: str) -> ET.El
 
 
 def _path_data(shape: BaseGeometry) -> str:
-    rings: Sequence[shapely.LinearRing] = shapely.get_rings(shapely.get_parts(shape)).tolist()
-    return " ".join(f"M{_points(ring)}Z" for ring in rings)
-
-
-def _points(ring: shapely.LinearRing) -> str:
-    corners = (shapely.get_coordinates(ring)[:-1] * _MM).tolist()  # Z closes the ring
-    return " ".join(f"{_number(x)},{_number(y)}" for x, y in corners)
+    rings = [shapely.get_coordinates(ring)[:-1] * _MM for ring in shapely.get_rings(shapely.get_parts(shape))]
+    # Z closes the ring
+    return " ".join(f"M{' '.join(f'{_number(x)},{_number(y)}' for x, y in ring.tolist())}Z" for ring in rings)
 
 
 def _number(value: float) -> str:

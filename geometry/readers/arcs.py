@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-Point = tuple[float, float]
+from coilarray.geometry.values import FloatArray, Point
 
 CHORD_ERROR = 0.9e-6
 """Largest distance in m of a straight piece from its arc."""
@@ -17,26 +15,14 @@ _LEAST_PIECES = 3  # of which the inner points lie no further outside than the e
 
 
 def arc_points(start: Point, middle: Point, end: Point, error: float = CHORD_ERROR) -> FloatArray:
-    """Points on the arc from `start` over `middle` to `end`.
+    """Points in m, shape (n >= 2, 2), on the arc from `start` over `middle` to `end`, which are its first and last.
 
-    Parameters
-    ----------
-    start, middle, end : tuple of float
-        Points in m; `middle` may lie anywhere between the ends. Where all three lie on a line the arc is that line.
-        Where start and end are one point the arc is the whole circle, with `middle` opposite.
-    error : float
-        Largest distance in m of the pieces from the arc.
+    `middle` may lie anywhere between the ends. Where all three lie on a line the arc is that line; where start and end
+    are one point it is the whole circle, with `middle` opposite. The pieces are at most `error` (m) from the arc.
 
-    Returns
-    -------
-    ndarray, shape (n >= 2, 2)
-        Points of the arc in m; the first and last are `start` and `end` themselves.
-
-    Notes
-    -----
     The inner points lie a little outside the arc, so that the pieces enclose the same area with its centre as the arc
-    does: with n pieces of angle φ, (n − 2) r² sin φ + 2 R r sin φ = n R² φ. Points on the arc would make every coil
-    of arcs too small.
+    does: with n pieces of angle φ, (n − 2) r² sin φ + 2 R r sin φ = n R² φ. Points on the arc would make every coil of
+    arcs too small.
 
     Examples
     --------

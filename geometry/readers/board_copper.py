@@ -10,6 +10,7 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.geometry.copper import disc
 from coilarray.geometry.stackup import BOARD_THICKNESS, COPPER_THICKNESS, EPSILON_R, Stackup
+from coilarray.geometry.values import Point
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,8 @@ class Track:
     """
 
     layer: str
-    start: tuple[float, float]
-    end: tuple[float, float]
+    start: Point
+    end: Point
     width: float
     net: str | None
     where: str
@@ -52,12 +53,10 @@ class Hole:
         Diameter of the pad in m; of a pad that is not round, the smaller one.
     layers : tuple of str
         Copper layers that it joins, top to bottom.
-    net : str or None
-        None where the file names none.
+    net, where
+        As of `Track`.
     kind : {"via", "pad"}
         Pads are where a net may begin and end.
-    where : str
-        "file:line" or "file", for messages.
     number : str
         Number of a pad in its footprint ("1", "A4"); empty for vias and where the file has none.
     shapes : mapping of str to shapely geometry
@@ -89,14 +88,8 @@ class SurfacePad:
     ----------
     x, y : float
         Centre in m.
-    layer : str
-        Name of the copper layer in the stack-up.
-    net : str or None
-        None where the file names none.
-    where : str
-        "file:line" or "file", for messages.
-    number : str
-        Number of the pad in its footprint; empty where the file has none.
+    layer, net, where, number
+        As of `Track` and `Hole`.
     size : float
         Smaller side or diameter in m; a track that ends within half of it from the centre is joined to the pad.
     shape : shapely geometry, optional
@@ -124,16 +117,12 @@ class CopperArea:
 
     Parameters
     ----------
-    layer : str
-        Name of the copper layer in the stack-up.
+    layer, net, where
+        As of `Track`.
     shape : shapely geometry
         The copper (of a zone without fill, its outline) in m.
-    net : str or None
-        None where the file names none.
     what : str
         What it is, for messages: "a filled zone", "a drawn line".
-    where : str
-        "file:line" or "file", for messages.
     """
 
     layer: str
@@ -185,17 +174,9 @@ Slab = tuple[float | None, float | None]
 
 
 def united(parts: Sequence[Slab]) -> Slab:
-    """Return one dielectric of the thickness and the capacitance of several in series.
+    """Return one dielectric of the thickness and the capacitance of several in series between two copper layers.
 
-    Parameters
-    ----------
-    parts : sequence of Slab
-        Dielectrics from one copper layer to the next.
-
-    Returns
-    -------
-    Slab
-        Without a thickness where one part has none: then the permittivity is that of equal parts.
+    Without a thickness where one part has none: then the permittivity is that of equal parts.
 
     Examples
     --------
@@ -222,25 +203,10 @@ def filled_copper(given: Sequence[float | None], files: str, assumed: dict[str, 
 def filled_dielectrics(
     slabs: Sequence[Slab], copper: Sequence[float], board: float | None, files: str, assumed: dict[str, str]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Put usual values where a dielectric has none, and say so in `assumed`.
+    """Put usual values where a dielectric, top to bottom, has none, and say so in `assumed` (as in `BoardCopper`).
 
-    Parameters
-    ----------
-    slabs : sequence of Slab
-        Top to bottom.
-    copper : sequence of float
-        Thicknesses in m.
-    board : float or None
-        Thickness of the whole board in m; None where it is not said.
-    files : str
-        What does not say it: "the files do", "the board file does".
-    assumed : dict of str to str
-        Assumed values as in `BoardCopper`; this function adds to them.
-
-    Returns
-    -------
-    tuple of tuple of float
-        Thicknesses in m, not positive where the board is too thin for its copper, and relative permittivities.
+    `copper` are thicknesses in m, `board` is that of the whole board where it is said, `files` is "the files do".
+    Returns thicknesses in m, not positive where the board is too thin for its copper, and relative permittivities.
     """
     missing = sum(thickness is None for thickness, _ in slabs)
     share = 0.0

@@ -26,6 +26,7 @@ from coilarray.geometry.readers.gerber_parse import (
     parse_gerber,
 )
 from coilarray.geometry.stackup import Stackup
+from coilarray.geometry.values import Point
 
 _LAYER = re.compile(r"L0*([1-9]\d*)")
 
@@ -68,27 +69,33 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     drawn = {layer: parse_gerber(file) for layer, file in zip(board.names, copper, strict=True)}
     for objects in drawn.values():
         _refuse_cut_tracks(objects)
-    tracks = tuple(track for layer, objects in drawn.items() for track in _tracks(layer, objects))
+    tracks = tuple(
+        Track(layer, start, end, item.width, item.net, item.where)
+        for layer, objects in drawn.items()
+        for item in objects
+        if isinstance(item, Stroke)
+        for start, end in pairwise(item.points)
+    )
     areas = tuple(area for layer, objects in drawn.items() for area in _areas(layer, objects))
-    lands = [_Land(layer, item) for layer, objects in drawn.items() for item in objects if isinstance(item, Flash)]
+    lands = [(layer, item) for layer, objects in drawn.items() for item in objects if isinstance(item, Flash)]
     bores = _bores(files, board, lands)
     openings = [(flash.x, flash.y) for flash in _flashes(files, "Soldermask")]
     holes = [_hole(bore, openings) for bore in bores if _has_pad(bore, tracks)]
     if len(copper) > 1 and not holes:
         raise BoardError(f"{path}: has {len(copper)} copper layers and no plated hole that joins them.")
-    bored = {id(land) for bore in bores for land in bore.lands}
-    pads = tuple(_surface_pad(land) for land in lands if id(land) not in bored)
+    bored = {id(flash) for bore in bores for _, flash in bore.lands}
+    pads = tuple(
+        SurfacePad(pad.x, pad.y, layer, pad.net, pad.where, pad.pin, pad.size, pad.shape)
+        for layer, pad in lands
+        if id(pad) not in bored
+    )
     bare = len(bores) - len(holes)
     notes = (f"{bare} plated hole{'s' if bare > 1 else ''} without a pad left out.",) if bare else ()
     return BoardCopper(str(path), board, tracks, tuple(holes), pads, assumed, areas, _edge(files), notes)
 
 
-@dataclass(frozen=True, eq=False)
-class _Land:
-    """A flash on a copper layer."""
-
-    layer: str
-    flash: Flash
+_Land = tuple[str, Flash]
+"""A flash, and the copper layer that it is on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,18 +107,13 @@ class _Bore:
     lands: tuple[_Land, ...]
 
     @property
-    def pads(self) -> tuple[_Land, ...]:
-        """The flashes that are wider than the hole; the others only mark it."""
-        return tuple(land for land in self.lands if land.flash.size > self.hole.diameter)
-
-    @property
-    def pad(self) -> float:
-        """Diameter in m of the pad on the layer where it is smallest."""
-        return min(max(land.flash.size for land in self.pads if land.layer == layer) for layer in self._pad_layers)
-
-    @property
-    def _pad_layers(self) -> set[str]:
-        return {land.layer for land in self.pads}
+    def pads(self) -> dict[str, list[Flash]]:
+        """The flashes on each layer that are wider than the hole; the others only mark it."""
+        found: dict[str, list[Flash]] = {}
+        for layer, flash in self.lands:
+            if flash.size > self.hole.diameter:
+                found.setdefault(layer, []).append(flash)
+        return found
 
 
 def _copper_files(files: Sequence[DataFile], path: Path) -> list[DataFile]:
@@ -157,13 +159,6 @@ def _refuse_cut_tracks(objects: Sequence[Stroke | Flash | Region | Clear]) -> No
             raise BoardError(f"{item.where}: a clear shape over a track or pad is not supported.")
 
 
-def _tracks(layer: str, objects: Iterable[Stroke | Flash | Region | Clear]) -> Iterator[Track]:
-    for item in objects:
-        if isinstance(item, Stroke):
-            for start, end in pairwise(item.points):
-                yield Track(layer, start, end, item.width, item.net, item.where)
-
-
 def _areas(layer: str, objects: Sequence[Stroke | Flash | Region | Clear]) -> Iterator[CopperArea]:
     """Give the regions with what clear shapes after them leave."""
     for k, item in enumerate(objects):
@@ -182,7 +177,7 @@ def _flashes(files: Iterable[DataFile], function: str) -> list[Flash]:
 
 def _bores(files: Iterable[DataFile], board: Stackup, lands: Sequence[_Land]) -> list[_Bore]:
     """Collect the plated holes of all drill files, each with the flashes that surround it on its layers."""
-    tree = shapely.STRtree([shapely.Point(land.flash.x, land.flash.y) for land in lands])
+    tree = shapely.STRtree([shapely.Point(flash.x, flash.y) for _, flash in lands])
     bores = []
     for file in files:
         if file.function[:1] not in (("Plated",), ("MixedPlating",)):
@@ -192,7 +187,7 @@ def _bores(files: Iterable[DataFile], board: Stackup, lands: Sequence[_Land]) ->
             if hole.plated is False:
                 continue
             near = tree.query(shapely.Point(hole.x, hole.y), predicate="dwithin", distance=hole.diameter / 2)
-            around = tuple(lands[k] for k in sorted(near.tolist()) if lands[k].layer in layers)
+            around = tuple(lands[k] for k in sorted(near.tolist()) if lands[k][0] in layers)
             bores.append(_Bore(hole, layers, around))
     return bores
 
@@ -223,41 +218,26 @@ def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
     return False
 
 
-def _hole(bore: _Bore, openings: Sequence[tuple[float, float]]) -> Hole:
-    flashes = [land.flash for land in bore.pads]
-    nets = [flash.net for flash in flashes if flash.net is not None]
-    pins = [flash.pin for flash in flashes if flash.pin]
-    return Hole(
-        flashes[0].x,  # rather than the drill file's place, which is often rounded more
-        flashes[0].y,
-        bore.hole.diameter,
-        bore.pad,
-        bore.layers,
-        nets[0] if nets else None,
-        _kind(bore, openings, has_pin=bool(pins)),
-        bore.hole.where,
-        pins[0] if pins else "",
-        {
-            layer: shapely.union_all([land.flash.shape for land in bore.pads if land.layer == layer])
-            for layer in dict.fromkeys(land.layer for land in bore.pads)
-        },
-    )
+def _hole(bore: _Bore, openings: Sequence[Point]) -> Hole:
+    pads = bore.pads
+    flashes = [flash for on_layer in pads.values() for flash in on_layer]
+    net = next((flash.net for flash in flashes if flash.net is not None), None)
+    pin = next((flash.pin for flash in flashes if flash.pin), "")
+    x, y = flashes[0].x, flashes[0].y  # rather than the drill file's place, which is often rounded more
+    size = min(max(flash.size for flash in on_layer) for on_layer in pads.values())
+    kind = "pad" if pin else _kind(bore.hole, flashes, openings)
+    shapes = {layer: shapely.union_all([flash.shape for flash in on_layer]) for layer, on_layer in pads.items()}
+    return Hole(x, y, bore.hole.diameter, size, bore.layers, net, kind, bore.hole.where, pin, shapes)
 
 
-def _kind(bore: _Bore, openings: Sequence[tuple[float, float]], *, has_pin: bool) -> Literal["via", "pad"]:
-    functions = {bore.hole.function, *(land.flash.function for land in bore.pads)}
-    if has_pin or functions & {"ComponentDrill", "ComponentPad"}:
+def _kind(hole: DrilledHole, pads: Sequence[Flash], openings: Sequence[Point]) -> Literal["via", "pad"]:
+    functions = {hole.function, *(pad.function for pad in pads)}
+    if functions & {"ComponentDrill", "ComponentPad"}:
         return "pad"
     if functions & {"ViaDrill", "ViaPad"}:
         return "via"
-    x, y = bore.pads[0].flash.x, bore.pads[0].flash.y
-    is_open = any(math.hypot(x - a, y - b) <= bore.hole.diameter / 2 for a, b in openings)
-    return "pad" if is_open else "via"
-
-
-def _surface_pad(land: _Land) -> SurfacePad:
-    flash = land.flash
-    return SurfacePad(flash.x, flash.y, land.layer, flash.net, flash.where, flash.pin, flash.size, flash.shape)
+    at = (pads[0].x, pads[0].y)
+    return "pad" if any(math.dist(at, opening) <= hole.diameter / 2 for opening in openings) else "via"
 
 
 def _edge(files: Iterable[DataFile]) -> tuple[float, float, float, float] | None:

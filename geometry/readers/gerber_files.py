@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import json
 import os
 import re
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from types import ModuleType
 from typing import Any, Literal
 
-from coilarray.errors import BoardError, GeometryError, MissingDependencyError
+from coilarray.errors import BoardError, GeometryError
+from coilarray.geometry.extras import import_extra
 from coilarray.geometry.readers.board_copper import Slab, filled_copper, filled_dielectrics, united
 from coilarray.geometry.stackup import Stackup
 
@@ -32,17 +31,8 @@ _NOT_PLATED = re.compile(r"npth|(non|un)\W?plated", re.IGNORECASE)
 class DataFile:
     """One Gerber, Excellon or job file.
 
-    Parameters
-    ----------
-    label : str
-        Place of the file for messages: path of the zip or folder and name in it.
-    text : str
-        Its content.
-    kind : {"gerber", "excellon", "job"}
-        The format.
-    function : tuple of str
-        Fields of the X2 attribute .FileFunction, from the file or from the rules for its name; empty where neither
-        says it.
+    `label` is its place for messages, path of the zip or folder and name in it. `function` has the fields of the X2
+    attribute .FileFunction, from the file or from the rules for its name; it is empty where neither says it.
     """
 
     label: str
@@ -52,34 +42,19 @@ class DataFile:
 
 
 def find_files(path: Path) -> list[DataFile]:
-    """Find the Gerber, Excellon and job files of a board and what each is for.
+    """Find the Gerber, Excellon and job files of a board in a zip or folder, among others, and what each is for.
 
-    Parameters
-    ----------
-    path : Path
-        A zip or a folder; files of other kinds in it are passed over.
-
-    Returns
-    -------
-    list of DataFile
-        The functions of the layers come from the X2 attributes where at least one file of copper has one, otherwise
-        from gerbonara's rules for the names that the usual programs give.
-
-    Raises
-    ------
-    BoardError
-        A path that is neither, an archive that is damaged, a file that is named as a layer and holds none, or two
-        files for one layer.
-    MissingDependencyError
-        gerbonara is not installed.
+    The functions of the layers come from the X2 attributes where at least one file of copper has one, otherwise from
+    gerbonara's rules for the names that the usual programs give. BoardError for a path that is neither, an archive that
+    is damaged, a file that is named as a layer and holds none, or two files for one layer.
     """
     files = [file for label, data in _contents(path) if (file := _recognized(label, data)) is not None]
     if not any(file.function[:1] == ("Copper",) for file in files):
         files = _named(files)
-    files = [
-        replace(file, function=_drill_function(file)) if file.kind == "excellon" and not file.function else file
-        for file in files
-    ]
+    for k, file in enumerate(files):
+        if file.kind == "excellon" and not file.function:
+            not_plated = _NOT_PLATED.search(PurePosixPath(file.label).name)
+            files[k] = replace(file, function=("NonPlated" if not_plated else "Plated",))
     seen: dict[tuple[str, ...], str] = {}
     for file in files:
         if file.function[:1] == ("Copper",):
@@ -91,16 +66,7 @@ def find_files(path: Path) -> list[DataFile]:
 
 def gerbonara(module: str) -> ModuleType:
     """Import one of gerbonara's modules; MissingDependencyError with one line where it is not there or broken."""
-    try:
-        return importlib.import_module(f"gerbonara.{module}")
-    except ImportError as error:
-        if importlib.util.find_spec("gerbonara") is None:
-            raise MissingDependencyError(
-                'Gerber files need gerbonara, which is not installed: pip install "coilarray[fab]".'
-            ) from None
-        raise MissingDependencyError(
-            f"Gerber files need gerbonara, which is installed and cannot be loaded: {error}."
-        ) from error
+    return import_extra(f"gerbonara.{module}", "Gerber files", package="gerbonara", extra="fab")
 
 
 def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
@@ -194,94 +160,53 @@ def _named(files: Sequence[DataFile]) -> list[DataFile]:
     return named
 
 
-def _drill_function(file: DataFile) -> tuple[str, ...]:
-    return ("NonPlated",) if _NOT_PLATED.search(PurePosixPath(file.label).name) else ("Plated",)
-
-
 _FILES = "the files do"
 _MM = 1e-3
 
 
-@dataclass(frozen=True)
-class _Given:
-    """What a job file says, None where it says nothing; lengths in m."""
-
-    names: tuple[str, ...] = ()
-    copper: tuple[float | None, ...] = ()
-    slabs: tuple[Slab, ...] = ()
-    board: float | None = None
-    label: str = field(default="")
-
-
 def job_stackup(job: DataFile | None, copper_layers: int, source: str) -> tuple[Stackup, dict[str, str]]:
-    """Take the stack-up from a job file and usual values for what it does not say.
+    """Take the stack-up, and what of it is assumed as in `BoardCopper`, from a job file, where there is one.
 
-    Parameters
-    ----------
-    job : DataFile or None
-        The job file, where there is one.
-    copper_layers : int
-        Number of the files of copper.
-    source : str
-        Zip or folder, for messages.
-
-    Returns
-    -------
-    stackup : Stackup
-        Layers named as in the job file, otherwise L1, L2, ….
-    assumed : dict of str to str
-        Assumed values as in `BoardCopper`.
-
-    Raises
-    ------
-    BoardError
-        A file that is not JSON, another number of layers, or thicknesses that cannot be.
+    Layers are named as in the job file, otherwise L1, L2, …; `source` is the zip or folder, for messages. BoardError
+    for a file that is not JSON, another number of layers, or thicknesses that cannot be.
     """
-    given = _Given() if job is None else _read(job, copper_layers)
+    document = {} if job is None else _document(job)
+    where = source if job is None else job.label
+    listed = document.get("MaterialStackup")
+    layers = [layer for layer in listed if isinstance(layer, dict)] if isinstance(listed, list) else []
+    at = [k for k, layer in enumerate(layers) if layer.get("Type") == "Copper"]
+    if at and len(at) != copper_layers:
+        raise BoardError(f"{where}: the stack-up has {len(at)} copper layers and there are files for {copper_layers}.")
     assumed: dict[str, str] = {}
-    names = given.names
+    names = tuple(str(layers[k]["Name"]) for k in at if layers[k].get("Name"))
     if len(set(names)) != copper_layers:
         names = tuple(f"L{k + 1}" for k in range(copper_layers))
         assumed["stackup.layers"] = "the files give the order of the layers, not their names"
-    copper = filled_copper(given.copper or (None,) * copper_layers, _FILES, assumed)
-    slabs = given.slabs or ((None, None),) * (copper_layers - 1)
-    dielectrics = filled_dielectrics(slabs, copper, given.board, _FILES, assumed)
+    slabs: list[Slab] = [
+        united(
+            [
+                (_length(layer, "Thickness"), _positive(layer, "DielectricConstant"))
+                for layer in layers[first:last]
+                if layer.get("Type") == "Dielectric"
+            ]
+        )
+        for first, last in pairwise(at)
+    ]
+    copper = filled_copper([_length(layers[k], "Thickness") for k in at] or [None] * copper_layers, _FILES, assumed)
+    board = _length(document.get("GeneralSpecs"), "BoardThickness")
+    dielectrics = filled_dielectrics(slabs or [(None, None)] * (copper_layers - 1), copper, board, _FILES, assumed)
     try:
         return Stackup(names, copper, *dielectrics), assumed
     except GeometryError as error:
-        raise BoardError(f"{given.label or source}: {error}") from None
+        raise BoardError(f"{where}: {error}") from None
 
 
-def _read(job: DataFile, copper_layers: int) -> _Given:
+def _document(job: DataFile) -> dict[str, Any]:
     try:
         document = json.loads(job.text)
     except json.JSONDecodeError as error:
         raise BoardError(f"{job.label}:{error.lineno}: is not a whole Gerber job file: {error.msg}.") from None
-    document = document if isinstance(document, dict) else {}
-    general = document.get("GeneralSpecs")
-    board = _length(general, "BoardThickness")
-    listed = document.get("MaterialStackup")
-    layers = [layer for layer in listed if isinstance(layer, dict)] if isinstance(listed, list) else []
-    at = [k for k, layer in enumerate(layers) if layer.get("Type") == "Copper"]
-    if not at:
-        return _Given(board=board, label=job.label)
-    if len(at) != copper_layers:
-        raise BoardError(
-            f"{job.label}: the stack-up has {len(at)} copper layers and there are files for {copper_layers}."
-        )
-    between = [
-        [layer for layer in layers[first:last] if layer.get("Type") == "Dielectric"] for first, last in pairwise(at)
-    ]
-    return _Given(
-        tuple(str(layers[k]["Name"]) for k in at if layers[k].get("Name")),
-        tuple(_length(layers[k], "Thickness") for k in at),
-        tuple(
-            united([(_length(part, "Thickness"), _positive(part, "DielectricConstant")) for part in parts])
-            for parts in between
-        ),
-        board,
-        job.label,
-    )
+    return document if isinstance(document, dict) else {}
 
 
 def _positive(node: Any, key: str) -> float | None:

@@ -16,8 +16,7 @@ from coilarray.errors import BoardError
 from coilarray.geometry.copper import disc
 from coilarray.geometry.readers.arcs import arc_points
 from coilarray.geometry.readers.gerber_files import DataFile, gerbonara
-
-Point = tuple[float, float]
+from coilarray.geometry.values import Point
 
 # What gerbonara 1.5 warns of and then passes over or gets wrong, or says in its own words, and what we say of it.
 _REFUSED = {
@@ -45,18 +44,9 @@ _NO_NET = ("", "N/C")
 
 @dataclass(frozen=True)
 class Stroke:
-    """A round aperture drawn along straight pieces.
+    """A round aperture drawn along straight pieces, two points or more on an arc; points and width in m.
 
-    Parameters
-    ----------
-    points : tuple of tuple of float
-        Two, or more on an arc, in m.
-    width : float
-        Width in m.
-    net : str or None
-        Net by the attribute .N.
-    where : str
-        "file:line".
+    `net` is the net by the attribute .N, `where` is "file:line", here and in the other objects.
     """
 
     points: tuple[Point, ...]
@@ -72,24 +62,11 @@ class Stroke:
 
 @dataclass(frozen=True)
 class Flash:
-    """An aperture put down once.
+    """An aperture put down once at a place in m.
 
-    Parameters
-    ----------
-    x, y : float
-        Place in m.
-    size : float
-        Smaller side of its rectangle, of a round one the diameter, in m.
-    shape : shapely.Polygon
-        What it covers in m; of an aperture that is not round its rectangle.
-    function : str
-        First field of the aperture's X2 attribute .AperFunction; empty where there is none.
-    pin : str
-        Number of the pad from the attribute .P; empty where there is none.
-    net : str or None
-        Net by the attribute .N.
-    where : str
-        "file:line".
+    `size` is the smaller side of its rectangle, of a round one the diameter, and `shape` what it covers, of an aperture
+    that is not round its rectangle, in m. `function` is the first field of the aperture's X2 attribute .AperFunction,
+    `pin` the number of the pad from the attribute .P; empty where there is none.
     """
 
     x: float
@@ -104,17 +81,7 @@ class Flash:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A filled outline.
-
-    Parameters
-    ----------
-    shape : shapely geometry
-        Outline in m.
-    net : str or None
-        Net by the attribute .N.
-    where : str
-        "file:line".
-    """
+    """A filled outline, in m."""
 
     shape: BaseGeometry
     net: str | None
@@ -123,15 +90,7 @@ class Region:
 
 @dataclass(frozen=True)
 class Clear:
-    """A shape that takes away what was drawn before it.
-
-    Parameters
-    ----------
-    shape : shapely geometry
-        Outline in m.
-    where : str
-        "file:line".
-    """
+    """A shape, in m, that takes away what was drawn before it."""
 
     shape: BaseGeometry
     where: str
@@ -139,20 +98,10 @@ class Clear:
 
 @dataclass(frozen=True)
 class DrilledHole:
-    """A hole of a drill file; of a slot its middle.
+    """A hole of a drill file, of a slot its middle; place and diameter in m.
 
-    Parameters
-    ----------
-    x, y : float
-        Place in m.
-    diameter : float
-        Diameter in m.
-    function : str
-        Last field of the tool's attribute .AperFunction, as "ViaDrill"; empty where there is none.
-    plated : bool or None
-        None where the file does not say it of this hole.
-    where : str
-        "file:line".
+    `function` is the last field of the tool's attribute .AperFunction, as "ViaDrill", empty where there is none;
+    `plated` is None where the file does not say it of this hole.
     """
 
     x: float
@@ -164,18 +113,7 @@ class DrilledHole:
 
 
 def parse_gerber(file: DataFile) -> list[Stroke | Flash | Region | Clear]:
-    """Read the objects of a Gerber file in their order.
-
-    Parameters
-    ----------
-    file : DataFile
-        A Gerber file.
-
-    Raises
-    ------
-    BoardError
-        What cannot be read, or would be read wrongly: file, line and reason.
-    """
+    """Read the objects of a Gerber file in order; BoardError, with file and line, for what would be read wrongly."""
     repeated = next((match for match in _STEP_REPEAT.finditer(file.text) if match.groups() != ("1", "1")), None)
     if repeated:
         line = file.text.count("\n", 0, repeated.start()) + 1
@@ -199,15 +137,7 @@ def parse_gerber(file: DataFile) -> list[Stroke | Flash | Region | Clear]:
 def parse_drills(file: DataFile) -> list[DrilledHole]:
     """Read the holes of an Excellon file, or of a Gerber file that stands for one.
 
-    Parameters
-    ----------
-    file : DataFile
-        The file.
-
-    Raises
-    ------
-    BoardError
-        As `parse_gerber`; also coordinates without a unit and tools without a diameter.
+    BoardError as in `parse_gerber`; also for coordinates without a unit and tools without a diameter.
     """
     if file.kind == "gerber":
         return [

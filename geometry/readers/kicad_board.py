@@ -18,11 +18,9 @@ from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hol
 from coilarray.geometry.readers.kicad_layers import KicadLayers, read_layers
 from coilarray.geometry.readers.kicad_shapes import (
     GRAPHICS,
-    Point,
     ToBoard,
     drawn_copper,
     drawn_outline,
-    is_teardrop,
     other_copper,
     pad_shape,
     pair,
@@ -30,6 +28,7 @@ from coilarray.geometry.readers.kicad_shapes import (
 )
 from coilarray.geometry.readers.sexpr import Node, Quoted, read_sexpr
 from coilarray.geometry.stackup import Stackup
+from coilarray.geometry.values import Point
 
 OLDEST_VERSION = 20211014
 """Format of KiCad 6."""
@@ -72,7 +71,9 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     if root.name != "kicad_pcb":
         raise BoardError(f"{root.where}: a KiCad board begins with (kicad_pcb; this file with ({root.name[:40]}.")
     notes = [*_version_note(root)]
-    board = _Board(read_layers(root, stackup), _nets(root), _origin(root))
+    nets = {node.text(0): node.text(1) for node in root.children("net") if len(node.words) > 1}  # none from KiCad 10 on
+    origin = root.child("setup", "aux_axis_origin")
+    board = _Board(read_layers(root, stackup), nets, (0.0, 0.0) if origin is None else pair(origin))
     tracks: list[Track] = []
     holes: list[Hole] = []
     pads: list[SurfacePad] = []
@@ -86,7 +87,7 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
             tracks += board.tracks(node)
         elif node.name == "via":
             holes.append(board.via(node))
-        elif node.name == "zone" and is_teardrop(node):
+        elif node.name == "zone" and node.child("attr", "teardrop"):  # which only widens the end of a track at a pad
             teardrops += 1
         elif node.name == "footprint":
             to_board = board.footprint(node)
@@ -103,17 +104,9 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
             outline += board.outline([node], board.to_board)
     if teardrops:
         notes.append(f"{teardrops} teardrop{'s' if teardrops > 1 else ''} at the ends of tracks left out.")
-    return BoardCopper(
-        str(path),
-        board.layers.stackup,
-        tuple(tracks),
-        tuple(holes),
-        tuple(pads),
-        board.layers.assumed,
-        tuple(areas),
-        shapely.MultiPoint(outline).bounds if outline else None,
-        tuple(notes),
-    )
+    edge = shapely.MultiPoint(outline).bounds if outline else None
+    copper = (tuple(tracks), tuple(holes), tuple(pads), board.layers.assumed, tuple(areas))
+    return BoardCopper(str(path), board.layers.stackup, *copper, edge, tuple(notes))
 
 
 def _version_note(root: Node) -> Iterator[str]:
@@ -128,29 +121,11 @@ def _version_note(root: Node) -> Iterator[str]:
         yield f"The board has KiCad's format {number:.0f}; formats newer than KiCad 9 ({NEWEST_VERSION}) are untested."
 
 
-def _nets(root: Node) -> dict[str, str]:
-    """Names of the nets by their numbers; KiCad 10 has no such table."""
-    return {node.text(0): node.text(1) for node in root.children("net") if len(node.words) > 1}
-
-
-def _origin(root: Node) -> Point:
-    setup = root.child("setup")
-    origin = None if setup is None else setup.child("aux_axis_origin")
-    return (0.0, 0.0) if origin is None else pair(origin)
-
-
 @dataclass(frozen=True)
 class _Board:
     """What the nodes of one file are read with.
 
-    Parameters
-    ----------
-    layers : KicadLayers
-        The copper layers.
-    nets : dict of str to str
-        Names by number.
-    origin : tuple of float
-        Origin of the design on KiCad's sheet in mm.
+    The copper layers, the names of the nets by number, and the origin of the design on KiCad's sheet in mm.
     """
 
     layers: KicadLayers

@@ -20,14 +20,8 @@ _PER_M = 1e3  # numbers in the file are in mm
 class KicadLayers:
     """Copper layers of a board, top to bottom.
 
-    Parameters
-    ----------
-    stackup : Stackup
-        With the names that the user gave the layers, KiCad's own where there are none.
-    names : dict of str to str
-        Name in the stack-up of each of KiCad's layers (F.Cu, In1.Cu, …, B.Cu) to those of the stack-up, top to bottom.
-    assumed : dict of str to str
-        Assumed values as in `BoardCopper`.
+    The stack-up has the names that the user gave the layers, KiCad's own where there are none. `names` leads from
+    KiCad's layers (F.Cu, In1.Cu, …, B.Cu) to those of the stack-up; `assumed` are assumed values as in `BoardCopper`.
     """
 
     stackup: Stackup
@@ -60,19 +54,9 @@ class KicadLayers:
 
 
 def read_layers(root: Node, stackup: Stackup | None = None) -> KicadLayers:
-    """Read the copper layers and what the board says of their thickness.
+    """Read the copper layers of a whole board and what it says of their thickness; a given stack-up is taken instead.
 
-    Parameters
-    ----------
-    root : Node
-        The whole board.
-    stackup : Stackup, optional
-        Taken in place of the board's own; as many copper layers.
-
-    Raises
-    ------
-    BoardError
-        No copper layer, a stack-up of other layers, or thicknesses that cannot be.
+    BoardError for no copper layer, a stack-up of other layers, or thicknesses that cannot be.
     """
     table = root.need("layers")
     user_names = {}
@@ -90,14 +74,13 @@ def read_layers(root: Node, stackup: Stackup | None = None) -> KicadLayers:
             )
         return KicadLayers(stackup, dict(zip(order, stackup.names, strict=True)), {})
     assumed: dict[str, str] = {}
-    setup = root.child("setup")
-    given = None if setup is None else setup.child("stackup")
+    given = root.child("setup", "stackup")
     thicknesses: list[float | None] = [None] * len(order)
     slabs: list[Slab] = [(None, None)] * (len(order) - 1)
     if given is not None:
         thicknesses, slabs = _given(given, order)
     copper = filled_copper(thicknesses, _FILE, assumed)
-    whole = _board_thickness(root)
+    whole = root.child("general", "thickness")
     dielectrics = filled_dielectrics(slabs, copper, None if whole is None else whole.number() / _PER_M, _FILE, assumed)
     if min(dielectrics[0], default=1.0) <= 0 and "stackup.dielectric_thickness_mm" in assumed:
         where, board = (root.where, "usual thickness") if whole is None else (whole.where, f"{whole.number():g} mm")
@@ -113,11 +96,6 @@ def _depth(name: str) -> float:
     match = _COPPER.fullmatch(name)
     inner = match and match[1]
     return float(inner) if inner else (0.0 if name == "F.Cu" else float("inf"))
-
-
-def _board_thickness(root: Node) -> Node | None:
-    general = root.child("general")
-    return None if general is None else general.child("thickness")
 
 
 def _given(given: Node, order: list[str]) -> tuple[list[float | None], list[Slab]]:

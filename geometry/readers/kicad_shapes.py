@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely import affinity
 from shapely.geometry.base import BaseGeometry
@@ -15,8 +14,8 @@ from coilarray.errors import BoardError
 from coilarray.geometry.readers.arcs import arc_points
 from coilarray.geometry.readers.kicad_layers import KicadLayers
 from coilarray.geometry.readers.sexpr import Node
+from coilarray.geometry.values import FloatArray, Point
 
-Point = tuple[float, float]
 ToBoard = Callable[[float, float], Point]  # from the numbers of the file, in mm, to the frame of the board, in m
 
 _DRAWN = {
@@ -97,12 +96,6 @@ def zone_copper(zone: Node, layers: KicadLayers, to_board: ToBoard) -> Iterator[
             yield name, shape, "a zone"
 
 
-def is_teardrop(zone: Node) -> bool:
-    """Whether a zone only widens the end of a track at a pad."""
-    attributes = zone.child("attr")
-    return attributes is not None and attributes.child("teardrop") is not None
-
-
 def _polygon(node: Node, to_board: ToBoard) -> BaseGeometry:
     points = list(_points(node, to_board))
     return shapely.Polygon(points).buffer(0) if len(points) > 2 else shapely.Polygon()
@@ -128,7 +121,7 @@ def _bezier(node: Node, points: list[Point]) -> list[Point]:
     return _as_list(p0 * (1 - t) ** 3 + 3 * p1 * t * (1 - t) ** 2 + 3 * p2 * t**2 * (1 - t) + p3 * t**3)
 
 
-def _as_list(points: npt.NDArray[np.float64]) -> list[Point]:
+def _as_list(points: FloatArray) -> list[Point]:
     return [(x, y) for x, y in points.tolist()]
 
 
@@ -146,12 +139,7 @@ def _filled(node: Node, kind: str) -> bool:
 def pad_shape(pad: Node, to_board: ToBoard) -> BaseGeometry:
     """Return what a pad covers, in m in the frame of the board; of a shape that is not known, its rectangle.
 
-    Parameters
-    ----------
-    pad : Node
-        Its (pad …).
-    to_board : callable
-        Transforms points from the footprint's frame.
+    `to_board` transforms points from the footprint's frame.
     """
     place = pad.need("at")
     x0, y0 = to_board(*pair(place))
@@ -162,8 +150,7 @@ def pad_shape(pad: Node, to_board: ToBoard) -> BaseGeometry:
         """From the pad's own frame in mm, y down."""
         return x0 + (c * x + s * y) / _PER_M, y0 + (s * x - c * y) / _PER_M
 
-    drill = pad.child("drill")
-    offset = None if drill is None else drill.child("offset")
+    offset = pad.child("drill", "offset")
     x, y = (0.0, 0.0) if offset is None else pair(offset)
     flat = affinity.translate(_flat(pad), x, y)
     shapes = [shapely.transform(flat, lambda at: np.array([of_pad(x, y) for x, y in at.tolist()]))]
@@ -199,14 +186,9 @@ _LINE = 1.7  # distance of lines over the size
 
 
 def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, str]]:
-    """Give the rectangle in m around a node that is no track and no shape, and what it is; none where it is hidden.
+    """Give the rectangle in m around a text, text box, dimension or unknown node, and what it is, unless it is hidden.
 
-    Parameters
-    ----------
-    node : Node
-        A text, a text box, a dimension, or one that is not known.
-    to_board : callable
-        Transforms points from the frame of the node.
+    `to_board` transforms points from the frame of the node.
     """
     if node.name in _NO_COPPER or _is_hidden(node):
         return
@@ -223,10 +205,8 @@ def other_copper(node: Node, to_board: ToBoard) -> Iterator[tuple[BaseGeometry, 
 def _text_box(node: Node, to_board: ToBoard) -> BaseGeometry:
     """Rectangle around a text; one that is not centred reaches to both sides, for it may be mirrored or turned over."""
     effects = node.child("effects") or node
-    font = effects.child("font")
-    size = None if font is None else font.child("size")
+    size, stroke = effects.child("font", "size"), effects.child("font", "thickness")
     height, width = (1.0, 1.0) if size is None else pair(size)
-    stroke = None if font is None else font.child("thickness")
     bold = 0.15 * height if stroke is None else stroke.number()
     text = node.words[_TEXTS[node.name]] if len(node.words) > _TEXTS[node.name] else ""
     rows = text.split("\n")
@@ -235,14 +215,11 @@ def _text_box(node: Node, to_board: ToBoard) -> BaseGeometry:
     x = max(map(len, rows)) * width * _LETTER / 2 * (2 if {"left", "right"} & set(words) else 1) + bold
     y = len(rows) * height * _LINE / 2 * (2 if {"top", "bottom"} & set(words) else 1) + bold
     place = node.need("at")
-    turn = math.radians(place.number(2)) if len(place.words) > 2 and _is_number(place.words[2]) else 0.0
+    angle = "".join(place.words[2:3])
+    turn = math.radians(float(angle)) if angle.lstrip("+-").replace(".", "", 1).isdecimal() else 0.0
     box = shapely.box(-x / _PER_M, -y / _PER_M, x / _PER_M, y / _PER_M)
     turned = affinity.rotate(box, turn, origin=(0, 0), use_radians=True)
     return affinity.translate(turned, *to_board(*pair(place)))
-
-
-def _is_number(word: str) -> bool:
-    return word.lstrip("+-").replace(".", "", 1).isdecimal()
 
 
 def _is_hidden(node: Node) -> bool:

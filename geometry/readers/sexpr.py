@@ -22,16 +22,9 @@ class Quoted(str):
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A list ``(name item …)``.
+    """A list ``(name item …)``: its first word, empty where it has none, and what follows in order.
 
-    Parameters
-    ----------
-    name : str
-        Its first word; empty where it has none.
-    items : tuple of Node or str
-        What follows, in order; words that stood in quotes are `Quoted`.
-    where : str
-        "file:line" of its opening parenthesis.
+    Words that stood in quotes are `Quoted`. `where` is "file:line" of its opening parenthesis.
     """
 
     name: str
@@ -47,9 +40,12 @@ class Node:
         """Give the lists of these names inside this one, in order."""
         return (item for item in self.items if isinstance(item, Node) and item.name in names)
 
-    def child(self, name: str) -> Node | None:
-        """Return the first list of this name inside this one; None where there is none."""
-        return next(self.children(name), None)
+    def child(self, *names: str) -> Node | None:
+        """Return the first list of this name inside this one, of several names inside one another; None for none."""
+        found: Node | None = self
+        for name in names:
+            found = None if found is None else next(found.children(name), None)
+        return found
 
     def need(self, name: str) -> Node:
         """Return the first list of this name inside this one; BoardError where there is none."""
@@ -78,22 +74,9 @@ class Node:
 
 
 def read_sexpr(path: Path) -> Node:
-    """Read a file that holds one s-expression.
+    """Read a file of UTF-8 text that holds one s-expression, the outermost list.
 
-    Parameters
-    ----------
-    path : Path
-        UTF-8 text.
-
-    Returns
-    -------
-    Node
-        The outermost list.
-
-    Raises
-    ------
-    BoardError
-        A file that cannot be read, is no text, ends too early, or holds anything beside one list.
+    BoardError for a file that cannot be read, is no text, ends too early, or holds anything beside one list.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -134,7 +117,8 @@ def parse_sexpr(text: str, name: str = "text") -> Node:
     if open_lists:
         innermost = _node(*open_lists[-1])
         last = text.count("\n", 0, len(text.rstrip())) + 1
-        raise BoardError(f"{name}:{last}: the file ends inside ({innermost.name} …) of line {_line(innermost)}.")
+        begun = innermost.where.rpartition(":")[2]
+        raise BoardError(f"{name}:{last}: the file ends inside ({innermost.name} …) of line {begun}.")
     if root is None:
         raise BoardError(f"{name}: the file is empty.")
     return root
@@ -169,7 +153,3 @@ def _word(token: str) -> str:
     if not token.startswith('"'):
         return token
     return Quoted(_ESCAPE.sub(lambda match: _ESCAPED.get(match[1], match[1]), token[1:-1]))
-
-
-def _line(node: Node) -> str:
-    return node.where.rpartition(":")[2]

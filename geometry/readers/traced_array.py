@@ -7,16 +7,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from coilarray.errors import BoardError, GeometryError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.coil import PlatedHole, path_coil
 from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad
-from coilarray.geometry.readers.traced_coil import TracedCoil
+from coilarray.geometry.readers.track_graph import TracedCoil
 from coilarray.geometry.stackup import Stackup
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.geometry.values import FloatArray, place_in_mm
 
 SAME_SHAPE = 2e-9
 """Coils whose points and widths agree to so many m, but for a shift, are one shape: board files round to 1 nm."""
@@ -58,10 +56,6 @@ def traced_array(board: BoardCopper, coils: Sequence[TracedCoil]) -> TracedArray
         Board on which the coils were found.
     coils : sequence of TracedCoil
         At least one.
-
-    Returns
-    -------
-    TracedArray
 
     Raises
     ------
@@ -179,8 +173,7 @@ def _notes(coil: TracedCoil) -> Iterator[str]:
 
 
 def _begin(coil: TracedCoil) -> str:
-    x, y = coil.path[0] * 1e3
-    at = f"({x:.4g}, {y:.4g}) mm on {coil.layers[0]}"
+    at = f"{place_in_mm(*coil.path[0])} on {coil.layers[0]}"
     first, last = ("" if end is None else end.number for end in coil.ends)
     if first == last:
         return f"{at}, where its first track is, for its ends have no numbers to tell them apart"
@@ -211,22 +204,10 @@ def _with_margin(array: CoilArray, board: BoardCopper, assumed: dict[str, str], 
 
 
 def turn_gap(lines: Sequence[FloatArray], layers: Sequence[str], widths: Sequence[FloatArray]) -> float | None:
-    """Median distance, edge to edge, of traces side by side with the current in the same direction.
+    """Median distance in m, edge to edge, weighted by length, of traces side by side with the current in one direction.
 
-    Parameters
-    ----------
-    lines : sequence of ndarray, each of shape (n, 2)
-        Centre lines in m.
-    layers : sequence of str
-        Copper layer of each line.
-    widths : sequence of ndarray, each of shape (n − 1,)
-        Width of every segment in m.
-
-    Returns
-    -------
-    float or None
-        Distance in m, weighted by length. None where no two traces of a layer run so: leads, opposite sides of a loop
-        and the legs of a hairpin do not count.
+    `lines` are centre lines, each of shape (n, 2), and `widths` those of their segments, each of shape (n − 1,), in m.
+    None where no two traces of a layer run so: leads, opposite sides of a loop and the legs of a hairpin do not count.
 
     Examples
     --------

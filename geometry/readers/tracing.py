@@ -11,14 +11,22 @@ from math import dist
 
 import numpy as np
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import BoardError
+from coilarray.geometry.copper import groups
 from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hole, SurfacePad, Track
-from coilarray.geometry.readers.traced_coil import TracedCoil
-from coilarray.geometry.readers.track_graph import JOINED, TrackGraph, follow, natural_order, place, track_graph, where
+from coilarray.geometry.readers.track_graph import (
+    JOINED,
+    TracedCoil,
+    TrackGraph,
+    follow,
+    natural_order,
+    place,
+    track_graph,
+    where,
+)
+from coilarray.geometry.values import place_in_mm
 
 LEAST_TURNS = 0.9
 """Turns from which a net counts as a coil: a single loop lacks the space between its two leads. A track that goes out
@@ -56,10 +64,6 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
         Names of the nets that are coils. Without them, every net (and every piece of copper that has no net) that
         is one path from end to end with at least `LEAST_TURNS` turns is one; the others are left out.
 
-    Returns
-    -------
-    Tracing
-
     Raises
     ------
     BoardError
@@ -92,10 +96,10 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
             except BoardError as error:
                 left_out[net] = str(error)
                 continue
-            if _winds(coil):
-                coils.append(coil)
+            if reason := _too_few_turns(coil):
+                left_out[net] = reason
             else:
-                left_out[net] = _too_few(coil)
+                coils.append(coil)
     _trace_nameless(nameless, by_net, coils, left_out)
     if not coils:
         why = "".join(f"; {net}: {reason}" for net, reason in list(left_out.items())[:_REASONS])
@@ -130,14 +134,9 @@ class _NetCopper:
 def _by_net(board: BoardCopper) -> tuple[dict[str, _NetCopper], _NetCopper]:
     """Sort a board's copper by net, in the order of the tracks, then of the rest; and give what has none."""
     found: dict[str | None, _NetCopper] = {}
-    for track in board.tracks:
-        found.setdefault(track.net, _NetCopper()).tracks.append(track)
-    for hole in board.holes:
-        found.setdefault(hole.net, _NetCopper()).holes.append(hole)
-    for pad in board.pads:
-        found.setdefault(pad.net, _NetCopper()).pads.append(pad)
-    for area in board.areas:
-        found.setdefault(area.net, _NetCopper()).areas.append(area)
+    for kind in ("tracks", "holes", "pads", "areas"):
+        for item in getattr(board, kind):
+            getattr(found.setdefault(item.net, _NetCopper()), kind).append(item)
     return {net: copper for net, copper in found.items() if net is not None}, found.get(None, _NetCopper())
 
 
@@ -205,8 +204,8 @@ def _trace_nameless(
         what = f"copper without a net at {place(graph, piece[0])}"
         try:
             coil = follow(what, what, graph, piece, nameless.tracks)
-            if not _winds(coil):
-                left_out[what] = _too_few(coil)
+            if reason := _too_few_turns(coil):
+                left_out[what] = reason
                 continue
             others.refuse_contact(what, coil, tracks)
             refuse_bridges(what, coil, nameless.stands)
@@ -234,12 +233,10 @@ def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]
     return found
 
 
-def _winds(coil: TracedCoil) -> bool:
-    return abs(coil.turns) >= LEAST_TURNS
-
-
-def _too_few(coil: TracedCoil) -> str:
-    return f"it makes {abs(coil.turns):.2f} turns around its centre; a coil makes at least one."
+def _too_few_turns(coil: TracedCoil) -> str:
+    """Why a path is no coil; empty where it winds."""
+    turns = abs(coil.turns)
+    return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around its centre; a coil makes at least one."
 
 
 Copper = Track | Hole | SurfacePad | CopperArea
@@ -274,26 +271,15 @@ class Obstacles:
         for k, index in self._tree.query(lines, predicate="dwithin", distance=reach).T.tolist():
             item, layer, _ = self._found[index]
             if layer == segments[k].layer and id(item) not in own:
-                at = _mm(*lines[k].coords[0])
+                at = place_in_mm(*lines[k].coords[0])
                 raise BoardError(f"{item.where}: {_kind(item)} {self._whose} touches {what} on {layer} at {at}.")
 
 
 def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None:
-    """Raise where pads or holes, each with all that overlap it, meet a path in more than one stretch.
+    """Raise where pads or holes of a coil's own net, each with all that overlap it, meet its path in several stretches.
 
-    Parameters
-    ----------
-    what : str
-        The coil in messages.
-    coil : TracedCoil
-        The path.
-    items : sequence of Track, Hole, SurfacePad
-        Copper of the coil's own net.
-
-    Notes
-    -----
     Along the path the stretches within a pad's copper must follow each other: out of the copper it may run no longer
-    than its width there, which is a bend beside the pad.
+    than its width there, which is a bend beside the pad. `what` is the coil in messages.
     """
     segments = list(_segments(coil))
     tree = shapely.STRtree([segment.line for segment in segments])
@@ -312,7 +298,7 @@ def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None
             segment = segments[index]
             if begin - covered > segment.width:
                 item = items[group[0]]
-                at = _mm(*segment.line.interpolate(begin - segment.begin).coords[0])
+                at = place_in_mm(*segment.line.interpolate(begin - segment.begin).coords[0])
                 raise BoardError(
                     f"{item.where}: {_kind(item)} bridges turns of {what}: it also touches it on {segment.layer} at "
                     f"{at}."
@@ -348,14 +334,13 @@ def _stretch(segment: _Segment, shape: BaseGeometry, reach: float) -> tuple[floa
 def _overlapping(shapes: Sequence[dict[str, BaseGeometry]]) -> list[list[int]]:
     """Sort the indices of items into groups that hang together."""
     entries = [(k, layer, shape) for k, layers in enumerate(shapes) for layer, shape in layers.items()]
-    if not entries:
-        return []
     geometries = np.array([shape for _, _, shape in entries], dtype=object)
     pairs = shapely.STRtree(geometries).query(geometries, predicate="intersects").T.tolist()
-    met = np.array([(entries[i][0], entries[j][0]) for i, j in pairs if entries[i][1] == entries[j][1]]).reshape(-1, 2)
-    graph = coo_array((np.ones(len(met)), (met[:, 0], met[:, 1])), shape=(len(shapes), len(shapes)))
-    count, group = connected_components(graph, directed=False)
-    return [np.flatnonzero(group == number).tolist() for number in range(count)]
+    met = ((entries[i][0], entries[j][0]) for i, j in pairs if entries[i][1] == entries[j][1])
+    found: dict[int, list[int]] = {}
+    for k, lowest in enumerate(groups(len(shapes), met)):
+        found.setdefault(lowest, []).append(k)
+    return list(found.values())
 
 
 def _kind(item: Copper) -> str:
@@ -364,7 +349,3 @@ def _kind(item: Copper) -> str:
     if isinstance(item, Hole):
         return f"a {item.kind}"
     return "a track" if isinstance(item, Track) else "a pad"
-
-
-def _mm(x: float, y: float) -> str:
-    return f"({x * 1e3:.4g}, {y * 1e3:.4g}) mm"

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -13,29 +14,23 @@ import numpy.typing as npt
 import shapely
 
 from coilarray.errors import BoardError
+from coilarray.geometry.copper import groups
 from coilarray.geometry.readers.board_copper import Hole, SurfacePad, Track
-from coilarray.geometry.readers.traced_coil import TracedCoil
-
-Point = tuple[float, float]
+from coilarray.geometry.values import FloatArray, Point, place_in_mm
 
 JOINED = 1e-6
 """Ends closer than this many m are one place, whatever lies there."""
 
+# Of the squared length of a path: an area that it runs around below this is none.
+_NO_AREA = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class TrackNode:
-    """A place where ends of tracks meet.
+    """A place in m where ends of tracks meet: the centre of its hole or pad, else the first end that lies there.
 
-    Parameters
-    ----------
-    x, y : float
-        Position in m: the centre of its hole or pad, else the first end that lies there.
-    hole : Hole or None
-        What joins its layers.
-    pad : Hole or SurfacePad or None
-        The pad of a footprint that it lies on.
-    edges : tuple of int
-        Indices of the edges that end here.
+    `hole` is what joins its layers, `pad` that of a footprint that it lies on, `edges` the indices of those that end
+    here.
     """
 
     x: float
@@ -47,19 +42,7 @@ class TrackNode:
 
 @dataclass(frozen=True)
 class TrackEdge:
-    """Straight copper between two nodes.
-
-    Parameters
-    ----------
-    ends : tuple of int
-        Indices of its nodes.
-    layer : str
-        Copper layer.
-    width : float
-        Width in m.
-    track : int
-        Index of the track that it is a part of.
-    """
+    """Straight copper between two nodes, given by index, and its width in m; `track` is the index of its track."""
 
     ends: tuple[int, int]
     layer: str
@@ -74,19 +57,12 @@ class TrackGraph:
     nodes: tuple[TrackNode, ...]
     edges: tuple[TrackEdge, ...]
 
-    def points(self, edge: TrackEdge) -> tuple[Point, Point]:
-        """Return the places of an edge's two ends in m."""
-        a, b = (self.nodes[number] for number in edge.ends)
-        return (a.x, a.y), (b.x, b.y)
-
     def components(self) -> list[list[int]]:
         """Return the indices of the edges that hang together, in the order of their tracks."""
-        sets = _Sets(len(self.nodes))
-        for edge in self.edges:
-            sets.unite(*edge.ends)
+        piece = groups(len(self.nodes), (edge.ends for edge in self.edges))
         found: dict[int, list[int]] = {}
         for index, edge in enumerate(self.edges):
-            found.setdefault(sets.of(edge.ends[0]), []).append(index)
+            found.setdefault(piece[edge.ends[0]], []).append(index)
         return list(found.values())
 
 
@@ -111,42 +87,14 @@ class _Stand:
     what: Hole | SurfacePad
 
 
-class _Sets:
-    """Disjoint sets of indices that can be united."""
-
-    def __init__(self, count: int) -> None:
-        self._above = list(range(count))
-
-    def of(self, index: int) -> int:
-        while self._above[index] != index:
-            self._above[index] = self._above[self._above[index]]
-            index = self._above[index]
-        return index
-
-    def unite(self, one: int, other: int) -> None:
-        low, high = sorted((self.of(one), self.of(other)))
-        self._above[high] = low
-
-
 def track_graph(tracks: Sequence[Track], holes: Sequence[Hole], pads: Sequence[SurfacePad]) -> TrackGraph:
-    """Join tracks of one net at their ends, at holes and at pads.
+    """Join tracks of one net, or of none, at their ends, at holes and at pads.
 
-    Parameters
-    ----------
-    tracks, holes, pads : sequences
-        Copper of one net, or of copper whose nets are not known.
-
-    Returns
-    -------
-    TrackGraph
-
-    Notes
-    -----
     A track is divided wherever another track's end, a hole or a pad lies on its centre line to within `JOINED`; parts
     that then lie on each other count once, with the larger width. So tracks that overlap lengthwise become one path,
     and a track that ends on the middle of another one gives a node of three edges. A loose end, where nothing else
-    stands or ends, is led on to the centre of the hole or pad that it lies in, or to another loose end that its
-    round cap reaches.
+    stands or ends, is led on to the centre of the hole or pad that it lies in, or to another loose end that its round
+    cap reaches.
 
     Examples
     --------
@@ -181,13 +129,9 @@ def _divided(tracks: Sequence[Track], stands: Sequence[_Stand]) -> list[_Piece]:
     pieces = []
     for k in long:
         track = tracks[k]
-        places = [track.start, *_sorted_from(track.start, cuts[k]), track.end]
+        places = [track.start, *sorted(cuts[k], key=partial(math.dist, track.start)), track.end]
         pieces += [_Piece(track.layer, a, b, track.width, k) for a, b in pairwise(places) if math.dist(a, b) > JOINED]
     return pieces
-
-
-def _sorted_from(start: Point, places: list[Point]) -> list[Point]:
-    return sorted(places, key=lambda at: math.dist(at, start))
 
 
 def _bridges(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> list[_Piece]:
@@ -236,26 +180,23 @@ def _graph(pieces: Sequence[_Piece], stands: Sequence[_Stand]) -> TrackGraph:
         *((stand.layer, stand.at) for stand in stands),
         *((piece.layer, at) for piece in pieces for at in (piece.start, piece.end)),
     ]
-    sets = _Sets(len(places))
-    for i, j in _close_pairs(places, JOINED):
-        sets.unite(i, j)
     first: dict[int, int] = {}
-    for k, stand in enumerate(stands):  # a hole joins its layers
-        sets.unite(k, first.setdefault(id(stand.what), k))
+    joined = [(k, first.setdefault(id(stand.what), k)) for k, stand in enumerate(stands)]  # a hole joins its layers
+    node_of = groups(len(places), [*_close_pairs(places, JOINED), *joined])
     edges: dict[tuple[str, int, int], TrackEdge] = {}
     for k, piece in enumerate(pieces):
-        a, b = (sets.of(len(stands) + 2 * k + end) for end in (0, 1))
+        a, b = node_of[len(stands) + 2 * k : len(stands) + 2 * k + 2]
         if a == b:
             continue
         key = (piece.layer, min(a, b), max(a, b))
         twin = edges.get(key)
         width = piece.width if twin is None else max(piece.width, twin.width)
         edges[key] = TrackEdge((a, b), piece.layer, width, piece.track) if twin is None else replace(twin, width=width)
-    return _numbered(sets, places, stands, list(edges.values()))
+    return _numbered(node_of, places, stands, list(edges.values()))
 
 
 def _numbered(
-    sets: _Sets, places: Sequence[tuple[str, Point]], stands: Sequence[_Stand], edges: Sequence[TrackEdge]
+    node_of: Sequence[int], places: Sequence[tuple[str, Point]], stands: Sequence[_Stand], edges: Sequence[TrackEdge]
 ) -> TrackGraph:
     """Return the graph with the nodes that have edges numbered from 0, and what stands at each."""
     numbers: dict[int, int] = {}
@@ -270,7 +211,7 @@ def _numbered(
         numbered.append(replace(edge, ends=(numbers[edge.ends[0]], numbers[edge.ends[1]])))
     here: dict[int, list[Hole | SurfacePad]] = {}
     for k, stand in enumerate(stands):
-        here.setdefault(sets.of(k), []).append(stand.what)
+        here.setdefault(node_of[k], []).append(stand.what)
     nodes = []
     for root, number in numbers.items():
         standing = here.get(root, [])
@@ -281,43 +222,105 @@ def _numbered(
     return TrackGraph(tuple(nodes), tuple(numbered))
 
 
-def natural_order(name: str) -> list[tuple[bool, int, str]]:
-    """Return a key that sorts "A2" before "A10", and numbers before letters.
+@dataclass(frozen=True, eq=False)
+class TracedCoil:
+    """A net that is one path from end to end.
 
-    Examples
-    --------
-    >>> sorted(["A10", "A2", "B1", "7"], key=natural_order)
-    ['7', 'A2', 'A10', 'B1']
+    Parameters
+    ----------
+    name : str
+        Name of the net; "coil1", "coil2", … where the board names none.
+    lines : tuple of ndarray, each of shape (n, 2)
+        Centre lines in m, in the direction of the current, each on one layer.
+    layers : tuple of str
+        Copper layer of each line.
+    widths : tuple of ndarray, each of shape (n − 1,)
+        Width of every segment in m.
+    vias : tuple of Hole
+        Between consecutive lines.
+    ends : tuple of (Hole, SurfacePad or None)
+        What stands at the beginning and at the end of the path.
+    passed : tuple of Hole
+        Holes along the path that lead to no other layer.
+    where : str
+        "file:line" of its first track.
+    net : str or None
+        Its net; None where the board names none.
     """
+
+    name: str
+    lines: tuple[FloatArray, ...]
+    layers: tuple[str, ...]
+    widths: tuple[FloatArray, ...]
+    vias: tuple[Hole, ...]
+    ends: tuple[Hole | SurfacePad | None, Hole | SurfacePad | None]
+    passed: tuple[Hole, ...]
+    where: str
+    net: str | None = None
+
+    @property
+    def widest(self) -> float:
+        """Largest width in m."""
+        return max(float(widths.max()) for widths in self.widths)
+
+    @property
+    def path(self) -> FloatArray:
+        """All lines as one, without the vias; shape (n, 2), in m."""
+        return np.vstack([self.lines[0][:1], *(line[1:] for line in self.lines)])
+
+    @property
+    def length(self) -> float:
+        """Length of the path in m, vias not counted."""
+        return float(np.hypot(*np.diff(self.path, axis=0).T).sum())
+
+    @property
+    def centre(self) -> Point:
+        """Centre in m of the area that the path runs around; the middle of its bounds where it runs around none."""
+        path = self.path
+        x, y = 0.5 * (path.min(axis=0) + path.max(axis=0)) if _runs_around_nothing(path) else _centroid(path)
+        return float(x), float(y)
+
+    @property
+    def turns(self) -> float:
+        """How often the path runs around its centre, anticlockwise positive; 0 where it runs around nothing."""
+        if _runs_around_nothing(self.path):
+            return 0.0
+        points = self.path - self.centre
+        a, b = points[:-1], points[1:]
+        return float(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)).sum() / (2 * math.pi))
+
+
+def _cross(points: FloatArray) -> FloatArray:
+    """Twice the signed area of the triangle of the origin and each side of the closed path."""
+    following = np.roll(points, -1, axis=0)
+    return np.asarray(points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0])
+
+
+def _runs_around_nothing(path: FloatArray) -> bool:
+    area = _cross(path - path[0]).sum() / 2
+    return bool(abs(area) <= _NO_AREA * np.hypot(*np.diff(path, axis=0).T).sum() ** 2)
+
+
+def _centroid(path: FloatArray) -> FloatArray:
+    """Centroid of the area that a path, closed by a straight line, runs around; each part as often as it does so."""
+    points = path - path[0]
+    cross = _cross(points)
+    return np.asarray(
+        path[0] + ((points + np.roll(points, -1, axis=0)) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
+    )
+
+
+def natural_order(name: str) -> list[tuple[bool, int, str]]:
+    """Return a key that sorts "A2" before "A10", and numbers before letters: 7, A2, A10, B1."""
     parts = re.findall(r"[0-9]+|[^0-9]+", name)
     return [(not part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
 
 
 def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> TracedCoil:
-    """Follow a piece of copper.
+    """Follow a connected piece of copper, by the indices of its edges, from the end that `trace_coils` says.
 
-    Parameters
-    ----------
-    name : str
-        Name of the coil.
-    what : str
-        What the piece is called in messages: "net A".
-    graph : TrackGraph
-        What the piece is a part of.
-    piece : sequence of int
-        Indices of its edges, all connected.
-    tracks : sequence of Track
-        Tracks from which the graph was made.
-
-    Returns
-    -------
-    TracedCoil
-        The coil; `trace_coils` says at which end it begins.
-
-    Raises
-    ------
-    BoardError
-        A piece that branches, is closed or crosses itself.
+    `name` is that of the coil, `what` the piece in messages: "net A"; the graph was made from `tracks`. BoardError for
+    a piece that branches, is closed or crosses itself.
     """
     numbers = sorted({node for index in piece for node in graph.edges[index].ends})
     for number in numbers:
@@ -326,7 +329,7 @@ def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks
             ways = ", ".join(dict.fromkeys(where(graph, index, tracks) for index in node.edges))
             raise BoardError(
                 f"{where(graph, node.edges[0], tracks)}: {what} must have two ends; {len(node.edges)} ways meet at "
-                f"{_at(node)} ({ways})."
+                f"{place_in_mm(node.x, node.y)} ({ways})."
             )
     ends = [number for number in numbers if len(graph.nodes[number].edges) == 1]
     if not ends:
@@ -343,16 +346,13 @@ def follow(name: str, what: str, graph: TrackGraph, piece: Sequence[int], tracks
 
 def place(graph: TrackGraph, edge: int) -> str:
     """Where an edge begins, for messages."""
-    return _at(graph.nodes[graph.edges[edge].ends[0]])
+    node = graph.nodes[graph.edges[edge].ends[0]]
+    return place_in_mm(node.x, node.y)
 
 
 def where(graph: TrackGraph, edge: int, tracks: Sequence[Track]) -> str:
     """File and line of an edge, for messages."""
     return tracks[graph.edges[edge].track].where
-
-
-def _at(node: TrackNode) -> str:
-    return f"({node.x * 1e3:.4g}, {node.y * 1e3:.4g}) mm"
 
 
 def _precedence(graph: TrackGraph, number: int) -> tuple[bool, list[tuple[bool, int, str]], int, bool]:
@@ -369,14 +369,15 @@ def _pad_number(graph: TrackGraph, number: int) -> str:
 
 def _refuse_crossing(what: str, graph: TrackGraph, piece: Sequence[int], tracks: Sequence[Track]) -> None:
     """Raise where tracks meet on a layer elsewhere than at their ends."""
-    lines = [shapely.LineString(graph.points(graph.edges[index])) for index in piece]
+    ends = [[graph.nodes[number] for number in graph.edges[index].ends] for index in piece]
+    lines = [shapely.LineString([(node.x, node.y) for node in pair]) for pair in ends]
     for i, j in shapely.STRtree(lines).query(lines, predicate="intersects").T.tolist():
         one, other = graph.edges[piece[i]], graph.edges[piece[j]]
         if i < j and one.layer == other.layer and not set(one.ends) & set(other.ends):
-            x, y = shapely.get_coordinates(lines[i].intersection(lines[j]))[0] * 1e3
+            at = place_in_mm(*shapely.get_coordinates(lines[i].intersection(lines[j]))[0])
             raise BoardError(
-                f"{where(graph, piece[i], tracks)}: {what} must be one path; it crosses itself on {one.layer} at "
-                f"({x:.4g}, {y:.4g}) mm ({where(graph, piece[j], tracks)})."
+                f"{where(graph, piece[i], tracks)}: {what} must be one path; it crosses itself on {one.layer} at {at} "
+                f"({where(graph, piece[j], tracks)})."
             )
 
 

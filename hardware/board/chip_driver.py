@@ -33,44 +33,20 @@ _LOOK_AGAIN = 1e-3  # s between two looks at STATUS
 
 @dataclass(frozen=True)
 class ChipSettings:
-    """Settings of a scan as register values and words of the switches.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Names of the states.
-    words : tuple of bytes
-        Words of the switches in each state.
-    drives : tuple of int
-        Register DRIVE_CURRENT0 in each state.
-    asleep : tuple of (int, int)
-        Addresses and values of the registers while the converter sleeps.
-    active : int
-        Register CONFIG while the converter is awake.
-    wait, timeout : float
-        Times from waking to the first look at STATUS and to giving up, in s.
-    hash : int
-        Hash of the settings.
-    """
+    """Settings of a scan as register values and words of the switches; `wait` and `timeout` count from waking."""
 
     names: tuple[str, ...]
-    words: tuple[bytes, ...]
-    drives: tuple[int, ...]
-    asleep: tuple[tuple[int, int], ...]
-    active: int
-    wait: float
-    timeout: float
+    words: tuple[bytes, ...]  # of the switches in each state
+    drives: tuple[int, ...]  # register DRIVE_CURRENT0 in each state
+    asleep: tuple[tuple[int, int], ...]  # addresses and values of the registers while the converter sleeps
+    active: int  # register CONFIG while the converter is awake
+    wait: float  # s, until the first look at STATUS
+    timeout: float  # s, until giving up
     hash: int
 
     @staticmethod
     def of(settings: ScanSettings) -> ChipSettings:
-        """Encode the settings of a scan.
-
-        Raises
-        ------
-        HardwareError
-            Other registers than the seven of the protocol, or CONFIG asleep.
-        """
+        """Encode settings; HardwareError for other registers than the seven of the protocol, or CONFIG asleep."""
         given = dict(settings.registers)
         if sorted(address for address, _ in settings.registers) != sorted(_ADDRESS[name] for name in _CONFIGURED):
             raise HardwareError(f"the settings must have the registers {', '.join(_CONFIGURED)}, each once.")
@@ -89,17 +65,7 @@ class ChipSettings:
 
 
 class ChipDriver:
-    """Driver of the converter and the switches of one board.
-
-    Parameters
-    ----------
-    bus : RegisterBus
-        Bus of the converter.
-    switches : SwitchChain
-        Port of the switches.
-    clock : Clock
-        Clock of all waits.
-    """
+    """Driver of the converter on a bus and of the switches behind their port; the clock is that of all waits."""
 
     def __init__(self, bus: RegisterBus, switches: SwitchChain, clock: Clock) -> None:
         self.bus, self.clock = bus, clock
@@ -114,13 +80,7 @@ class ChipDriver:
         return self.bus.read(_ADDRESS["MANUFACTURER_ID"]), self.bus.read(_ADDRESS["DEVICE_ID"])
 
     def sleep(self, attempts: int = ATTEMPTS) -> None:
-        """Put the converter to sleep; between two attempts the bus is freed.
-
-        Raises
-        ------
-        BusFault
-            The converter did not answer in any of the attempts.
-        """
+        """Put the converter to sleep, freeing the bus between two attempts; BusFault where it never answers."""
         while True:
             attempts -= 1
             try:
@@ -165,10 +125,7 @@ class ChipDriver:
     def configure(self, settings: ChipSettings) -> None:
         """Write every register of a sleeping converter and read it back; a reset between two attempts.
 
-        Raises
-        ------
-        BusFault
-            A converter that does not answer, is another chip or reads back something else, after all attempts.
+        BusFault for a converter that does not answer, is another chip or reads back something else, after all attempts.
         """
         for attempts_left in reversed(range(ATTEMPTS)):
             try:

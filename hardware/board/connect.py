@@ -163,22 +163,10 @@ def open_board(
 
 
 def wiring_of_board(port: Port, design: Design | None = None, name: str | None = None) -> Wiring:
-    """Return the wiring of the board at a port.
+    """Return the wiring of the board at a port; HardwareError where it cannot be read or the design has too many coils.
 
-    Parameters
-    ----------
-    port : Port
-        Port of the board.
-    design : Design, optional
-        Design of the emulator's coils.
-    name : str, optional
-        Name of a wiring, as `load_wiring` takes it. By default six coils with one device each; for the emulator one
-        device for each coil of the design.
-
-    Raises
-    ------
-    HardwareError
-        The wiring cannot be read, or the design has more coils than a wiring can have.
+    Without the name of a wiring, as `load_wiring` takes it, that is six coils with one device each; for the emulator
+    one device for each coil of the design.
     """
     bundled = load_wiring(name)
     if name is not None or design is None or not isinstance(port, EmulatorPort):

@@ -11,7 +11,7 @@ import math
 import secrets
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import replace
 
 from coilarray.errors import HardwareError
@@ -29,23 +29,9 @@ _FAULTY_SCANS = 3  # running, with the same kind of fault in the same state, bef
 class DirectReader:
     """A `Reader` that drives the chips itself. One thread may use it.
 
-    Parameters
-    ----------
-    bus : RegisterBus
-        Bus of the converter.
-    switches : SwitchChain
-        Port of the switches.
-    clock : Clock
-        Clock of all waits and of the scans.
-    safe_words : bytes
-        Words that ground every end of every coil; the switches get them before anything else happens.
-    kind, emulated
-        Parameters of `Identity`.
-
-    Raises
-    ------
-    DeviceLost, SwitchFault
-        A port that is gone, or switches that cannot be reached. `identity` shows a converter that does not answer.
+    The switches get `safe_words`, which ground every end of every coil, before anything else happens. `kind` and
+    `emulated` are those of `Identity`, which also shows a converter that does not answer. DeviceLost or SwitchFault for
+    a port that is gone, or switches that cannot be reached.
     """
 
     def __init__(
@@ -81,12 +67,8 @@ class DirectReader:
     def configure(self, settings: ScanSettings) -> None:
         """Write settings and read every register back.
 
-        Raises
-        ------
-        HardwareError
-            Settings that could join what must not be joined, or that are for another chain of switches.
-        BusFault
-            A converter that does not answer, is another chip or reads back something else, after three attempts.
+        HardwareError for settings that could join what must not be joined, or are for another chain of switches;
+        BusFault as of `ChipDriver.configure`.
         """
         self._chip_settings, self._failure = None, None
         self._faulty.clear()
@@ -110,52 +92,30 @@ class DirectReader:
     def scan(self) -> RawScan:
         """Measure every state once.
 
-        Raises
-        ------
-        BoardRestarted
-            The converter lost its settings while it was measuring.
-        BusFault, SwitchFault
-            The scan before this one failed; `configure` clears that.
-        HardwareError
-            A board that is not configured.
+        BoardRestarted where the converter lost its settings meanwhile; BusFault or SwitchFault where the scan before
+        failed, which `configure` clears; HardwareError for a board that is not configured.
         """
         scan = self._scan(0)
         if isinstance(self._failure, BoardRestarted):
             raise self._failure
         return scan
 
-    def scans(self, interval: float = 0.0) -> Iterator[RawScan]:
+    def scans(self, interval: float = 0.0) -> Generator[RawScan]:
         """Scan until the iterator is closed, once every `interval` in s, or as fast as possible for 0.
 
-        A scan that ends the stream is still returned; the next one raises the reason.
-
-        Raises
-        ------
-        HardwareError
-            A board that is not configured, or an interval that is negative or not finite.
+        A scan that ends the stream is still returned; the next one raises the reason. HardwareError for a board that is
+        not configured, or an interval that is negative or not finite.
         """
         if not (math.isfinite(interval) and interval >= 0):
             raise HardwareError(f"the interval must be finite and not negative; got {interval} s.")
         return self._stream(interval)
 
     def peek(self, address: int) -> int:
-        """Read a register of the converter.
-
-        Raises
-        ------
-        BusFault
-            The converter does not answer.
-        """
+        """Read a register of the converter; BusFault where it does not answer."""
         return self._chips.bus.read(address)
 
     def rest(self) -> None:
-        """Put the converter to sleep and ground all coils, even if the converter does not answer.
-
-        Raises
-        ------
-        BusFault, SwitchFault, DeviceLost
-            One of the two failed.
-        """
+        """Put the converter to sleep and ground all coils, even if the converter does not answer; raise what failed."""
         with held_signals():
             try:
                 self._chips.sleep()
@@ -176,7 +136,7 @@ class DirectReader:
         self._closed = True
         self._chips.close()
 
-    def _stream(self, interval: float) -> Iterator[RawScan]:
+    def _stream(self, interval: float) -> Generator[RawScan]:
         start, sequence, turn = self._clock.now(), 0, 0
         try:
             while True:

@@ -20,47 +20,19 @@ _RCOUNT = 0x1000  # conversions of 3 ms
 
 @dataclass(frozen=True)
 class FoundDrive:
-    """Drive current of a coil.
+    """Drive current of a coil."""
 
-    Parameters
-    ----------
-    code : int
-        IDRIVE code, 0 to 31.
-    proposed : int
-        INIT_IDRIVE, the code that the converter itself found.
-    reasons : tuple of Reason
-        Warnings about the amplitude that remain with this code.
-    """
-
-    code: int
-    proposed: int
-    reasons: tuple[Reason, ...]
+    code: int  # IDRIVE, 0 to 31
+    proposed: int  # INIT_IDRIVE, which the converter itself found
+    reasons: tuple[Reason, ...]  # warnings about the amplitude that remain with this code
 
 
 def find_drives(reader: Reader, settings: ScanSettings) -> Mapping[str, FoundDrive]:
-    """Find the drive current of every state.
+    """Find the drive current of every state; HardwareError for a coil that does not oscillate with any.
 
-    The sensor must be free: nothing may be near it that is not there during the measurement.
+    The sensor must be free: nothing may be near it that is not there during the measurement. Afterwards the board is
+    not configured and its coils are grounded.
 
-    Parameters
-    ----------
-    reader : Reader
-        Reader of the board; afterwards it is not configured and its coils are grounded.
-    settings : ScanSettings
-        Settings of the scan whose states are tried.
-
-    Returns
-    -------
-    mapping of str to FoundDrive
-        Drive currents by the names of the states.
-
-    Raises
-    ------
-    HardwareError
-        A state whose coil does not oscillate with any current.
-
-    Notes
-    -----
     The procedure of the data sheet: wake with the automatic amplitude and read INIT_IDRIVE. Whether the register keeps
     its value during sleep is not verified; fixed currents are therefore tried from there, one code up or down, until
     the converter warns of neither a low nor a high amplitude. If every code gives a warning, the largest that is not

@@ -26,45 +26,21 @@ ENDS: Mapping[str, Passive] = {"both": "ground", "a": "ground one end", "b": "gr
 
 @dataclass(frozen=True)
 class Trial:
-    """One state to measure.
+    """One state to measure."""
 
-    Parameters
-    ----------
-    words : bytes
-        Words of the switches.
-    coil : str or None
-        Name of the coil at the converter; None for no coil.
-    turned : bool
-        Whether the ends of that coil are exchanged.
-    other : str or None
-        Name of a second coil, which is grounded.
-    grounded : str or None
-        Ends of the second coil that are grounded: "both", "a" or "b".
-    rest : {"ground", "open"}
-        State of all coils that are not named.
-    """
-
-    words: bytes
-    coil: str | None = None
-    turned: bool = False
-    other: str | None = None
-    grounded: str | None = None
-    rest: Literal["ground", "open"] = "open"
+    words: bytes  # of the switches
+    coil: str | None = None  # at the converter; None for no coil
+    turned: bool = False  # whether its ends are exchanged
+    other: str | None = None  # a second coil, which is grounded
+    grounded: str | None = None  # ends of the second coil: "both", "a" or "b"
+    rest: Literal["ground", "open"] = "open"  # state of all coils that are not named
 
 
 def trials(wiring: Wiring) -> tuple[tuple[Trial, ...], ...]:
-    """Return all trials of a board, in groups that are best measured without a pause.
+    """Return all trials of a board with the assumed wiring, in groups that are best measured without a pause.
 
-    Parameters
-    ----------
-    wiring : Wiring
-        Assumed wiring of the board.
-
-    Returns
-    -------
-    tuple of tuple of Trial
-        First no coil at the converter, and every coil both ways round; then one group for each coil: it alone, and it
-        with every other coil grounded at both ends, at a and at b.
+    First no coil at the converter, and every coil both ways round; then one group for each coil: it alone, and it with
+    every other coil grounded at both ends, at a and at b.
     """
     empty = (Trial(wiring.safe_words, rest="ground"), Trial(wiring.open_words))
     scan = [
@@ -97,44 +73,23 @@ def _words(wiring: Wiring, state: ScanState) -> bytes | None:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a trial shows.
+    """What a trial shows."""
 
-    Parameters
-    ----------
-    oscillates : bool or None
-        Whether the converter has a sensor; None if that is uncertain.
-    shorted : frozenset of str
-        Coils with their ends joined, which lower the inductance of their neighbours.
-    """
-
-    oscillates: bool | None
-    shorted: frozenset[str]
+    oscillates: bool | None  # whether the converter has a sensor; None if that is uncertain
+    shorted: frozenset[str]  # coils with their ends joined, which lower the inductance of their neighbours
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that may be wrong with a board; with the defaults, nothing is.
+    """One thing that may be wrong with a board; with the defaults, nothing is."""
 
-    Parameters
-    ----------
-    text : str
-        Description of the fault; empty for a good board.
-    wiring : Wiring
-        True wiring of the board.
-    delivery : {"as sent", "reversed", "a bit late", "not at all"}
-        How the words arrive at the switches.
-    stuck : mapping of (int, int) to bool
-        Broken switches by the numbers of their device and bit in the words: True for closed, False for open.
-    missing, shorted : str or None
-        Name of a coil that is not connected, and of one whose ends are joined.
-    """
-
-    text: str
-    wiring: Wiring
+    text: str  # description of the fault; empty for a good board
+    wiring: Wiring  # true one of the board
     delivery: Delivery = "as sent"
+    # broken switches by the numbers of their device and bit in the words: True for closed, False for open
     stuck: Mapping[tuple[int, int], bool] = field(default_factory=dict)
-    missing: str | None = None
-    shorted: str | None = None
+    missing: str | None = None  # coil that is not connected
+    shorted: str | None = None  # coil whose ends are joined
 
     def predict(self, words: bytes) -> Prediction:
         """Predict what the board shows with these words."""
@@ -173,18 +128,7 @@ def _oscillates(closure: Closure, measured: bool) -> bool | None:
 
 
 def single_faults(wiring: Wiring) -> tuple[Fault, ...]:
-    """Return a good board and every board with one thing wrong.
-
-    Parameters
-    ----------
-    wiring : Wiring
-        Assumed wiring of the board.
-
-    Returns
-    -------
-    tuple of Fault
-        The good board first.
-    """
+    """Return a good board with the assumed wiring, and after it every board with one thing wrong."""
     return (
         Fault("", wiring),
         *_stuck_switches(wiring),

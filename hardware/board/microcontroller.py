@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 
@@ -61,27 +61,17 @@ _SIGNS = {
 
 @dataclass(frozen=True)
 class ReaderCounts:
-    """Counts of a session.
+    """Counts of a session."""
 
-    Parameters
-    ----------
-    link : LinkCounts
-        Counts of lines and messages.
-    scans : GateCounts
-        Counts of scans, single ones and those of all streams.
-    dropped_by_board : int
-        Lines of this computer that the board dropped, by its last report.
-    """
-
-    link: LinkCounts
-    scans: GateCounts
-    dropped_by_board: int
+    link: LinkCounts  # of lines and messages
+    scans: GateCounts  # single ones and those of all streams
+    dropped_by_board: int  # lines of this computer, by the board's last report
 
 
 def open_microcontroller(
     port: str | None = None, *, bauds: Sequence[int] = (BAUD,), times: LinkTimes | None = None
 ) -> MicrocontrollerReader:
-    """Open a microcontroller board and stop whatever it does.
+    """Open a new session with a microcontroller board, not configured, and stop whatever it does.
 
     Parameters
     ----------
@@ -91,11 +81,6 @@ def open_microcontroller(
         Baud rates to try in turn; `coilarray.hardware.wire.serial_ports.PROBED_BAUDS` if the board's rate is unknown.
     times : LinkTimes, optional
         Time limits.
-
-    Returns
-    -------
-    MicrocontrollerReader
-        A new session, not configured.
 
     Raises
     ------
@@ -132,21 +117,9 @@ class MicrocontrollerReader:
     A board that restarts, or a port that comes back, is another session: `reconnect` opens it, and its scans are never
     mixed with those of this one. The board ends a stream (NoAnswer) if no scan is fetched for ten seconds.
 
-    Parameters
-    ----------
-    port : BytePort
-        Open port; the reader closes it, unless this constructor raises.
-    times : LinkTimes, optional
-        Time limits.
-    clock : Clock, optional
-        Clock of all deadlines; the computer's by default.
-    reopen : callable, optional
-        Function that opens a new session with the same device.
-
-    Raises
-    ------
-    NoAnswer, NotABoard, VersionMismatch, DeviceLost
-        No board of this protocol answers.
+    The reader closes its port, unless this constructor raises: NoAnswer, NotABoard, VersionMismatch or DeviceLost where
+    no board of this protocol answers. The clock, the computer's by default, is that of all deadlines; `reopen` opens a
+    new session with the same device.
     """
 
     def __init__(
@@ -195,13 +168,9 @@ class MicrocontrollerReader:
     def configure(self, settings: ScanSettings) -> None:
         """Send the board its settings; it checks them, writes them to its chips and reads them back.
 
-        Raises
-        ------
-        HardwareError
-            Settings that could join what must not be joined, or more states or devices than the board takes: nothing is
-            sent.
-        CommandRefused, BusFault
-            The board refuses them, or a chip does not take them; then it has no settings.
+        HardwareError for settings that could join what must not be joined, or more states or devices than the board
+        takes: nothing is sent. CommandRefused or BusFault where the board refuses them, or a chip does not take them;
+        then it has no settings.
         """
         settings.check_switching()
         greeting = self._session.greeting
@@ -241,7 +210,7 @@ class MicrocontrollerReader:
             raise self._ended(StreamEndReason.CONVERTER_RESET)
         return scan
 
-    def scans(self, interval: float = 0.0) -> Iterator[RawScan]:
+    def scans(self, interval: float = 0.0) -> Generator[RawScan]:
         """Scan until the iterator is closed, once every `interval` in s, or as fast as possible for 0."""
         if not 0 <= interval <= LONGEST_INTERVAL:
             raise HardwareError(f"interval must be 0 to {LONGEST_INTERVAL:g} s; got {interval:g}.")
@@ -263,13 +232,7 @@ class MicrocontrollerReader:
         self._unsure = self._silent = False
 
     def check_chain(self) -> str:
-        """Send the safe words twice through the chain of switches and compare what comes back.
-
-        Returns
-        -------
-        str
-            "same", "differ", or "none" if the end of the chain is not wired back.
-        """
+        """Send the safe words twice through the chain of switches and compare what returns: see `Board.check_chain`."""
         self._prepare()
         return self._session.ask(_chain, "CHAIN")
 
@@ -296,17 +259,9 @@ class MicrocontrollerReader:
             self._session.close()
 
     def reconnect(self, patience: float = 0.0) -> MicrocontrollerReader:
-        """Close this session and open another with the same device, found again by its USB serial number.
+        """Close this session and open another, not configured, with the same device, found by its USB serial number.
 
-        Parameters
-        ----------
-        patience : float
-            Time to wait for the port to come back, in s.
-
-        Returns
-        -------
-        MicrocontrollerReader
-            A new session, not configured.
+        For `patience` in s the port may come back.
         """
         self.close()
         if self._reopen is None:
@@ -355,7 +310,7 @@ class MicrocontrollerReader:
             samples=message.samples,
         )
 
-    def _run(self, settings: ScanSettings, interval: int) -> Iterator[RawScan]:
+    def _run(self, settings: ScanSettings, interval: int) -> Generator[RawScan]:
         if self._configured() is not settings:
             raise HardwareError("the board was configured again since the scans were asked for; ask again.")
         longest = _longest_scan(settings)
@@ -384,7 +339,7 @@ class MicrocontrollerReader:
                     self.rest()
                 self._stream = 0
 
-    def _fetch(self, mine: int, gate: ScanGate, period: float, longest: float) -> Iterator[RawScan]:
+    def _fetch(self, mine: int, gate: ScanGate, period: float, longest: float) -> Generator[RawScan]:
         """Yield the scans of the stream until `rest`; raise if they stop coming for any reason."""
         now, times = self._session.clock.now, self._session.times
         gap, silence = max(times.gap * period, times.least_gap + longest), times.heartbeat + longest

@@ -30,27 +30,13 @@ _ANY_CAPACITANCE = 120e-12  # F; only frequencies are used
 
 @dataclass(frozen=True)
 class CoilCheck:
-    """Measurements of one coil.
-
-    Parameters
-    ----------
-    coil : str
-        Name of the coil.
-    frequency : float or None
-        Frequency with all other coils grounded, in Hz; None if nothing oscillates.
-    turned : float or None
-        The same with the ends of the coil exchanged; also None if the wiring cannot exchange them.
-    felt_by : str or None
-        Name of the coil whose frequency changes most when this one is grounded; None if no other oscillates.
-    rises : mapping of str to float
-        Relative rise of that frequency when "both" ends of this coil are grounded, only "a" or only "b".
-    """
+    """Measurements of one coil."""
 
     coil: str
-    frequency: float | None
-    turned: float | None
-    felt_by: str | None
-    rises: Mapping[str, float]
+    frequency: float | None  # Hz, with all other coils grounded; None if nothing oscillates
+    turned: float | None  # the same with its ends exchanged; also None if the wiring cannot exchange them
+    felt_by: str | None  # coil whose frequency changes most when this one is grounded; None if no other oscillates
+    rises: Mapping[str, float]  # of that frequency, relative, with "both" ends of this coil grounded, only "a" or "b"
 
 
 @dataclass(frozen=True)

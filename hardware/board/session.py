@@ -35,19 +35,8 @@ T = TypeVar("T")
 class Session(Link):
     """Starts a session: stops whatever the board does, greets it, and keeps its number, its clock and its end.
 
-    Parameters
-    ----------
-    port : BytePort
-        Open port; `close` closes it, but not this constructor, if it raises.
-    times : LinkTimes
-        Time limits.
-    clock : Clock, optional
-        Clock of all deadlines; the computer's by default.
-
-    Raises
-    ------
-    NoAnswer, NotABoard, VersionMismatch, DeviceLost
-        No board of this protocol answers.
+    `close` closes the port, but not this constructor, if it raises: NoAnswer, NotABoard, VersionMismatch or DeviceLost
+    where no board of this protocol answers. The clock, the computer's by default, is that of all deadlines.
     """
 
     def __init__(self, port: BytePort, *, times: LinkTimes, clock: Clock | None = None) -> None:

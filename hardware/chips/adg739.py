@@ -18,27 +18,14 @@ ALL_OPEN = 0x00
 
 
 def switch_word(closed: Iterable[str], bits: Sequence[str] = SWITCHES) -> int:
-    """Return the word that closes these switches and opens all others.
+    """Return the word that closes these switches and opens all others; `bits` names those from bit 0 to bit 7.
 
-    Parameters
-    ----------
-    closed : iterable of str
-        Names of the switches to close.
-    bits : sequence of str
-        Names of the eight switches from bit 0 to bit 7.
+    HardwareError for a name that is none of the switches, or bits that are not the eight of them.
 
-    Raises
-    ------
-    HardwareError
-        A name that is none of the switches, or bits that are not the eight switches.
-
-    Examples
-    --------
     >>> hex(switch_word(["S1A", "S1B"]))
     '0x11'
     """
-    order = check_bits(bits)
-    word = ALL_OPEN
+    order, word = check_bits(bits), ALL_OPEN
     for name in closed:
         if name not in order:
             raise HardwareError(f"a switch must be one of {', '.join(order)}; got {name!r}.")
@@ -47,39 +34,23 @@ def switch_word(closed: Iterable[str], bits: Sequence[str] = SWITCHES) -> int:
 
 
 def chain_bytes(words: Sequence[int]) -> bytes:
-    """Return the bytes to shift into a chain; the first byte moves to the far end, so the order is reversed.
+    """Return the bytes to shift into a chain: words of 0 to 255, the device next to the computer first.
 
-    Parameters
-    ----------
-    words : sequence of int
-        Word of each device, the device next to the computer first.
+    The first byte moves to the far end, so the order is reversed. HardwareError for no word, or one beyond a byte.
 
-    Raises
-    ------
-    HardwareError
-        No word, or one that is not 0 to 255.
-
-    Examples
-    --------
     >>> chain_bytes([0x22, 0x11, 0x11]).hex()
     '111122'
     """
     if not words:
         raise HardwareError("a chain must have at least one device; got none.")
-    for word in words:
-        if not 0 <= word <= 0xFF:
-            raise HardwareError(f"the word of a switch must be 0 to 255; got {word}.")
+    wrong = [word for word in words if not 0 <= word <= 0xFF]
+    if wrong:
+        raise HardwareError(f"the word of a switch must be 0 to 255; got {wrong[0]}.")
     return bytes(reversed(words))
 
 
 def check_bits(bits: Sequence[str]) -> tuple[str, ...]:
-    """Return the eight names; refuse any other set of them.
-
-    Raises
-    ------
-    HardwareError
-        A switch that is missing, named twice or unknown.
-    """
+    """Return the eight names; HardwareError for a switch that is missing, named twice or unknown."""
     if sorted(bits) != sorted(SWITCHES):
         raise HardwareError(f"bits must name each of {', '.join(SWITCHES)} once; got {', '.join(bits) or 'none'}.")
     return tuple(bits)

@@ -13,7 +13,8 @@ from coilarray.errors import HardwareError
 
 CODE_BITS = 28
 """Width of a conversion result."""
-_FULL_SCALE = 1 << CODE_BITS
+FULL_SCALE = 1 << CODE_BITS
+"""Code of a frequency that equals the reference; results are below."""
 _DELAY = 5e-9  # s, of the converter's drive
 INTERNAL_CLOCK = 43.4e6
 """Typical frequency of the internal oscillator in Hz."""
@@ -24,10 +25,13 @@ EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
 BUS_RATE = 400e3
 """Fastest clock of the I²C bus in Hz; `coilarray.hardware.wire.ports.bus_rate` returns that of a board."""
 SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
-_WAKE_CLOCKS = 16384
-_READ_BITS, _WRITE_BITS = 48, 38  # start, stop and acknowledgements included
+WAKE_CYCLES = 16384
+"""Cycles of the internal oscillator from leaving sleep to starting the sensor."""
+READ_BITS, WRITE_BITS = 48, 38
+"""Bits on the I²C bus of reading and writing a register, start, stop and acknowledgements included."""
+LEAST_SETTLE_COUNT = 2
+"""What SETTLECOUNT 0 and 1 act as."""
 _SWITCH_BITS = 20  # words to a chain of six at 1 MHz take as long as this many bits of the bus
-_LEAST_SETTLING = 2
 
 
 def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: int = 0) -> float:
@@ -60,13 +64,13 @@ def code_to_frequency(code: int, reference: float, *, divider: int = 1, offset: 
     2000000
     """
     _check(reference, divider, offset)
-    if not 0 < code < _FULL_SCALE - 1:
-        raise ValueError(f"code must be 1 to {_FULL_SCALE - 2:#x} (the ends mark a range error); got {code:#x}.")
-    return divider * reference * (code / _FULL_SCALE + offset / (1 << 16))
+    if not 0 < code < FULL_SCALE - 1:
+        raise ValueError(f"code must be 1 to {FULL_SCALE - 2:#x} (the ends mark a range error); got {code:#x}.")
+    return divider * reference * (code / FULL_SCALE + offset / (1 << 16))
 
 
 def frequency_to_code(frequency: float, reference: float, *, divider: int = 1, offset: int = 0) -> int:
-    """Conversion result nearest to a sensor frequency in Hz; the inverse of `code_to_frequency`.
+    """Conversion result nearest to a sensor frequency in Hz; the inverse of `code_to_frequency`, with its parameters.
 
     Raises
     ------
@@ -79,9 +83,9 @@ def frequency_to_code(frequency: float, reference: float, *, divider: int = 1, o
     '0x17982f3'
     """
     _check(reference, divider, offset)
-    code = round((frequency / (divider * reference) - offset / (1 << 16)) * _FULL_SCALE)
-    if not 0 < code < _FULL_SCALE - 1:
-        raise ValueError(f"frequency {frequency} Hz gives the code {code:#x}, outside 1 to {_FULL_SCALE - 2:#x}.")
+    code = round((frequency / (divider * reference) - offset / (1 << 16)) * FULL_SCALE)
+    if not 0 < code < FULL_SCALE - 1:
+        raise ValueError(f"frequency {frequency} Hz gives the code {code:#x}, outside 1 to {FULL_SCALE - 2:#x}.")
     return code
 
 
@@ -121,20 +125,15 @@ def inductance_from_frequency(frequency: float, capacitance: float, quality_fact
     >>> round(inductance_from_frequency(2e6, 120e-12, 20.0) * 1e6, 2)
     52.47
     """
-    for name, value in (("frequency", frequency), ("capacitance", capacitance)):
-        _check_positive(name, value)
-    damping = _damping(quality_factor)
-    p, q = (value / (2 * math.pi * frequency) ** 2 for value in (damping, _DELAY / quality_factor))
+    _check_positive("frequency", frequency)
+    _check_positive("capacitance", capacitance)
+    if not quality_factor > 1:
+        raise ValueError(f"quality_factor must be above 1; got {quality_factor}.")
+    p, q = (value / (2 * math.pi * frequency) ** 2 for value in (1 - 1 / quality_factor**2, _DELAY / quality_factor))
     cosine = 1.5 * q / p * math.sqrt(3 / p)
     if cosine > 1:
         raise ValueError(f"no inductance oscillates at {frequency} Hz with a quality factor of {quality_factor}.")
     return (2 * math.sqrt(p / 3) * math.cos(math.acos(-cosine) / 3)) ** 2 / capacitance
-
-
-def _damping(quality_factor: float) -> float:
-    if not quality_factor > 1:
-        raise ValueError(f"quality_factor must be above 1; got {quality_factor}.")
-    return 1 - 1 / quality_factor**2
 
 
 def _check_positive(name: str, value: float) -> None:
@@ -151,15 +150,8 @@ def _check(reference: float, divider: int, offset: int) -> None:
 
 
 def conversion_time(rcount: int, reference: float) -> float:
-    """Return the duration of a conversion in s, (16·RCOUNT + 4)/f_ref (equation 7).
+    """Return the duration of a conversion in s, (16·RCOUNT + 4)/f_ref (equation 7), for RCOUNT from 5 and f_ref in Hz.
 
-    Raises
-    ------
-    HardwareError
-        RCOUNT outside 5 to 65535, or a reference that is not positive.
-
-    Examples
-    --------
     >>> round(conversion_time(0xFFFF, 21.7e6) * 1e3, 3)
     48.321
     """
@@ -172,13 +164,8 @@ def conversion_time(rcount: int, reference: float) -> float:
 def rcount_for(duration: float, reference: float) -> int:
     """Return the largest RCOUNT whose conversion is not longer than `duration` in s; the inverse of `conversion_time`.
 
-    Raises
-    ------
-    HardwareError
-        A duration that is not positive and finite or that the shortest conversion exceeds.
+    HardwareError for a duration that is not positive and finite or that the shortest conversion exceeds.
 
-    Examples
-    --------
     >>> rcount_for(conversion_time(1234, 21.7e6), 21.7e6)
     1234
     """
@@ -195,65 +182,39 @@ def rcount_for(duration: float, reference: float) -> int:
 
 
 def settle_time(settle_count: int, reference: float) -> float:
-    """Return the wait between starting the sensor and converting in s, 16·SETTLECOUNT/f_ref, and 32/f_ref for 0 and 1.
-
-    Raises
-    ------
-    HardwareError
-        SETTLECOUNT outside 0 to 65535, or a reference that is not positive.
-    """
+    """Return the wait from starting the sensor to converting in s: 16·SETTLECOUNT/f_ref, and 32/f_ref for 0 and 1."""
     _check_clock(reference)
     if not 0 <= settle_count <= 0xFFFF:
         raise HardwareError(f"SETTLECOUNT must be 0 to 65535; got {settle_count}.")
-    return 16 * max(settle_count, _LEAST_SETTLING) / reference
+    return 16 * max(settle_count, LEAST_SETTLE_COUNT) / reference
 
 
 def wake_time(internal_clock: float = INTERNAL_CLOCK) -> float:
-    """Return the time from leaving sleep to starting the sensor in s, 16384 cycles of the internal oscillator in Hz.
+    """Return the time from leaving sleep to starting the sensor in s; `internal_clock` is in Hz.
 
-    Raises
-    ------
-    HardwareError
-        A clock that is not positive.
-
-    Examples
-    --------
     >>> round(wake_time() * 1e3, 4)
     0.3775
     """
     _check_clock(internal_clock)
-    return _WAKE_CLOCKS / internal_clock
+    return WAKE_CYCLES / internal_clock
 
 
 def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> float:
     """Return the time to read and write registers over I²C in s; `rate` is the bus clock in Hz.
 
-    Raises
-    ------
-    HardwareError
-        A clock that is not positive and finite.
-
-    Examples
-    --------
     >>> round(bus_time(reads=2) * 1e6)
     240
     """
     _check_clock(rate)
-    return (reads * _READ_BITS + writes * _WRITE_BITS) / rate
+    return (reads * READ_BITS + writes * WRITE_BITS) / rate
 
 
 @dataclass(frozen=True)
 class StateTime:
     """Times of the steps of one state, in s.
 
-    Parameters
-    ----------
-    wake, settle, conversion : float
-        Times of the converter itself.
-    result : float
-        Time to read the two data registers.
-    control : float
-        Time of all other transfers: status, sleep and wake, drive current, switches.
+    The first three are the converter's own; `result` is the reading of the two data registers, `control` all other
+    transfers: status, sleep and wake, drive current, switches.
     """
 
     wake: float
@@ -288,21 +249,9 @@ def state_time(
 ) -> StateTime:
     """Return the times of one state that is measured as the boards do it: sleep, switch, wake, convert, read.
 
-    Parameters
-    ----------
-    rcount, settle_count : int
-        Registers RCOUNT and SETTLECOUNT.
-    reference : float
-        Reference frequency f_ref in Hz.
-    internal_clock : float
-        Frequency of the internal oscillator in Hz; waking is counted with it whatever clock the conversions have.
-    bus_rate : float
-        Clock of the I²C bus in Hz.
-
-    Notes
-    -----
-    With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and reading the result take
-    293.6 ms; Gast & Zimmermann (2020) print 293.5 ms. That speaks for these settings but does not prove them.
+    All clocks are in Hz; waking is counted with the internal one whatever clock the conversions have. With RCOUNT
+    0xFFFF and the internal clock by two, six states of waking, converting and reading the result take 293.6 ms; Gast &
+    Zimmermann (2020) print 293.5 ms. That speaks for these settings but does not prove them.
     """
     return StateTime(
         wake=wake_time(internal_clock),

@@ -18,16 +18,19 @@ from coilarray.hardware.chips.ldc1614 import (
 
 REFERENCE = INTERNAL_CLOCK / 2
 """Reference frequency in Hz: the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs."""
-AMPLITUDE = (1.2, 1.8)
+AMPLITUDE = AMPLITUDE_LOW, AMPLITUDE_HIGH = (1.2, 1.8)
 """Allowed peak voltage of the sensor in V: below it measures poorly, above it the input clamps act."""
 DRIVE_WINDOW = "R_p (Ω)"
 """Name of the limit of `check_channel` that holds the parallel resistance to the window of table 42."""
 SENSOR_FREQUENCY = (1e3, 10e6)
 """Allowed frequency of a sensor in Hz."""
 _AMPLITUDE_ROUNDING = 0.01  # the rows of the table are rounded to three digits
-_LARGEST_REFERENCE = 35e6  # Hz, with one channel
-_INPUT_FILTERS = ((1e6, 1), (3.3e6, 4), (10e6, 5), (33e6, 7))  # Hz and code of DEGLITCH
-_DIVIDED_FROM = 8.75e6  # Hz; FIN_DIVIDER must be at least 2 from here
+LARGEST_REFERENCE = 35e6
+"""Largest reference frequency with one channel in Hz."""
+DEGLITCH = {1: 1e6, 4: 3.3e6, 5: 10e6, 7: 33e6}
+"""Cut-off frequencies of the input filter in Hz by code; the application table prints 0b011 for the last."""
+DIVIDED_FROM = 8.75e6
+"""Frequency of a sensor in Hz from which FIN_DIVIDER must be at least 2."""
 _LARGEST_SHARE_OF_REFERENCE = 0.25
 _LARGEST_SHARE_OF_SELF_RESONANCE = 0.8
 _SMALLEST_QUALITY = 1.0
@@ -42,6 +45,8 @@ _DRIVE = (
     (551, 1.71, 2.54), (635, 1.48, 2.19), (763, 1.24, 1.89), (880, 1.07, 1.63), (1017, 0.93, 1.40),
     (1173, 0.80, 1.21), (1355, 0.70, 1.05), (1563, 0.60, 0.90),
 )  # fmt: skip
+DRIVE_CURRENTS = tuple(1e-6 * microamperes for microamperes, _, _ in _DRIVE)
+"""Currents of the IDRIVE codes 0 to 31 in A."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +92,7 @@ class Limit:
 
 
 def drive_for(parallel_resistance: float) -> Drive | None:
-    """Return the drive setting for a parallel resistance at resonance.
-
-    Parameters
-    ----------
-    parallel_resistance : float
-        Parallel resistance R_p of the tank in Ω.
+    """Return the drive setting for a parallel resistance R_p of the tank at resonance in Ω.
 
     Returns
     -------
@@ -109,39 +109,28 @@ def drive_for(parallel_resistance: float) -> Drive | None:
     --------
     >>> drive_for(33e3).code
     6
-    >>> drive_for(100.0) is None
-    True
     """
-    if not parallel_resistance > 0:
-        raise ValueError(f"parallel_resistance must be positive; got {parallel_resistance} Ω.")
+    _require_positive(parallel_resistance=parallel_resistance)
     fitting = [
         drive_of(code, parallel_resistance)
         for code, (_, low, high) in enumerate(_DRIVE)
         if low * 1e3 <= parallel_resistance <= high * 1e3
     ]
     # some rows of the table exceed the clamps by a few percent; their neighbours below do not
-    below_the_clamps = [drive for drive in fitting if drive.amplitude <= AMPLITUDE[1]]
+    below_the_clamps = [drive for drive in fitting if drive.amplitude <= AMPLITUDE_HIGH]
     return max(below_the_clamps or fitting, key=lambda drive: drive.current, default=None)
 
 
 def drive_of(code: int, parallel_resistance: float) -> Drive:
-    """Return the current of an IDRIVE code and the amplitude that it gives a parallel resistance in Ω (equation 12).
+    """Return the current of an IDRIVE code, 0 to 31, and the amplitude that it gives an R_p in Ω (equation 12).
 
-    Raises
-    ------
-    ValueError
-        A code outside 0 to 31, or a resistance that is not positive.
-
-    Examples
-    --------
     >>> round(drive_of(6, 33e3).amplitude, 2)
     1.68
     """
     if not 0 <= code < len(_DRIVE):
         raise ValueError(f"code must be 0 to {len(_DRIVE) - 1}; got {code}.")
-    if not parallel_resistance > 0:
-        raise ValueError(f"parallel_resistance must be positive; got {parallel_resistance} Ω.")
-    current = _DRIVE[code][0] * 1e-6
+    _require_positive(parallel_resistance=parallel_resistance)
+    current = DRIVE_CURRENTS[code]
     return Drive(code, current, 4 * parallel_resistance * current / math.pi)
 
 
@@ -199,24 +188,20 @@ def check_channel(
         Limit("frequency over self-resonance", frequency / self_resonance, 0, _LARGEST_SHARE_OF_SELF_RESONANCE),
         Limit(DRIVE_WINDOW, parallel_resistance, _DRIVE[-1][1] * 1e3, _DRIVE[0][2] * 1e3),
         Limit("quality factor", quality_factor, _SMALLEST_QUALITY, math.inf),
-        Limit("reference frequency (Hz)", reference, 0, _LARGEST_REFERENCE),
-        Limit("FIN_DIVIDER", divider, 2 if frequency >= _DIVIDED_FROM else 1, 15),
+        Limit("reference frequency (Hz)", reference, 0, LARGEST_REFERENCE),
+        Limit("FIN_DIVIDER", divider, 2 if frequency >= DIVIDED_FROM else 1, _LARGEST_INPUT_DIVIDER),
     ]  # fmt: skip
     if drive is not None:
-        low, high = AMPLITUDE
-        limits.append(
-            Limit(
-                "amplitude (V peak)",
-                drive.amplitude,
-                low * (1 - _AMPLITUDE_ROUNDING),
-                high * (1 + 2 * _AMPLITUDE_ROUNDING),
-            )
-        )
+        low, high = AMPLITUDE_LOW * (1 - _AMPLITUDE_ROUNDING), AMPLITUDE_HIGH * (1 + 2 * _AMPLITUDE_ROUNDING)
+        limits.append(Limit("amplitude (V peak)", drive.amplitude, low, high))
     return tuple(limits)
 
 
 def settle_count(frequency: float, quality_factor: float, reference: float = REFERENCE) -> int:
     """Return the least SETTLECOUNT, ⌈Q f_ref/(16 f)⌉ and at least 4.
+
+    `frequency` f is that of the sensor and `reference` f_ref that of the converter, both in Hz; `quality_factor` Q is
+    the sensor's.
 
     Raises
     ------
@@ -233,40 +218,13 @@ def settle_count(frequency: float, quality_factor: float, reference: float = REF
 
 
 def check_clock(
-    clock: float,
-    divider: int,
-    *,
-    external: bool = False,
-    rcount: int = 0xFFFF,
-    settle_count: int = 0xFFFF,
+    clock: float, divider: int, *, external: bool = False, rcount: int = 0xFFFF, settle_count: int = 0xFFFF
 ) -> tuple[Limit, ...]:
-    """Check the limits of the clock and the counts of a converter that uses one of its channels, as our boards do.
+    """Check the limits of clock (in Hz) and counts of a converter that uses one of its channels, as our boards do.
 
-    Parameters
-    ----------
-    clock : float
-        Frequency of the clock in Hz; typical or calibrated for the internal oscillator.
-    divider : int
-        FREF_DIVIDER, 1 to 1023.
-    external : bool
-        Whether the clock comes from the pin CLKIN.
-    rcount, settle_count : int
-        Registers RCOUNT and SETTLECOUNT.
+    All limits are returned, kept or not; ValueError for a clock or divider that is not positive. With the internal
+    oscillator (not `external`, the pin CLKIN) FREF_DIVIDER must be at least 2 at any frequency.
 
-    Returns
-    -------
-    tuple of Limit
-        All limits, kept or not. With the internal oscillator the divider must be at least 2 at any frequency.
-
-    Raises
-    ------
-    ValueError
-        A clock or divider that is not positive.
-
-    Examples
-    --------
-    >>> all(limit.kept for limit in check_clock(43.4e6, 2))
-    True
     >>> [limit.name for limit in check_clock(40e6, 1, external=True) if not limit.kept]
     ['reference frequency (Hz)']
     """
@@ -274,69 +232,49 @@ def check_clock(
     return (
         Limit("clock (Hz)", clock, *(EXTERNAL_CLOCK_RANGE if external else INTERNAL_CLOCK_RANGE)),
         Limit("FREF_DIVIDER", divider, 1 if external else 2, 0x3FF),
-        Limit("reference frequency (Hz)", clock / divider, 0, _LARGEST_REFERENCE),
+        Limit("reference frequency (Hz)", clock / divider, 0, LARGEST_REFERENCE),
         Limit("RCOUNT", rcount, SMALLEST_RCOUNT, LARGEST_RCOUNT),
         Limit("SETTLECOUNT", settle_count, 0, 0xFFFF),
     )
 
 
 def reference_divider(clock: float, *, external: bool = False) -> int:
-    """Return the least FREF_DIVIDER with one channel: the largest reference gives the best resolution.
+    """Return the least FREF_DIVIDER of a clock in Hz with one channel: the largest reference gives the best resolution.
 
-    Raises
-    ------
-    ValueError
-        A clock that is not positive.
-
-    Examples
-    --------
     >>> reference_divider(43.4e6), reference_divider(32e6, external=True)
     (2, 1)
     """
     _require_positive(clock=clock)
-    return max(1 if external else 2, math.ceil(clock / _LARGEST_REFERENCE))
+    return max(1 if external else 2, math.ceil(clock / LARGEST_REFERENCE))
 
 
 def input_divider(frequency: float, reference: float) -> int:
     """Return the least FIN_DIVIDER for a sensor's frequency and a reference frequency in Hz.
 
-    The divided frequency must be below a quarter of the reference, and the divider at least 2 from 8.75 MHz.
+    The divided frequency must be below a quarter of the reference, and the divider at least 2 from 8.75 MHz; ValueError
+    where no divider brings it below.
 
-    Raises
-    ------
-    ValueError
-        A value that is not positive, or a frequency that no divider brings below.
-
-    Examples
-    --------
     >>> input_divider(2e6, 21.7e6), input_divider(6e6, 21.7e6)
     (1, 2)
     """
     _require_positive(frequency=frequency, reference=reference)
     least = math.floor(4 * frequency / reference) + 1  # below a quarter, not at it
-    divider = max(least, 2 if frequency >= _DIVIDED_FROM else 1)
+    divider = max(least, 2 if frequency >= DIVIDED_FROM else 1)
     if divider > _LARGEST_INPUT_DIVIDER:
         raise ValueError(f"frequency {frequency} Hz must be below {_LARGEST_INPUT_DIVIDER}/4 of {reference} Hz.")
     return divider
 
 
 def deglitch_for(frequency: float) -> int:
-    """Return the code of DEGLITCH: the lowest input filter above a sensor's frequency in Hz.
+    """Return the code of DEGLITCH, the lowest input filter above a sensor's frequency of 1 kHz to 10 MHz.
 
-    Raises
-    ------
-    ValueError
-        A frequency outside the converter's range, 1 kHz to 10 MHz.
-
-    Examples
-    --------
     >>> deglitch_for(2e6)
     4
     """
     low, high = SENSOR_FREQUENCY
     if not low <= frequency <= high:
         raise ValueError(f"frequency must be {low:g} to {high:g} Hz; got {frequency} Hz.")
-    return next(code for edge, code in _INPUT_FILTERS if frequency < edge)
+    return next(code for code, edge in DEGLITCH.items() if frequency < edge)
 
 
 def _require_positive(**values: float) -> None:

@@ -21,7 +21,6 @@ DEVICE = 0x3055
 """Register DEVICE_ID; the LDC1612 and the FDC2212/2214 have the same."""
 ASLEEP = 0x2000
 """SLEEP_MODE_EN in the register CONFIG."""
-_WORD = 0xFFFF
 
 # values of a field that the data sheet allows, by the name of the field without the number of the channel
 _ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = MappingProxyType({
@@ -35,20 +34,9 @@ _ALLOWED: Mapping[str, tuple[range | tuple[int, ...], str]] = MappingProxyType({
 
 @dataclass(frozen=True)
 class Field:
-    """Bits of a register.
+    """Bits of a register, `lsb` to `msb`, with the name and meaning of the data sheet and the value after a reset.
 
-    Parameters
-    ----------
-    name : str
-        Name in the data sheet; ``"RESERVED"`` for bits that must be written as they are after a reset.
-    msb, lsb : int
-        Highest and lowest bit.
-    reset : int
-        Value after a reset.
-    writable : bool
-        Whether the chip takes a value.
-    meaning : str
-        Description from the data sheet.
+    The name is ``"RESERVED"`` for bits that must be written as they are after a reset.
     """
 
     name: str
@@ -76,17 +64,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Register:
-    """One register of 16 bits.
-
-    Parameters
-    ----------
-    address : int
-        Address on the bus.
-    name : str
-        Name in the data sheet.
-    fields : tuple of Field
-        Fields from the highest bit down; together they cover every bit once.
-    """
+    """One register of 16 bits; its fields, from the highest bit down, together cover every bit once."""
 
     address: int
     name: str
@@ -98,13 +76,8 @@ class Register:
         return sum(field.reset << field.lsb for field in self.fields)
 
     @property
-    def writable(self) -> bool:
-        """Whether the chip takes any of its bits."""
-        return self.writable_mask != 0
-
-    @property
     def writable_mask(self) -> int:
-        """Bits that keep what is written to them."""
+        """Bits that keep what is written to them; 0 if the register is read-only."""
         return sum(field.mask for field in self.fields if field.writable)
 
     @property
@@ -118,13 +91,7 @@ class Register:
         return all("LDC1614 only" in field.meaning for field in self.fields)
 
     def field(self, name: str) -> Field:
-        """Return a field that is not reserved.
-
-        Raises
-        ------
-        HardwareError
-            No field of that name.
-        """
+        """Return a field that is not reserved; HardwareError where there is none of that name."""
         named = {field.name: field for field in self.fields if not field.reserved}
         if name not in named:
             raise HardwareError(f"register {self.name} has the fields {', '.join(named)}; got {name!r}.")
@@ -153,13 +120,6 @@ def registers() -> Mapping[str, Register]:
 def register(name_or_address: str | int) -> Register:
     """Return a register by its name or address.
 
-    Raises
-    ------
-    HardwareError
-        No such register.
-
-    Examples
-    --------
     >>> hex(register("MUX_CONFIG").reset)
     '0x20f'
     >>> register(0x1A).name
@@ -177,35 +137,16 @@ def register(name_or_address: str | int) -> Register:
 
 
 def encode(name_or_address: str | int, fields: Mapping[str, int] = MappingProxyType({})) -> int:
-    """Return the value to write to a register.
+    """Return the 16-bit value to write to a register: these values of its fields, the reset values of the others.
 
-    Parameters
-    ----------
-    name_or_address : str or int
-        Name or address of the register.
-    fields : mapping of str to int
-        Values by the names of the fields; the others keep their reset values.
+    HardwareError for a read-only register, an unknown field, or a value that its bits do not hold or the data sheet
+    forbids.
 
-    Returns
-    -------
-    int
-        16-bit value, with the reserved bits as the data sheet demands.
-
-    Raises
-    ------
-    HardwareError
-        A read-only register, an unknown field, or a value that its bits do not hold or the data sheet forbids.
-
-    Examples
-    --------
     >>> hex(encode("CLOCK_DIVIDERS0", {"FIN_DIVIDER0": 1, "FREF_DIVIDER0": 2}))
     '0x1002'
-    >>> hex(encode("DRIVE_CURRENT0", {"IDRIVE0": 18}))
-    '0x9000'
     """
     target = register(name_or_address)
-    if not target.writable:
-        raise HardwareError(f"register {target.name} is read-only.")
+    _check_writable(target)
     value = target.reset
     for name, given in fields.items():
         field = target.field(name)
@@ -217,32 +158,16 @@ def encode(name_or_address: str | int, fields: Mapping[str, int] = MappingProxyT
 
 
 def decode(name_or_address: str | int, value: int) -> dict[str, int]:
-    """Split what a register reads into its fields; the inverse of `encode`.
+    """Split what a register reads into its fields, all but the reserved ones; the inverse of `encode`.
 
-    Parameters
-    ----------
-    name_or_address : str or int
-        Name or address of the register.
-    value : int
-        16-bit value.
+    HardwareError for a value beyond 16 bits, or reserved bits that no LDC1614 returns: another chip or a disturbed bus.
 
-    Returns
-    -------
-    dict of str to int
-        Every field that is not reserved.
-
-    Raises
-    ------
-    HardwareError
-        A value beyond 16 bits, or reserved bits that no LDC1614 returns: another chip or a disturbed bus.
-
-    Examples
-    --------
     >>> decode("CLOCK_DIVIDERS0", 0x1002)
     {'FIN_DIVIDER0': 1, 'FREF_DIVIDER0': 2}
     """
     source = register(name_or_address)
-    _check_word(source, value)
+    if not 0 <= value <= 0xFFFF:
+        raise HardwareError(f"register {source.name} holds 0 to 0xFFFF; got {value:#x}.")
     for field in source.fields:
         if field.reserved and _bits(field, value) != field.reset:
             raise HardwareError(
@@ -252,31 +177,23 @@ def decode(name_or_address: str | int, value: int) -> dict[str, int]:
 
 
 def check_value(name_or_address: str | int, value: int) -> None:
-    """Refuse a value that must not be written to a register.
+    """Refuse a value that must not be written to a register: HardwareError says which field, and what is allowed.
 
-    Raises
-    ------
-    HardwareError
-        A read-only register, a value beyond 16 bits, reserved bits that differ from their constants, or a field
-        with a value that the data sheet forbids: which one, what is allowed.
-
-    Examples
-    --------
-    >>> check_value("CONFIG", 0x1401)
+    That is any value of a read-only register, one beyond 16 bits or with other reserved bits, and a field that the data
+    sheet forbids.
     """
     target = register(name_or_address)
-    if not target.writable:
-        raise HardwareError(f"register {target.name} is read-only.")
+    _check_writable(target)
     for name, given in decode(target.name, value).items():
         allowed = _ALLOWED.get(name.rstrip("0123"))
         if allowed is not None and given not in allowed[0]:
             raise HardwareError(f"{name} must be {allowed[1]}; got {given}.")
 
 
+def _check_writable(target: Register) -> None:
+    if not target.writable_mask:
+        raise HardwareError(f"register {target.name} is read-only.")
+
+
 def _bits(field: Field, value: int) -> int:
     return value >> field.lsb & field.largest
-
-
-def _check_word(source: Register, value: int) -> None:
-    if not 0 <= value <= _WORD:
-        raise HardwareError(f"register {source.name} holds 0 to 0xFFFF; got {value:#x}.")

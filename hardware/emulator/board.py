@@ -127,7 +127,6 @@ class EmulatedBoard:
 
     def _switched(self) -> None:
         self._seen = self._solve(self.chain.closed())
-        commanded = self._solve(self.chain.commanded())
-        if commanded.kind in ("short", "grounded", "tangled"):
-            words = self.chain.words.hex()
-            self.misuse.remark(f"the words {words} make a circuit that is {commanded.kind}.")  # or a bit was shifted
+        commanded = self._solve(self.chain.commanded()).kind
+        if commanded in ("short", "grounded", "tangled"):  # or a bit was shifted
+            self.misuse.remark(f"the words {self.chain.words.hex()} make a circuit that is {commanded}.")

@@ -12,35 +12,24 @@ from typing import Protocol
 
 import numpy as np
 
-# IDRIVE codes 0 to 31 in A: table 42 of the data sheet
-DRIVE_CURRENTS = tuple(
-    1e-6 * microamperes
-    for microamperes in (
-        16, 18, 20, 23, 28, 32, 40, 46, 52, 59, 72, 82, 95, 110, 127, 146,
-        169, 195, 212, 244, 297, 342, 424, 489, 551, 635, 763, 880, 1017, 1173, 1355, 1563,
-    )
-)  # fmt: skip
+from coilarray.hardware.chips.ldc1614 import FULL_SCALE, LARGEST_RCOUNT, LEAST_SETTLE_COUNT, WAKE_CYCLES
+from coilarray.hardware.chips.ldc1614_limits import (
+    AMPLITUDE_HIGH,
+    AMPLITUDE_LOW,
+    DEGLITCH,
+    DIVIDED_FROM,
+    DRIVE_CURRENTS,
+    LARGEST_REFERENCE,
+)
 
 AMPLITUDE_STOPS = 0.6
 """Peak voltage in V below which the oscillation stops."""
-AMPLITUDE_LOW = 1.2
-"""Peak voltage in V below which the converter warns."""
-AMPLITUDE_HIGH = 1.8
-"""Peak voltage in V above which the converter warns and its clamps act."""
-DEGLITCH = {0b001: 1e6, 0b100: 3.3e6, 0b101: 10e6, 0b111: 33e6}
-"""Cut-off frequencies of the input filter in Hz by code; the application table prints 0b011 for the last."""
 _SEQUENCES = {0b00: 2, 0b01: 3, 0b10: 4, 0b11: 2}  # channels of RR_SEQUENCE
-_LARGEST_REFERENCE_SINGLE, _LARGEST_REFERENCE_SCAN, _LARGEST_EXTERNAL_SCAN = 35e6, 55e6, 40e6
-FULL_RESOLUTION = 0xFFFF
-"""RCOUNT at which the noise of a converter is specified."""
+_LARGEST_REFERENCE_SCAN, _LARGEST_EXTERNAL_SCAN = 55e6, 40e6  # Hz, with several channels
 WATCHDOG = 5.2e-3
 """Time in s without oscillation after which the chip gives up and starts the sensor again."""
-_FULL_SCALE = 1 << 28
-_WAKE_CYCLES = 16384
 # from channel to channel; also assumed for the slot before each conversion of a single one, whose length is not given
 _SWITCH_TIME, _SWITCH_CYCLES = 692e-9, 5
-_LEAST_SETTLE = 2  # SETTLECOUNT 0 and 1 act as 2
-_DIVIDED_FROM = 8.75e6  # Hz: sensor frequency from which the input must be divided
 # assumed size of an effect that the data sheet only mentions: clamps pull the frequency, a small amplitude is noisier
 _CLAMP_PULL = -1e-3
 _HIGH_CURRENT = 4.0  # 1.56 mA become about 6 mA
@@ -49,30 +38,14 @@ _UNTOUCHED = 4  # conversions that are counted one by one before unread ones are
 
 @dataclass(frozen=True)
 class Resonator:
-    """Coil and capacitor at resonance, as the converter's oscillator meets them.
+    """Coil and capacitor at resonance, as the converter's oscillator meets them."""
 
-    Parameters
-    ----------
-    frequency : float
-        Resonance frequency in Hz.
-    parallel_resistance : float
-        Parallel resistance R_p at resonance in Ω; infinite without losses.
-    quality_factor : float
-        Quality factor of the whole tank.
-    """
-
-    frequency: float
-    parallel_resistance: float
-    quality_factor: float
+    frequency: float  # in Hz
+    parallel_resistance: float  # in Ω; infinite without losses
+    quality_factor: float  # of the whole tank
 
     def amplitude(self, current: float) -> float:
-        """Return the peak voltage in V for a drive current in A: V = 4 R_p I/π (eq. 12).
-
-        Examples
-        --------
-        >>> round(Resonator(2e6, 33e3, 40.0).amplitude(40e-6), 2)
-        1.68
-        """
+        """Return the peak voltage in V for a drive current in A: V = 4 R_p I/π (eq. 12)."""
         return 4 * self.parallel_resistance * current / math.pi
 
     def automatic_drive(self) -> int:
@@ -179,7 +152,7 @@ class Setting:
         if clock is None:
             return
         reference = clock / one.fref_divider
-        largest = _LARGEST_REFERENCE_SINGLE
+        largest = LARGEST_REFERENCE
         if self.scan:
             largest = _LARGEST_EXTERNAL_SCAN if self.external else _LARGEST_REFERENCE_SCAN
         if reference > largest:
@@ -188,53 +161,24 @@ class Setting:
 
 @dataclass(frozen=True)
 class Result:
-    """Result of a conversion.
-
-    Parameters
-    ----------
-    channel, code : int
-        Number of the channel, and the 28 bits of its result.
-    last : bool
-        Whether it completes the sequence of channels, so that data is ready.
-    under_range, over_range, watchdog, high, low, no_edges : bool
-        Errors: below and above the range of the code, no oscillation for too long, amplitude too high and too low, not
-        one edge counted.
-    drive : int or None
-        IDRIVE code that the chip chose by itself; None where it did not search for one.
-    """
+    """Result of a conversion, with its errors."""
 
     channel: int
-    code: int
-    last: bool
+    code: int  # the 28 bits
+    last: bool  # whether it completes the sequence of channels, so that data is ready
     under_range: bool = False
     over_range: bool = False
-    watchdog: bool = False
-    high: bool = False
+    watchdog: bool = False  # no oscillation for too long
+    high: bool = False  # the amplitude
     low: bool = False
-    no_edges: bool = False
-    drive: int | None = None
+    no_edges: bool = False  # not one was counted
+    drive: int | None = None  # IDRIVE code, where the chip searched for one by itself
 
 
 class Run:
-    """The chip from waking until it sleeps again.
+    """The chip from waking at a time in s until it sleeps again, with the registers as they are then.
 
-    Parameters
-    ----------
-    surroundings : Surroundings
-        Everything that is connected to the chip.
-    setting : Setting
-        Registers at the time of waking.
-    time : float
-        Time of waking in s.
-    take : callable
-        Called with every result at its time.
-    note : callable
-        Called with a text where the setting does not suit the sensor.
-    random : numpy.random.Generator
-        Source of the noise.
-
-    Notes
-    -----
+    `take` is called with every result at its time, `note` with a text where the setting does not suit the sensor.
     Conversions are computed when `advance` is called. Of many unread conversions, which overwrite each other, only the
     first and the last few are counted.
     """
@@ -248,26 +192,19 @@ class Run:
         note: Callable[[str], None],
         random: np.random.Generator,
     ) -> None:
-        self._surroundings = surroundings
-        self._setting = setting
+        self._surroundings, self._setting, self._random = surroundings, setting, random
         self._take, self._note = take, note
-        self._random = random
         self._turn = 0  # position in the sequence of channels
         self._done = 0  # number of conversions
         self._found: dict[int, int] = {}  # drive codes that the chip chose itself, by channel
-        self._time = time + _WAKE_CYCLES / surroundings.internal_clock(time)
+        self._time = time + WAKE_CYCLES / surroundings.internal_clock(time)
         self._activate()
 
     def advance(self, until: float, *, changing: bool) -> None:
         """Do everything that happens up to a time in s.
 
-        Parameters
-        ----------
-        until : float
-            Time in s.
-        changing : bool
-            Whether something around the chip is about to change: then a running conversion is counted up to now, else
-            only where it has ended or the watchdog may fire.
+        If something around the chip is about to change, a running conversion is counted up to now, else only where it
+        has ended or the watchdog may fire.
         """
         while self._time < until:
             if not self._counting:
@@ -302,7 +239,9 @@ class Run:
         if reference == 0:
             self._time = self._end = math.inf  # nothing ever comes
         else:
-            self._end = self._time + 16 * max(self._setting.channels[self._channel].settle, _LEAST_SETTLE) / reference
+            self._end = (
+                self._time + 16 * max(self._setting.channels[self._channel].settle, LEAST_SETTLE_COUNT) / reference
+            )
 
     def _watched(self, until: float) -> bool:
         """Whether the watchdog may fire by a time in s."""
@@ -350,16 +289,16 @@ class Run:
         ratio = self._cycles / (self._length * one.fin_divider * self._reference_now)
         if self._cycles > 0:
             weaker = max(1.0, AMPLITUDE_LOW / max(self._least_amplitude, AMPLITUDE_STOPS))
-            spread = self._surroundings.noise * math.sqrt(FULL_RESOLUTION / one.rcount) * weaker
+            spread = self._surroundings.noise * math.sqrt(LARGEST_RCOUNT / one.rcount) * weaker
             ratio *= 1 + spread * self._random.standard_normal()
-        code = round((ratio - one.offset / 0x10000) * _FULL_SCALE)
+        code = round((ratio - one.offset / 0x10000) * FULL_SCALE)
         self._take(
             Result(
                 self._channel,
-                min(max(code, 0), _FULL_SCALE - 1),
+                min(max(code, 0), FULL_SCALE - 1),
                 last,
                 under_range=code <= 0,
-                over_range=code >= _FULL_SCALE - 1,
+                over_range=code >= FULL_SCALE - 1,
                 high=self._high,
                 low=self._low,
                 no_edges=self._cycles < 1,
@@ -390,10 +329,10 @@ class Run:
         """Check whether the sensor had time to settle, and whether its frequency suits the input."""
         one = self._setting.channels[self._channel]
         needed = math.ceil(sensor.quality_factor * self._reference_now / (16 * sensor.frequency))
-        if max(one.settle, _LEAST_SETTLE) < needed:
+        if max(one.settle, LEAST_SETTLE_COUNT) < needed:
             self._low = True  # the amplitude is still growing
             self._note(f"SETTLECOUNT{self._channel} is {one.settle}; this sensor needs {needed}.")
-        if sensor.frequency >= _DIVIDED_FROM and one.fin_divider < 2:
+        if sensor.frequency >= DIVIDED_FROM and one.fin_divider < 2:
             self._note(f"FIN_DIVIDER{self._channel} must be at least 2 for a sensor of {sensor.frequency:.4g} Hz.")
 
     def _oscillation(self, sensor: Resonator | None) -> tuple[float, float]:

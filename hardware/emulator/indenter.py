@@ -26,15 +26,9 @@ LIFTED = Place(0.0, 0.0, 0.0)
 class Indenter:
     """What presses on the emulated sensor.
 
-    Parameters
-    ----------
-    before_change : callable
-        Called before the indenter moves.
-    check : callable
-        Called with every place on its path; raises HardwareError where the indenter cannot go.
+    `before_change` is called before it moves, and `check` with every place on its path: it refuses those where it
+    cannot go.
 
-    Examples
-    --------
     >>> indenter = Indenter()
     >>> indenter.follow([(0.0, 0.0, 0.0, 0.0), (1.0, 2e-3, 0.0, 1e-3)])
     >>> indenter.at(0.5)
@@ -58,19 +52,10 @@ class Indenter:
         self.press(last.x, last.y, 0.0)
 
     def follow(self, path: Sequence[tuple[float, float, float, float]]) -> None:
-        """Move along straight lines.
+        """Move along straight lines through points of time in s by the board's clock, rising, and x, y and depth in m.
 
-        Parameters
-        ----------
-        path : sequence of (float, float, float, float)
-            Time in s by the board's clock, rising, and x, y and depth in m. The indenter stands still before the first
-            and after the last time.
-
-        Raises
-        ------
-        HardwareError
-            No point, times that do not rise, a negative depth, a value that is not finite, or a place where the
-            indenter cannot go.
+        The indenter stands still before the first and after the last time. HardwareError for no point, times that do
+        not rise, a negative depth, a value that is not finite, or a place where the indenter cannot go.
         """
         times = [point[0] for point in path]
         if not path or not all(math.isfinite(value) for point in path for value in point):

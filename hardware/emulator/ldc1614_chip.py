@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coilarray.hardware.chips.ldc1614 import BUS_RATE, READ_BITS, WRITE_BITS
 from coilarray.hardware.chips.ldc1614_registers import Register, registers
 from coilarray.hardware.emulator.conversion import Result, Run, Setting, Surroundings
 from coilarray.hardware.wire.buses import Clock
@@ -19,7 +20,6 @@ CHANNELS = 4
 """Number of channels of an LDC1614."""
 ADDRESS = 0x2A
 """I²C address with the pin ADDR low."""
-_READ_BITS, _WRITE_BITS = 48, 38  # on the wire, start and stop included
 _BUS_TIMEOUT = 25e-3  # s until a master gives up a bus that is held down
 _MSB, _LSB = (0x00, 0x02, 0x04, 0x06), (0x01, 0x03, 0x05, 0x07)
 _DIVIDERS, _DRIVE = 0x14, 0x1E
@@ -35,15 +35,8 @@ class UndocumentedUse(Exception):  # noqa: N818 - not an error of a board: a fau
 
 
 class Misuse:
-    """Collects undocumented use, and raises it in strict mode.
+    """Collects undocumented use, and raises UndocumentedUse in strict mode.
 
-    Parameters
-    ----------
-    strict : bool
-        Whether undocumented use raises UndocumentedUse.
-
-    Examples
-    --------
     >>> misuse = Misuse(strict=False)
     >>> misuse.note("register 0x1D is not documented")
     >>> misuse.notes
@@ -98,10 +91,8 @@ class Ldc1614:
         Coils, clocks and temperature.
     channels : int
         Number of channels: 4, or 2 for an LDC1612, which has the same identity.
-    open_points : OpenPoints
-        Behaviour where the sources disagree.
-    misuse : Misuse
-        Collects undocumented use.
+    open_points, misuse
+        Behaviour where the sources disagree; collects undocumented use.
     seed : int
         Seed of the noise.
     """
@@ -116,8 +107,7 @@ class Ldc1614:
         misuse: Misuse | None = None,
         seed: int = 0,
     ) -> None:
-        self.clock = clock
-        self.channels = channels
+        self.clock, self.channels, self.surroundings = clock, channels, surroundings
         self.open_points = open_points or OpenPoints()
         self.misuse = misuse or Misuse(strict=True)
         self.table = {
@@ -125,7 +115,6 @@ class Ldc1614:
             for register in registers().values()
             if channels == CHANNELS or not register.four_channels
         }
-        self.surroundings = surroundings
         self.resets = 0
         self._excused = False
         self._random = np.random.default_rng(seed)
@@ -171,7 +160,7 @@ class Ldc1614:
         """Write a register as the bus does."""
         self._look()
         register = self.table.get(address)
-        if register is None or not register.writable:
+        if register is None or not register.writable_mask:
             what = "is read-only" if register else "is not documented"
             self._note(f"{value:#06x} was written to register {address:#04x}, which {what}.")
             return
@@ -288,8 +277,7 @@ class Ldc1614:
             kept = self._registers[_DRIVE + channel] & ~_INIT_DRIVE
             self._registers[_DRIVE + channel] = kept | result.drive << 6
         happened = [*raised, result.no_edges]
-        asked = [bool(config & 1 << 7 - k) for k in range(len(happened))]
-        interrupting = [one and gate for one, gate in zip(happened, asked, strict=True)]
+        interrupting = [one and bool(config & 1 << 7 - k) for k, one in enumerate(happened)]
         self._interrupting = self._interrupting or any(interrupting)
         shown_errors = interrupting if self.open_points.status_gated else happened
         if any(shown_errors) and self._frozen is None:
@@ -333,17 +321,10 @@ class Ldc1614:
 class EmulatedBus:
     """I²C bus to one converter: a `coilarray.hardware.wire.buses.RegisterBus`.
 
-    Parameters
-    ----------
-    chip : Ldc1614
-        Converter on the bus.
-    clock : Clock
-        Clock of the board, on which every transaction takes its time.
-    speed : float
-        I²C clock frequency in Hz.
+    Every transaction takes its time on the clock of the board, at `speed` in Hz.
     """
 
-    def __init__(self, chip: Ldc1614, clock: Clock, *, speed: float = 400e3) -> None:
+    def __init__(self, chip: Ldc1614, clock: Clock, *, speed: float = BUS_RATE) -> None:
         self.chip = chip
         self.clock = clock
         self.speed = speed
@@ -356,14 +337,14 @@ class EmulatedBus:
 
     def read(self, register: int) -> int:
         """Return a register; BusFault where the chip does not answer."""
-        self._pass(_READ_BITS, register)
+        self._pass(READ_BITS, register)
         value = self._damaged(self.chip.read(register))
         self._note("read", register, value)
         return value
 
     def write(self, register: int, value: int) -> None:
         """Write a register; BusFault where the chip does not answer."""
-        self._pass(_WRITE_BITS, register)
+        self._pass(WRITE_BITS, register)
         arriving = self._damaged(value)
         if arriving != value:
             self.chip.excuse()

@@ -82,21 +82,14 @@ def emulated_board(
         )
     store = open_store(folder)
     world = SensorWorld(
-        board_network(design, store),
-        lambda: response_table(design, store, progress=progress),
-        strays=strays,
-        copper=copper,
-        capacitor=capacitor,
-    )
+        board_network(design, store), lambda: response_table(design, store, progress=progress),
+        strays=strays, copper=copper, capacitor=capacitor,
+    )  # fmt: skip
+    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise)
     board = EmulatedBoard(
-        wiring.coils,
-        wiring.encode(),
-        world,
-        clock=clock or VirtualClock(),
-        conditions=Conditions(oscillator or Oscillator(), drift or Drift(), noise),
-        strict=strict,
-        seed=seed,
-    )
+        wiring.coils, wiring.encode(), world,
+        clock=clock or VirtualClock(), conditions=conditions, strict=strict, seed=seed,
+    )  # fmt: skip
     if path is not None:
         board.indenter.follow(path)
     return board

@@ -34,12 +34,8 @@ _DEEPEST = 1.7  # relative to the deepest indentation of the design
 class ResponseTable:
     """Changes of the inductance matrix over position and depth.
 
-    Parameters
-    ----------
-    x, y, depth : ndarray, shape (n,)
-        Coordinates in m from the map's origin at which the changes are known.
-    change : ndarray, shape (depth, y, x, coil, coil)
-        Inductance in H, dented minus flat.
+    They are known at coordinates x, y and depth in m from the map's origin, each of shape (n,): `change`, shape (depth,
+    y, x, coil, coil), is the inductance in H, dented minus flat.
     """
 
     def __init__(self, x: FloatArray, y: FloatArray, depth: FloatArray, change: FloatArray) -> None:
@@ -47,13 +43,7 @@ class ResponseTable:
         self.spline: ResponseSpline = response_spline(x, y, depth, values, zero_plane=True, in_root=True)
 
     def check(self, place: Place) -> None:
-        """Refuse a place that is not in the table.
-
-        Raises
-        ------
-        HardwareError
-            A coordinate outside its range.
-        """
+        """Refuse a place with a coordinate outside its range; HardwareError."""
         outside = self.spline.outside(np.array(place))
         if outside is not None:
             axis, value = outside
@@ -69,25 +59,10 @@ class ResponseTable:
 
 
 def table_axes(design: Design, spacing: float = SPACING) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose where the change is computed.
+    """Choose where the change is computed: depth, y and x in m, each of shape (n,), at most `spacing` apart in x and y.
 
-    Parameters
-    ----------
-    design : Design
-        Design with an indentation.
-    spacing : float
-        Largest distance of positions in m.
-
-    Returns
-    -------
-    depth, y, x : ndarray, shape (n,)
-        Coordinates over all coils and all positions of the design's own map in m, and down to 1.7 times its depth; for
-        a sample with edges the map's positions and depth alone.
-
-    Raises
-    ------
-    HardwareError
-        A design without an indentation.
+    They cover all coils and all positions of the design's own map, down to 1.7 times its depth; for a sample with edges
+    the map's positions and depth alone. HardwareError for a design without an indentation.
     """
     setup = _setup(design)
     edges = np.array([[min(setup.x), min(setup.y)], [max(setup.x), max(setup.y)]])
@@ -107,18 +82,9 @@ def response_table(
     *,
     progress: Progress | None = None,
 ) -> ResponseTable:
-    """Return the table of a design, computed where it is not kept: 12 s for gast2020.
+    """Return the table of a design, computed where the store does not keep it: 12 s for gast2020.
 
-    Parameters
-    ----------
-    design : Design
-        Design with an indentation.
-    store : Store
-        Store of the table.
-    axes : tuple of ndarray, optional
-        depth, y and x in m, at least 4 positions of each of the last two; those of `table_axes` by default.
-    progress : callable, optional
-        Called with (done, total) while the table is computed.
+    `axes` are depth, y and x in m, at least 3 of the first and 4 of the others, by default those of `table_axes`.
 
     Raises
     ------

@@ -30,21 +30,9 @@ class World(Protocol):
         """Refuse a place where the indenter cannot go; HardwareError."""
 
     def resonator(self, state: ScanState, place: Place, temperature: float) -> Resonator | None:
-        """Return the tank that the converter drives.
+        """Return the tank that the converter drives at its resonance; None where nothing oscillates.
 
-        Parameters
-        ----------
-        state : ScanState
-            Measured coils and terminations of the others.
-        place : Place
-            Position and depth of the indenter.
-        temperature : float
-            Temperature of the board in °C.
-
-        Returns
-        -------
-        Resonator or None
-            Tank at its resonance; None where nothing oscillates.
+        `state` has the measured coils and the terminations of the others; `temperature` is the board's in °C.
         """
 
 

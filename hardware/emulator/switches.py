@@ -7,27 +7,18 @@ from typing import Literal
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.scan.closure import SWITCHES, Net, SwitchTable, WiredSwitch, closed_switches
-from coilarray.hardware.wire.buses import Clock
+from coilarray.hardware.wire.buses import Clock, reversed_bits
 
-FALLING_EDGE_MODES = (1, 2)
-"""SPI modes in which data is stable at the falling clock edge, where the chip samples it."""
+_FALLING_EDGE_MODES = (1, 2)  # of SPI, in which data is stable at the falling edge, where the chip samples it
 
 
 class Adg739Chain:
     """A daisy chain of packages behind one shift register.
 
-    Parameters
-    ----------
-    devices : tuple of tuple of WiredSwitch or None
-        Switches as `coilarray.hardware.scan.closure.switch_table` returns them: the first device is at the far end of
-        the chain and gets the first byte.
-    before_change, after_change : callable
-        Called before and after switches move.
-    readback : bool
-        Whether the end of the chain is wired back to the computer.
+    `devices` are as `coilarray.hardware.scan.closure.switch_table` returns them: the first one is at the far end of the
+    chain and gets the first byte. `before_change` and `after_change` are called when switches move; `readback` says
+    whether the end of the chain is wired back to the computer.
 
-    Notes
-    -----
     A bit is shifted in at every falling edge of the clock; when SYNC rises, each package latches its last eight. After
     power-up all switches are open. Only power-up resets a package.
     """
@@ -53,8 +44,7 @@ class Adg739Chain:
     def power_up(self) -> None:
         """Restore the supply: the register is empty and all switches are open."""
         self._before_change()
-        self._register = 0
-        self._words = bytes(len(self.devices))
+        self._register, self._words = 0, bytes(len(self.devices))
         self._after_change()
 
     @property
@@ -71,26 +61,14 @@ class Adg739Chain:
         return closed_switches(self.devices, self._words, bit_order=self.bit_order)
 
     def transfer(self, data: bytes, *, mode: int = 1, lsb_first: bool = False) -> bytes | None:
-        """Shift bytes in with SYNC low, then let SYNC rise.
+        """Shift bytes in with SYNC low, then let SYNC rise; return what left the far end, None if it is not wired back.
 
-        Parameters
-        ----------
-        data : bytes
-            Bytes to send, any number of them.
-        mode : int
-            SPI mode, 0 to 3. In modes 0 and 3 data changes at the edge at which the chip samples it, so that the chip
-            takes the bit before.
-        lsb_first : bool
-            Whether the least significant bit is sent first; the chip expects the most significant one first.
-
-        Returns
-        -------
-        bytes or None
-            Bytes that left the far end of the chain; None where it is not wired back.
+        In the SPI modes 0 and 3 data changes at the edge at which the chip samples it, so that the chip takes the bit
+        before. The chip expects the most significant bit first.
         """
         count = SWITCHES * len(data)
-        sent = int.from_bytes(_turned(data) if lsb_first else data)
-        if mode not in FALLING_EDGE_MODES:
+        sent = int.from_bytes(reversed_bits(data) if lsb_first else data)
+        if mode not in _FALLING_EDGE_MODES:
             sent >>= 1
         through = self._register << count | sent
         self._register = through & (1 << SWITCHES * len(self.devices)) - 1
@@ -98,18 +76,10 @@ class Adg739Chain:
         if not self.readback:
             return None
         came = (through >> SWITCHES * len(self.devices)).to_bytes(len(data))
-        return _turned(came) if lsb_first else came
+        return reversed_bits(came) if lsb_first else came
 
     def stick(self, device: int, bit: int, state: Literal["open", "closed"]) -> None:
-        """Break a switch, so that it stays open or closed whatever its bit says.
-
-        Parameters
-        ----------
-        device, bit : int
-            Position of its device in the order of the words, and of its bit in the word.
-        state : {"open", "closed"}
-            State in which it is stuck.
-        """
+        """Break a switch, given by its device in the order of the words and its bit; it then stays in this state."""
         self._before_change()
         self._stuck[device, bit] = state == "closed"
         self._after_change()
@@ -137,28 +107,14 @@ class Adg739Chain:
             self._after_change()
 
 
-def _turned(data: bytes) -> bytes:
-    """Return the bytes with their bits reversed."""
-    return bytes(int(f"{byte:08b}"[::-1], 2) for byte in data)
-
-
 class EmulatedSwitches:
     """Serial port between a driver and the emulated chain: a `coilarray.hardware.wire.buses.SwitchChain`.
 
-    Parameters
-    ----------
-    chain : Adg739Chain
-        Chain of switches that the port drives.
-    clock : Clock
-        Clock of the board, on which shifting takes its time.
-    speed : float
-        SPI clock frequency in Hz.
+    Shifting takes its time on the clock of the board, at `speed` in Hz.
     """
 
     def __init__(self, chain: Adg739Chain, clock: Clock, *, speed: float = 8e6) -> None:
-        self.chain = chain
-        self.clock = clock
-        self.speed = speed
+        self.chain, self.clock, self.speed = chain, clock, speed
         self.mode = 1
         """SPI mode; change it to emulate a port with another mode."""
         self.lsb_first = False

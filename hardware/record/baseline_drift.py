@@ -30,51 +30,20 @@ _ALIKE = 3.0  # standard deviations by which von Neumann's ratio may fall short 
 
 @dataclass(frozen=True)
 class Drift:
-    """L_0 of a state within a session: inductance · (1 + Σ c_k u^k), k from 1, u = (time − middle)/half.
+    """L_0 of a state within a session: inductance · (1 + Σ c_k u^k), k from 1, u = (time − middle)/half."""
 
-    Parameters
-    ----------
-    start, stop : float
-        Time of the first and the last scan at rest, in s from the first scan of the recording.
-    gap : float
-        Longest time between two of them in s; by so much the curve may be extrapolated at both ends.
-    inductance : float
-        L_0 at the middle in H.
-    coefficients : tuple of float
-        Coefficients c_1 … c_n, without unit.
-    covariance : tuple of tuple of float
-        Covariance of the relative inductance and the coefficients, shape (n + 1, n + 1).
-    scatter : float
-        Relative standard deviation of one scan about the curve.
-    smooth : bool
-        Whether the scans scatter about the curve randomly; False where no such curve describes L_0.
-    state : str
-        Name of the state.
-    session : int
-        Index of the session in its recording.
-    boot : int
-        Session number of the board.
-    started : float
-        Start of the session in s since the epoch; it identifies the session among others of the same board.
-
-    Raises
-    ------
-    HardwareError
-        Invalid values.
-    """
-
-    start: float
-    stop: float
-    gap: float
-    inductance: float
-    coefficients: tuple[float, ...]
-    covariance: tuple[tuple[float, ...], ...]
-    scatter: float
-    smooth: bool
+    start: float  # time of the first scan at rest, in s from the first scan of the recording
+    stop: float  # of the last one
+    gap: float  # longest time between two of them in s; by so much the curve may be extrapolated at both ends
+    inductance: float  # L_0 at the middle in H
+    coefficients: tuple[float, ...]  # c_1 … c_n, without unit
+    covariance: tuple[tuple[float, ...], ...]  # of the relative inductance and the coefficients, (n + 1, n + 1)
+    scatter: float  # relative standard deviation of one scan about the curve
+    smooth: bool  # whether the scans scatter about the curve randomly; False where no such curve describes L_0
     state: str = ""
-    session: int = 0
-    boot: int = 0
-    started: float = 0.0
+    session: int = 0  # index in its recording
+    boot: int = 0  # session number of the board
+    started: float = 0.0  # s since the epoch; it identifies the session among others of the same board
 
     def __post_init__(self) -> None:
         terms = len(self.coefficients) + 1
@@ -126,18 +95,10 @@ def fit_drift(
 
     Parameters
     ----------
-    time : array_like, shape (n,)
-        Times of the scans in s, rising.
-    inductance : array_like, shape (n,)
-        L_0 in H; NaN where a scan has no value.
+    time, inductance : array_like, shape (n,)
+        Times of the scans in s, rising, and L_0 in H; NaN where a scan has no value.
     order : int, optional
         Order of the polynomial, 1 to 3; by default the lowest one with random residuals.
-    state : str
-        Name of the state.
-
-    Returns
-    -------
-    Drift
 
     Raises
     ------
@@ -184,26 +145,10 @@ def fit_drift(
 def fit_drifts(
     series: xr.Dataset, sessions: Sequence[tuple[int, float]], *, order: int | None = None
 ) -> tuple[Drift, ...]:
-    """Fit the drift of every session and state of a recording.
+    """Fit the drift of all sessions and states of a recording that have enough scans at rest.
 
-    Parameters
-    ----------
-    series : xarray.Dataset
-        Time series, as `coilarray.hardware.record.recorded_response.recorded_series` returns it.
-    sessions : sequence of (int, float)
-        Session number of the board, and start in s since the epoch, for each session of the recording.
-    order : int, optional
-        Order of the polynomial, 1 to 3; by default the lowest one with random residuals.
-
-    Returns
-    -------
-    tuple of Drift
-        Drifts of all sessions and states that have enough scans at rest.
-
-    Raises
-    ------
-    HardwareError
-        Another order.
+    `series` is as `coilarray.hardware.record.recorded_response.recorded_series` returns it; `sessions` are the board's
+    session number and the start in s since the epoch of each session of the recording; `order` is that of `fit_drift`.
     """
     _check_order(order)
     rest, drifts = at_rest(series), []

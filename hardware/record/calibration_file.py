@@ -47,31 +47,17 @@ def calibration_to_toml(calibration: BoardCalibration) -> str:
             "standard_error_Hz": calibration.clock_error,
         },
         "capacitances_from": calibration.inductances_from,
-        "channel": [_keyed(_Channel, asdict(channel)) for channel in calibration.channels],
+        "channel": [channel_record(channel) for channel in calibration.channels],
         "drift": [_keyed(_Drift, {**asdict(drift), "boot": f"{drift.boot:08X}"}) for drift in calibration.drifts],
     }
     return tomli_w.dumps(_without_nothing(document))
 
 
 def calibration_from_toml(text: str, origin: str = "calibration") -> BoardCalibration:
-    """Read the constants of a board from TOML.
+    """Read the constants of a board from TOML; `origin` names the file in messages.
 
-    Parameters
-    ----------
-    text : str
-        Content of the file.
-    origin : str
-        Name of the file in messages.
-
-    Returns
-    -------
-    BoardCalibration
-
-    Raises
-    ------
-    HardwareError
-        Text that is not TOML or of another kind, an unknown or missing key, a value outside its range: one line that
-        names the key, what was given and what is allowed.
+    HardwareError for text that is not TOML or of another kind, an unknown or missing key, a value outside its range:
+    one line that names the key, what was given and what is allowed.
     """
     document = _CALIBRATIONS.parse(text, origin)
     if document.get("kind") != _KIND:
@@ -91,8 +77,13 @@ def load_calibration(path: str | Path) -> BoardCalibration:
     return calibration_from_toml(_CALIBRATIONS.text(path), str(path))
 
 
+def channel_record(channel: Channel) -> dict[str, Any]:
+    """Return a channel under the keys of the file, which carry the units."""
+    return _keyed(_Channel, asdict(channel))
+
+
 def _keyed(table: type[Table], values: dict[str, Any]) -> dict[str, Any]:
-    """Return the fields of a table under the keys of the file, which carry the units."""
+    """Return the fields of a table under the keys of the file."""
     return {field.alias or name: values[name] for name, field in table.model_fields.items()}
 
 

@@ -40,27 +40,7 @@ _FARTHEST, _DEEPEST, _FASTEST, _LONGEST, _MOST_SCANS = 1.0, 0.1, 0.1, 3600.0, 10
 
 @dataclass(frozen=True)
 class Campaign:
-    """Where to press how deep, and in which sequence.
-
-    Parameters
-    ----------
-    x, y : tuple of float
-        Positions in m from the map's origin, rising.
-    depths : tuple of float
-        Depths of the indentation in m, rising.
-    repeats : int
-        Number of passes over the whole grid.
-    scans : int
-        Number of scans at every baseline and every peak.
-    dwell : float
-        Time at full depth before the peak is measured, in s.
-    speed : float
-        Speed of indenting and relaxing in m/s.
-
-    Raises
-    ------
-    HardwareError
-        An invalid value: which, and what is allowed.
+    """Where to press how deep, and in which sequence; HardwareError for an invalid value.
 
     Examples
     --------
@@ -69,13 +49,13 @@ class Campaign:
     (6, GridPlace(number=4, repeat=1, depth=0.001, y=0.0, x=0.0))
     """
 
-    x: tuple[float, ...]
+    x: tuple[float, ...]  # m from the map's origin, as y; rising
     y: tuple[float, ...]
-    depths: tuple[float, ...]
-    repeats: int = 1
-    scans: int = 1
-    dwell: float = DWELL
-    speed: float = SPEED
+    depths: tuple[float, ...]  # of the indentation in m, rising
+    repeats: int = 1  # passes over the whole grid
+    scans: int = 1  # at every baseline and every peak
+    dwell: float = DWELL  # s at full depth before the peak is measured
+    speed: float = SPEED  # of indenting and relaxing in m/s
 
     def __post_init__(self) -> None:
         _require_rising("x", self.x, -_FARTHEST, _FARTHEST)
@@ -129,14 +109,7 @@ class Campaign:
 
     @classmethod
     def from_json(cls, text: str) -> Campaign:
-        """Read what `to_json` wrote; HardwareError for anything else.
-
-        Examples
-        --------
-        >>> campaign = Campaign(x=(0.0,), y=(0.0,), depths=(0.001,))
-        >>> Campaign.from_json(campaign.to_json()) == campaign
-        True
-        """
+        """Read what `to_json` wrote; HardwareError for anything else."""
         try:
             values = json.loads(text)
             values |= {name: tuple(float(value) for value in values[name]) for name in ("x", "y", "depths")}
@@ -158,23 +131,8 @@ def design_campaign(
 ) -> Campaign:
     """Make the campaign of a design's [indentation]: for gast2020 the grid of the paper.
 
-    Parameters
-    ----------
-    design : Design
-        Design with the tables ``[indenter]`` and ``[indentation]``.
-    x, y, depths : sequence of float, optional
-        Positions and depths in m; the design's by default.
-    repeats, scans, dwell, speed
-        Sequence of the campaign, see `Campaign`.
-
-    Returns
-    -------
-    Campaign
-
-    Raises
-    ------
-    HardwareError
-        A design without an indentation, or invalid values.
+    Positions and depths in m and the sequence, as of `Campaign`, may be given instead. HardwareError for a design
+    without an indentation, or invalid values.
 
     Examples
     --------
@@ -214,10 +172,6 @@ def run_campaign(
         Campaign that the recorder was started with.
     reader : Reader
         Board, configured with the settings of the recorder's session.
-    stage : Stage
-        Moves the indenter.
-    recorder : Recorder
-        Started recorder.
     clock : Clock
         Clock of the dwell.
     progress : callable, optional
@@ -233,8 +187,6 @@ def run_campaign(
     HardwareError
         A fault of the board or the stage, or a position where a scan failed `TRIES` times. The indenter is then lifted
         where the stage can do that by itself.
-    OutputError
-        A recording that cannot be written.
     """
     stage.check(campaign.places)
     done = recorder.finished()

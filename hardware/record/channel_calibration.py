@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.design.model import build_design
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
 from coilarray.hardware.record.baseline_drift import Drift, at_rest, fit_drifts
@@ -37,25 +36,12 @@ _MOST_ERROR = 0.5  # relative, of a known inductance or frequency
 
 @dataclass(frozen=True)
 class Channel:
-    """Tank of one state.
-
-    Parameters
-    ----------
-    state : str
-        Name of the state.
-    capacitance : float
-        Total capacitance across the coil in F, with which the frequency at rest gives the inductance below by the
-        lossless L = 1/((2πf)² C). It includes losses and an error of the clock, so that L computed with it is right.
-    standard_error : float
-        Standard error of the capacitance in F, from the scatter of the frequency and from the known inductance.
-    inductance : float
-        Known inductance in H from which the capacitance was computed.
-    """
+    """Tank of one state; losses and an error of the clock count as capacitance, so that L computed with it is right."""
 
     state: str
-    capacitance: float
-    standard_error: float
-    inductance: float
+    capacitance: float  # across the coil in F: the frequency at rest gives L by the lossless L = 1/((2πf)² C)
+    standard_error: float  # F, from the scatter of the frequency and from the known inductance
+    inductance: float  # known one in H from which the capacitance was computed
 
     def __post_init__(self) -> None:
         low, high = CAPACITANCES
@@ -72,51 +58,23 @@ class Channel:
 
 @dataclass(frozen=True)
 class BoardCalibration:
-    """Constants of a board.
+    """Constants of a board; HardwareError for an implausible clock, or a state that occurs twice.
 
-    Parameters
-    ----------
-    source : str
-        Origin of the constants, for people.
-    made : str
-        Date and time of the calibration, as ISO 8601.
-    board : str
-        Identity of the board.
-    emulated : bool
-        Whether the board was an emulator.
-    design_hash : str
-        Hash of the design on the board.
-    clock : float
-        Clock of the converter in Hz.
-    clock_error : float or None
-        Standard error of the clock in Hz; None where the clock is that of the settings.
-    clock_from : {"settings", "known frequency"}
-        Origin of the clock.
-    inductances_from : {"known inductances", "design"} or None
-        Origin of the inductances that the capacitances were computed from. With those of a simulated design, measured
-        and simulated L agree by construction, which is no test.
-    channels : tuple of Channel
-        Tanks of the states; empty where no inductances were given.
-    drifts : tuple of Drift
-        Drifts of the recording that the constants were computed from.
-
-    Raises
-    ------
-    HardwareError
-        An implausible clock, or a state that occurs twice.
+    The capacitances follow from known inductances or those of the simulated design; with the latter, measured and
+    simulated L agree by construction, which is no test.
     """
 
-    source: str
-    made: str
-    board: str
+    source: str  # for people
+    made: str  # date and time, as ISO 8601
+    board: str  # identity of the board
     emulated: bool
     design_hash: str
-    clock: float
-    clock_error: float | None
+    clock: float  # of the converter in Hz
+    clock_error: float | None  # standard error in Hz; None where the clock is that of the settings
     clock_from: ClockFrom
     inductances_from: InductancesFrom | None = None
-    channels: tuple[Channel, ...] = ()
-    drifts: tuple[Drift, ...] = field(default=())
+    channels: tuple[Channel, ...] = ()  # empty where no inductances were given
+    drifts: tuple[Drift, ...] = field(default=())  # of the recording that the constants were computed from
 
     def __post_init__(self) -> None:
         low, high = min(EXTERNAL_CLOCK_RANGE[0], INTERNAL_CLOCK_RANGE[0]), INTERNAL_CLOCK_RANGE[1]
@@ -150,12 +108,10 @@ def calibrate_board(
     source: str = "",
     made: str = "",
 ) -> BoardCalibration:
-    """Calibrate a board with a recording of it at rest.
+    """Calibrate a board with the scans at rest of a recording: baselines, and scans of a stream.
 
     Parameters
     ----------
-    recording : Recording
-        Recording of any kind; its scans at rest are used: baselines, and scans of a stream.
     inductances : mapping of str to float, optional
         Known inductances in H by state: of reference inductors in place of the coils, or measured with another
         instrument.
@@ -171,10 +127,6 @@ def calibrate_board(
         Order of the polynomial of the drift, 1 to 3; by default the lowest one with random residuals.
     source, made
         Origin and date of the calibration, see `BoardCalibration`.
-
-    Returns
-    -------
-    BoardCalibration
 
     Raises
     ------
@@ -204,7 +156,6 @@ def calibrate_board(
         relative = math.hypot(2 * read_error[state] / read[state], inductance_error)
         channels.append(Channel(state, capacitance, capacitance * relative, inductance))
     capacitances = {**session.capacitances, **{channel.state: channel.capacitance for channel in channels}}
-    sessions = [(one.identity.boot, one.started) for one in recording.sessions]
     return BoardCalibration(
         source=source,
         made=made,
@@ -216,35 +167,20 @@ def calibrate_board(
         clock_from="settings" if known_frequency is None else "known frequency",
         inductances_from=None if not channels else "design" if from_design else "known inductances",
         channels=tuple(channels),
-        drifts=fit_drifts(_with_inductances(series, capacitances, ratio), sessions, order=order),
+        drifts=fit_drifts(_with_inductances(series, capacitances, ratio), _sessions(recording), order=order),
     )
 
 
 def calibrated_response(recording: Recording, calibration: BoardCalibration, *, partial: bool = False) -> xr.Dataset:
     """Return the response that a campaign measured, with the constants of the board and L_0 from its drift.
 
-    Parameters
-    ----------
-    recording : Recording
-        Recording of a campaign.
-    calibration : BoardCalibration
-        Constants of the board, with this design. A drift is used where it is smooth and of a session of this recording;
-        elsewhere L_0 is the one measured at every position, as in `recorded_response`.
-    partial : bool
-        Whether to accept positions that are not measured yet; they are NaN.
+    A drift is used where it is smooth and of a session of this recording; elsewhere L_0 is the one measured at every
+    position, as in `recorded_response`. That response has in addition ``drift_removed`` (state), and the attributes
+    ``calibration``, its source, ``calibration_board``, the calibrated board, and, where it has capacitances,
+    ``capacitance_from``, their origin. Where the drift was removed, ``delta_std`` follows from it.
 
-    Returns
-    -------
-    xarray.Dataset
-        Response of `recorded_response`, with ``drift_removed`` (state), and the attributes ``calibration``, its source,
-        ``calibration_board``, the calibrated board, and, where it has capacitances, ``capacitance_from``, their origin.
-        Where the drift was removed, ``delta_std`` follows from it.
-
-    Raises
-    ------
-    HardwareError
-        A calibration of an emulated board for a real one or vice versa, or of another design, a recording without a
-        campaign, missing positions, a damaged file.
+    HardwareError for a calibration of an emulated board for a real one or vice versa, or of another design, and as of
+    `recorded_response`.
     """
     if calibration.emulated != recording.emulated:
         kinds = ("a real", "an emulated")
@@ -261,7 +197,7 @@ def calibrated_response(recording: Recording, calibration: BoardCalibration, *, 
     capacitances = {**recording.sessions[0].capacitances, **calibration.capacitances}
     response = recorded_response(recording, capacitances=capacitances, clock=calibration.clock, partial=partial)
     series = recorded_series(recording, capacitances=capacitances, clock=calibration.clock)
-    sessions = [(session.identity.boot, session.started) for session in recording.sessions]
+    sessions = _sessions(recording)
     drifts = {
         (one.session, one.state): one
         for one in calibration.drifts
@@ -284,20 +220,15 @@ def calibrated_response(recording: Recording, calibration: BoardCalibration, *, 
 def simulated_inductances(recording: Recording) -> dict[str, float]:
     """Return L_0 in H of every state of the recorded design in an ideal circuit: all strays are then capacitance.
 
-    Raises
-    ------
-    HardwareError
-        A design without an indentation, which has no simulated response.
+    HardwareError for a design without an indentation, which has no simulated response.
     """
-    design = build_design(recording.sessions[0].design_document, str(recording.path))
-    setup = design.indentation
+    design, setup = recording.design, recording.design.indentation
     if setup is None:
         raise HardwareError(
             f"the design {design.name} has no [indenter] and [indentation], and so no simulated response; "
             "give known inductances."
         )
-    middle = (axis[len(axis) // 2 : len(axis) // 2 + 1] for axis in (setup.depths, setup.x, setup.y))
-    depths, x, y = middle
+    depths, x, y = (axis[len(axis) // 2 : len(axis) // 2 + 1] for axis in (setup.depths, setup.x, setup.y))
     base = response_map(design, depths=depths, x=x, y=y, ideal=True).base_inductance
     return {state: float(base.sel(state=state)) for state in recording.states}
 
@@ -309,25 +240,19 @@ def _remove_drift(
     peaks = (series.stage.values == "peak") & series.finished.values
     peaks &= np.isfinite(series.inductance.values[:, state])
     sessions = series.session.values[peaks]
-    used = [drifts[session] for session in np.unique(sessions)]
-    if not used or any(drift is None for drift in used):
+    if not len(sessions):
         return False
-    level, error = np.full((2, len(sessions)), np.nan)
-    for session, drift in enumerate(drifts):
-        own = sessions == session
-        if drift is not None and own.any():
-            level[own], error[own] = drift.at(series.time.values[peaks][own])
+    level, deviation = np.empty((2, len(sessions)))
+    for session in np.unique(sessions):
+        drift, own = drifts[session], sessions == session
+        if drift is None:
+            return False
+        level[own], error = drift.at(series.time.values[peaks][own])
+        deviation[own] = np.hypot(drift.scatter / math.sqrt(scans), error)
     node = tuple(np.searchsorted(response[name].values, series[name].values[peaks]) for name in ("depth", "y", "x"))
     delta = series.inductance.values[peaks, state] / level - 1
-    scatter = np.array([0.0 if drift is None else drift.scatter for drift in drifts])[sessions]
-    deviation = np.hypot(scatter / math.sqrt(scans), error)
-    shape = response.delta.shape[:-1]
-    count, total, spread = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    for target, values in (
-        (count, np.isfinite(delta)),
-        (total, np.nan_to_num(delta)),
-        (spread, np.nan_to_num(deviation)),
-    ):
+    count, total, spread = sums = np.zeros((3, *response.delta.shape[:-1]))
+    for target, values in zip(sums, (np.isfinite(delta), np.nan_to_num(delta), np.nan_to_num(deviation)), strict=True):
         np.add.at(target, node, values)
     measured = np.isfinite(response.delta.values[..., state]) & (count > 0)
     response.delta.values[measured, state] = total[measured] / count[measured]
@@ -352,6 +277,11 @@ def _with_inductances(series: xr.Dataset, capacitances: Mapping[str, float], rat
     """Return a series with the inductances for other capacitances and a clock that is faster by a ratio."""
     C = np.array([capacitances[state] for state in series.state.values.tolist()])
     return series.assign(inductance=1 / ((2 * np.pi * series.frequency * ratio) ** 2 * xr.DataArray(C, dims="state")))
+
+
+def _sessions(recording: Recording) -> list[tuple[int, float]]:
+    """Session number of the board and start in s since the epoch, of every session."""
+    return [(session.identity.boot, session.started) for session in recording.sessions]
 
 
 def _of_state(frequencies: Mapping[str, float], state: str, recording: Recording) -> float:

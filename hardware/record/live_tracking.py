@@ -24,82 +24,35 @@ _LARGEST = 0.5  # |δ| above which a reading is implausible
 
 @dataclass(frozen=True)
 class LiveState:
-    """One state of a scan.
-
-    Parameters
-    ----------
-    name : str
-        Name of the state.
-    delta : float or None
-        Relative change (L − L_0)/L_0; None while the baseline is measured, and where there is no value.
-    verdict : {"good", "doubtful", "bad"}
-        Quality of the reading.
-    reasons : tuple of str
-        Reasons why the reading is not good, or has no δ.
-    """
+    """One state of a scan."""
 
     name: str
-    delta: float | None
+    delta: float | None  # (L − L_0)/L_0; None while the baseline is measured, and where there is no value
     verdict: Verdict
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()  # why the reading is not good, or has no δ
 
 
 @dataclass(frozen=True, eq=False)
 class LiveReading:
-    """Evaluation of one scan.
-
-    Parameters
-    ----------
-    sequence : int
-        Number of the scan.
-    time : float
-        Time of the scan in s by the board's clock.
-    elapsed : float
-        Time in s since the first scan of this session of the board.
-    states : tuple of LiveState
-        States in the order of the scan.
-    waiting : int
-        Number of scans that the baseline still needs; 0 once it is complete.
-    location : Location or None
-        Where the indentation is; None where it was not asked for or cannot be found.
-    problem : str
-        Why there is no location, where one was asked for; otherwise empty.
-    noise : float or None
-        Standard deviation of δ that the location assumes; None without a baseline.
-    rate : float or None
-        Scans per second over the latest scans, by the board's clock.
-    lost : int
-        Number of scans missing so far.
-    """
+    """Evaluation of one scan."""
 
     sequence: int
-    time: float
-    elapsed: float
-    states: tuple[LiveState, ...]
-    waiting: int
-    location: Location | None
-    problem: str
-    noise: float | None
-    rate: float | None
-    lost: int
+    time: float  # of the scan in s by the board's clock
+    elapsed: float  # s since the first scan of this session of the board
+    states: tuple[LiveState, ...]  # in the order of the scan
+    waiting: int  # scans that the baseline still needs; 0 once it is complete
+    location: Location | None  # of the indentation; None where it was not asked for or cannot be found
+    problem: str  # why there is no location, where one was asked for; otherwise empty
+    noise: float | None  # standard deviation of δ that the location assumes; None without a baseline
+    rate: float | None  # scans per second over the latest scans, by the board's clock
+    lost: int  # scans missing so far
 
 
 class LiveTracker:
-    """Turns scans into δ and positions.
+    """Turns scans into δ, and into positions where it has the forward model of the board.
 
-    Parameters
-    ----------
-    model : ForwardModel or None
-        Forward model of the board; without one there are no positions.
-    baseline_scans : int
-        Number of scans of a baseline.
-    noise : float
-        Standard deviation of δ of the model; the measured noise of the baseline is added.
-
-    Raises
-    ------
-    HardwareError
-        A number of scans below 2, or noise that is not positive and finite.
+    `noise` is the standard deviation of δ of the model; the measured noise of the baseline is added. HardwareError for
+    fewer than 2 scans of a baseline, or noise that is not positive and finite.
     """
 
     def __init__(
@@ -125,21 +78,7 @@ class LiveTracker:
         self._noise = math.nan
 
     def take(self, scan: ScanReading, *, at_rest: bool = True, want_location: bool = True) -> LiveReading:
-        """Evaluate a scan.
-
-        Parameters
-        ----------
-        scan : ScanReading
-            Next scan.
-        at_rest : bool
-            Whether the scan may enter the baseline; False where the indenter is known to press.
-        want_location : bool
-            Whether to locate the indentation.
-
-        Returns
-        -------
-        LiveReading
-        """
+        """Evaluate the next scan; it may enter the baseline only where the indenter is not known to press."""
         self._count(scan)
         if self._base is None and at_rest:
             self._measure_baseline(scan)

@@ -4,35 +4,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Mapping, Sequence
-from datetime import UTC, datetime
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.design.model import build_design
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.campaign import Campaign
-from coilarray.hardware.record.recording import GridPlace, RecordedScan, Recording
+from coilarray.hardware.record.recording import GridPlace, RecordedScan, Recording, iso_time
 from coilarray.hardware.scan.readings import ScanReading, Verdict, read_scan
 
 FloatArray = npt.NDArray[np.float64]
+Capacitances = Mapping[str, float] | float | None
 
 BASELINE_SCANS = 10
 """Number of first scans from which δ of a time series counts."""
 VERDICTS: tuple[Verdict, ...] = ("good", "doubtful", "bad")
 """Verdicts in the order of the numbers of ``verdict``."""
+_WHEN = {"received": "s", "session": "", "sequence": "", "stage": "", "finished": "", "depth": "m", "y": "m", "x": "m"}
+"""Fields of a `_Row` that are coordinates of the series as they are, with their units."""
 
 
 def recorded_response(
     recording: Recording,
     *,
-    capacitances: Mapping[str, float] | float | None = None,
+    capacitances: Capacitances = None,
     clock: float | None = None,
     partial: bool = False,
 ) -> xr.Dataset:
-    """Return the response that a campaign measured.
+    """Return the response that a campaign measured, as `coilarray.response.map.response_map` returns a simulated one.
 
     Parameters
     ----------
@@ -48,12 +49,12 @@ def recorded_response(
     Returns
     -------
     xarray.Dataset
-        Response as `coilarray.response.map.response_map` returns it: ``delta`` (depth, y, x, state) is
-        (L_peak − L_0)/L_0, the mean over the repeats; ``base_inductance`` (state) the mean L_0 in H; coordinates in m.
-        In addition ``delta_std`` (depth, y, x, state), the standard deviation of one repeat: from the repeats where
-        there are several, else the same for all positions, from the differences of successive baselines (NaN for a
-        single position); ``doubtful`` (depth, y, x, state), whether a reading is outside the specification of the data
-        sheet. The attributes name the equipment, and ``emulated`` is 0 for a real board.
+        ``delta`` (depth, y, x, state) is (L_peak − L_0)/L_0, the mean over the repeats; ``base_inductance`` (state) the
+        mean L_0 in H; coordinates in m. In addition ``delta_std`` (depth, y, x, state), the standard deviation of one
+        repeat: from the repeats where there are several, else the same for all positions, from the differences of
+        successive baselines (NaN for a single position); ``doubtful`` (depth, y, x, state), whether a reading is
+        outside the specification of the data sheet. The attributes name the equipment, and ``emulated`` is 0 for a real
+        board.
 
     Raises
     ------
@@ -71,9 +72,11 @@ def recorded_response(
     base, peak, doubtful, baselines = _measured(recording, campaign, capacitances, clock)
     delta = peak / base - 1
     count = np.isfinite(delta).sum(axis=0)
-    if not partial:
-        _require_whole(recording, campaign, count)
-    mean = np.where(count > 0, np.nansum(delta, axis=0), np.nan) / np.maximum(count, 1)
+    missing = int((count == 0).any(axis=-1).sum())
+    if missing and not partial:
+        places = campaign.size // campaign.repeats
+        raise HardwareError(f"{recording.path} is not whole: {missing} of {places} positions are not measured yet.")
+    mean = _mean(delta)
     if campaign.repeats > 1:
         squares = np.nansum((delta - mean) ** 2, axis=0)
         deviation = np.where(count > 1, np.sqrt(squares / np.maximum(count - 1, 1)), np.nan)
@@ -109,15 +112,13 @@ def recorded_series(
     recording: Recording,
     *,
     baseline: int = BASELINE_SCANS,
-    capacitances: Mapping[str, float] | float | None = None,
+    capacitances: Capacitances = None,
     clock: float | None = None,
 ) -> xr.Dataset:
-    """Return every scan of a recording in the order of time.
+    """Return every scan of a recording of any kind in the order of time.
 
     Parameters
     ----------
-    recording : Recording
-        Recording of any kind.
     baseline : int
         Number of first scans at rest whose mean is L_0 of δ.
     capacitances, clock
@@ -126,11 +127,11 @@ def recorded_series(
     Returns
     -------
     xarray.Dataset
-        Dataset with the dimensions ``scan`` and ``state``: ``frequency`` in Hz, ``inductance`` in H and ``delta``, NaN
-        where the verdict is bad; ``verdict`` 0 good, 1 doubtful, 2 bad; the raw words ``msb``, ``lsb``, ``status`` and
-        ``fault``. Coordinates of a scan: ``time`` in s from the first one, by the board's clock within a session;
-        ``received`` in s since the epoch; ``session``, ``sequence``, ``stage``; ``finished``, whether it belongs to a
-        position that was measured to its end; ``depth``, ``y``, ``x`` in m, NaN where unknown.
+        Over ``scan`` and ``state``: ``frequency`` in Hz, ``inductance`` in H and ``delta``, NaN where the verdict is
+        bad; ``verdict`` 0 good, 1 doubtful, 2 bad; the raw words ``msb``, ``lsb``, ``status`` and ``fault``.
+        Coordinates of a scan: ``time`` in s from the first one, by the board's clock within a session; ``received`` in
+        s since the epoch; ``session``, ``sequence``, ``stage``; ``finished``, whether it belongs to a position that was
+        measured to its end; ``depth``, ``y``, ``x`` in m, NaN where unknown.
 
     Raises
     ------
@@ -144,9 +145,7 @@ def recorded_series(
     if not rows:
         raise HardwareError(f"{recording.path} has no scan yet.")
     frequency, inductance, verdicts, raw = (np.array([row[k] for row in rows]) for k in range(4))
-    scans = [row[4] for row in rows]
-    at_rest = np.array([not scan.depth > 0 for scan in scans])
-    first = inductance[at_rest][:baseline]
+    first = inductance[[not row.depth > 0 for row in rows]][:baseline]
     dims = ("scan", "state")
     return xr.Dataset(
         {
@@ -160,15 +159,11 @@ def recorded_series(
             **{name: (dims, raw[..., k]) for k, name in enumerate(("msb", "lsb", "status", "fault"))},
         },
         coords={
-            "time": ("scan", _times(scans), {"units": "s"}),
-            "received": ("scan", [scan.received for scan in scans], {"units": "s"}),
-            "session": ("scan", [scan.session for scan in scans]),
-            "sequence": ("scan", [scan.sequence for scan in scans]),
-            "stage": ("scan", [scan.stage for scan in scans]),
-            "finished": ("scan", [scan.finished for scan in scans]),
-            "depth": ("scan", [scan.depth for scan in scans], {"units": "m"}),
-            "y": ("scan", [scan.y for scan in scans], {"units": "m"}),
-            "x": ("scan", [scan.x for scan in scans], {"units": "m"}),
+            "time": ("scan", _times(rows), {"units": "s"}),
+            **{
+                name: ("scan", [getattr(row, name) for row in rows], {"units": unit} if unit else {})
+                for name, unit in _WHEN.items()
+            },
             "state": list(recording.states),
         },
         attrs=_provenance(recording),
@@ -196,7 +191,7 @@ def _campaign(recording: Recording) -> Campaign:
 
 
 def _measured(
-    recording: Recording, campaign: Campaign, capacitances: Mapping[str, float] | float | None, clock: float | None
+    recording: Recording, campaign: Campaign, capacitances: Capacitances, clock: float | None
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_], FloatArray]:
     """L_0 and L_peak over (repeat, depth, y, x, state), where one is doubtful, and every L_0 in the order of time."""
     shape = (campaign.repeats, len(campaign.depths), len(campaign.y), len(campaign.x), len(recording.states))
@@ -230,13 +225,6 @@ def _node(recording: Recording, campaign: Campaign, place: GridPlace) -> tuple[i
     return repeat, k, j, i
 
 
-def _require_whole(recording: Recording, campaign: Campaign, count: npt.NDArray[np.int_]) -> None:
-    missing = int((count == 0).any(axis=-1).sum())
-    if missing:
-        places = len(campaign.depths) * len(campaign.y) * len(campaign.x)
-        raise HardwareError(f"{recording.path} is not whole: {missing} of {places} positions are not measured yet.")
-
-
 def _from_steps(baselines: FloatArray, scans: int) -> FloatArray:
     """Estimate the standard deviation of δ by state from differences of successive L_0, in which a drift cancels.
 
@@ -253,25 +241,24 @@ def _mean(values: FloatArray) -> FloatArray:
     return np.asarray(np.where(count > 0, np.nansum(values, axis=0), np.nan) / np.maximum(count, 1))
 
 
-def _reading(
-    recording: Recording,
-    scan: RecordedScan,
-    capacitances: Mapping[str, float] | float | None,
-    clock: float | None,
-) -> ScanReading:
+def _reading(recording: Recording, scan: RecordedScan, capacitances: Capacitances, clock: float | None) -> ScanReading:
     session = recording.sessions[scan.session]
     return read_scan(
         scan.scan, session.settings, session.capacitances if capacitances is None else capacitances, clock=clock
     )
 
 
-class _When(NamedTuple):
-    """Time and place of a scan."""
+class _Row(NamedTuple):
+    """A scan of a time series; its first four fields have a value or a row of words for every state."""
 
-    session: int
-    sequence: int
+    frequency: FloatArray
+    inductance: FloatArray
+    verdict: npt.NDArray[np.int8]
+    raw: npt.NDArray[np.uint16]
     time: float
     received: float
+    session: int
+    sequence: int
     stage: str
     finished: bool
     depth: float
@@ -279,32 +266,22 @@ class _When(NamedTuple):
     x: float
 
 
-def _row(
-    scan: RecordedScan, reading: ScanReading, finished: Container[int | None]
-) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int8], npt.NDArray[np.uint16], _When]:
-    """Return the frequency, inductance, verdict and raw words of the states of a scan, and when it was."""
-    y, x = (math.nan, math.nan) if scan.place is None else (scan.place.y, scan.place.x)
-    raw = scan.scan
-    return (
-        np.array([_number(state.frequency) for state in reading.states]),
-        np.array([_number(state.inductance) for state in reading.states]),
-        np.array([VERDICTS.index(state.verdict) for state in reading.states], dtype=np.int8),
+def _row(scan: RecordedScan, reading: ScanReading, finished: Container[int | None]) -> _Row:
+    raw, states, place = scan.scan, reading.states, scan.place
+    when = (raw.time, raw.received, scan.session, raw.sequence, scan.stage, scan.position in finished)
+    where = (math.nan, math.nan) if place is None else (place.y, place.x)
+    return _Row(
+        np.array([_number(state.frequency) for state in states]),
+        np.array([_number(state.inductance) for state in states]),
+        np.array([VERDICTS.index(state.verdict) for state in states], dtype=np.int8),
         np.array([(one.msb, one.lsb, one.status, one.fault) for one in raw.samples], dtype=np.uint16),
-        _When(
-            scan.session,
-            raw.sequence,
-            raw.time,
-            raw.received,
-            scan.stage,
-            scan.position in finished,
-            _number(scan.depth),
-            y,
-            x,
-        ),
+        *when,
+        _number(scan.depth),
+        *where,
     )
 
 
-def _times(scans: Sequence[_When]) -> list[float]:
+def _times(scans: Sequence[_Row]) -> list[float]:
     """Time of every scan in s from the first: the board's within a session, the computer's from one to the next."""
     times: list[float] = []
     first = start = 0.0
@@ -318,18 +295,17 @@ def _times(scans: Sequence[_When]) -> list[float]:
 
 
 def _coils(recording: Recording) -> dict[str, object]:
-    design = build_design(recording.sessions[0].design_document, str(recording.path))
-    origin = (0.0, 0.0) if design.indentation is None else design.indentation.origin_point
-    centres = design.array.centres - origin
+    setup, array = recording.design.indentation, recording.design.array
+    centres = array.centres - ((0.0, 0.0) if setup is None else setup.origin_point)
     return {
-        "coil": list(design.array.names),
+        "coil": list(array.names),
         "coil_x": ("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
         "coil_y": ("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
     }
 
 
 def _indentation(recording: Recording) -> dict[str, str]:
-    setup = build_design(recording.sessions[0].design_document, str(recording.path)).indentation
+    setup = recording.design.indentation
     if setup is None:
         return {}
     return {"indenter": setup.indenter.name, "base": setup.base, "origin": setup.origin or "board"}
@@ -341,7 +317,7 @@ def _provenance(recording: Recording) -> dict[str, str | int]:
         "source": "measured",
         "emulated": int(recording.emulated),
         "board": session.identity.kind,
-        "started": datetime.fromtimestamp(session.started, UTC).isoformat(timespec="seconds"),
+        "started": iso_time(session.started),
         "design": session.design,
         "design_hash": session.design_hash,
         "wiring": session.wiring,

@@ -10,21 +10,22 @@ import json
 import math
 import sqlite3
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import TypeVar
 
 from coilarray.compute.store import locked_database
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.design.write import design_document
 from coilarray.errors import HardwareError, OutputError
+from coilarray.hardware.board.connect import Board
 from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
 from coilarray.hardware.record.recording_file import create_tables, is_blank, reading, require_recording
-from coilarray.hardware.scan.reader import Identity, RawScan, Reader
+from coilarray.hardware.scan.reader import RawScan, Reader
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.faults import BoardRestarted
 from coilarray.hardware.wire.signals import held_signals
@@ -56,20 +57,9 @@ class Recorder:
     def start(self, session: RecordedSession, campaign: str | None = None) -> None:
         """Begin a session: the first one creates the recording, a later one continues it.
 
-        Parameters
-        ----------
-        session : RecordedSession
-            New session.
-        campaign : str, optional
-            Plan of the campaign as JSON.
-
-        Raises
-        ------
-        HardwareError
-            A recording of another design, wiring or campaign, with other settings, or of an emulator where the board
-            is real or vice versa.
-        OutputError
-            A file that cannot be written.
+        `campaign` is its plan as JSON. HardwareError for a recording of another design, wiring or campaign, with other
+        settings, or of an emulator where the board is real or vice versa; OutputError for a file that cannot be
+        written.
         """
 
         def write(connection: sqlite3.Connection) -> int:
@@ -91,12 +81,10 @@ class Recorder:
         self._session = session
 
     def add(self, scan: RawScan, stage: str, *, position: int | None = None, depth: float | None = None) -> None:
-        """Write a scan.
+        """Write a scan of this session.
 
         Parameters
         ----------
-        scan : RawScan
-            Scan of this session.
         stage : str
             Part of the measurement: "stream", "single", "baseline" or "peak".
         position : int, optional
@@ -110,8 +98,6 @@ class Recorder:
             A scan of another session of the board.
         HardwareError
             A scan with other settings or another number of states, or without a time.
-        OutputError
-            A file that cannot be written.
         """
         self._require_ours(scan)
 
@@ -197,35 +183,15 @@ class Recorder:
         return result
 
 
-def begin_session(
-    identity: Identity, port: str, settings: ScanSettings, wiring: str, design: Design
-) -> RecordedSession:
-    """Return a session that begins now.
-
-    Parameters
-    ----------
-    identity : Identity
-        Identity of the board, after it was configured.
-    port : str
-        Name of the port.
-    settings : ScanSettings
-        Settings of the board.
-    wiring : str
-        Name of the wiring.
-    design : Design
-        Design of the coils.
-
-    Returns
-    -------
-    RecordedSession
-    """
+def begin_session(board: Board, settings: ScanSettings, design: Design) -> RecordedSession:
+    """Return a session that begins now, of a board that has been configured."""
     capacitance = design.circuit.switches.tank_capacitance
     return RecordedSession(
         started=time.time(),
-        identity=identity,
-        port=port,
+        identity=board.identity,
+        port=board.port,
         settings=settings,
-        wiring=wiring,
+        wiring=board.wiring.name,
         capacitances={state.name: capacitance for state in settings.states},
         design=design.name,
         design_hash=design.digest,
@@ -236,25 +202,10 @@ def begin_session(
 
 @contextmanager
 def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
-    """Open a file for a new recording, or a recording to continue.
+    """Open a file, whose folder must exist, for a new recording, or with `resume` one to continue where there is one.
 
-    Parameters
-    ----------
-    path : Path
-        File of the recording; its folder must exist.
-    resume : bool
-        Whether to continue a recording that exists; a new one is made where there is none.
-
-    Yields
-    ------
-    Recorder
-
-    Raises
-    ------
-    OutputError
-        A file that already exists, cannot be written, or is being written by another process.
-    HardwareError
-        A file to continue that is not a recording, has another schema, or is damaged.
+    OutputError for a file that already exists, cannot be written, or is being written by another process; HardwareError
+    for one to continue that is not a recording, has another schema, or is damaged.
     """
     with _alone(path):
         try:
@@ -287,14 +238,12 @@ def record_stream(
     interval: float = 0.0,
     progress: Progress | None = None,
 ) -> int:
-    """Record the scans of a running board for a number of scans or a time.
+    """Record the scans of a running board for a number of scans or a time, and return how many there were.
 
     Parameters
     ----------
     reader : Reader
         Board, configured with the settings of the recorder's session.
-    recorder : Recorder
-        Started recorder.
     scans : int, optional
         Number of scans.
     seconds : float, optional
@@ -304,18 +253,11 @@ def record_stream(
     progress : callable, optional
         Called with (done, total): scans, or tenths of a second.
 
-    Returns
-    -------
-    int
-        Number of scans recorded.
-
     Raises
     ------
     HardwareError
         Neither or both of `scans` and `seconds`, values that are not positive, or a fault of the board; every earlier
         scan is in the recording.
-    OutputError
-        A recording that cannot be written.
     """
     if (scans is None) == (seconds is None):
         raise HardwareError("a stream must have either a number of scans or a time in s.")
@@ -324,8 +266,7 @@ def record_stream(
     if seconds is not None and not (math.isfinite(seconds) and seconds > 0):
         raise HardwareError(f"a stream must last a positive time; got {seconds} s.")
     count, first = 0, None
-    # an iterator of a reader is a generator: closing it stops the board
-    with closing(cast("Generator[RawScan]", reader.scans(interval))) as stream:
+    with closing(reader.scans(interval)) as stream:
         for scan in stream:
             first = scan.time if first is None else first
             passed = scan.time - first

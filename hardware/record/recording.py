@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 import math
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from coilarray.design.model import Design, build_design
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.recording_file import check_pages, connect_to_read, reading, require_recording
 from coilarray.hardware.scan.reader import Identity, RawSample, RawScan, SampleFault
@@ -21,112 +23,52 @@ from coilarray.hardware.scan.settings import ScanSettings
 
 @dataclass(frozen=True)
 class GridPlace:
-    """One position of the indenter in a campaign.
+    """One position of the indenter in a campaign."""
 
-    Parameters
-    ----------
-    number : int
-        Number in the order of the campaign, from 0.
-    repeat : int
-        Number of the pass over the whole grid, from 0.
-    depth, y, x : float
-        Depth and position in m, x and y from the map's origin.
-    """
-
-    number: int
-    repeat: int
-    depth: float
-    y: float
-    x: float
+    number: int  # in the order of the campaign, from 0
+    repeat: int  # number of the pass over the whole grid, from 0
+    depth: float  # m
+    y: float  # m from the map's origin
+    x: float  # m, likewise
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedSession:
-    """Properties of all scans from opening a board to closing it.
+    """Properties of all scans from opening a board to closing it."""
 
-    Parameters
-    ----------
-    started : float
-        Start of the session in s since the epoch.
-    identity : Identity
-        Identity of the board.
-    port : str
-        Name of the port.
-    settings : ScanSettings
-        Settings of the board.
-    wiring : str
-        Name of the wiring.
-    capacitances : mapping of str to float
-        Capacitance of the tank in F by state, as assumed while measuring.
-    design, design_hash : str
-        Name and digest of the design.
-    design_document : mapping of str to object
-        Design as `coilarray.design.model.build_design` takes it.
-    version : str
-        Version of this program.
-    """
-
-    started: float
+    started: float  # s since the epoch
     identity: Identity
     port: str
     settings: ScanSettings
     wiring: str
-    capacitances: Mapping[str, float]
+    capacitances: Mapping[str, float]  # of the tank in F by state, as assumed while measuring
     design: str
-    design_hash: str
-    design_document: Mapping[str, Any]
-    version: str
+    design_hash: str  # digest of the design
+    design_document: Mapping[str, Any]  # as `coilarray.design.model.build_design` takes it
+    version: str  # of this program
 
 
 @dataclass(frozen=True)
 class RecordedScan:
-    """A scan and the circumstances of its measurement.
+    """A scan and the circumstances of its measurement."""
 
-    Parameters
-    ----------
-    number : int
-        Number in the recording, rising.
-    scan : RawScan
-        Raw words of the board.
-    session : int
-        Index of its session in `Recording.sessions`.
-    stage : str
-        Part of the measurement: "stream", "single", "baseline" or "peak".
-    position : int or None
-        Number of the attempt at a place; `Recording.positions` holds those that were finished.
-    place : GridPlace or None
-        Place of the indenter in a campaign.
-    depth : float or None
-        Depth of the indenter in m where it is known; 0 where it does not touch.
-    """
-
-    number: int
+    number: int  # in the recording, rising
     scan: RawScan
-    session: int
-    stage: str
-    position: int | None
+    session: int  # index in `Recording.sessions`
+    stage: str  # part of the measurement: "stream", "single", "baseline" or "peak"
+    position: int | None  # number of the attempt at a place; `Recording.positions` holds those that were finished
     place: GridPlace | None
-    depth: float | None
+    depth: float | None  # of the indenter in m where it is known; 0 where it does not touch
 
 
 @dataclass(frozen=True)
 class RecordedSelfTest:
-    """Result of a self-test before or after a campaign.
+    """Result of a self-test before or after a campaign."""
 
-    Parameters
-    ----------
-    session : int
-        Index of its session in `Recording.sessions`.
-    time : float
-        Time of the test in s since the epoch.
-    symptoms, findings : tuple of str
-        Deviations from a good board, and the faults that each explain them alone.
-    """
-
-    session: int
-    time: float
-    symptoms: tuple[str, ...]
-    findings: tuple[str, ...]
+    session: int  # index in `Recording.sessions`
+    time: float  # s since the epoch
+    symptoms: tuple[str, ...]  # deviations from a good board
+    findings: tuple[str, ...]  # faults that each explain them alone
 
     @property
     def passed(self) -> bool:
@@ -137,20 +79,12 @@ class RecordedSelfTest:
 class Recording:
     """A recording that is open for reading, from `open_recording`.
 
-    Parameters
-    ----------
-    path : Path
-        File of the recording.
-    connection : sqlite3.Connection
-        Connection to the file.
-
     Attributes
     ----------
     sessions : tuple of RecordedSession
         Sessions in the order in which they began.
     campaign : str or None
-        Plan of the campaign as JSON (`coilarray.hardware.record.campaign.Campaign.from_json`); None where there is
-        none.
+        Plan of the campaign as JSON (`coilarray.hardware.record.campaign.Campaign.from_json`), where there is one.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
@@ -178,6 +112,11 @@ class Recording:
         """Names of the states of a scan, in order."""
         return tuple(state.name for state in self.sessions[0].settings.states)
 
+    @cached_property
+    def design(self) -> Design:
+        """Design of the first session; DesignError for one that this version cannot read."""
+        return build_design(self.sessions[0].design_document, str(self.path))
+
     def self_tests(self) -> tuple[RecordedSelfTest, ...]:
         """Return the self-tests in the order of time; HardwareError for a damaged file."""
         with reading(self.path):
@@ -197,8 +136,8 @@ class Recording:
             ).fetchall()
         return {number: GridPlace(*place) for number, *place in rows}
 
-    def scans(self, *, after: int = 0, finished: bool = False) -> Iterator[RecordedScan]:
-        """Read the scans in the order in which they were measured.
+    def scans(self, *, after: int = 0, finished: bool = False) -> Generator[RecordedScan]:
+        """Read the scans in the order in which they were measured; HardwareError for a damaged file.
 
         Parameters
         ----------
@@ -206,11 +145,6 @@ class Recording:
             Number of a scan; only later ones are read, for following a recording that grows.
         finished : bool
             Whether to read only scans of positions that were measured to their end.
-
-        Yields
-        ------
-        RecordedScan
-            Next scan; HardwareError for a damaged file.
         """
         wanted = "AND position.finished IS NOT NULL" if finished else ""
         query = f"""
@@ -282,18 +216,15 @@ class Recording:
 def open_recording(path: Path) -> Iterator[Recording]:
     """Open a recording for reading; a program that writes it at the same time is not disturbed.
 
-    Parameters
-    ----------
-    path : Path
-        File of the recording.
-
-    Yields
-    ------
-    Recording
-        Open recording; HardwareError for a file that is missing, not a recording, of another schema, or damaged.
+    HardwareError for a file that is missing, not a recording, of another schema, or damaged.
     """
     with closing(connect_to_read(path)) as connection:
         yield Recording(path, connection)
+
+
+def iso_time(seconds: float) -> str:
+    """Return a time in s since the epoch as ISO 8601, to a second."""
+    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
 
 
 def _identity(values: Mapping[str, Any]) -> Identity:

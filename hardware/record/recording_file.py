@@ -94,13 +94,7 @@ def is_blank(connection: sqlite3.Connection) -> bool:
 
 
 def require_recording(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse another program's database, and a recording of a newer version.
-
-    Raises
-    ------
-    HardwareError
-        Which file, and what it is.
-    """
+    """Refuse another program's database, and a recording of a newer version, with a HardwareError."""
     if is_blank(connection):
         raise HardwareError(f"{path} is no recording: it is empty.")
     if _pragma(connection, "application_id") != APPLICATION:
@@ -119,10 +113,7 @@ def require_recording(connection: sqlite3.Connection, path: Path) -> None:
 def connect_to_read(path: Path) -> sqlite3.Connection:
     """Open a file read-only, also while a recorder writes it, and also where nothing may be written beside it.
 
-    Raises
-    ------
-    HardwareError
-        A file that is not there, cannot be read or is no database.
+    HardwareError for a file that is not there, cannot be read or is no database.
     """
     try:
         if path.is_dir():
@@ -158,13 +149,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def check_pages(connection: sqlite3.Connection, path: Path) -> None:
-    """Look through the whole file for damage.
-
-    Raises
-    ------
-    HardwareError
-        The first that is found.
-    """
+    """Look through the whole file for damage; HardwareError names the first that is found."""
     with reading(path):
         for pragma in ("integrity_check(1)", "foreign_key_check"):
             first = connection.execute(f"PRAGMA {pragma}").fetchone()

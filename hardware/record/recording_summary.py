@@ -5,72 +5,63 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Any
 
 from coilarray.hardware.record.campaign import Campaign
-from coilarray.hardware.record.recording import RecordedSelfTest, Recording
-from coilarray.hardware.scan.readings import Reason, Verdict, read_scan
+from coilarray.hardware.record.recording import RecordedSelfTest, Recording, iso_time
+from coilarray.hardware.scan.readings import Reason, StateReading, Verdict, read_scan
 
 
-@dataclass(frozen=True, eq=False)
 class StateSummary:
-    """All readings of a state.
+    """Gathers the readings of a state; means are None where none was good or doubtful."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the state.
-    frequency, inductance : float or None
-        Means in Hz and H; None where nothing was good or doubtful.
-    noise : float or None
-        Relative standard deviation of the inductance at rest, from the differences of successive scans, in which a
-        drift cancels; None where there are no two such scans.
-    verdicts : mapping of str to int
-        Numbers of good, doubtful and bad readings.
-    reasons : mapping of Reason to int
-        Numbers of readings by the reason why they are not good.
-    """
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.verdicts: Counter[Verdict] = Counter()
+        self.reasons: Counter[Reason] = Counter()
+        """Numbers of readings by the reason why they are not good."""
+        self._count = self._steps = 0
+        self._frequency = self._inductance = self._squares = 0.0  # sums
+        self._last: float | None = None
 
-    name: str
-    frequency: float | None
-    inductance: float | None
-    noise: float | None
-    verdicts: Counter[Verdict]
-    reasons: Counter[Reason]
+    def add(self, reading: StateReading, *, pressed: bool) -> None:
+        """Add a reading; `pressed` where the indenter presses, so that it says nothing of the noise."""
+        self.verdicts[reading.verdict] += 1
+        self.reasons.update(reading.reasons)
+        if reading.frequency is None or reading.inductance is None:
+            return
+        self._count += 1
+        self._frequency += reading.frequency
+        self._inductance += reading.inductance
+        if not pressed:
+            if self._last is not None:
+                self._steps += 1
+                self._squares += (reading.inductance - self._last) ** 2
+            self._last = reading.inductance
+
+    @property
+    def frequency(self) -> float | None:
+        """Mean frequency in Hz."""
+        return self._frequency / self._count if self._count else None
+
+    @property
+    def inductance(self) -> float | None:
+        """Mean inductance in H."""
+        return self._inductance / self._count if self._count else None
+
+    @property
+    def noise(self) -> float | None:
+        """Relative standard deviation of the inductance at rest, from differences of scans, in which a drift cancels.
+
+        None where there are no two such scans; the difference of two readings has twice the variance of one.
+        """
+        mean = self.inductance
+        return math.sqrt(self._squares / self._steps / 2) / mean if mean is not None and self._steps else None
 
 
 @dataclass(frozen=True, eq=False)
 class RecordingSummary:
-    """A recording as a whole.
-
-    Parameters
-    ----------
-    file : str
-        Path of the file.
-    emulated : bool
-        Whether the board was an emulator.
-    design, design_hash, wiring, version : str
-        Design, wiring and version of this program, from the first session.
-    sessions : tuple of mapping
-        Time, board and number of scans of every session, for JSON.
-    scans : int
-        Number of scans of all sessions.
-    lost : int
-        Number of scans of streams that the board numbered and that never arrived.
-    seconds : float
-        Total time from the first to the last scan of every session, by the board's clock.
-    rate : float or None
-        Recorded scans per second, without the pauses between sessions; None for a campaign, or too few scans.
-    states : tuple of StateSummary
-        Readings of every state, in the order of the scan.
-    campaign : Campaign or None
-        Plan of the campaign, where there is one.
-    positions : int
-        Number of positions of the campaign that were measured to their end.
-    self_tests : tuple of RecordedSelfTest
-        Self-tests before and after a campaign.
-    """
+    """A recording as a whole; design, wiring and version of this program are those of the first session."""
 
     file: str
     emulated: bool
@@ -78,15 +69,15 @@ class RecordingSummary:
     design_hash: str
     wiring: str
     version: str
-    sessions: tuple[dict[str, Any], ...]
+    sessions: tuple[dict[str, Any], ...]  # time, board and number of scans of each, for JSON
     scans: int
-    lost: int
-    seconds: float
-    rate: float | None
+    lost: int  # scans of streams that the board numbered and that never arrived
+    seconds: float  # from the first to the last scan of every session, by the board's clock
+    rate: float | None  # scans/s without the pauses between sessions; None for a campaign, or too few scans
     states: tuple[StateSummary, ...]
     campaign: Campaign | None
-    positions: int
-    self_tests: tuple[RecordedSelfTest, ...]
+    positions: int  # of the campaign, measured to their end
+    self_tests: tuple[RecordedSelfTest, ...]  # before and after a campaign
 
     def to_record(self) -> dict[str, Any]:
         """Return everything as plain values in SI, for JSON."""
@@ -118,7 +109,7 @@ class RecordingSummary:
             "self_tests": [
                 {
                     "session": test.session,
-                    "time": datetime.fromtimestamp(test.time, UTC).isoformat(timespec="seconds"),
+                    "time": iso_time(test.time),
                     "passed": test.passed,
                     "symptoms": list(test.symptoms),
                     "findings": list(test.findings),
@@ -130,7 +121,7 @@ class RecordingSummary:
 
 def summarize_recording(recording: Recording) -> RecordingSummary:
     """Read a whole recording of any kind and summarize it; HardwareError for a damaged file."""
-    states = [_State(name) for name in recording.states]
+    states = tuple(StateSummary(name) for name in recording.states)
     times: list[list[float]] = [[] for _ in recording.sessions]
     count, lost = 0, 0
     before: tuple[int, int] | None = None  # session and number of the last scan of a stream
@@ -140,12 +131,9 @@ def summarize_recording(recording: Recording) -> RecordingSummary:
             if before is not None and before[0] == scan.session:
                 lost += max(scan.scan.sequence - before[1] - 1, 0)
             before = (scan.session, scan.scan.sequence)
-        for state, reading in zip(
-            states, read_scan(scan.scan, session.settings, session.capacitances).states, strict=True
-        ):
-            state.verdicts[reading.verdict] += 1
-            state.reasons.update(reading.reasons)
-            state.add(reading.frequency, reading.inductance, pressed=(scan.depth or 0.0) > 0)
+        readings = read_scan(scan.scan, session.settings, session.capacitances).states
+        for state, reading in zip(states, readings, strict=True):
+            state.add(reading, pressed=(scan.depth or 0.0) > 0)
         times[scan.session].append(scan.scan.time)
         count += 1
     first = recording.sessions[0]
@@ -160,7 +148,7 @@ def summarize_recording(recording: Recording) -> RecordingSummary:
         version=first.version,
         sessions=tuple(
             {
-                "started": datetime.fromtimestamp(session.started, UTC).isoformat(timespec="seconds"),
+                "started": iso_time(session.started),
                 "board": session.identity.kind,
                 "port": session.port,
                 "boot": f"{session.identity.boot:08X}",
@@ -173,40 +161,8 @@ def summarize_recording(recording: Recording) -> RecordingSummary:
         lost=lost,
         seconds=seconds,
         rate=steps / seconds if recording.campaign is None and seconds > 0 else None,
-        states=tuple(state.summary() for state in states),
+        states=states,
         campaign=None if recording.campaign is None else Campaign.from_json(recording.campaign),
         positions=len(recording.positions()),
         self_tests=recording.self_tests(),
     )
-
-
-class _State:
-    """Gathers the readings of a state."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.verdicts: Counter[Verdict] = Counter()
-        self.reasons: Counter[Reason] = Counter()
-        self._count = self._steps = 0
-        self._frequency = self._inductance = self._squares = 0.0  # sums
-        self._last: float | None = None
-
-    def add(self, frequency: float | None, inductance: float | None, *, pressed: bool) -> None:
-        if frequency is None or inductance is None:
-            return
-        self._count += 1
-        self._frequency += frequency
-        self._inductance += inductance
-        if not pressed:
-            if self._last is not None:
-                self._steps += 1
-                self._squares += (inductance - self._last) ** 2
-            self._last = inductance
-
-    def summary(self) -> StateSummary:
-        if not self._count:
-            return StateSummary(self.name, None, None, None, self.verdicts, self.reasons)
-        frequency, inductance = self._frequency / self._count, self._inductance / self._count
-        # the difference of two readings has twice the variance of one
-        noise = math.sqrt(self._squares / self._steps / 2) / inductance if self._steps else None
-        return StateSummary(self.name, frequency, inductance, noise, self.verdicts, self.reasons)

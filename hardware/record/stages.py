@@ -59,10 +59,7 @@ class Stage(Protocol):
 class PersonStage:
     """A person who moves the indenter by hand.
 
-    Parameters
-    ----------
-    ask : callable
-        Shows an instruction and returns when it has been carried out; raises HardwareError where nobody answers.
+    `ask` shows an instruction and returns when it was carried out; it raises HardwareError where nobody answers.
     """
 
     def __init__(self, ask: Callable[[str], None]) -> None:
@@ -93,13 +90,7 @@ class PersonStage:
 
 
 class EmulatedStage:
-    """Moves the indenter of an emulated board, in the time of its clock.
-
-    Parameters
-    ----------
-    board : EmulatedBoard
-        Board that the indenter presses on.
-    """
+    """Moves the indenter of an emulated board, in the time of its clock."""
 
     def __init__(self, board: EmulatedBoard) -> None:
         self._board, self._indenter, self._clock = board, board.indenter, board.clock
@@ -140,27 +131,12 @@ class EmulatedStage:
 
 @dataclass(frozen=True)
 class StageLimits:
-    """Where a machine may go; nothing outside is ever sent.
+    """Where a machine may go, nothing outside is ever sent; HardwareError for a range that is empty or too large."""
 
-    Parameters
-    ----------
-    x, y : tuple of float
-        Least and greatest position in m.
-    depth : float
-        Greatest depth below the point of contact in m.
-    clearance : float
-        Height above the point of contact in m at which the indenter travels and baselines are measured.
-
-    Raises
-    ------
-    HardwareError
-        A range that is empty or too large.
-    """
-
-    x: tuple[float, float]
-    y: tuple[float, float]
-    depth: float
-    clearance: float = 2e-3
+    x: tuple[float, float]  # least and greatest position in m
+    y: tuple[float, float]  # m
+    depth: float  # greatest below the point of contact in m
+    clearance: float = 2e-3  # height above it in m at which the indenter travels and baselines are measured
 
     def __post_init__(self) -> None:
         for name, (low, high) in (("x", self.x), ("y", self.y)):
@@ -179,12 +155,6 @@ class GcodeStage:
 
     Parameters
     ----------
-    port : BytePort
-        Serial port of the machine, as `coilarray.hardware.wire.serial_ports.open_serial_port` returns it.
-    limits : StageLimits
-        Where the machine may go.
-    dialect : {"grbl", "marlin"}
-        Firmware of the machine.
     greeting : float
         Longest time in s from opening the port until the machine has started.
     patience : float

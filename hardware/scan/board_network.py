@@ -11,19 +11,9 @@ from coilarray.design.model import Design
 
 
 def board_network(design: Design, store: Store) -> Network:
-    """Return `coilarray.circuit.coupling.design_circuit` of a design, kept on disk between runs.
+    """Return `coilarray.circuit.coupling.design_circuit` of a design, which takes 4 s for gast2020, kept in a store.
 
-    Parameters
-    ----------
-    design : Design
-        Design of the board.
-    store : Store
-        Store of the network's parts, which take 4 s to compute for the six coils of gast2020.
-
-    Raises
-    ------
-    NetworkError
-        A state of the design's plan without a resonance.
+    NetworkError for a state of the design's plan without a resonance.
     """
     parts = store.dataset(["circuit", design.digest], lambda: _circuit(design))
     return Network(

@@ -21,22 +21,16 @@ SWITCHES = 8
 UNUSED = 0xFF
 """Code of a switch that is not wired."""
 Sense = Literal[1, -1]
-Node = tuple[int, int] | str
-"""An end of a coil as (number of the coil, 0 or 1), or the name of a net."""
+Terminal = tuple[int, int]
+"""Number of a coil, and of its end: 0 or 1."""
+Node = Terminal | str
+"""An end of a coil, or the name of a net."""
 
 
 class WiredSwitch(NamedTuple):
-    """What one switch joins.
+    """What one switch joins: an end of a coil, and a net."""
 
-    Parameters
-    ----------
-    terminal : tuple of (int, int)
-        Number of the coil, and of its end: 0 or 1.
-    net : {"ground", "INA", "INB", "other"}
-        Net on the other side of the switch.
-    """
-
-    terminal: tuple[int, int]
+    terminal: Terminal
     net: Net
 
     @property
@@ -51,26 +45,10 @@ SwitchTable = tuple[tuple[WiredSwitch | None, ...], ...]
 
 
 def switch_table(wiring: bytes) -> SwitchTable:
-    """Decode a wiring, as `coilarray.hardware.scan.wiring.Wiring.encode` returns it.
+    """Decode a wiring: eight bytes for each device in the order of the words, bit 0 first, as `WiredSwitch.code` says.
 
-    Parameters
-    ----------
-    wiring : bytes
-        Eight bytes for each device in the order of the words, bit 0 first: 4·terminal + net, or 0xFF for a switch that
-        is not wired.
+    A byte is 4·terminal + net, or 0xFF for a switch that is not wired; HardwareError for any other number of bytes.
 
-    Returns
-    -------
-    tuple of tuple of WiredSwitch or None
-        Switches of each device, by bit.
-
-    Raises
-    ------
-    HardwareError
-        The number of bytes is not a multiple of eight.
-
-    Examples
-    --------
     >>> switch_table(bytes([0x05, *[0xFF] * 7]))[0][0]
     WiredSwitch(terminal=(0, 1), net='INA')
     """
@@ -87,18 +65,10 @@ def closed_switches(
     stuck: Mapping[tuple[int, int], bool] = MappingProxyType({}),
     bit_order: Sequence[int] = range(SWITCHES),
 ) -> tuple[WiredSwitch, ...]:
-    """Return the wired switches that conduct.
+    """Return the wired switches that conduct under these words, one byte for each device of the table.
 
-    Parameters
-    ----------
-    table : tuple of tuple of WiredSwitch or None
-        Switches as `switch_table` returns them.
-    words : bytes
-        One word for each device.
-    stuck : mapping of (int, int) to bool
-        Broken switches by the numbers of their device and bit: True for closed, False for open.
-    bit_order : sequence of int
-        Bit of the word that moves each switch of the table.
+    `stuck` has the broken switches by the numbers of their device and bit, True for closed; `bit_order` has the bit of
+    the word that moves each switch of the table.
     """
     return tuple(
         switch
@@ -111,14 +81,7 @@ def closed_switches(
 class Closure:
     """Nets and ends of coils, joined by closed switches.
 
-    Parameters
-    ----------
-    coils : collection of int
-        Numbers of the coils that conduct between their two ends.
-    closed : iterable of WiredSwitch
-        Switches that conduct.
-    shorted : collection of int
-        Numbers of the coils whose ends are joined to each other.
+    `coils` are the numbers of those that conduct between their two ends, `shorted` of those whose ends are joined.
     """
 
     def __init__(self, coils: Collection[int], closed: Iterable[WiredSwitch], shorted: Collection[int] = ()) -> None:
@@ -158,15 +121,10 @@ class Branch(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What the converter sees.
+    """What the converter sees: the measured coils with what closes the others, or why there are none.
 
-    Parameters
-    ----------
-    kind : {"coils", "open", "short", "grounded", "tangled"}
-        Coils between its pins; nothing; its pins joined to each other; a pin that direct current leads to ground; coils
-        that are joined in another way than in series or in parallel.
-    state : ScanState or None
-        The measured coils and what closes the others; None where there are no coils between the pins.
+    Between its pins are coils; nothing ("open"); a joint of both ("short"); or coils joined in another way than in
+    series or in parallel ("tangled"). "grounded" is a pin that direct current leads to ground.
     """
 
     kind: Literal["coils", "open", "short", "grounded", "tangled"]
@@ -174,26 +132,11 @@ class Seen(NamedTuple):
 
 
 def what_is_seen(closed: Iterable[WiredSwitch], names: Sequence[str]) -> Seen:
-    """Return what the converter sees through the closed switches.
+    """Return what the converter sees through the closed switches; `names` are those of the coils, by number.
 
-    Parameters
-    ----------
-    closed : iterable of WiredSwitch
-        Switches that conduct.
-    names : sequence of str
-        Names of the coils, by number.
+    A coil joins its two ends for direct current. Coils that hang on the converter by one end only count as open, and so
+    do idle ones that are joined to each other.
 
-    Returns
-    -------
-    Seen
-
-    Notes
-    -----
-    A coil joins its two ends for direct current. Coils that hang on the converter by one end only count as open, and
-    so do idle ones that are joined to each other.
-
-    Examples
-    --------
     >>> what_is_seen([WiredSwitch((0, 0), "INA"), WiredSwitch((0, 1), "INB")], ["coil1"]).state.measured
     (('coil1', 1),)
     """
@@ -208,12 +151,8 @@ def what_is_seen(closed: Iterable[WiredSwitch], names: Sequence[str]) -> Seen:
     if measured is None:
         return Seen("tangled")
     connection, coils = measured
-    numbers = {coil for coil, _ in coils}
-    others = {
-        names[branch.coil]: _passive(branch, closure.group("ground"))
-        for branch in closure.branches
-        if branch.coil not in numbers
-    }
+    numbers, ground = {coil for coil, _ in coils}, closure.group("ground")
+    others = {names[one.coil]: _passive(one, ground) for one in closure.branches if one.coil not in numbers}
     named = tuple((names[coil], sense) for coil, sense in coils)
     return Seen("coils", ScanState("+".join(name for name, _ in named), named, connection, "open", others))
 
@@ -276,22 +215,11 @@ def _passive(branch: Branch, ground: Node) -> Passive:
 
 
 def check_switching(wiring: bytes, safe_words: bytes, states: Sequence[tuple[str, bytes]]) -> None:
-    """Refuse words that could join what must not be joined.
+    """Refuse words that could join what must not be joined: HardwareError.
 
-    Parameters
-    ----------
-    wiring : bytes
-        Encoded wiring, as `switch_table` reads it.
-    safe_words : bytes
-        Words between two states, which must ground every end of every coil.
-    states : sequence of (str, bytes)
-        Name and words of each state.
-
-    Raises
-    ------
-    HardwareError
-        No state, safe words that do not ground every end or close anything else, a switch that is not wired, an end on
-        two nets at once, a pin of the converter with two ends, alone, or with another coil than the other pin.
+    The safe words, between two states, must ground every end of every coil and close nothing else. A state, given by
+    name and words, must not close a switch that is not wired, join an end to two nets at once, or a pin of the
+    converter to two ends, to one alone, or to another coil than the other pin.
     """
     if not states:
         raise HardwareError("a scan must have at least one state; got none.")
@@ -305,7 +233,7 @@ def check_switching(wiring: bytes, safe_words: bytes, states: Sequence[tuple[str
         _check_state(_nets(table, words, f"state {name}"), f"state {name}")
 
 
-def _check_state(nets: Mapping[tuple[int, int], Sequence[Net]], where: str) -> None:
+def _check_state(nets: Mapping[Terminal, Sequence[Net]], where: str) -> None:
     for terminal, joined in nets.items():
         if len(joined) > 1:
             listed = " and ".join("another net" if net == "other" else net for net in joined)
@@ -320,7 +248,7 @@ def _check_state(nets: Mapping[tuple[int, int], Sequence[Net]], where: str) -> N
         raise HardwareError(f"{where} joins {_end(on_a[0])} to INA but {_end(on_b[0])} to INB.")
 
 
-def _nets(table: SwitchTable, words: bytes, where: str) -> dict[tuple[int, int], list[Net]]:
+def _nets(table: SwitchTable, words: bytes, where: str) -> dict[Terminal, list[Net]]:
     """Nets of every end that the words join to any, in the order of `NETS`."""
     for device, (switches, word) in enumerate(zip(table, words, strict=True)):
         for bit, switch in enumerate(switches):
@@ -332,6 +260,6 @@ def _nets(table: SwitchTable, words: bytes, where: str) -> dict[tuple[int, int],
     return {terminal: sorted(joined, key=NETS.index) for terminal, joined in nets.items()}
 
 
-def _end(terminal: tuple[int, int]) -> str:
+def _end(terminal: Terminal) -> str:
     coil, end = terminal
     return f"end {'ab'[end]} of coil {coil + 1}"

@@ -19,22 +19,8 @@ _MARGIN = 1.25  # of the quality factor, for the settling time
 
 
 def design_plan(design: Design, states: Sequence[str] | None = None) -> tuple[ScanState, ...]:
-    """Return the scan plan of a design, or some of its states.
+    """Return the states of these names, or all, in a design's scan plan; HardwareError for a wrong or repeated name.
 
-    Parameters
-    ----------
-    design : Design
-        Design of the board.
-    states : sequence of str, optional
-        Names of the states to measure; all by default.
-
-    Raises
-    ------
-    HardwareError
-        A name that the plan does not have, or one that is given twice.
-
-    Examples
-    --------
     >>> from coilarray import load_design
     >>> [state.name for state in design_plan(load_design("gast2020"), ["coil1", "coil3"])]
     ['coil1', 'coil3']

@@ -5,7 +5,7 @@ The board may be a microcontroller, chips on the buses of this computer, or an e
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
@@ -26,16 +26,9 @@ class SampleFault(IntEnum):
 
 @dataclass(frozen=True)
 class RawSample:
-    """One state of a scan.
+    """One state of a scan: registers DATA0_MSB, its four error flags included, DATA0_LSB, and STATUS, read before them.
 
-    Parameters
-    ----------
-    msb, lsb : int
-        Registers DATA0_MSB, its four error flags included, and DATA0_LSB.
-    status : int
-        Register STATUS, read once, before the data.
-    fault : SampleFault
-        Reason why the words are 0 and no measurement, or NONE.
+    With a fault the words are 0 and no measurement.
     """
 
     msb: int
@@ -52,10 +45,8 @@ class RawScan:
     ----------
     sequence : int
         Number of the scan since the stream began, counted by the board; a gap means lost scans.
-    time : float
-        Start of the scan in s by the board's clock, unwrapped; never the time of arrival.
-    received : float
-        Arrival in s since the epoch, by the computer's clock.
+    time, received : float
+        Start in s by the board's clock, unwrapped, and arrival in s since the epoch by the computer's.
     configuration : int
         16-bit hash of the settings the board measured with (`ScanSettings.hash`).
     boot : int
@@ -76,16 +67,9 @@ class RawScan:
 class Identity:
     """Identity of the board at a port.
 
-    Parameters
-    ----------
-    kind : str
-        Description of the board: "XMC 2Go, firmware 1.0", "I²C bus 1", "emulator".
-    emulated : bool
-        Whether there is no real board; every output for people then says so.
-    manufacturer, device : int
-        Registers MANUFACTURER_ID and DEVICE_ID of the converter.
-    boot : int
-        Number of the board's session.
+    `kind` describes it: "XMC 2Go, firmware 1.0", "I²C bus 1", "emulator". Where it is `emulated`, every output for
+    people says so. Then the registers MANUFACTURER_ID and DEVICE_ID of the converter, and the number of the board's
+    session.
     """
 
     kind: str
@@ -108,8 +92,8 @@ class Reader(Protocol):
     def scan(self) -> RawScan:
         """Measure every state once."""
 
-    def scans(self, interval: float = 0.0) -> Iterator[RawScan]:
-        """Scan until the iterator is closed, once every `interval` in s, or as fast as possible for 0."""
+    def scans(self, interval: float = 0.0) -> Generator[RawScan]:
+        """Scan until the generator is closed, once every `interval` in s, or as fast as possible for 0."""
 
     def peek(self, address: int) -> int:
         """Read a register of the converter, which must not be scanning."""

@@ -32,8 +32,6 @@ QUARTER = 1 << (CODE_BITS - 2)
 
 _WORD = 0xFFFF
 _LEAST_QUALITY = 2.0  # from here the lossy form has a root at every frequency of the converter
-_UNDER, _OVER, _WATCHDOG, _AMPLITUDE = 1 << 15, 1 << 14, 1 << 13, 1 << 12  # of the upper word
-_AMPLITUDE_ASKED = 0x1800  # AH_ERR2OUT and AL_ERR2OUT, both shown in the same bit of the upper word
 _OFFSET_STEP = 1 << (CODE_BITS - 16)
 
 
@@ -63,75 +61,26 @@ class Reason(StrEnum):
 
 _DOUBTFUL = frozenset({Reason.AMPLITUDE, Reason.AMPLITUDE_HIGH, Reason.AMPLITUDE_LOW, Reason.ABOVE_QUARTER})
 _FAULTS = {fault: Reason[fault.name] for fault in SampleFault if fault is not SampleFault.NONE}
-
-
-@dataclass(frozen=True)
-class Result:
-    """The two data registers of a channel.
-
-    Parameters
-    ----------
-    code : int
-        28-bit code of the frequency.
-    under_range, over_range, watchdog, amplitude : bool
-        Error flags, if ERROR_CONFIG enables them; `amplitude` is set if it is too high or too low.
-    """
-
-    code: int
-    under_range: bool = False
-    over_range: bool = False
-    watchdog: bool = False
-    amplitude: bool = False
-
-
-def decode_result(msb: int, lsb: int) -> Result:
-    """Split DATA0_MSB and DATA0_LSB into code and flags.
-
-    Raises
-    ------
-    HardwareError
-        A word beyond 16 bits.
-
-    Examples
-    --------
-    >>> result = decode_result(0x1179, 0x82F3)
-    >>> hex(result.code), result.amplitude
-    ('0x17982f3', True)
-    """
-    for name, word in (("msb", msb), ("lsb", lsb)):
-        if not 0 <= word <= _WORD:
-            raise HardwareError(f"{name} must be 0 to 0xFFFF; got {word:#x}.")
-    return Result(
-        (msb & 0x0FFF) << 16 | lsb, bool(msb & _UNDER), bool(msb & _OVER), bool(msb & _WATCHDOG), bool(msb & _AMPLITUDE)
-    )
+# flags of the upper word, and fields of STATUS
+_FLAGS = {Reason.UNDER_RANGE: 1 << 15, Reason.OVER_RANGE: 1 << 14, Reason.WATCHDOG: 1 << 13, Reason.AMPLITUDE: 1 << 12}
+_STATUS = {
+    Reason.UNDER_RANGE: ("ERR_UR",),
+    Reason.OVER_RANGE: ("ERR_OR",),
+    Reason.WATCHDOG: ("ERR_WD",),
+    Reason.AMPLITUDE_HIGH: ("ERR_AHE",),
+    Reason.AMPLITUDE_LOW: ("ERR_ALE",),
+    Reason.ZERO_COUNT: ("ERR_ZC",),
+    Reason.ANOTHER_CHANNEL: ("ERR_CHAN", "UNREADCONV1", "UNREADCONV2", "UNREADCONV3"),
+}
 
 
 def judge(sample: RawSample, *, offset: int = 0, error_config: int = ALL_FLAGS) -> tuple[Verdict, tuple[Reason, ...]]:
-    """Judge whether a sample is a measurement.
+    """Judge whether a sample of channel 0, the only one in use, is a measurement; the reasons are empty if it is good.
 
-    Parameters
-    ----------
-    sample : RawSample
-        Sample of channel 0, the only one in use.
-    offset : int
-        Register OFFSET0.
-    error_config : int
-        Register ERROR_CONFIG; the converter cannot have set a flag that it does not enable.
+    It is doubtful for an amplitude outside its range or an input above a quarter of the reference, bad for all else.
+    `offset` and `error_config` are the registers OFFSET0 and ERROR_CONFIG: the converter cannot have set a flag that
+    the latter does not enable. HardwareError for a word beyond 16 bits.
 
-    Returns
-    -------
-    verdict : {"good", "doubtful", "bad"}
-        Doubtful for an amplitude outside its range or an input above a quarter of the reference, bad for all else.
-    reasons : tuple of Reason
-        Reasons of the verdict; empty if it is good.
-
-    Raises
-    ------
-    HardwareError
-        A word beyond 16 bits.
-
-    Examples
-    --------
     >>> judge(RawSample(0x0179, 0x82F3, 0x0048))
     ('good', ())
     >>> judge(RawSample(0x2000, 0x0000, 0x0848))[0]
@@ -139,8 +88,7 @@ def judge(sample: RawSample, *, offset: int = 0, error_config: int = ALL_FLAGS) 
     """
     if sample.fault is not SampleFault.NONE:
         return "bad", (_FAULTS[sample.fault],)
-    result = decode_result(sample.msb, sample.lsb)
-    reasons = _of_result(result, offset) | _of_status(sample.status)
+    reasons = _of_result(sample, offset) | _of_status(sample.status)
     if sample.msb & ~_shown(error_config) & 0xF000:
         reasons.add(Reason.IMPOSSIBLE)
     if reasons & {Reason.AMPLITUDE_HIGH, Reason.AMPLITUDE_LOW}:
@@ -151,15 +99,22 @@ def judge(sample: RawSample, *, offset: int = 0, error_config: int = ALL_FLAGS) 
     return ("doubtful" if reasons <= _DOUBTFUL else "bad"), ordered
 
 
-def _of_result(result: Result, offset: int) -> set[Reason]:
-    says = {
-        Reason.UNDER_RANGE: result.under_range or result.code == 0,
-        Reason.OVER_RANGE: result.over_range or result.code == LARGEST_CODE,
-        Reason.WATCHDOG: result.watchdog,
-        Reason.AMPLITUDE: result.amplitude,
-        Reason.ABOVE_QUARTER: result.code != LARGEST_CODE and result.code + offset * _OFFSET_STEP >= QUARTER,
-    }
-    return {reason for reason, is_said in says.items() if is_said}
+def _code(sample: RawSample) -> int:
+    return (sample.msb & 0x0FFF) << 16 | sample.lsb
+
+
+def _of_result(sample: RawSample, offset: int) -> set[Reason]:
+    for name, word in (("msb", sample.msb), ("lsb", sample.lsb)):
+        if not 0 <= word <= _WORD:
+            raise HardwareError(f"{name} must be 0 to 0xFFFF; got {word:#x}.")
+    code, reasons = _code(sample), {reason for reason, flag in _FLAGS.items() if sample.msb & flag}
+    if code == 0:
+        reasons.add(Reason.UNDER_RANGE)
+    if code == LARGEST_CODE:
+        reasons.add(Reason.OVER_RANGE)
+    elif code + offset * _OFFSET_STEP >= QUARTER:
+        reasons.add(Reason.ABOVE_QUARTER)
+    return reasons
 
 
 def _of_status(status: int) -> set[Reason]:
@@ -171,43 +126,20 @@ def _of_status(status: int) -> set[Reason]:
         fields = decode("STATUS", status)
     except HardwareError:  # a reserved bit is set
         return {Reason.IMPOSSIBLE}
-    says = {
-        Reason.UNDER_RANGE: fields["ERR_UR"],
-        Reason.OVER_RANGE: fields["ERR_OR"],
-        Reason.WATCHDOG: fields["ERR_WD"],
-        Reason.AMPLITUDE_HIGH: fields["ERR_AHE"],
-        Reason.AMPLITUDE_LOW: fields["ERR_ALE"],
-        Reason.ZERO_COUNT: fields["ERR_ZC"],
-        Reason.NOT_READY: not (fields["DRDY"] and fields["UNREADCONV0"]),
-        Reason.ANOTHER_CHANNEL: (
-            fields["ERR_CHAN"] or fields["UNREADCONV1"] or fields["UNREADCONV2"] or fields["UNREADCONV3"]
-        ),
-    }
-    return {reason for reason, is_said in says.items() if is_said}
+    reasons = {reason for reason, names in _STATUS.items() if any(fields[name] for name in names)}
+    return reasons if fields["DRDY"] and fields["UNREADCONV0"] else reasons | {Reason.NOT_READY}
 
 
 def _shown(error_config: int) -> int:
-    """Return the flags of the upper word that ERROR_CONFIG enables."""
-    amplitude = _AMPLITUDE if error_config & _AMPLITUDE_ASKED else 0
-    return error_config & (_UNDER | _OVER | _WATCHDOG) | amplitude
+    """Return the flags of the upper word that ERROR_CONFIG enables: AH_ERR2OUT and AL_ERR2OUT ask for the same one."""
+    return error_config & 0xE000 | (_FLAGS[Reason.AMPLITUDE] if error_config & 0x1800 else 0)
 
 
 @dataclass(frozen=True)
 class StateReading:
-    """One state of a scan.
+    """One state of a scan, with frequency in Hz and inductance in H, which are None if the verdict is bad.
 
-    Parameters
-    ----------
-    name : str
-        Name of the state.
-    frequency : float or None
-        Frequency in Hz; None if the verdict is bad.
-    inductance : float or None
-        Inductance in H; None if the verdict is bad.
-    verdict : {"good", "doubtful", "bad"}
-        Quality of the values; doubtful ones are outside what the data sheet promises.
-    reasons : tuple of Reason
-        Reasons of the verdict; empty if it is good.
+    A doubtful verdict says that they are outside what the data sheet promises; the reasons are empty if it is good.
     """
 
     name: str
@@ -219,15 +151,7 @@ class StateReading:
 
 @dataclass(frozen=True)
 class ScanReading:
-    """One scan.
-
-    Parameters
-    ----------
-    sequence, time, received, boot
-        Parameters of `RawScan`.
-    states : tuple of StateReading
-        Readings in the order of the states of the settings.
-    """
+    """One scan, as `RawScan`, with the readings of its states in the order of the settings."""
 
     sequence: int
     time: float
@@ -321,8 +245,7 @@ def _read(
     verdict, reasons = judge(sample, offset=settings.offset)
     if verdict == "bad":
         return StateReading(name, None, None, verdict, reasons)
-    code = decode_result(sample.msb, sample.lsb).code
-    frequency = code_to_frequency(code, reference, divider=settings.fin_divider, offset=settings.offset)
+    frequency = code_to_frequency(_code(sample), reference, divider=settings.fin_divider, offset=settings.offset)
     low, high = SENSOR_FREQUENCY
     if not low <= frequency <= high:
         return StateReading(name, None, None, "bad", (*reasons, Reason.NO_SENSOR))

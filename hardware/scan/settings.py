@@ -6,7 +6,7 @@ import binascii
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Annotated
 
@@ -33,7 +33,7 @@ from coilarray.hardware.chips.ldc1614_limits import check_clock, deglitch_for, i
 from coilarray.hardware.chips.ldc1614_limits import settle_count as settle_count_of
 from coilarray.hardware.chips.ldc1614_registers import check_value, encode
 from coilarray.hardware.scan.closure import check_switching
-from coilarray.hardware.scan.wiring import Wiring
+from coilarray.hardware.scan.wiring import Wiring, first_repeated
 
 FULL_RESOLUTION = LARGEST_RCOUNT
 """RCOUNT of the longest conversion."""
@@ -49,16 +49,9 @@ _RESTART = 6e-3  # s; the watchdog's restart of a sensor takes 5.2 ms
 
 @dataclass(frozen=True)
 class StateSettings:
-    """One state of the scan.
+    """One state of the scan, by default with the name of the coil that is measured, and its IDRIVE code, 0 to 31.
 
-    Parameters
-    ----------
-    name : str
-        Name of the state; that of the coil if one coil is measured.
-    words : bytes
-        Words of the switches while it is measured, one byte a device; the first byte goes to the far end of the chain.
-    drive : int
-        IDRIVE code, 0 to 31.
+    `words` has the byte of each device while it is measured; the first one goes to the far end of the chain.
     """
 
     name: str
@@ -115,10 +108,7 @@ class ScanSettings:
     def registers(self) -> tuple[tuple[int, int], ...]:
         """Addresses and values to write while the converter sleeps, ascending; CONFIG is the active value.
 
-        Raises
-        ------
-        HardwareError
-            A field that its register does not take.
+        HardwareError for a field that its register does not take.
         """
         dividers = {"FIN_DIVIDER0": self.fin_divider, "FREF_DIVIDER0": self.fref_divider}
         return (
@@ -146,13 +136,7 @@ class ScanSettings:
         return self.period_on(BUS_RATE)
 
     def period_on(self, bus_rate: float) -> float:
-        """Shortest time from scan to scan in s on an I²C bus whose clock is `bus_rate` in Hz.
-
-        Raises
-        ------
-        HardwareError
-            A clock that is not positive and finite.
-        """
+        """Shortest time from scan to scan in s on an I²C bus whose clock is `bus_rate` in Hz, positive and finite."""
         # once a scan a register is read back, which tells whether the converter was reset
         return len(self.states) * self._state_time(bus_rate).total + bus_time(reads=1, rate=bus_rate)
 
@@ -194,10 +178,8 @@ class ScanSettings:
 
     def to_json(self) -> str:
         """Return the settings as JSON in one line, with their hash; `from_json` reads it."""
-        states = [{"name": state.name, "words": state.words.hex(), "drive": state.drive} for state in self.states]
-        own = {field.name: getattr(self, field.name) for field in fields(self)}
-        own |= {"states": states, "safe_words": self.safe_words.hex(), "wiring": self.wiring.hex()}
-        return json.dumps({"schema": _SCHEMA, "hash": f"{self.hash:04X}", **own}, ensure_ascii=False)
+        document = {"schema": _SCHEMA, "hash": f"{self.hash:04X}", **asdict(self)}
+        return json.dumps(document, ensure_ascii=False, default=bytes.hex)
 
     @classmethod
     def from_json(cls, text: str) -> ScanSettings:
@@ -217,13 +199,11 @@ class ScanSettings:
         """
         try:
             document = json.loads(text)
+            return _File.model_validate(document).build()
+        except ValidationError as error:  # which is a ValueError too
+            raise HardwareError(f"scan settings: {first_error(error, document)}") from None
         except (ValueError, RecursionError) as error:
             raise HardwareError(f"scan settings: not valid JSON: {error}.") from None
-        try:
-            file = _File.model_validate(document)
-        except ValidationError as error:
-            raise HardwareError(f"scan settings: {first_error(error, document)}") from None
-        return file.build()
 
 
 _REPORTED = (
@@ -302,7 +282,10 @@ def scan_settings(
     ['08=FFFF', '0C=0000', '10=0029', '14=1002', '19=F8FD', '1A=1401', '1B=020C']
     """
     states = tuple(paper_plan(wiring.coils) if plan is None else plan)
-    _check_states(states)
+    if not 1 <= len(states) <= _MOST_STATES:
+        raise HardwareError(f"a scan must have 1 to {_MOST_STATES} states; got {len(states)}.")
+    if (twice := first_repeated([state.name for state in states])) is not None:
+        raise HardwareError(f"the states of a scan must have different names; got {twice!r} twice.")
     if rate is not None and rcount is not None:
         raise HardwareError(f"give rate or rcount, not both; got {rate} and {rcount}.")
     for name, value in (("bus_rate", bus_rate), ("clock", clock), ("frequency", frequency), ("quality", quality)):
@@ -345,15 +328,6 @@ def scan_settings(
     return settings
 
 
-def _check_states(states: Sequence[ScanState]) -> None:
-    if not 1 <= len(states) <= _MOST_STATES:
-        raise HardwareError(f"a scan must have 1 to {_MOST_STATES} states; got {len(states)}.")
-    names = [state.name for state in states]
-    for name in names:
-        if names.count(name) > 1:
-            raise HardwareError(f"the states of a scan must have different names; got {name!r} twice.")
-
-
 def _at_least(name: str, value: int | None, least: int) -> int:
     if value is None:
         return least
@@ -388,12 +362,9 @@ def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int
 
 def _check_limits(settings: ScanSettings) -> None:
     limits = check_clock(
-        settings.clock,
-        settings.fref_divider,
-        external=settings.external_clock,
-        rcount=settings.rcount,
+        settings.clock, settings.fref_divider, external=settings.external_clock, rcount=settings.rcount,
         settle_count=settings.settle_count,
-    )
+    )  # fmt: skip
     for limit in limits:
         if not limit.kept:
             raise HardwareError(f"{limit.name} must be {limit.low:g} to {limit.high:g}; got {limit.value:g}.")
@@ -432,11 +403,10 @@ class _File(Table):
 
     def build(self) -> ScanSettings:
         """Return the settings."""
+        own = self.model_dump(exclude={"schema_", "hash", "states"})
+        own |= {name: bytes.fromhex(own[name]) for name in ("safe_words", "wiring")}
         states = tuple(StateSettings(state.name, bytes.fromhex(state.words), state.drive) for state in self.states)
-        own = self.model_dump(exclude={"schema_", "hash", "states", "safe_words", "wiring"})
-        settings = ScanSettings(
-            states=states, safe_words=bytes.fromhex(self.safe_words), wiring=bytes.fromhex(self.wiring), **own
-        )
+        settings = ScanSettings(states=states, **own)
         if f"{settings.hash:04X}" != self.hash:
             raise HardwareError(f"scan settings have the hash {settings.hash:04X}, not {self.hash} as the file says.")
         return settings

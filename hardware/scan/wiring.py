@@ -40,17 +40,7 @@ class Terminal(NamedTuple):
 
 
 class Switch(NamedTuple):
-    """One switch.
-
-    Parameters
-    ----------
-    name : str
-        Name of the switch in its device, as ``"S1A"``.
-    terminal : Terminal
-        End of a coil on one side of it.
-    net : {"ground", "INA", "INB", "other"}
-        Net on the other side.
-    """
+    """One switch: its name in its device, as ``"S1A"``, the end of a coil on its one side, and the net on the other."""
 
     name: str
     terminal: Terminal
@@ -59,18 +49,9 @@ class Switch(NamedTuple):
 
 @dataclass(frozen=True)
 class Device:
-    """One package of eight switches.
+    """One package of eight switches: its name on the board, the part, and the switches that are wired.
 
-    Parameters
-    ----------
-    name : str
-        Name of the package on the board.
-    part : str
-        Name of the part.
-    bits : tuple of str
-        Names of its eight switches from bit 0 to bit 7 of its word.
-    switches : tuple of Switch
-        Switches that are wired.
+    `bits` are the names of the eight from bit 0 to bit 7 of its word.
     """
 
     name: str
@@ -117,14 +98,12 @@ class Wiring:
                 f"got {len(self.coils)} and {len(self.devices)}."
             )
         for kind, names in (("coil", self.coils), ("device", tuple(device.name for device in self.devices))):
-            twice = _first_repeated(names)
-            if twice is not None:
+            if (twice := first_repeated(names)) is not None:
                 raise HardwareError(f"wiring {self.name} names the {kind} {twice!r} twice.")
         for device in self.devices:
             self._check_device(device)
         joins = [(switch.terminal, switch.net) for device in self.devices for switch in device.switches]
-        again = _first_repeated(joins)
-        if again is not None:
+        if (again := first_repeated(joins)) is not None:
             raise HardwareError(f"wiring {self.name} has two switches from {again[0]} to {again[1]}; one is allowed.")
         for terminal in self.terminals:
             if (terminal, "ground") not in joins:
@@ -221,8 +200,7 @@ class Wiring:
                     f"wiring {self.name}: {device.name}.{switch.name} goes to {switch.terminal}; "
                     f"there are the coils {', '.join(self.coils)} with ends a and b."
                 )
-        twice = _first_repeated([switch.name for switch in device.switches])
-        if twice is not None:
+        if (twice := first_repeated([switch.name for switch in device.switches])) is not None:
             raise HardwareError(f"wiring {self.name}: {device.name} has {twice} twice.")
 
 
@@ -251,21 +229,12 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     '111111111111'
     """
     given = wirings.STARTER if name_or_path is None else str(name_or_path)
-    if not given:
-        raise HardwareError("the name of a wiring file must not be empty.")
     return parse_wiring(wirings.WIRINGS.text(given), given)
 
 
 def one_device_a_coil(coils: Sequence[str]) -> Wiring:
     """Return a wiring with one ADG739 for each coil, like the bundled one of six coils.
 
-    Raises
-    ------
-    HardwareError
-        More coils than a wiring can have.
-
-    Examples
-    --------
     >>> wiring = one_device_a_coil(["left", "right"])
     >>> wiring.safe_words.hex(), wiring.safe_words == load_wiring().safe_words[:2]
     ('1111', True)
@@ -276,9 +245,7 @@ def one_device_a_coil(coils: Sequence[str]) -> Wiring:
         replace(
             pattern,
             name=f"U{k}",
-            switches=tuple(
-                switch._replace(terminal=Terminal(coil, switch.terminal.end)) for switch in pattern.switches
-            ),
+            switches=tuple(one._replace(terminal=Terminal(coil, one.terminal.end)) for one in pattern.switches),
         )
         for k, coil in enumerate(coils, start=1)
     )
@@ -344,10 +311,7 @@ class _WiringTable(Table):
                     device.name,
                     device.part,
                     tuple(self.part[device.part].bits),
-                    tuple(
-                        Switch(key, Terminal(switch.coil, switch.end), switch.net)
-                        for key, switch in device.switch.items()
-                    ),
+                    tuple(Switch(key, Terminal(one.coil, one.end), one.net) for key, one in device.switch.items()),
                 )
                 for device in self.device
             ),
@@ -365,5 +329,6 @@ class _File(Table):
 _T = TypeVar("_T", bound=Hashable)
 
 
-def _first_repeated(items: Sequence[_T]) -> _T | None:
+def first_repeated(items: Sequence[_T]) -> _T | None:
+    """Return the first item that stands in a sequence more than once, or None."""
     return next((item for item, count in Counter(items).items() if count > 1), None)

@@ -34,10 +34,7 @@ class SwitchChain(Protocol):
     def shift(self, words: bytes) -> bytes | None:
         """Send one byte for each device, the first byte to the far end of the chain, and latch them all at once.
 
-        Returns
-        -------
-        bytes or None
-            Words that the chain held before, if its end is wired back; else None.
+        The words that the chain held before are returned if its end is wired back, else None.
         """
 
     def close(self) -> None:
@@ -75,16 +72,11 @@ class ShiftSettings:
     mode : int
         SPI mode, 0 to 3. The switches read a bit at the falling edge of the clock: 1, or 2 if it idles high.
     speed : float
-        Clock in Hz; without effect on a host that sets the pins one by one.
+        Clock in Hz, at most 30 MHz; without effect on a host that sets the pins one by one.
     least_significant_first : bool
         Whether the lowest bit of a byte is sent first.
     readback : bool
         Whether the end of the chain is wired back to the host.
-
-    Raises
-    ------
-    HardwareError
-        Another mode, or a speed that is not positive or above 30 MHz.
     """
 
     mode: int = 1
@@ -109,13 +101,10 @@ class ShiftSettings:
         return bool(self.mode & 1)
 
     def ordered(self, data: bytes) -> bytes:
-        r"""Return the bytes in the order of bits for a host that sends the highest bit first; its own inverse.
+        """Return the bytes in the order of bits for a host that sends the highest bit first; its own inverse."""
+        return reversed_bits(data) if self.least_significant_first else data
 
-        Examples
-        --------
-        >>> ShiftSettings(least_significant_first=True).ordered(b"\x01").hex()
-        '80'
-        """
-        if not self.least_significant_first:
-            return data
-        return bytes(int(f"{byte:08b}"[::-1], 2) for byte in data)
+
+def reversed_bits(data: bytes) -> bytes:
+    """Return the bytes with the bits of each in the reverse order."""
+    return bytes(int(f"{byte:08b}"[::-1], 2) for byte in data)

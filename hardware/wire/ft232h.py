@@ -33,17 +33,9 @@ _USB_TIMEOUT = 500  # ms
 
 @dataclass(frozen=True)
 class SwitchPins:
-    """Pins of the second port that are wired to the switches.
+    """Pins of the second port that are wired to the switches: number n of the pin Cn, 0 to 7, no two the same.
 
-    Parameters
-    ----------
-    clock, data, sync, back : int
-        Number n of the pin Cn for SCLK, DIN of the first device, SYNC, and DOUT of the last (for read-back only).
-
-    Raises
-    ------
-    HardwareError
-        A number that is not 0 to 7, or two that are the same.
+    They are SCLK, DIN of the first device, SYNC, and DOUT of the last, which is for read-back only.
     """
 
     clock: int = 0
@@ -74,20 +66,9 @@ def open_ft232h(
     settings: ShiftSettings | None = None,
     speed: float = I2C_SPEED,
 ) -> tuple[Ft232hRegisterBus, Ft232hSwitchChain]:
-    """Open an adapter.
+    """Open the adapter of a pyftdi URL, ``ftdi://ftdi:232h:SERIALNUMBER/1``, for the converter at an I²C address.
 
-    Parameters
-    ----------
-    url : str
-        Address of the adapter for pyftdi: ``ftdi://ftdi:232h:SERIALNUMBER/1``.
-    address : int
-        I²C address of the converter.
-    pins : SwitchPins, optional
-        Pins of the switches; C0 clock, C1 data, C2 SYNC, C3 back by default.
-    settings : ShiftSettings, optional
-        Settings of the transfers to the switches.
-    speed : float
-        Clock of the I²C bus in Hz.
+    The clock of its bus is `speed` in Hz.
 
     Raises
     ------
@@ -97,14 +78,12 @@ def open_ft232h(
         pyftdi is not installed.
     """
     pins, settings = pins or SwitchPins(), settings or ShiftSettings()
-    library = import_extra("pyftdi.i2c", _PURPOSE, package="pyftdi", extra="ftdi")
-    usb = import_extra("pyftdi.usbtools", _PURPOSE, package="pyftdi", extra="ftdi")
+    library, usb = _library("pyftdi.i2c"), _library("pyftdi.usbtools")
     controller = library.I2cController()
     idle = pins.levels(clock=settings.idle_high, data=False, sync=True)
     try:
-        controller.configure(
-            url, frequency=speed, direction=pins.driven << _SECOND_PORT, initial=idle << _SECOND_PORT
-        )  # fmt: skip
+        driven, initial = pins.driven << _SECOND_PORT, idle << _SECOND_PORT
+        controller.configure(url, frequency=speed, direction=driven, initial=initial)
         if controller.width <= _SECOND_PORT:
             raise HardwareError(f"{url} has no pins C0 to C7 for the switches; an FT232H or FT2232H has them.")
         controller.set_retry_count(1)  # a transfer that failed is ours to judge
@@ -123,8 +102,7 @@ def open_ft232h(
 def ft232h_adapters() -> tuple[str, ...]:
     """Return the URLs of the adapters at this computer; empty if pyftdi or the library for USB is not installed."""
     try:
-        ftdi = import_extra("pyftdi.ftdi", _PURPOSE, package="pyftdi", extra="ftdi").Ftdi
-        found = ftdi.list_devices()
+        found = _library("pyftdi.ftdi").Ftdi.list_devices()
     except Exception:  # a list of what is there is no place to complain about what is not
         return ()
     return tuple(
@@ -222,15 +200,17 @@ class Ft232hSwitchChain:
         return _SET_HIGH, self._pins.levels(clock=clock, data=data, sync=sync), self._pins.driven
 
 
+def _library(module: str) -> Any:
+    return import_extra(module, _PURPOSE, package="pyftdi", extra="ftdi")
+
+
 def _low_port(levels: Iterable[int]) -> bytes:
     return bytes(byte for level in levels for byte in (_SET_LOW, level, _SCL | _SDA) * _HOLD)
 
 
 def _lost_or(fault: type[HardwareError], url: str, error: OSError) -> HardwareError:
     """Return DeviceLost if USB itself failed, else the fault."""
-    lost = import_extra("pyftdi.ftdi", _PURPOSE, package="pyftdi", extra="ftdi").FtdiError
-    usb = import_extra("usb.core", _PURPOSE, package="pyftdi", extra="ftdi").USBError
-    if isinstance(error, (lost, usb)):
+    if isinstance(error, (_library("pyftdi.ftdi").FtdiError, _library("usb.core").USBError)):
         return DeviceLost(f"the adapter {url} is gone: {_one_line(error)}.")
     return fault(f"the adapter {url} does not answer: {_one_line(error)}.")
 

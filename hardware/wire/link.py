@@ -10,14 +10,7 @@ from typing import TypeVar
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.wire.buses import Clock, ComputerClock
-from coilarray.hardware.wire.faults import (
-    BoardRestarted,
-    BusFault,
-    CommandRefused,
-    DeviceLost,
-    NoAnswer,
-    NotABoard,
-)
+from coilarray.hardware.wire.faults import BoardRestarted, BusFault, CommandRefused, DeviceLost, NoAnswer, NotABoard
 from coilarray.hardware.wire.protocol.lines import IDS, LineCounts, LineParser, command_line
 from coilarray.hardware.wire.protocol.messages import (
     Answer,
@@ -49,95 +42,43 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class LinkTimes:
-    """Time limits of a link.
+    """Limits of a link; the times, each the longest wait, in s."""
 
-    Parameters
-    ----------
-    reply : float
-        Longest wait for the reply to a command in s, in addition to the time that the command itself takes.
-    attempts : int
-        Number of attempts to send a command.
-    opening : float
-        Longest wait for the first line of a board in s.
-    gap : float
-        Longest wait for a scan of a stream, as a multiple of the time between two scans.
-    least_gap : float
-        Lower limit of that wait in s, because computers pause.
-    heartbeat : float
-        Longest wait for any line in s, in addition to the time of a scan.
-    ping : float
-        Time between two PING commands in s, well below the board's lease of 10 s.
-    foreign : int
-        Number of bytes without an intact line that are taken for another device.
-    most_bytes : float
-        Largest number of bytes per second that a board can send.
-    """
-
-    reply: float = 0.5
-    attempts: int = 3
-    opening: float = 1.0
-    gap: float = 3.0
-    least_gap: float = 0.25
-    heartbeat: float = 3.0
-    ping: float = 2.0
-    foreign: int = 512
-    most_bytes: float = 1e6
+    reply: float = 0.5  # for the reply to a command, in addition to the time that the command itself takes
+    attempts: int = 3  # of sending a command
+    opening: float = 1.0  # for the first line of a board
+    gap: float = 3.0  # for a scan of a stream, as a multiple of the time between two scans
+    least_gap: float = 0.25  # lower limit of that wait, because computers pause
+    heartbeat: float = 3.0  # for any line, in addition to the time of a scan
+    ping: float = 2.0  # between two PING commands, well below the board's lease of 10 s
+    foreign: int = 512  # bytes without an intact line that are taken for another device
+    most_bytes: float = 1e6  # per second that a board can send
 
 
 @dataclass(frozen=True)
 class LinkCounts:
-    """Counts of a link.
-
-    Parameters
-    ----------
-    lines : LineCounts
-        Counts of the lines received.
-    bad_messages : int
-        Intact lines of an unknown kind, and replies of another form.
-    unasked : int
-        Replies that no command waits for, because they are repeated or too late.
-    repeats : int
-        Commands sent again because no reply came in time.
-    overflowed : int
-        Messages lost because they were not fetched in time.
-    """
+    """Counts of a link."""
 
     lines: LineCounts = field(default_factory=LineCounts)
-    bad_messages: int = 0
-    unasked: int = 0
-    repeats: int = 0
-    overflowed: int = 0
+    bad_messages: int = 0  # intact lines of an unknown kind, and replies of another form
+    unasked: int = 0  # replies that no command waits for, because they are repeated or too late
+    repeats: int = 0  # commands sent again because no reply came in time
+    overflowed: int = 0  # messages lost because they were not fetched in time
 
 
 @dataclass
 class Wait:
-    """A deadline; bytes that came before it are still read after it, up to a limit.
-
-    Parameters
-    ----------
-    until : float
-        Time of the deadline in s.
-    late : int
-        Number of bytes read after it.
-    """
+    """A deadline in s; bytes that came before it are still read after it, up to a limit."""
 
     until: float
-    late: int = 0
+    late: int = 0  # bytes read after it
 
 
 class Link:
     """Sends commands and sorts what comes; once `boot` is set, it detects the end of that session.
 
-    Parameters
-    ----------
-    port : BytePort
-        Open port.
-    times : LinkTimes
-        Time limits.
-    clock : Clock, optional
-        Clock of all deadlines; the computer's by default.
-    number : int
-        Number of the command before the first. The board does not repeat a command of the same number and text.
+    `clock` is that of all deadlines, the computer's by default. `number` is that of the command before the first: the
+    board does not repeat a command of the same number and text.
     """
 
     def __init__(self, port: BytePort, *, times: LinkTimes, clock: Clock | None = None, number: int = 0) -> None:
@@ -182,10 +123,7 @@ class Link:
     def receive(self, wait: Wait) -> Message | None:
         """Return the next message, or None if none came in time; replies that no command waits for are skipped.
 
-        Raises
-        ------
-        DeviceLost, NotABoard, BoardRestarted
-            The port is gone; it floods; the board has another session than `boot`.
+        DeviceLost, NotABoard, BoardRestarted: the port is gone; it floods; the board has another session than `boot`.
         """
         while True:
             while self._kept:
@@ -206,14 +144,7 @@ class Link:
     def ask(self, reading: Callable[[tuple[str, ...]], T], verb: str, *arguments: str, patience: float = 0.0) -> T:
         """Send a command until its reply comes, and return what `reading` makes of the reply's fields.
 
-        Parameters
-        ----------
-        reading : callable
-            Function that reads the fields of the reply; it raises MessageError if they have another form.
-        verb, *arguments : str
-            Command.
-        patience : float
-            Time in s that the command takes.
+        `reading` raises MessageError for fields of another form; the command itself takes `patience` in s.
 
         Raises
         ------
@@ -309,9 +240,7 @@ class Link:
 
     def silence_fault(self, otherwise: str) -> HardwareError:
         """Return NotABoard if bytes come but no lines, else NoAnswer with this text."""
-        if self.foreign < self.times.foreign:
-            return NoAnswer(otherwise)
-        return self.not_a_board()
+        return NoAnswer(otherwise) if self.foreign < self.times.foreign else self.not_a_board()
 
     def _write(self, data: bytes) -> None:
         with self._recording_end():

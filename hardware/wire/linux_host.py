@@ -31,21 +31,10 @@ def linux_buses() -> tuple[str, ...]:
 
 
 class LinuxRegisterBus:
-    """A `RegisterBus` through the kernel's I²C; this program alone may use the bus while it is open.
+    """A `RegisterBus` through the kernel's I²C, /dev/i2c-N; this program alone may use it while it is open.
 
-    Parameters
-    ----------
-    bus : int
-        Number N of /dev/i2c-N.
-    address : int
-        I²C address of the converter.
-
-    Raises
-    ------
-    HardwareError
-        A bus that is missing, may not be opened, is used by another program or cannot do what is needed.
-    MissingDependencyError
-        smbus2 is not installed.
+    HardwareError for a bus that is missing, may not be opened, is used by another program or cannot do what is needed;
+    MissingDependencyError without smbus2.
     """
 
     def __init__(self, bus: int, address: int) -> None:
@@ -97,21 +86,10 @@ class LinuxRegisterBus:
 
 
 class SpiSwitchChain:
-    """A `SwitchChain` through the kernel's SPI, whose chip select is SYNC.
+    """A `SwitchChain` through the kernel's SPI, /dev/spidevN.M, whose chip select is SYNC.
 
-    Parameters
-    ----------
-    bus, device : int
-        Numbers N and M of /dev/spidevN.M.
-    settings : ShiftSettings
-        Settings of the transfers.
-
-    Raises
-    ------
-    HardwareError
-        A port that is missing, may not be opened or has no such mode or speed.
-    MissingDependencyError
-        spidev is not installed.
+    HardwareError for a port that is missing, may not be opened or has no such mode or speed; MissingDependencyError
+    without spidev.
     """
 
     def __init__(self, bus: int, device: int, settings: ShiftSettings) -> None:
@@ -122,8 +100,7 @@ class SpiSwitchChain:
         try:
             with _opening(self._path):
                 self._port.open_path(str(self._path))
-                self._port.mode = settings.mode
-                self._port.bits_per_word = 8
+                self._port.mode, self._port.bits_per_word = settings.mode, 8
                 self._port.max_speed_hz = round(settings.speed)
         except BaseException:
             self.close()

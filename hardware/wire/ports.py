@@ -38,33 +38,15 @@ class EmulatorPort:
 
 @dataclass(frozen=True)
 class SerialPort:
-    """A microcontroller.
+    """A microcontroller."""
 
-    Parameters
-    ----------
-    name : str
-        Name for `coilarray.hardware.wire.serial_ports.choose_serial_port`.
-    bauds : tuple of int
-        Baud rates to try in turn.
-    """
-
-    name: str
-    bauds: tuple[int, ...] = (BAUD,)
+    name: str  # for `coilarray.hardware.wire.serial_ports.choose_serial_port`
+    bauds: tuple[int, ...] = (BAUD,)  # to try in turn
 
 
 @dataclass(frozen=True)
 class LinuxPort:
-    """Buses of this computer.
-
-    Parameters
-    ----------
-    bus, address : int
-        Number of the I²C bus, and address of the converter on it.
-    spi_bus, spi_device : int
-        Numbers of the SPI bus and of the device on it for the switches.
-    shift : ShiftSettings
-        Settings of the transfers to the switches.
-    """
+    """Buses of this computer, by their numbers, with the converter's I²C address and the transfers to the switches."""
 
     bus: int
     address: int = ADDRESSES[0]
@@ -75,19 +57,7 @@ class LinuxPort:
 
 @dataclass(frozen=True)
 class FtdiPort:
-    """An FT232H at USB.
-
-    Parameters
-    ----------
-    url : str
-        Address of the adapter for pyftdi.
-    address : int
-        I²C address of the converter.
-    pins : SwitchPins
-        Pins of the switches.
-    shift : ShiftSettings
-        Settings of the transfers to the switches.
-    """
+    """An FT232H at USB, by its URL for pyftdi, with the converter's I²C address and the way to the switches."""
 
     url: str
     address: int = ADDRESSES[0]
@@ -99,24 +69,14 @@ Port = EmulatorPort | SerialPort | LinuxPort | FtdiPort
 
 
 def parse_port(text: str) -> Port:
-    """Read the name of a port.
+    """Read the name of a port; HardwareError, which says what is allowed, for any other text.
 
-    Parameters
-    ----------
-    text : str
-        ``emulator``; ``/dev/ttyACM0``, ``COM5`` or ``usb:SERIALNUMBER``; ``i2c:1``, ``i2c:1:0x2B,spi:0.1``;
-        ``ftdi://ftdi:232h/1``. A serial port may have ``?baud=9600``, or ``?baud=any`` where the board's rate is not
-        known; 115200 is the firmware's. The last two may have options after a ``?``, joined by ``&``: ``mode=2`` (SPI),
-        ``speed=500000`` (in Hz), ``order=lsb``, ``readback=yes`` (the end of the chain of switches is wired back), and
-        with ``ftdi`` ``address=0x2B``, ``clock=0``, ``data=1``, ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
+    It is ``emulator``; ``/dev/ttyACM0``, ``COM5`` or ``usb:SERIALNUMBER``; ``i2c:1``, ``i2c:1:0x2B,spi:0.1``;
+    ``ftdi://ftdi:232h/1``. A serial port may have ``?baud=9600``, or ``?baud=any`` where the board's rate is not known;
+    115200 is the firmware's. The last two may have options after a ``?``, joined by ``&``: ``mode=2`` (SPI),
+    ``speed=500000`` (in Hz), ``order=lsb``, ``readback=yes`` (the end of the chain of switches is wired back), and with
+    ``ftdi`` ``address=0x2B``, ``clock=0``, ``data=1``, ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
 
-    Raises
-    ------
-    HardwareError
-        Any other text: the text, and what is allowed.
-
-    Examples
-    --------
     >>> parse_port("i2c:1:0x2B").address == 0x2B
     True
     """
@@ -124,16 +84,14 @@ def parse_port(text: str) -> Port:
     if name == EMULATOR and not question_mark:
         return EmulatorPort()
     options = _options(query, text) if question_mark else {}
+    port: Port
     if _SERIAL.fullmatch(name):
-        bauds = _bauds(options, text)
-        _refuse_rest(options, text)
-        return SerialPort(name, bauds)
-    if linux := _LINUX.fullmatch(name):
+        port = SerialPort(name, _bauds(options, text))
+    elif linux := _LINUX.fullmatch(name):
         bus, address, spi_bus, spi_device = linux.groups()
         shift = _shift(options, text)
-        _refuse_rest(options, text)
-        return LinuxPort(int(bus), _address(address, text), int(spi_bus or 0), int(spi_device or 0), shift)
-    if name.lower().startswith("ftdi://"):
+        port = LinuxPort(int(bus), _address(address, text), int(spi_bus or 0), int(spi_device or 0), shift)
+    elif name.lower().startswith("ftdi://"):
         try:
             parts = urlsplit(name)
         except ValueError as error:  # as of ftdi://[
@@ -141,13 +99,13 @@ def parse_port(text: str) -> Port:
         if not parts.netloc or not _FTDI_PATH.fullmatch(parts.path):
             raise _refused(text, "an adapter is named as ftdi://ftdi:232h/1 or ftdi://ftdi:232h:SERIALNUMBER/1")
         address = _address(options.pop("address", None), text)
-        pins = SwitchPins(
-            **{key: _number(options, key, text) for key in ("clock", "data", "sync", "back") if key in options}
-        )
-        shift = _shift(options, text)
-        _refuse_rest(options, text)
-        return FtdiPort(name, address, pins, shift)
-    raise _refused(text, f"it must be {_ALLOWED}")
+        pins = {key: _number(options, key, text) for key in ("clock", "data", "sync", "back") if key in options}
+        port = FtdiPort(name, address, SwitchPins(**pins), _shift(options, text))
+    else:
+        raise _refused(text, f"it must be {_ALLOWED}")
+    if options:  # what is left of them
+        raise _refused(text, f"there is no option {next(iter(options))!r}")
+    return port
 
 
 def bus_rate(port: Port) -> float:
@@ -156,18 +114,12 @@ def bus_rate(port: Port) -> float:
     It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, and else 400 kHz, the fastest of the
     converter: the clock of this computer's own buses is fixed by the system's settings.
 
-    Examples
-    --------
     >>> bus_rate(parse_port("COM5"))
     150000.0
     """
-    match port:
-        case SerialPort():
-            return _FIRMWARE_BUS_RATE
-        case FtdiPort():
-            return I2C_SPEED
-        case _:
-            return BUS_RATE
+    if isinstance(port, SerialPort):
+        return _FIRMWARE_BUS_RATE
+    return I2C_SPEED if isinstance(port, FtdiPort) else BUS_RATE
 
 
 def found_ports() -> Mapping[str, tuple[str, ...]]:
@@ -242,11 +194,6 @@ def _choice(options: dict[str, str], key: str, values: Mapping[str, bool], text:
     if given not in values:
         raise _refused(text, f"{key} must be {' or '.join(values)}")
     return values[given]
-
-
-def _refuse_rest(options: Mapping[str, str], text: str) -> None:
-    if options:
-        raise _refused(text, f"there is no option {next(iter(options))!r}")
 
 
 def _refused(text: str, reason: str) -> HardwareError:

@@ -45,18 +45,10 @@ _CANNOT_OPEN = {
 
 @dataclass(frozen=True)
 class PortInfo:
-    """A serial port of this computer.
+    """A serial port of this computer, as the system describes it.
 
-    Parameters
-    ----------
-    name : str
-        Name to open it by: "/dev/ttyACM0", "COM5".
-    vendor, product : int or None
-        USB numbers; None if it is not a USB port.
-    serial_number : str
-        Serial number of the USB device; empty if it has none.
-    description : str
-        Description by the system.
+    The name, "/dev/ttyACM0" or "COM5", is what opens it. A port that is not at USB has no vendor and product; the
+    serial number is empty where the device has none.
     """
 
     name: str
@@ -105,17 +97,10 @@ def list_serial_ports() -> tuple[PortInfo, ...]:
 
 
 def choose_serial_port(name: str | None = None) -> PortInfo:
-    """Return the port of a name, of a USB serial number, or the only one of a known board.
+    """Return the port of a name, of a USB serial number, or by default the only one of a known board.
 
-    Parameters
-    ----------
-    name : str, optional
-        Name of the port, "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER"; leading zeros of the number do not matter.
-
-    Raises
-    ------
-    HardwareError
-        No port fits, or more than one; the message lists them.
+    A name is "/dev/ttyACM0", "COM5" or "usb:SERIALNUMBER", whose leading zeros do not matter. HardwareError where no
+    port fits, or more than one; the message lists them.
     """
     ports = list_serial_ports()
     if name is None:
@@ -139,12 +124,8 @@ def _only(meant: list[PortInfo], what: str, ports: tuple[PortInfo, ...]) -> Port
 def open_serial_port(name: str, *, baud: int = BAUD) -> BytePort:
     """Open a port for this program alone, 8N1 without flow control.
 
-    Raises
-    ------
-    HardwareError
-        The port cannot be opened: missing, not allowed, or used by another program.
-    MissingDependencyError
-        pyserial is not installed.
+    HardwareError where that fails: the port is missing, not allowed, or used by another program. MissingDependencyError
+    without pyserial.
     """
     return _SerialPort(name, baud)
 

@@ -40,7 +40,7 @@ def test_the_board_of_the_paper():
 
 def test_operating_currents_and_field():
     design = load_design("starter")
-    coupling = couple_design(design)
+    coupling = couple_design(design, ideal=True)
     currents = operating_currents(design, coupling, "coil2")
     np.testing.assert_allclose(currents.real, coupling.current_real[1], rtol=1e-12)
     np.testing.assert_allclose(currents.imag, coupling.current_imag[1], rtol=1e-12)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import simpson
+from support.coil_paths import random_matrix
 
 from coilarray.circuit.active_coil import active_coil
-from coilarray.circuit.network import Network, loaded_quality, resonate, self_resonance_of, solve_state
+from coilarray.circuit.network import Network, between_coils, loaded_quality, resonate, self_resonance_of, solve_state
 from coilarray.design.scan_states import ScanState, Switches, paper_plan
 from coilarray.errors import NetworkError
 
@@ -30,12 +33,6 @@ def network(L, R=0.0, C=0.0, mutual=0.0, **switches):
 def measure(*coils, connection="series", **others):
     chosen = tuple((name.lstrip("-"), -1 if name.startswith("-") else 1) for name in coils)
     return ScanState("+".join(coils), chosen, connection, **others)
-
-
-def random_matrix(n, seed):
-    rng = np.random.default_rng(seed)
-    factor = np.eye(n) + 0.15 * rng.standard_normal((n, n))
-    return 50e-6 * factor @ factor.T
 
 
 @settings(max_examples=30)
@@ -66,9 +63,34 @@ def test_series_and_parallel():
     assert solve_state(circuit, measure("-a", others="open"), F).apparent_inductance == pytest.approx(50e-6, rel=1e-12)
 
 
-def test_series_coils_pass_through_every_switch():
-    result = solve_state(network(L2, 10.0, on_resistance=2.5), measure("a", "b"), F)
-    assert result.effective_resistance == pytest.approx(20 + 4 * 2.5, rel=1e-12)
+def _coil(capacitance=0.0):
+    """Impedance of the first coil alone with a capacitance across it."""
+    return 1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * capacitance)
+
+
+@pytest.mark.parametrize(
+    ("circuit", "state", "Z"),
+    [
+        # series coils pass through every switch
+        (network(L2, 10.0, on_resistance=2.5), measure("a", "b"), 20 + 4 * 2.5 + 1j * OMEGA * 84e-6),
+        (
+            network(L2, 10.0),
+            measure("a", others="load", load_resistance=33.0),
+            10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (10 + 33 + 1j * OMEGA * 40e-6),
+        ),
+        # terminal 1 sits on A: open switches to B and ground; terminal 2 on B: open to A and ground.
+        # Across the coil: two of them, and the two to ground in series
+        (network(L2[:1, :1], off_capacitance=13e-12), measure("a"), _coil(2.5 * 13e-12)),
+        (
+            network(L2[:1, :1], bus_capacitance=50e-12, lead_inductance=20e-9),
+            measure("a"),
+            _coil(25e-12) + 2j * OMEGA * 20e-9,
+        ),
+    ],
+    ids=["series", "load", "off capacitance", "bus and leads"],
+)
+def test_impedance_in_closed_form(circuit, state, Z):
+    assert solve_state(circuit, state, F).impedance == pytest.approx(Z, rel=1e-12)
 
 
 def test_open_and_one_end():
@@ -77,12 +99,6 @@ def test_open_and_one_end():
         result = solve_state(circuit, measure("a", others=others), F)
         assert result.apparent_inductance == pytest.approx(50e-6, rel=1e-12)
         assert abs(result.currents[1]) < 1e-12
-
-
-def test_load():
-    result = solve_state(network(L2, 10.0), measure("a", others="load", load_resistance=33.0), F)
-    Z = 10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (10 + 33 + 1j * OMEGA * 40e-6)
-    assert result.impedance == pytest.approx(Z, rel=1e-12)
 
 
 def test_an_open_coil_with_capacitance_is_not_passive():
@@ -101,15 +117,6 @@ def test_an_open_coil_with_capacitance_is_not_passive():
         assert np.sign(bare.imag / (2 * np.pi * f) - 50e-6) == sign
 
 
-def test_off_capacitance_hangs_on_open_terminals():
-    off = 13e-12
-    result = solve_state(network(L2[:1, :1], 0.0, off_capacitance=off), measure("a"), F)
-    # terminal 1 sits on A: open switches to B and ground; terminal 2 on B: open to A and ground.
-    # Across the coil: two of them, and the two to ground in series
-    C = 2 * off + off / 2
-    assert result.impedance == pytest.approx(1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * C), rel=1e-12)
-
-
 def test_capacitance_to_a_grounded_neighbour():
     C = 9e-12
     L = np.diag([50e-6, 40e-6])
@@ -120,12 +127,6 @@ def test_capacitance_to_a_grounded_neighbour():
     # both neighbours' ends open: it takes the mean as well; the energy is the same
     free = solve_state(network(L, 0.0, mutual=C), measure("a", others="open"), 1e3)
     assert free.apparent_inductance == pytest.approx(50e-6, rel=1e-6)
-
-
-def test_bus_and_leads():
-    result = solve_state(network(L2[:1, :1], 0.0, bus_capacitance=50e-12, lead_inductance=20e-9), measure("a"), F)
-    Z = 1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * 25e-12) + 2j * OMEGA * 20e-9
-    assert result.impedance == pytest.approx(Z, rel=1e-12)
 
 
 def test_resonance_where_the_susceptance_vanishes():
@@ -176,26 +177,12 @@ def test_passivity():
             assert solve_state(circuit, state, f).impedance.real > 0
 
 
-def test_mutual_capacitance_with_one_end_of_the_neighbour_grounded():
-    # uncoupled coils; the measured one has its first end on A and the second on B, both joined to ground by the bus
-    C, bus = 9e-12, 1e-6
-    L = np.diag([50e-6, 40e-6])
-    circuit = network(L, 0.0, mutual=C, bus_capacitance=bus)
-    result = solve_state(circuit, measure("a", others="ground"), F)
-    # a huge bus capacitance across the coil, and C/12 that it hides: take it off
-    Z = 1 / (1 / result.impedance - 1j * OMEGA * bus / 2)
-    assert (1 / Z).imag + 1 / (OMEGA * 50e-6) == pytest.approx(OMEGA * C / 12, rel=1e-4)
-    # the energy of any four voltages, by the stamp's own capacitors: C/2 ((m_i − m_j)² + (d_i² + d_j²)/12)
-    v = np.array([0.7, -0.2, 1.3, 0.4])
-    stamp = sum(C / 4 * (v[i] - v[j]) ** 2 / 2 for i in (0, 1) for j in (2, 3))
-    stamp -= C / 6 * ((v[0] - v[1]) ** 2 + (v[2] - v[3]) ** 2) / 2
-    s = np.linspace(0, 1, 201)
+def test_mutual_capacitance_stores_the_energy_of_linear_voltages():
+    # C/2 ((m_i − m_j)² + (d_i² + d_j²)/12) for any four voltages: the mean over both windings
+    C, v, s = 9e-12, np.array([0.7, -0.2, 1.3, 0.4]), np.linspace(0, 1, 201)
     first, second = v[0] + (v[1] - v[0]) * s, v[2] + (v[3] - v[2]) * s
-    weights = np.ones(201)
-    weights[1:-1:2], weights[2:-1:2] = 4, 2  # Simpson, exact for squares
-    weights /= weights.sum()
-    energy = C / 2 * (weights[:, None] * weights * (first[:, None] - second) ** 2).sum()
-    assert stamp == pytest.approx(energy, rel=1e-12)
+    energy = C / 2 * simpson(simpson((first[:, None] - second) ** 2, x=s), x=s)  # exact for squares
+    assert v @ between_coils(np.array([[0, C], [C, 0]])) @ v / 2 == pytest.approx(energy, rel=1e-12)
 
 
 def test_loaded_quality():
@@ -256,10 +243,7 @@ def test_resonances_far_from_the_bare_coil():
         (lambda: network(L2, tank_at="moon"), "tank_at must be 'converter' or 'coil'; got 'moon'"),
         (lambda: network(L2, mutual=-1e-12), "a mutual capacitance matrix"),
         (lambda: network(L2, C=-1e-12), "winding capacitances, finite and not negative"),
-        (
-            lambda: Network(("a",), L2, lambda f: L2, np.zeros(1), np.zeros((1, 1)), Switches()),
-            "1 coils need an inductance matrix",
-        ),
+        (lambda: replace(network(L2), names=("a",)), "1 coils need an inductance matrix"),
         (lambda: resonate(network(L2, 1e6), measure("a")), "state a has no resonance between"),
     ],
 )  # fmt: skip

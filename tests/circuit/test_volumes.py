@@ -35,7 +35,7 @@ run, refused = runner("field", "starter")
 
 @pytest.fixture(scope="module")
 def coupling():
-    return couple_design(STARTER)
+    return couple_design(STARTER, ideal=True)
 
 
 @pytest.fixture
@@ -61,24 +61,20 @@ def read(path):
         return volume.load()
 
 
-@pytest.mark.parametrize("options", [{}, {"terminated": False, "current": 0.1}], ids=["terminated", "open"])
-def test_a_volume_is_the_field_to_the_last_bit(coupling, small_blocks, tmp_path, options):
+@pytest.mark.parametrize(
+    ("processes", "options"),
+    [(1, {}), (1, {"terminated": False, "current": 0.1}), (2, {})],
+    ids=["terminated", "open", "two processes"],
+)
+def test_a_volume_is_the_field_to_the_last_bit(coupling, small_blocks, tmp_path, processes, options):
     expected = operating_field(STARTER, coupling, "coil2", *GRID, **options)
-    with workers() as pool:
-        told = []
-        path = tmp_path / "v.nc"
+    told, path = [], tmp_path / "v.nc"
+    with workers(processes) as pool:
         progress = lambda *done: told.append(done)  # noqa: E731
         peak = write_field_volume(path, STARTER, coupling, "coil2", *GRID, pool, progress=progress, **options)
     assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
     assert read(path).identical(expected)
     assert peak == np.abs(expected.B.values[..., 2]).max()
-
-
-def test_local_processes_give_the_same_numbers(coupling, small_blocks, tmp_path):
-    expected = operating_field(STARTER, coupling, "coil1", *GRID)
-    with workers(2) as pool:
-        write_field_volume(tmp_path / "v.nc", STARTER, coupling, "coil1", *GRID, pool)
-    assert read(tmp_path / "v.nc").identical(expected)
 
 
 def test_a_cluster_gives_the_same_numbers(coupling, small_blocks, tmp_path, monkeypatch):

@@ -6,23 +6,16 @@ import json
 import sys
 
 import pytest
-from support.command_line import runner
+from support.command_line import mistakes, runner, successes
 
 from coilarray.cli import board as command
 from coilarray.hardware.board import connect as boards
 from coilarray.hardware.wire import ports
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("kept_circuits")]
 
 run, refused = runner("board")
-
-
-@pytest.fixture(autouse=True, scope="module")
-def kept_circuit(tmp_path_factory):
-    """The circuit of the emulated coils takes seconds: computed once for all tests here."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COILARRAY_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
+good, answer = successes("board")
 
 
 @pytest.fixture(autouse=True)
@@ -50,9 +43,7 @@ def broken(monkeypatch):
 
 
 def test_it_says_who_answers_and_what_ports_there_are(capsys):
-    code, out, err = run(capsys)
-    assert (code, err) == (0, "")
-    lines = out.splitlines()
+    lines = good(capsys).splitlines()
     assert all(line.startswith("[emulator] ") for line in lines)
     assert lines[:3] == [
         "[emulator] serial ports: /dev/ttyACM0 1366:0105 usb:000591234567 (J-Link)",
@@ -64,9 +55,7 @@ def test_it_says_who_answers_and_what_ports_there_are(capsys):
 
 
 def test_the_same_as_json(capsys):
-    code, out, err = run(capsys, "--json", "--wiring", "six_coils_4")
-    assert (code, err) == (0, "")
-    reported = json.loads(out)
+    reported = answer(capsys, "--wiring", "six_coils_4")
     assert (reported["emulated"], reported["port"], reported["wiring"]) == (True, "emulator", "six_coils_4")
     assert (reported["identity"]["manufacturer"], reported["identity"]["device"]) == (0x5449, 0x3055)
     assert reported["ports"]["linux"] == ["i2c:1", "spi:0.0"]
@@ -75,18 +64,14 @@ def test_the_same_as_json(capsys):
 
 
 def test_the_emulator_has_the_coils_of_any_design(capsys):
-    code, out, err = run(capsys, "starter", "--json")  # three coils
-    assert (code, err) == (0, "")
-    reported = json.loads(out)
+    reported = answer(capsys, "starter")  # three coils
     assert (reported["wiring"], reported["chain"]) == ("one_device_a_coil", None)
-    code, _, err = run(capsys, "starter", "--wiring", "six_coils")
-    assert code == 2
-    assert "the wiring has the coil 'coil4', the design starter only coil1, coil2, coil3" in err
+    line = refused(capsys, "starter", "--wiring", "six_coils")
+    assert "the wiring has the coil 'coil4', the design starter only coil1, coil2, coil3" in line
 
 
 def test_a_good_board_passes_its_self_test(capsys):
-    code, out, err = run(capsys, "--self-test", "--find-drives")
-    assert (code, err) == (0, "")
+    out = good(capsys, "--self-test", "--find-drives")
     assert all(line.startswith("[emulator] ") for line in out.splitlines())
     assert "self-test passed: the board is as its wiring says, as far as can be seen" in out
     assert "--drive coil1=9 --drive coil2=9" in out  # 59 µA into the 22 kΩ of these coils: 1.65 V
@@ -102,9 +87,8 @@ def test_a_switch_that_is_stuck_is_named_and_the_exit_code_is_2(capsys, broken):
     assert "[emulator]   coil3 does not oscillate with all others grounded" in out
     assert "[emulator] each of these alone explains it:" in out
     assert "[emulator]   U3.S2A (coil3.a to INA) stays open" in out
-    assert err == (
-        "coilarray: error: the self-test of emulator has failed: coil3 does not oscillate with all others grounded.\n"
-    )
+    reason = "coil3 does not oscillate with all others grounded."
+    assert err == f"coilarray: error: the self-test of emulator has failed: {reason}\n"
 
 
 def test_the_findings_are_in_the_json_too(capsys, broken):
@@ -119,35 +103,24 @@ def test_the_findings_are_in_the_json_too(capsys, broken):
 
 def test_a_converter_that_does_not_answer_is_reported(capsys, broken):
     broken(lambda emulator: emulator.bus.refuse(10**6))
-    code, out, err = run(capsys)
-    assert (code, err) == (0, "")
-    assert "no converter answers" in out
-    code, out, err = run(capsys, "--self-test")
-    assert (code, out) == (2, "")
-    assert err.startswith("coilarray: error: the converter did not acknowledge")
+    assert "no converter answers" in good(capsys)
+    assert "error: the converter did not acknowledge" in refused(capsys, "--self-test")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--port", "nowhere"), "port 'nowhere' is not valid: it must be emulator, a serial port"),
-        (("--port", "/dev/ttyACM99"), "port /dev/ttyACM99 does not exist."),
-        (("--port", "i2c:1:0x50"), "the address of the converter must be 0x2a or 0x2b"),
-        (("--port", "i2c:99"), "there is no /dev/i2c-99"),
-        (("--wiring", "seven_coils"), "there is no wiring file seven_coils"),
-        (("--drive", "32", "--self-test"), "--drive must be 0 to 31"),
-        (("--emulate", "seed=1", "--port", "/dev/ttyACM99"), "--emulate is for the emulator"),
-        (("--external-clock", "--self-test"), "--external-clock needs --clock-MHz"),
-    ],
+test_wrong_arguments_are_one_line = mistakes(
+    refused,
+    (("--port", "nowhere"), "port 'nowhere' is not valid: it must be emulator, a serial port"),
+    (("--port", "/dev/ttyACM99"), "port /dev/ttyACM99 does not exist."),
+    (("--port", "i2c:99"), "there is no /dev/i2c-99"),
+    (("--drive", "32", "--self-test"), "--drive must be 0 to 31"),
+    (("--emulate", "seed=1", "--port", "/dev/ttyACM99"), "--emulate is for the emulator"),
+    (("--external-clock", "--self-test"), "--external-clock needs --clock-MHz"),
 )
-def test_wrong_arguments_are_one_line(capsys, arguments, message):
-    assert message in refused(capsys, *arguments)
 
 
 def test_a_missing_library_is_one_line_that_names_the_extra(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "serial", None)
-    line = refused(capsys, "--port", "COM5")
-    assert "microcontroller boards need pyserial, which" in line
+    assert "microcontroller boards need pyserial, which" in refused(capsys, "--port", "COM5")
 
 
 def test_nothing_of_a_long_list_is_lost():

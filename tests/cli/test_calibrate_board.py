@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
 import tomli_w
-from support.command_line import runner
+from support.command_line import runner, successes
 from support.quick_coils import series_tank
 from support.quick_recordings import campaign_file, stream_file
 from support.recorded_boards import WIRING_TEXT, QuickWorld, two_coils_document
 
-from coilarray.cli.main import main
 from coilarray.hardware.emulator import Drift, Oscillator
 from coilarray.hardware.record.calibration_file import load_calibration
 from coilarray.hardware.record.channel_calibration import calibrate_board
 from coilarray.hardware.record.recording import open_recording
 
-run, refused = runner("calibrate-board")
-compare, _ = runner("compare")
+pytestmark = pytest.mark.usefixtures("own_folder")
+_, refused = runner("calibrate-board")
+good, answer = successes("calibrate-board")
+campaign, _ = successes("campaign")
+_, compared = successes("compare")
 
 TRUE = 52e-6  # H, of the quick board's coils
 
@@ -34,27 +35,13 @@ def recordings(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
-def test_help_has_an_example(capsys):
-    code, out, _ = run(capsys, "--help")
-    assert code == 0
-    assert "Example: coilarray calibrate-board" in out
-
-
 @pytest.mark.slow
 def test_the_file_is_that_of_the_library(capsys, recordings):
     true = series_tank(TRUE, 120e-12, QuickWorld().resistance).frequency
-    code, out, err = run(
-        capsys, recordings / "rest.sqlite", "--inductance-uH", "coil1=52", "--inductance-uH", "coil2=52",
-        "--inductance-error", "0.01", "--frequency-MHz", f"coil1={true * 1e-6!r}", "--frequency-error", "1e-7",
-        "--out", "b.toml", "--json",
-    )  # fmt: skip
-    assert (code, err) == (0, "")
-    answer, found = json.loads(out), load_calibration("b.toml")
+    inductances = ("--inductance-uH", "coil1=52", "--inductance-uH", "coil2=52", "--inductance-error", "0.01")
+    frequency = ("--frequency-MHz", f"coil1={true * 1e-6!r}", "--frequency-error", "1e-7")
+    data = answer(capsys, recordings / "rest.sqlite", *inductances, *frequency, "--out", "b.toml")
+    found = load_calibration("b.toml")
     with open_recording(recordings / "rest.sqlite") as recording:
         expected = calibrate_board(
             recording,
@@ -66,18 +53,17 @@ def test_the_file_is_that_of_the_library(capsys, recordings):
             made=found.made,
         )
     assert found == expected
-    assert (answer["emulated"], answer["clock_from"], answer["file"]) == (True, "known frequency", "b.toml")
+    assert (data["emulated"], data["clock_from"], data["file"]) == (True, "known frequency", "b.toml")
     # 0.01 K/s over some 6 s of 13e-6/K, and noise
-    assert answer["clock_Hz"] == pytest.approx(42e6, rel=1e-6)
-    assert [one["state"] for one in answer["channels"]] == ["coil1", "coil2"]
-    assert answer["channels"][0]["capacitance_F"] == found.channels[0].capacitance
-    for drift in answer["drifts"]:
+    assert data["clock_Hz"] == pytest.approx(42e6, rel=1e-6)
+    assert [one["state"] for one in data["channels"]] == ["coil1", "coil2"]
+    assert data["channels"][0]["capacitance_F"] == found.channels[0].capacitance
+    for drift in data["drifts"]:
         assert drift["rate_per_s"] == pytest.approx(-26e-8, abs=4 * drift["rate_standard_error_per_s"])
 
 
 def test_every_line_of_an_emulated_board_says_so(capsys, recordings):
-    code, out, err = run(capsys, recordings / "campaign.sqlite", "--inductance-uH", "52", "--drift-order", "2")
-    assert (code, err) == (0, "")
+    out = good(capsys, recordings / "campaign.sqlite", "--inductance-uH", "52", "--drift-order", "2")
     lines = out.splitlines()
     assert all(line.startswith("[emulator] ") for line in lines)
     assert lines[0] == "[emulator] clock 43400000 Hz, from the settings"
@@ -89,55 +75,39 @@ def test_every_line_of_an_emulated_board_says_so(capsys, recordings):
 
 
 def test_drift_alone(capsys, recordings):
-    code, out, _ = run(capsys, recordings / "campaign.sqlite", "--out", "drift.toml")
-    assert code == 0
+    out = good(capsys, recordings / "campaign.sqlite", "--out", "drift.toml")
     assert "C (pF)" not in out
     assert "drift of L_0" in out
     assert load_calibration("drift.toml").channels == ()
 
 
 @pytest.mark.slow
-def test_the_whole_way_from_the_emulator(capsys, tmp_path_factory, monkeypatch):
+def test_the_whole_way_from_the_emulator(capsys):
     """campaign, calibrate-board, compare: all physics of two coils on both sides, scale 1 within noise.
 
     The emulator interpolates in a table that is right to 1e-3 of the largest δ; the noise is chosen above that.
     """
-    folder = tmp_path_factory.mktemp("board")
-    monkeypatch.setenv("COILARRAY_CACHE", str(folder / "cache"))
-    (folder / "two_coils.toml").write_text(tomli_w.dumps(two_coils_document()))
-    (folder / "wiring.toml").write_text(WIRING_TEXT)
-    board = (str(folder / "two_coils.toml"), "--wiring", str(folder / "wiring.toml"))
+    Path("two_coils.toml").write_text(tomli_w.dumps(two_coils_document()))
+    Path("wiring.toml").write_text(WIRING_TEXT)
     noise = ("--emulate", "noise=1e-6", "--emulate", "drift=0.002")
     axes = ("--x-mm", "-6:6:7", "--y-mm", "-4:4:5")
-    assert main(["campaign", *board, *axes, *noise, "--out", "run.sqlite"]) == 0
-    assert main(["calibrate-board", "run.sqlite", "--simulated"]) == 0
-    capsys.readouterr()
-    code, out, err = compare(
-        capsys,
-        "run.sqlite",
-        board[0],
-        "--calibration",
-        "board.toml",
-        "--json",
-        "--replicates",
-        "0",
-        "--out",
-        "page.html",
-    )
-    assert (code, err) == (0, "")
-    answer = json.loads(out)
-    assert answer["emulated"] is True
-    for row in answer["scales"][:1]:  # the second coil lies beside the map
+    campaign(capsys, "two_coils.toml", "--wiring", "wiring.toml", *axes, *noise, "--out", "run.sqlite")
+    good(capsys, "run.sqlite", "--simulated")
+    both, known = ("run.sqlite", "two_coils.toml", "--replicates", "0"), ("--calibration", "board.toml")
+    data = compared(capsys, *both, *known, "--out", "page.html")
+    assert data["emulated"] is True
+    for row in data["scales"][:1]:  # the second coil lies beside the map
         assert row["scale"] == pytest.approx(1.0, abs=4 * row["scale_std"] + 1e-3)
         assert row["scale_std"] < 5e-3
         assert row["shift_x_m"] == pytest.approx(0.0, abs=4 * row["shift_x_std_m"] + 5e-6)
-    for row in answer["remains"]:
+    for row in data["remains"]:
         assert row["rms_after"] == pytest.approx(row["noise"], rel=0.5)  # 35 positions: 12 %
-    for row in answer["inductances"]:
+    for row in data["inductances"]:
         assert row["ratio"] == pytest.approx(1.0, rel=1e-6)  # by construction, and it is said
-    assert any("is no test of either" in note for note in answer["notes"])
-    code, out, _ = compare(capsys, "run.sqlite", board[0], "--json", "--replicates", "0")
-    for row in json.loads(out)["inductances"]:  # not by construction: both with the design's capacitor and all strays
+    assert any("is no test of either" in note for note in data["notes"])
+    for row in compared(capsys, *both)[
+        "inductances"
+    ]:  # not by construction: both with the design's capacitor and all strays
         assert row["ratio"] == pytest.approx(1.0, rel=1e-4)
 
 
@@ -147,19 +117,15 @@ def test_the_whole_way_from_the_emulator(capsys, tmp_path_factory, monkeypatch):
         (("none.sqlite",), "none.sqlite"),
         (("REST", "--out", "board.json"), "--out must end in .toml"),
         (("REST", "--out", "none/board.toml"), "there is no folder none"),
-        (("REST", "--inductance-uH", "coil1=x"), "--inductance-uH must be STATE=VALUE with a positive number"),
         (("REST", "--inductance-uH", "-3"), "--inductance-uH must be STATE=VALUE with a positive number; got '-3'"),
         (("REST", "--inductance-uH", "coil1=inf"), "--inductance-uH must be STATE=VALUE with a positive number"),
         (("REST", "--inductance-uH", "coil1=1", "--inductance-uH", "coil1=2"), "must name a state once"),
         (("REST", "--inductance-uH", "52", "--inductance-uH", "coil1=2"), "one value for all states, or"),
         (("REST", "--inductance-uH", "coil7=52"), "has no state 'coil7'"),
-        (("REST", "--inductance-uH", "1e12"), "the capacitance of coil1 must be 1 to 1e+06 pF"),
         (("REST", "--inductance-uH", "52", "--simulated"), "cannot be given together"),
         (("REST", "--inductance-uH", "52", "--inductance-error", "2"), "must be 0 to 0.5; got 2"),
         (("REST", "--frequency-MHz", "2"), "--frequency-MHz must be STATE=VALUE"),
         (("REST", "--frequency-MHz", "=2"), "has no state ''"),
-        (("REST", "--frequency-MHz", "coil1=9"), "the clock must be 2 to 55 MHz"),
-        (("REST", "--drift-order", "4"), "the order of a drift must be 1 to 3; got 4"),
         ((), "RUN.sqlite"),
     ],
 )
@@ -167,8 +133,3 @@ def test_bad_input(capsys, recordings, arguments, words):
     given = [recordings / "rest.sqlite" if one == "REST" else one for one in arguments]
     assert words in refused(capsys, *given)
     assert list(Path().iterdir()) == []  # nothing half-written
-
-
-def test_a_file_that_cannot_be_written_is_left_as_it_was(capsys, recordings):
-    Path("board.toml").mkdir()
-    assert "it is a folder" in refused(capsys, recordings / "rest.sqlite")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.board_text import array_text, board, pads, path, segment, square_spiral, via
 from support.boards import FOUR_LAYERS, LEADS, VIA
-from support.command_line import runner
+from support.command_line import runner, successes
 
 from coilarray import load_design
 from coilarray.cli.main import main
@@ -17,18 +16,15 @@ from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.geometry import CoilArray, Placement, Spiral, spiral_coil
 
 pytestmark = pytest.mark.usefixtures("own_folder")
-run, refused = runner("import")
+_, refused = runner("import")
+good, answer = successes("import")
 
 SPIRAL = square_spiral()
 
 
-@pytest.fixture
-def write(tmp_path):
-    def _write(text, name="b.kicad_pcb"):
-        (tmp_path / name).write_text(text, encoding="utf-8")
-        return name
-
-    return _write
+def write(text, name="b.kicad_pcb"):
+    Path(name).write_text(text, encoding="utf-8")
+    return name
 
 
 def small_array():
@@ -39,10 +35,9 @@ def small_array():
 
 
 @pytest.mark.slow
-def test_a_board_becomes_a_design_with_the_same_matrix(capsys, write):
+def test_a_board_becomes_a_design_with_the_same_matrix(capsys):
     array = small_array()
-    code, out, err = run(capsys, write(array_text(array)), "--out", "back.toml")
-    assert (code, err) == (0, "")
+    out = good(capsys, write(array_text(array)), "--out", "back.toml")
     assert out.splitlines()[-1] == "wrote back.toml; next: coilarray check back.toml"
     rows = [line.split() for line in out.splitlines() if line.startswith("c")]
     assert rows[1][:6] == ["coil", "net", "shape", "layers", "turns", "length"]
@@ -57,7 +52,7 @@ def test_a_board_becomes_a_design_with_the_same_matrix(capsys, write):
         assert main([command[0], "back.toml", *command[1:]]) == 0
 
 
-def test_json_says_what_was_found_and_what_was_left_out(capsys, write):
+def test_json_says_what_was_found_and_what_was_left_out(capsys):
     text = board(
         path(*SPIRAL[:6], width="0.3"),
         path(*SPIRAL[5:], width="0.2"),
@@ -65,9 +60,7 @@ def test_json_says_what_was_found_and_what_was_left_out(capsys, write):
         path((20, 0), (30, 0), (30, 5), net="2"),
         nets=("/coil A", "GND"),
     ).replace('(net 1 "A")', '(net 1 "/coil A")')
-    code, out, _ = run(capsys, write(text), "--json")
-    found = json.loads(out)
-    assert code == 0
+    found = answer(capsys, write(text))
     assert (found["board"], found["design"]) == ("b.kicad_pcb", "design.toml")
     (coil,) = found["coils"]
     assert (coil["name"], coil["net"], coil["shape"], coil["layers"], coil["vias"]) == (
@@ -80,10 +73,9 @@ def test_json_says_what_was_found_and_what_was_left_out(capsys, write):
     assert load_design("design.toml").array.placements[0].coil.widths[0].min() == 0.2e-3
 
 
-def test_what_is_left_out_and_noted_is_printed(capsys, write):
+def test_what_is_left_out_and_noted_is_printed(capsys):
     text = board(path(*SPIRAL), via(*SPIRAL[3]), path((20, 0), (30, 0), net="2"), version=20260101)
-    code, out, _ = run(capsys, write(text))
-    assert code == 0
+    out = good(capsys, write(text))
     assert "nets with tracks that are no coils\n  B: it makes 0.00 turns" in out
     assert "assumed: stackup.dielectric_epsilon_r: the board file does not say; FR-4, 4.5\n" in out
     assert "note: The board has KiCad's format 20260101" in out
@@ -91,19 +83,17 @@ def test_what_is_left_out_and_noted_is_printed(capsys, write):
 
 
 @pytest.mark.slow
-def test_copper_without_a_net_has_none_in_the_table(capsys, write):
-    text = board(path(*SPIRAL, net="0"))
-    code, out, _ = run(capsys, write(text))
-    assert code == 0
+def test_copper_without_a_net_has_none_in_the_table(capsys):
+    out = good(capsys, write(board(path(*SPIRAL, net="0"))))
     assert ["coil1", "–", "shape1"] in [line.split()[:3] for line in out.splitlines()]
     assert "note: coil1: the current enters at (-5, 5) mm on F.Cu, where its first track is" in out
     assert "note: Board files have no fab rules and the design has no [fab]" in out
-    _, out, _ = run(capsys, "b.kicad_pcb", "--json", "--force")
-    assert json.loads(out)["coils"][0]["net"] is None
-    assert "no [fab]" in json.loads(out)["notes"][-1]
+    found = answer(capsys, "b.kicad_pcb", "--force")
+    assert found["coils"][0]["net"] is None
+    assert "no [fab]" in found["notes"][-1]
 
 
-def test_folders_that_cannot_be_searched_are_named(capsys, write, monkeypatch):
+def test_folders_that_cannot_be_searched_are_named(capsys, monkeypatch):
     file = write(board(path(*SPIRAL)))
     found = Path.stat
 
@@ -117,30 +107,28 @@ def test_folders_that_cannot_be_searched_are_named(capsys, write, monkeypatch):
     assert "closed/d.toml" in refused(capsys, file, "--out", "closed/d.toml")
 
 
-def test_only_the_wanted_nets(capsys, write):
+def test_only_the_wanted_nets(capsys):
     text = board(path(*SPIRAL), path((20, 0), (30, 0), net="2"))
-    code, _, _ = run(capsys, write(text), "--nets", " B , A", "--out", "d.toml")
-    assert code == 0
+    good(capsys, write(text), "--nets", " B , A", "--out", "d.toml")
     assert load_design("d.toml").array.names == ("B", "A")
 
 
 @pytest.mark.slow
-def test_a_stackup_from_a_design(capsys, write):
+def test_a_stackup_from_a_design(capsys):
     file = write(array_text(small_array()))
-    assert run(capsys, file, "--stackup", "gast2020")[0] == 0
+    good(capsys, file, "--stackup", "gast2020")
     assert load_design("design.toml").array.stackup == load_design("gast2020").array.stackup
     message = refused(capsys, file, "--stackup", "gast_fem", "--force")
     assert "the board has 4 copper layers and the given stack-up 2" in message
 
 
 @pytest.mark.slow
-def test_a_file_that_exists_is_only_replaced_when_told(capsys, write, tmp_path):
-    file = write(board(path(*SPIRAL)))
-    design = tmp_path / "design.toml"
+def test_a_file_that_exists_is_only_replaced_when_told(capsys):
+    file, design = write(board(path(*SPIRAL))), Path("design.toml")
     design.write_text("precious")
     assert "design.toml exists; --force replaces it" in refused(capsys, file)
     assert design.read_text() == "precious"
-    assert run(capsys, file, "--force")[0] == 0
+    good(capsys, file, "--force")
     assert load_design("design.toml").array.names == ("A",)
 
 
@@ -151,28 +139,19 @@ def test_a_file_that_exists_is_only_replaced_when_told(capsys, write, tmp_path):
         (["none.kicad_pcb"], "none.kicad_pcb: there is no such file or folder"),
         (["b.kicad_pcb", "--nets", "C"], "b.kicad_pcb: there is no net 'C'; the board has A, B."),
         (["b.kicad_pcb", "--nets", " , "], "b.kicad_pcb: --nets must name at least one net; got ' , '"),
-        (["b.kicad_pcb", "--nets", "B"], "net B must have two ends; 3 ways meet at (25, 0) mm"),
         (["b.kicad_pcb", "--stackup", "none.toml"], "there is no design file none.toml"),
         (["b.kicad_pcb", "--out", "."], "--out must end in .toml; got ."),
-        (["b.kicad_pcb", "--out", "no/such/folder.toml"], "cannot write no/such/folder.toml"),
         (["b.kicad_pcb/x.kicad_pcb"], "b.kicad_pcb/x.kicad_pcb: there is no such file or folder"),
         (["b.txt"], "b.txt: a board must be a .kicad_pcb file, or Gerber files in a .zip or a folder"),
         (["cut.kicad_pcb"], "cut.kicad_pcb:9: the file ends inside"),
-        (
-            ["empty.kicad_pcb"],
-            "empty.kicad_pcb: no net is one path from end to end with a whole turn; it has no tracks",
-        ),
-        (["far.kicad_pcb"], "must lie within 10000 mm; got 200095, 95"),
         ([], "Missing argument 'BOARD'"),
     ],
 )
-def test_mistakes_are_one_line_and_leave_no_file(capsys, write, tmp_path, arguments, message):
+def test_mistakes_are_one_line_and_leave_no_file(capsys, arguments, message):
     text = board(path(*SPIRAL), segment((20, 0), (30, 0), net="2"), segment((25, 0), (25, 5), net="2"))
     write(text)
     write(text, "b.txt")
     write("\n".join(text.splitlines()[:9]), "cut.kicad_pcb")
-    write(board(), "empty.kicad_pcb")
-    write(board(path(*((x + 2e5, y) for x, y in SPIRAL))), "far.kicad_pcb")
-    before = sorted(tmp_path.iterdir())
+    before = sorted(Path().iterdir())
     assert message in refused(capsys, *arguments)
-    assert sorted(tmp_path.iterdir()) == before
+    assert sorted(Path().iterdir()) == before

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
-import io
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
-from support.command_line import runner
+from support.command_line import mistakes, runner, successes
 
 from coilarray import load_design
-from coilarray.cli.main import main
 from coilarray.design.bundled import read
 from coilarray.elastomer.contact import indent
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder")]
 
 run, refused = runner("indent")
-
-
-@pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+good, answer = successes("indent")
 
 
 @pytest.fixture(scope="module")
@@ -35,43 +27,24 @@ def expected():
     return indent(design.sheets, design.indentation.indenter, design.indentation.depths, base="bonded")
 
 
-@pytest.fixture(scope="module")
-def answer():
-    """What the command says of the starter, as JSON."""
-    printed = io.StringIO()
-    with contextlib.redirect_stdout(printed):
-        assert main(["indent", "starter", "--json"]) == 0
-    return json.loads(printed.getvalue())
-
-
-def test_help_has_an_example(capsys):
-    code, out, _ = run(capsys, "--help")
-    assert code == 0
-    assert "Example: coilarray indent" in out
-
-
-def test_the_table_is_that_of_the_library(answer, expected):
-    assert answer["design_hash"] == load_design("starter").digest
-    assert (answer["indenter"], answer["base"]) == ("hemisphere", "bonded")
-    rows = answer["dents"]
+def test_the_table_is_that_of_the_library(capsys, expected):
+    data = answer(capsys, "starter")
+    assert data["design_hash"] == load_design("starter").digest
+    assert (data["indenter"], data["base"]) == ("hemisphere", "bonded")
+    rows = data["dents"]
     np.testing.assert_allclose([row["depth_m"] for row in rows], [0.3e-3, 0.6e-3], rtol=1e-12)
     # the same computation once more
     np.testing.assert_allclose([row["force_N"] for row in rows], expected.force, rtol=1e-9)
     np.testing.assert_allclose([row["contact_radius_m"] for row in rows], expected.contact_radius, rtol=1e-9)
     for sheet in ("base", "magnetic"):
-        np.testing.assert_allclose(
-            [row[f"{sheet}_displacement_m"] for row in rows],
-            expected.displacement_z.sel(interface=sheet).isel(r=0),
-            rtol=1e-9,
-        )
+        on_axis = expected.displacement_z.sel(interface=sheet).isel(r=0)
+        np.testing.assert_allclose([row[f"{sheet}_displacement_m"] for row in rows], on_axis, rtol=1e-9)
     # the tip has gone as deep as it should: to the mean gap of the innermost hat of pressure
     np.testing.assert_allclose([row["magnetic_displacement_m"] for row in rows], [-0.3e-3, -0.6e-3], rtol=1e-3)
     assert all(-row["magnetic_displacement_m"] > -row["base_displacement_m"] > 0 for row in rows)
-
-
-def test_the_ring_is_the_highest_point_outside_the_contact(answer, expected):
+    # the ring is the highest point outside of the contact
     top = expected.displacement_z.isel(interface=-1)
-    for k, row in enumerate(answer["dents"]):
+    for k, row in enumerate(rows):
         highest = int(top.isel(depth=k).values.argmax())
         # a parabola through nodes lies a little above them, and its vertex between their neighbours
         assert 1.0 <= row["ring_height_m"] / float(top[k, highest]) < 1.02
@@ -80,17 +53,16 @@ def test_the_ring_is_the_highest_point_outside_the_contact(answer, expected):
 
 
 def test_values_that_nobody_gave_are_named(capsys):
-    code, out, _ = run(capsys, "gast2020")
-    assert code == 0
+    out = good(capsys, "gast2020")
     assert "hemisphere, base bonded" in out
     for key in ("elastomer.0.youngs_modulus_kPa = 55: ", "elastomer.1.youngs_modulus_kPa = 166: ", "indentation.base"):
         assert f"assumed: {key}" in out
     assert "origin" not in out  # where the dent is made does not change it
     assert "relative_permeability" not in out
-    not_given = json.loads(run(capsys, "gast_fem", "--json")[1])["not_given"]
+    not_given = answer(capsys, "gast_fem")["not_given"]
     assert {"indenter.radius_mm", "indentation.depths_mm", "indentation.base"} <= {row["key"] for row in not_given}
     assert next(row["value"] for row in not_given if row["key"] == "indentation.depths_mm") == [0.5, 1.0, 1.5]
-    chosen = json.loads(run(capsys, "gast_fem", "--json", "--depth-mm", "1", "--base", "bonded")[1])["not_given"]
+    chosen = answer(capsys, "gast_fem", "--depth-mm", "1", "--base", "bonded")["not_given"]
     assert not {"indentation.depths_mm", "indentation.base"} & {row["key"] for row in chosen}
 
 
@@ -99,32 +71,23 @@ def test_a_default_is_named_too(capsys):
     assert "default: elastomer.0.poissons_ratio = 0.4999\n" in run(capsys, "d.toml", "--depth-mm", "0.3")[1]
 
 
-@pytest.mark.parametrize(
-    ("text", "depths"), [("0.5", [0.5]), ("0.1,0.25", [0.1, 0.25]), ("0.2:0.6:3", [0.2, 0.4, 0.6])]
-)
-def test_depths_by_list_or_range(capsys, text, depths):
-    rows = json.loads(run(capsys, "starter", "--json", "--depth-mm", text)[1])["dents"]
-    np.testing.assert_allclose([row["depth_m"] * 1e3 for row in rows], depths, rtol=1e-12)
-
-
 def test_a_slipping_base_is_softer(capsys, expected):
-    data = json.loads(run(capsys, "starter", "--json", "--base", "frictionless")[1])
+    data = answer(capsys, "starter", "--base", "frictionless", "--depth-mm", "0.3:0.6:2")
     assert data["base"] == "frictionless"
+    np.testing.assert_allclose([row["depth_m"] for row in data["dents"]], [0.3e-3, 0.6e-3], rtol=1e-12)
     assert all(row["force_N"] < force for row, force in zip(data["dents"], expected.force.values, strict=True))
 
 
 def test_files(capsys, expected):
-    code, out, _ = run(capsys, "starter", "--out", "dent.nc", "--plot", "dent.svg")
-    assert code == 0
+    out = good(capsys, "starter", "--out", "dent.nc", "--plot", "dent.svg")
     assert out.endswith("wrote dent.nc\nwrote dent.svg\n")
     with xr.open_dataset("dent.nc", engine="h5netcdf") as saved:
         np.testing.assert_allclose(saved.displacement_z, expected.displacement_z, rtol=1e-9, atol=1e-15)
         assert saved.attrs["design_hash"] == load_design("starter").digest
         assert saved.force.attrs["units"] == "N"
     assert Path("dent.svg").read_text(encoding="utf-8").startswith("<?xml")
-    assert run(capsys, "starter", "--out", "dent.csv", "--plot", "dent.png", "--depth-mm", "0.3")[0] == 0
-    with Path("dent.csv").open(encoding="utf-8") as lines:
-        (row,) = csv.DictReader(lines)
+    good(capsys, "starter", "--out", "dent.csv", "--plot", "dent.png", "--depth-mm", "0.3")
+    (row,) = csv.DictReader(Path("dent.csv").read_text(encoding="utf-8").splitlines())
     # the mesh is made for the depths asked for; its error is about 0.1 %
     assert float(row["force_N"]) == pytest.approx(float(expected.force[0]), rel=2e-3)
     assert Path("dent.png").read_bytes()[:4] == b"\x89PNG"
@@ -132,40 +95,21 @@ def test_files(capsys, expected):
 
 def test_a_cylinder_has_force_a_metre(capsys):
     Path("d.toml").write_text(read("starter").replace('"hemisphere"', '"cylinder_edge"', 1), encoding="utf-8")
-    code, out, _ = run(capsys, "d.toml", "--depth-mm", "0.3", "--out", "d.csv")
-    assert code == 0
+    out = good(capsys, "d.toml", "--depth-mm", "0.3", "--out", "d.csv")
     assert "force on the indenter (N/m)" in out
     assert "half width of the contact (mm)" in out
     assert Path("d.csv").read_text(encoding="utf-8").startswith("depth_m,force_N_per_m,")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--depth-mm", "0"), "--depth-mm must be above zero; got '0'"),
-        (("--depth-mm", "-1"), "--depth-mm must be above zero; got '-1'"),
-        (("--depth-mm", "1,0.5"), "--depth-mm must be rising numbers of mm, as 0.5,1 or START:STOP:COUNT"),
-        (("--depth-mm", "0.5,0.5"), "--depth-mm must be rising numbers"),
-        (("--depth-mm", "0.1:0.5"), "got '0.1:0.5'"),
-        (("--depth-mm", "0.1:0.5:1"), "--depth-mm must be rising numbers"),
-        (("--depth-mm", "0.1:0.5:2000"), "with 2 to 1000 of them"),
-        (("--depth-mm", "0.1:0.5:2.5"), "got '0.1:0.5:2.5'"),
-        (("--depth-mm", "nan"), "got 'nan'"),
-        (("--depth-mm", "0.1,inf"), "got '0.1,inf'"),
-        (("--depth-mm", ""), "got ''"),
-        (("--depth-mm", "deep"), "got 'deep'"),
-        (("--depth-mm", "40"), "thickness of all sheets"),
-        (("--base", "glued"), "--base must be bonded or frictionless; got 'glued'"),
-        (("--base", ""), "--base must be bonded or frictionless; got ''"),
-        (("--out", "d.txt"), "--out must end in .nc or .csv; got d.txt"),
-        (("--plot", "d.gif"), "--plot must end in .png, .svg or .pdf; got d.gif"),
-        (("--out", "no/such/d.nc"), "cannot write no/such/d.nc"),
-        (("--plot", "no/such/d.png"), "cannot write no/such/d.png"),
-    ],
+test_mistakes_are_one_line_and_leave_nothing = mistakes(
+    runner("indent", "starter")[1],
+    (("--depth-mm", "0"), "--depth-mm must be above zero; got '0'"),
+    (("--depth-mm", "-1"), "--depth-mm must be above zero; got '-1'"),
+    (("--depth-mm", "1,0.5"), "--depth-mm must be rising numbers of mm, as 0.5,1 or START:STOP:COUNT"),
+    (("--depth-mm", "40"), "thickness of all sheets"),
+    (("--base", "glued"), "'glued' is not one of 'bonded', 'frictionless'"),
+    (("--base", ""), "'' is not one of 'bonded', 'frictionless'"),
 )
-def test_mistakes_are_one_line_and_leave_nothing(capsys, arguments, message):
-    assert message in refused(capsys, "starter", *arguments)
-    assert list(Path().iterdir()) == []
 
 
 def test_a_design_without_an_indenter(capsys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import pty
@@ -15,11 +16,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tomli_w
+from support import recorded_boards
 from support.command_line import runner
+from support.emulated_reader import at_rest
 from support.patience import PATIENCE, until
 from support.quick_recordings import campaign_file, stream_file
-from support.recorded_boards import WIRING_TEXT, configured, quick_board, two_coils_document
+from support.recorded_boards import configured, quick_board
 
 from coilarray import load_design
 from coilarray.cli import live as live_command
@@ -27,6 +29,7 @@ from coilarray.cli.board_options import BoardOptions, opened_board
 from coilarray.compute.netcdf import save_dataset
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.record.campaign import Campaign
+from coilarray.hardware.record.live_tracking import LiveReading, LiveState
 from coilarray.hardware.wire import buses
 from coilarray.hardware.wire.faults import DeviceLost
 from coilarray.response.map import response_map
@@ -37,18 +40,15 @@ FINGER = [(0.0, 0.0, 0.0, 0.0), (4.0, 1e-3, 0.0, 0.0), (4.5, 1e-3, 0.0, 1e-3), (
 """Lifted for the baseline, then pressed: time in s, x, y and depth in m."""
 
 
+board, kept = recorded_boards.board, recorded_boards.kept
+
+
 @pytest.fixture(scope="module")
-def board(tmp_path_factory):
-    """Folder with a design of two coils, its wiring and a table of one depth."""
-    folder = tmp_path_factory.mktemp("board")
-    path = folder / "two_coils.toml"
-    path.write_text(tomli_w.dumps(two_coils_document()))
-    (folder / "wiring.toml").write_text(WIRING_TEXT)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COILARRAY_CACHE", str(folder / "cache"))
-        axis = np.linspace(-8e-3, 8e-3, 9)
-        save_dataset(response_map(load_design(str(path)), x=axis, y=axis), folder / "table.nc")
-        yield folder
+def table(board, tmp_path_factory):
+    """Table for positions of one depth."""
+    axis, path = np.linspace(-8e-3, 8e-3, 9), tmp_path_factory.mktemp("table") / "table.nc"
+    save_dataset(response_map(load_design(str(board[0])), x=axis, y=axis), path)
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -62,28 +62,22 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def on(board):
-    """Arguments for the emulator of two coils, without positions."""
-    return (board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate")
+def ran(capsys, *arguments):
+    """Run without an error, and return the lines."""
+    code, out, err = run(capsys, *arguments)
+    assert (code, err) == (0, "")
+    return out.splitlines()
 
 
-def lines_of(out):
-    return [json.loads(line) for line in out.splitlines()]
-
-
-def test_help_has_an_example(capsys):
-    code, out, _ = run(capsys, "--help")
-    assert code == 0
-    assert "Example: coilarray live" in out
+def answers_of(capsys, *arguments):
+    return [json.loads(line) for line in ran(capsys, *arguments, "--json")]
 
 
 # a recording
 
 
 def test_a_recording_is_replayed(capsys, recording):
-    code, out, err = run(capsys, "--recording", recording, "--speed", "0", "--no-locate", "--json")
-    assert (code, err) == (0, "")
-    answers = lines_of(out)
+    answers = answers_of(capsys, "--recording", recording, "--speed", "0", "--no-locate")
     assert len(answers) == 60
     assert all(answer["emulated"] is True for answer in answers)
     assert [answer["baseline_scans_missing"] for answer in answers[:11]] == [9, 8, 7, 6, 5, 4, 3, 2, 1, 0, 0]
@@ -96,9 +90,7 @@ def test_a_recording_is_replayed(capsys, recording):
 
 
 def test_plain_lines_say_emulator(capsys, recording):
-    code, out, err = run(capsys, "--recording", recording, "--speed", "0", "--no-locate", "--scans", "50")
-    assert (code, err) == (0, "")
-    lines = out.splitlines()
+    lines = ran(capsys, "--recording", recording, "--speed", "0", "--no-locate", "--scans", "50")
     assert len(lines) == 50
     assert all(line.startswith("[emulator] ") for line in lines)
     assert lines[0].endswith("baseline: 9 more scans without an indentation")
@@ -107,9 +99,7 @@ def test_plain_lines_say_emulator(capsys, recording):
 
 def test_a_campaign_counts_from_its_baselines(capsys, tmp_path):
     path = campaign_file(tmp_path / "campaign.sqlite", Campaign(x=(0.0,), y=(0.0, 1e-3), depths=(1e-3,), repeats=4))
-    code, out, _ = run(capsys, "--recording", path, "--speed", "0", "--no-locate", "--json", "--baseline-scans", "4")
-    assert code == 0
-    answers = lines_of(out)
+    answers = answers_of(capsys, "--recording", path, "--speed", "0", "--no-locate", "--baseline-scans", "4")
     assert [one["baseline_scans_missing"] for one in answers[:7]] == [3, 3, 2, 2, 1, 1, 0]  # every other scan presses
     assert answers[8]["delta"]["coil1"] == pytest.approx(0.0, abs=1e-6)
     assert answers[9]["delta"]["coil1"] == pytest.approx(0.8e-3, rel=3e-3)
@@ -123,12 +113,9 @@ def test_a_replay_keeps_the_recorded_time(capsys, recording):
 
 
 @pytest.mark.slow
-def test_positions_of_a_recording(capsys, recording, board):
+def test_positions_of_a_recording(capsys, recording, board, table):
     """The quick board's bells are no response of the design: what counts is that the library is asked and answers."""
-    files = (board / "two_coils.toml", "--recording", recording, "--table", board / "table.nc")
-    code, out, err = run(capsys, *files, "--speed", "0", "--json")
-    assert (code, err) == (0, "")
-    answers = lines_of(out)
+    answers = answers_of(capsys, board[0], "--recording", recording, "--table", table, "--speed", "0")
     assert answers[5]["position"] is None
     assert answers[20]["position"]["status"] == "nothing pressed"
     assert answers[-1]["position"]["status"] != "nothing pressed"
@@ -140,17 +127,13 @@ def test_positions_of_a_recording(capsys, recording, board):
 
 
 @pytest.mark.slow
-def test_the_emulator_is_located(capsys, board, monkeypatch):
+def test_the_emulator_is_located(capsys, board, table, monkeypatch):
     def finger(setup, start):
         return [(start, 4e-3, 2e-3, 0.0), (start + 0.2, 4e-3, 2e-3, 1e-3)]
 
     monkeypatch.setattr(live_command, "_tour", finger)
-    code, out, err = run(
-        capsys, board / "two_coils.toml", "--wiring", board / "wiring.toml", "--table", board / "table.nc",
-        "--rate", "40", "--scans", "60", "--baseline-scans", "5", "--noise", "2e-6", "--json",
-    )  # fmt: skip
-    assert (code, err) == (0, "")
-    answers = lines_of(out)
+    options = ("--rate", "40", "--scans", "60", "--baseline-scans", "5", "--noise", "2e-6")
+    answers = answers_of(capsys, *board, "--table", table, *options)
     assert len(answers) == 60
     assert answers[4]["position"]["status"] == "nothing pressed"
     pressed = [one["position"] for one in answers[-20:] if one["position"] is not None]
@@ -163,9 +146,8 @@ def test_the_emulator_is_located(capsys, board, monkeypatch):
 
 @pytest.mark.slow
 def test_every_line_of_an_emulator_says_so(capsys, board):
-    code, out, err = run(capsys, *on(board), "--rate", "30", "--scans", "10", "--baseline-scans", "3")
-    assert (code, err) == (0, "")
-    first, *lines = out.splitlines()
+    options = ("--no-locate", "--rate", "30", "--scans", "10", "--baseline-scans", "3")
+    first, *lines = ran(capsys, *board, *options)
     assert first.startswith("[emulator] emulator: emulator; LDC1614")
     assert len(lines) == 10
     assert all(line.startswith("[emulator] ") for line in lines)
@@ -177,30 +159,16 @@ def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
     monkeypatch.setattr(buses, "ComputerClock", VirtualClock)  # on a busy computer scans may come late
     begun, tour = [], live_command._tour
     monkeypatch.setattr(live_command, "_tour", lambda setup, start: begun.append(start) or tour(setup, start))
-    code, out, err = run(capsys, *on(board), "--json", "--rate", "30", "--scans", "75", "--baseline-scans", "3")
-    assert (code, err) == (0, "")
-    after = [(answer["time_s"] - begun[-1], answer["delta"]["coil1"]) for answer in lines_of(out)[3:]]
+    answers = answers_of(capsys, *board, "--no-locate", "--rate", "30", "--scans", "75", "--baseline-scans", "3")
+    after = [(answer["time_s"] - begun[-1], answer["delta"]["coil1"]) for answer in answers[3:]]
     assert all(abs(delta) < 10e-6 for time, delta in after if time < 0.5)  # the finger comes down from then on
     assert max(abs(delta) for time, delta in after if time > 1.0) > 30e-6
 
 
 @pytest.mark.slow
 def test_a_finger_that_presses_is_not_in_the_baseline(capsys, board):
-    code, out, err = run(
-        capsys,
-        *on(board),
-        "--json",
-        "--rate",
-        "30",
-        "--scans",
-        "15",
-        "--baseline-scans",
-        "5",
-        "--emulate",
-        "press=0,0,1",
-    )
-    assert (code, err) == (0, "")
-    answers = lines_of(out)
+    options = ("--no-locate", "--rate", "30", "--scans", "15", "--baseline-scans", "5", "--emulate", "press=0,0,1")
+    answers = answers_of(capsys, *board, *options)
     assert abs(answers[4]["delta"]["coil1"]) < 1e-5  # noise: ten times that of a scan at this rate
     # a conversion may have begun before the finger came
     assert all(answer["delta"]["coil1"] > 3e-4 for answer in answers[7:])
@@ -208,104 +176,68 @@ def test_a_finger_that_presses_is_not_in_the_baseline(capsys, board):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("emulate", [None, ["press=0,0,1"]])
-def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate):
-    options = BoardOptions(wiring=str(board / "wiring.toml"), rate=30, emulate=emulate)
+def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate, monkeypatch):
+    options = BoardOptions(wiring=str(board[2]), rate=30, emulate=emulate)
     opened = []
 
-    def opening(*arguments, **keywords):
-        @contextlib.contextmanager
-        def remembered():
-            with opened_board(*arguments, **keywords) as (one, settings):
-                opened.append(one)
-                yield one, settings
+    @contextlib.contextmanager
+    def remembered(*arguments, **keywords):
+        with opened_board(*arguments, **keywords) as (one, settings):
+            opened.append(one)
+            yield one, settings
 
-        return remembered()
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(live_command, "opened_board", opening)
-        with live_command._stream(options, load_design(str(board / "two_coils.toml")), quiet=True):
-            (one,) = opened
-            assert "table" in vars(one.emulator.world)
-            assert one.emulator.place().depth == 0
+    monkeypatch.setattr(live_command, "opened_board", remembered)
+    with live_command._stream(options, load_design(str(board[0])), quiet=True):
+        (one,) = opened
+        assert "table" in vars(one.emulator.world)
+        assert one.emulator.place().depth == 0
 
 
 @pytest.mark.slow
 def test_a_finger_beside_the_sample_is_refused_before_the_first_scan(capsys, board):
-    line = refused(capsys, *on(board), "--json", "--emulate", "press=500,0,1")
+    line = refused(capsys, *board, "--no-locate", "--json", "--emulate", "press=500,0,1")
     assert "x of the emulated indenter must be" in line
 
 
 # boards that break, and interrupts
 
 
-class Failing:
-    """A reader that stops with an error."""
-
-    def __init__(self, inner, after, error):
-        self.inner, self.after, self.error = inner, after, error
-
-    def __getattr__(self, name):
-        return getattr(self.inner, name)
-
-    def scans(self, interval=0.0):
-        for count, scan in enumerate(self.inner.scans(interval)):
-            if count == self.after:
-                raise self.error
-            yield scan
+GONE = DeviceLost("the port /dev/ttyACM0 is gone.")
 
 
-@pytest.fixture
-def broken(monkeypatch):
-    """Let the command open a quick board whose reader fails; returns the boards it opened."""
-    opened = []
+@pytest.mark.parametrize(
+    ("after", "fault", "arguments", "code", "lines", "error"),
+    [
+        (3, GONE, (), 2, 4, f"coilarray: error: {GONE}\n"),  # one line says who answers
+        (3, GONE, ("--json",), 2, 3, f"coilarray: error: {GONE}\n"),
+        (5, KeyboardInterrupt(), ("--json",), 130, 5, "coilarray: interrupted\n"),
+        (99, KeyboardInterrupt(), ("--scans", "2"), 0, 3, ""),
+    ],
+)
+def test_every_end_leaves_the_board_at_rest(capsys, board, monkeypatch, after, fault, arguments, code, lines, error):
+    """A quick board, which stops with an error after some scans."""
+    quick = quick_board()
+    scans = quick.reader.scans
 
-    def breaking(after, error):
-        @contextlib.contextmanager
-        def opened_board(options, design, *, real_time, progress=None):
-            with quick_board() as board:
-                settings = configured(board)
-                board.reader = Failing(board.reader, after, error)
-                opened.append(board)
-                yield board, settings
+    def failing_scans(interval=0.0):
+        yield from itertools.islice(scans(interval), after)
+        raise fault
 
-        monkeypatch.setattr(live_command, "opened_board", opened_board)
-        return opened
+    @contextlib.contextmanager
+    def opened_board(options, design, *, real_time, progress=None):
+        with quick:
+            quick.reader.scans = failing_scans
+            yield quick, configured(quick)
 
-    return breaking
-
-
-def at_rest(board):
-    return board.emulator.chain.words == board.wiring.safe_words and board.emulator.chip.asleep
-
-
-@pytest.mark.parametrize("arguments", [(), ("--json",)])
-def test_a_board_that_is_unplugged(capsys, board, broken, arguments):
-    (opened,) = [broken(3, DeviceLost("the port /dev/ttyACM0 is gone."))]
-    code, out, err = run(capsys, board / "two_coils.toml", "--no-locate", *arguments)
-    assert code == 2
-    assert err == "coilarray: error: the port /dev/ttyACM0 is gone.\n"
-    assert len(out.splitlines()) == 3 + (not arguments)
-    assert [at_rest(one) for one in opened] == [True]
-
-
-def test_an_interrupt_leaves_the_board_at_rest(capsys, board, broken):
-    opened = broken(5, KeyboardInterrupt())
-    code, out, err = run(capsys, board / "two_coils.toml", "--no-locate", "--json")
-    assert (code, len(out.splitlines())) == (130, 5)
-    assert "interrupted" in err
-    assert [at_rest(one) for one in opened] == [True]
-
-
-def test_the_end_leaves_the_board_at_rest(capsys, board, broken):
-    opened = broken(99, KeyboardInterrupt())
-    code, _, _ = run(capsys, board / "two_coils.toml", "--no-locate", "--scans", "2")
-    assert code == 0
-    assert [at_rest(one) for one in opened] == [True]
+    monkeypatch.setattr(live_command, "opened_board", opened_board)
+    ended, out, err = run(capsys, board[0], "--no-locate", *arguments)
+    assert (ended, len(out.splitlines()), err) == (code, lines, error)
+    assert at_rest(quick.emulator, quick.wiring)
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_a_process(board):
-    process = command("live", *map(str, on(board)), "--json")
+def test_ctrl_c_ends_a_process(recording):
+    process = command("live", "--recording", str(recording), "--no-locate", "--json")
     assert process.stdout.readline()
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=PATIENCE)
@@ -368,31 +300,19 @@ def on_terminal(*arguments, keys=()):
 
 
 @pytest.mark.slow
-def test_bars_on_a_terminal(recording):
-    code, shown = on_terminal("live", "--recording", recording, "--speed", "4", "--no-locate")
+def test_bars_and_keys_on_a_terminal(tmp_path):
+    # 25 s at this speed, which nobody waits for: it ends by the key
+    recording = stream_file(tmp_path / "long.sqlite", 1000, noise=1e-7, path_of_finger=FINGER)
+    keys = [("█", "z"), ("more scans without an indentation", ""), ("noise of δ", "q")]
+    code, first, *_ = on_terminal("live", "--recording", recording, "--speed", "4", "--no-locate", keys=keys)
     assert code == 0
-    assert "█" in shown
-    assert "[emulator] coil1" in shown
-    assert "scans/s" in shown
-    assert "baseline: " in shown
-    drawn = [line for line in shown.replace("\x1b[2K", "").splitlines() if "coil1" in line or "scans/s" in line]
-    assert drawn
+    for text in ("[emulator] coil1", "scans/s", "baseline: 9 more scans without an indentation"):
+        assert text in first
+    drawn = [line for line in first.replace("\x1b[2K", "").splitlines() if "coil1" in line or "scans/s" in line]
     assert all("[emulator] " in line for line in drawn)
 
 
-@pytest.mark.slow
-def test_keys(tmp_path):
-    # 127 s at this speed, which nobody waits for: it ends by the key
-    recording = stream_file(tmp_path / "long.sqlite", 2600, noise=1e-7)
-    keys = [("noise of δ", "z"), ("more scans without an indentation", ""), ("noise of δ", "q")]
-    code, *shown = on_terminal("live", "--recording", recording, "--speed", "2", "--no-locate", keys=keys)
-    assert code == 0
-    assert "9 more scans without an indentation" in shown[0]
-
-
 def test_screen_lines():
-    from coilarray.hardware.record.live_tracking import LiveReading, LiveState
-
     states = (
         LiveState("coil1", 1e-3, "good"),
         LiveState("coil22", -5e-4, "doubtful", ("amplitude below 1.2 V",)),
@@ -440,11 +360,10 @@ def test_bad_input(capsys, recording, board, arguments, words):
     Path("text.sqlite").write_text("no recording")
     given = [recording if one == "RUN" else one for one in arguments]
     if "--recording" not in given and "none.toml" not in given:
-        given = [board / "two_coils.toml", "--wiring", board / "wiring.toml", "--no-locate", *given]
+        given = [*board, "--no-locate", *given]
     assert words in refused(capsys, *given)
 
 
-def test_a_table_of_another_design(capsys, recording, board):
-    assert "is the table of another design" in refused(
-        capsys, "gast2020", "--recording", recording, "--table", board / "table.nc"
-    )
+def test_a_table_of_another_design(capsys, recording, table):
+    line = refused(capsys, "gast2020", "--recording", recording, "--table", table)
+    assert "is the table of another design" in line

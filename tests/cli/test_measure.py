@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
+import re
+import shutil
 import sqlite3
 import sys
 import time
@@ -17,16 +20,18 @@ from support.command_line import runner
 from coilarray import load_design
 from coilarray.cli import board_options
 from coilarray.cli import campaign as campaign_command
+from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.record import campaign as campaign_module
 from coilarray.hardware.record.recording import open_recording
+from coilarray.hardware.record.stages import PersonStage
 from coilarray.hardware.scan.readings import read_scan
 
 pytestmark = pytest.mark.slow
 
-board = recorded_boards.board
+board, kept = recorded_boards.board, recorded_boards.kept
 measure, measure_refused = runner("measure")
 measure_campaign, campaign_refused = runner("campaign")
 scan_info, scan_info_refused = runner("scan-info")
@@ -34,22 +39,36 @@ locate, _ = runner("locate")
 GRID = ("--x-mm", "-3,0,3", "--y-mm", "0,2", "--depth-mm", "0.5,1")
 
 
-@pytest.fixture
-def campaign(board, tmp_path, capsys):
-    path = tmp_path / "campaign.sqlite"
-    code, _, err = measure_campaign(capsys, *board, *GRID, "--out", path)
-    assert (code, err) == (0, "")
+@pytest.fixture(scope="module")
+def measured(board, tmp_path_factory):
+    """A campaign as the command records it."""
+    path = tmp_path_factory.mktemp("campaign") / "campaign.sqlite"
+    assert main(["campaign", *map(str, (*board, *GRID)), "--out", str(path)]) == 0
     return path
+
+
+@pytest.fixture
+def campaign(measured, tmp_path, capsys):
+    return shutil.copy(measured, tmp_path / "campaign.sqlite")
+
+
+def ran(capsys, command, *arguments):
+    """Run without an error, and return what was printed."""
+    code, out, err = command(capsys, *arguments)
+    assert (code, err) == (0, "")
+    return out
+
+
+def record(capsys, command, *arguments):
+    return json.loads(ran(capsys, command, *arguments, "--json"))
 
 
 def test_the_plan_of_a_campaign(board, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    code, out, _ = measure_campaign(capsys, *board, *GRID, "--plan")
     # pressing and lifting take (0.5 + 1) mm · 2/(1.5 mm/s) for both depths, dwelling 2 · 0.5 s, at 6 positions
     text = "3 × 2 positions, 2 depths, 1 repeats: 12 indentations, at least 0.3 min without scans and travel"
-    assert (code, out) == (0, f"{text}\n")
-    code, out, _ = measure_campaign(capsys, *board, *GRID, "--plan", "--json")
-    assert json.loads(out)["least_seconds"] == pytest.approx(6 * 3.0)
+    assert ran(capsys, measure_campaign, *board, *GRID, "--plan") == f"{text}\n"
+    assert record(capsys, measure_campaign, *board, *GRID, "--plan")["least_seconds"] == pytest.approx(6 * 3.0)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -58,17 +77,15 @@ def all_marked(text):
     return bool(lines) and all(line.startswith("[emulator]") for line in lines)
 
 
-# ----------------------------------------------------------------------------------- measuring
+# measuring
 
 
 def test_single(board, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    code, out, err = measure(capsys, *board, "--single", "--emulate", "noise=0")
-    assert (code, err) == (0, "")
+    out = ran(capsys, measure, *board, "--single", "--emulate", "noise=0")
     assert all_marked(out)
     assert [line.split()[1] for line in out.splitlines()] == ["emulator:", "state", "coil1", "coil2"]
-    code, out, _ = measure(capsys, *board, "--single", "--json", "--coil", "coil2", "--emulate", "press=0,0,1")
-    pressed = json.loads(out)
+    pressed = record(capsys, measure, *board, "--single", "--coil", "coil2", "--emulate", "press=0,0,1")
     assert pressed["emulated"] is True
     (state,) = pressed["states"]
     assert (state["state"], state["verdict"], state["reasons"]) == ("coil2", "good", [])
@@ -77,14 +94,13 @@ def test_single(board, tmp_path, capsys, monkeypatch):
 
 def test_single_with_a_name_is_recorded(board, tmp_path, capsys):
     path = tmp_path / "one.sqlite"
-    code, out, err = measure(capsys, *board, "--single", "--out", path, "--json")
-    assert (code, err) == (0, "")
+    states = record(capsys, measure, *board, "--single", "--out", path)["states"]
     with open_recording(path) as recording:
         (scan,) = recording.scans()
         own = recording.sessions[0]
         frequencies = [state.frequency for state in read_scan(scan.scan, own.settings, own.capacitances).states]
     assert scan.stage == "single"
-    assert [state["frequency_Hz"] for state in json.loads(out)["states"]] == frequencies
+    assert [state["frequency_Hz"] for state in states] == frequencies
     assert "is a recording of 1 scans already" in measure_refused(capsys, *board, "--single", "--out", path)
 
 
@@ -95,11 +111,9 @@ def test_folders_where_nothing_may_be_written(board, tmp_path, capsys, monkeypat
 
 
 def test_a_rate_that_is_not_reached_is_reported(board, tmp_path, capsys, monkeypatch):
-    code, out, _ = measure(capsys, *board, "--scans", 20, "--rate", 20, "--out", tmp_path / "a.sqlite", "--json")
-    reached = json.loads(out)["rate_per_s"]
-    assert reached == pytest.approx(20, rel=0.02)
-    code, out, _ = measure(capsys, *board, "--scans", 20, "--rate", 20, "--out", tmp_path / "b.sqlite")
-    assert "asked for" not in out
+    options = (*board, "--scans", 20, "--rate", 20, "--out")
+    assert record(capsys, measure, *options, tmp_path / "a.sqlite")["rate_per_s"] == pytest.approx(20, rel=0.02)
+    assert "asked for" not in ran(capsys, measure, *options, tmp_path / "b.sqlite")
     slow = DirectReader.scan  # a board that takes its time between two scans
 
     def scans(self, interval=0.0):
@@ -108,8 +122,7 @@ def test_a_rate_that_is_not_reached_is_reported(board, tmp_path, capsys, monkeyp
             yield slow(self)
 
     monkeypatch.setattr(DirectReader, "scans", scans)
-    code, out, _ = measure(capsys, *board, "--scans", 20, "--rate", 20, "--out", tmp_path / "c.sqlite")
-    assert code == 0
+    out = ran(capsys, measure, *options, tmp_path / "c.sqlite")
     (line,) = [line for line in out.splitlines() if "asked for" in line]
     assert line.startswith("[emulator] the board reached 16.")  # 50 ms and 10 ms
     assert line.endswith(" scans/s; --rate asked for 20")
@@ -117,56 +130,41 @@ def test_a_rate_that_is_not_reached_is_reported(board, tmp_path, capsys, monkeyp
 
 def test_stream(board, tmp_path, capsys):
     path = tmp_path / "run.sqlite"
-    code, out, err = measure(capsys, *board, "--scans", 12, "--out", path)
-    assert (code, err) == (0, "")
+    out = ran(capsys, measure, *board, "--scans", 12, "--out", path)
     assert all_marked(out)
     assert "12 scans of 2 states" in out
-    code, out, _ = measure(capsys, *board, "--scans", 20, "--out", path, "--resume", "--json")
-    record = json.loads(out)
-    assert (code, record["scans"], record["emulated"]) == (0, 20, True)  # the 12 count
-    assert [session["scans"] for session in record["sessions"]] == [12, 8]
-    code, out, _ = measure(capsys, *board, "--scans", 20, "--out", path, "--resume", "--json")
-    assert [session["scans"] for session in json.loads(out)["sessions"]] == [12, 8, 0]
+    for scans in ([12, 8], [12, 8, 0]):  # the 12 count
+        found = record(capsys, measure, *board, "--scans", 20, "--out", path, "--resume")
+        assert (found["scans"], found["emulated"]) == (20, True)
+        assert [session["scans"] for session in found["sessions"]] == scans
     assert [one.name for one in tmp_path.iterdir()] == ["run.sqlite"]
 
 
 def test_seconds_and_rate(board, tmp_path, capsys):
-    code, out, _ = measure(capsys, *board, "--seconds", 2, "--rate", 50, "--out", tmp_path / "run.sqlite", "--json")
-    record = json.loads(out)
-    assert code == 0
-    assert record["scans"] == pytest.approx(100, abs=2)
-    assert record["seconds"] == pytest.approx(2.0, abs=0.021)  # less than a scan is missing
-    assert record["lost_scans"] == 0
+    found = record(capsys, measure, *board, "--seconds", 2, "--rate", 50, "--out", tmp_path / "run.sqlite")
+    assert found["scans"] == pytest.approx(100, abs=2)
+    assert found["seconds"] == pytest.approx(2.0, abs=0.021)  # less than a scan is missing
+    assert found["lost_scans"] == 0
 
 
 def test_campaign(board, campaign, tmp_path, capsys):
-    code, out, err = scan_info(capsys, campaign, "--to", "nc")
-    assert (code, err) == (0, "")
+    out = ran(capsys, scan_info, campaign, "--to", "nc")
     assert all_marked(out)
     assert "campaign: 12 of 12 positions are measured" in out
     assert [line for line in out.splitlines() if "self-test" in line] == ["[emulator] self-test passed"] * 2
     response = load_part(tmp_path / "campaign.nc")
     assert response.delta.shape == (2, 2, 3, 2)
     assert response.attrs["emulated"] == 1
-    code, out, _ = scan_info(capsys, campaign, "--out", tmp_path / "long.csv", "--json")
-    assert json.loads(out)["campaign"] == {
-        "positions": 12,
-        "measured": 12,
-        "x_m": [-0.003, 0.0, 0.003],
-        "y_m": [0.0, 0.002],
-        "depths_m": [0.0005, 0.001],
-        "repeats": 1,
-        "scans": 1,
-        "dwell_s": 0.5,
-        "speed_m_per_s": 0.0015,
-    }
+    assert record(capsys, scan_info, campaign, "--out", tmp_path / "long.csv")["campaign"] == {
+        "positions": 12, "measured": 12, "x_m": [-0.003, 0.0, 0.003], "y_m": [0.0, 0.002],
+        "depths_m": [0.0005, 0.001], "repeats": 1, "scans": 1, "dwell_s": 0.5, "speed_m_per_s": 0.0015,
+    }  # fmt: skip
     lines = (tmp_path / "long.csv").read_text().splitlines()
     assert lines[0] == "depth_m,y_m,x_m,state,delta,delta_std"
     assert len(lines) == 1 + response.delta.size
     before, same = campaign.read_bytes(), tmp_path / "same.csv"
     # nothing is left to measure
-    code, out, err = measure_campaign(capsys, *board, *GRID, "--out", campaign, "--resume", "--response", same)
-    assert (code, err, all_marked(out)) == (0, "", True)
+    assert all_marked(ran(capsys, measure_campaign, *board, *GRID, "--out", campaign, "--resume", "--response", same))
     assert same.read_text().splitlines() == lines
     with open_recording(campaign) as recording:
         assert recording.count() == 24
@@ -194,14 +192,12 @@ def test_a_campaign_on_a_board_with_a_stuck_switch_is_refused(board, stuck, tmp_
     assert "the self-test before the campaign has failed: " in line
     assert line.endswith("or go on with --ignore-self-test.")
     assert list(tmp_path.iterdir()) == []
-    code, out, _ = measure_campaign(capsys, *board, *GRID, "--out", path, "--ignore-self-test")
-    assert code == 0
+    out = ran(capsys, measure_campaign, *board, *GRID, "--out", path, "--ignore-self-test")
     assert out.count("[emulator] self-test failed: ") == 2
-    code, out, _ = scan_info(capsys, path, "--json")
-    record = json.loads(out)
-    assert [test["passed"] for test in record["self_tests"]] == [False, False]
-    assert any("stays open" in text for text in record["self_tests"][0]["findings"])
-    assert {state["bad"] for state in record["states"]} == {0}  # the scans do not tell
+    found = record(capsys, scan_info, path)
+    assert [test["passed"] for test in found["self_tests"]] == [False, False]
+    assert any("stays open" in text for text in found["self_tests"][0]["findings"])
+    assert {state["bad"] for state in found["states"]} == {0}  # the scans do not tell
 
 
 def test_a_switch_that_sticks_during_a_campaign_is_reported(board, tmp_path, capsys, monkeypatch):
@@ -213,30 +209,27 @@ def test_a_switch_that_sticks_during_a_campaign_is_reported(board, tmp_path, cap
         chain.stick(*chain.find(1, 0, "ground"), "open")
 
     monkeypatch.setattr(campaign_module, "run_campaign", sticking)
-    code, out, _ = measure_campaign(capsys, *board, *GRID, "--out", tmp_path / "run.sqlite")
+    out = ran(capsys, measure_campaign, *board, *GRID, "--out", tmp_path / "run.sqlite")
     lines = [line.split(":")[0] for line in out.splitlines() if "self-test" in line]
-    assert (code, lines) == (0, ["[emulator] self-test passed", "[emulator] self-test failed"])
+    assert lines == ["[emulator] self-test passed", "[emulator] self-test failed"]
 
 
 def test_series_for_locate(board, tmp_path, capsys):
     path = tmp_path / "path.csv"
     path.write_text("time_s,x_mm,y_mm,depth_mm\n0,0,0,0\n4,0,0,0\n4.5,2,1,0.8\n100,2,1,0.8\n")
     run = tmp_path / "run.sqlite"
-    code, _, _ = measure(capsys, *board, "--scans", 60, "--out", run, "--emulate", f"path={path}")
-    assert code == 0
-    code, out, _ = scan_info(capsys, run, "--to", "csv", "--baseline", 20)
-    assert (code, (tmp_path / "run.csv").read_text().splitlines()[0]) == (0, "time_s,coil1,coil2")
-    code, _, _ = scan_info(capsys, run, "--to", "nc", "--baseline", 20)
+    ran(capsys, measure, *board, "--scans", 60, "--out", run, "--emulate", f"path={path}")
+    for ending in ("csv", "nc"):
+        ran(capsys, scan_info, run, "--to", ending, "--baseline", 20)
     series = load_part(tmp_path / "run.nc")
     assert series.delta.sel(state="coil1")[-1] > 1e-4
     assert np.abs(series.delta[:20]).max() < 5e-6
     rows = (tmp_path / "run.csv").read_text().splitlines()
+    assert rows[0] == "time_s,coil1,coil2"
     (tmp_path / "last.csv").write_text("\n".join([rows[0], rows[-1]]) + "\n")
     # a recorded reading on the table of a recorded campaign of that depth: the position comes out
     grid = ("--x-mm", "-6:6:7", "--y-mm", "-4:4:5", "--depth-mm", "0.8")
-    code, _, _ = measure_campaign(capsys, *board, *grid, "--out", tmp_path / "map.sqlite")
-    assert code == 0
-    code, _, _ = scan_info(capsys, tmp_path / "map.sqlite", "--to", "nc")
+    ran(capsys, measure_campaign, *board, *grid, "--out", tmp_path / "map.sqlite", "--response", tmp_path / "map.nc")
     code, out, err = locate(capsys, "--model", tmp_path / "map.nc", tmp_path / "last.csv", "--noise", 1e-6, "--json")
     assert code == 0
     assert all_marked(err)  # that the map is of an emulator
@@ -245,46 +238,34 @@ def test_series_for_locate(board, tmp_path, capsys):
     assert abs(position["y_m"]) == pytest.approx(1e-3, abs=0.2e-3)  # both coils are symmetric in y
 
 
-def test_person_at_the_keyboard(board, tmp_path, capsys, monkeypatch):
+def test_person_at_the_keyboard(board, campaign, tmp_path, capsys, monkeypatch):
     """The same campaign as a real board without a machine has it; the emulator plays the board."""
     asked = []
 
-    class Person:
-        def __init__(self, indenter):
-            self.indenter, self.where = indenter, (0.0, 0.0)
-
-        def __call__(self, text):
+    def person_at(indenter):
+        def obey(text):
             asked.append(text)
-            numbers = [
-                float(part) for part in text.replace(",", " ").split() if part.lstrip("-").replace(".", "").isdigit()
-            ]
+            numbers = [float(number) * 1e-3 for number in re.findall(r"-?[\d.]*\d", text)]
             if text.startswith("Move"):
-                self.where = tuple(value * 1e-3 for value in numbers)
+                where[:] = numbers
             elif text.startswith("Press"):
-                self.indenter.press(*self.where, numbers[0] * 1e-3)
+                indenter.press(*where, numbers[0])
             else:
-                self.indenter.lift()
+                indenter.lift()
 
-    from coilarray.hardware.record.stages import PersonStage
+        where = [0.0, 0.0]
+        return PersonStage(obey)
 
-    monkeypatch.setattr(
-        campaign_command, "_stage_maker", lambda *_: lambda board: PersonStage(Person(board.emulator.indenter))
-    )
-    code, _, _ = measure_campaign(capsys, *board, *GRID, "--out", tmp_path / "person.sqlite")
-    assert code == 0
+    monkeypatch.setattr(campaign_command, "_stage_maker", lambda *_: lambda board: person_at(board.emulator.indenter))
+    ran(capsys, measure_campaign, *board, *GRID, "--out", tmp_path / "person.sqlite")
     assert len(asked) == 3 * 12
-    scan_info(capsys, tmp_path / "person.sqlite", "--to", "nc")
-    monkeypatch.undo()
-    monkeypatch.setenv("COILARRAY_CACHE", os.environ["COILARRAY_CACHE"])
-    measure_campaign(capsys, *board, *GRID, "--out", tmp_path / "machine.sqlite")
-    scan_info(capsys, tmp_path / "machine.sqlite", "--to", "nc")
-    person, machine = (load_part(tmp_path / f"{name}.nc").delta for name in ("person", "machine"))
+    for name in ("person", "campaign"):
+        ran(capsys, scan_info, tmp_path / f"{name}.sqlite", "--to", "nc")
+    person, machine = (load_part(tmp_path / f"{name}.nc").delta for name in ("person", "campaign"))
     np.testing.assert_allclose(person, machine, atol=2e-6)  # the noise of two readings, four deviations
 
 
 def test_nobody_answers(monkeypatch, capsys):
-    import io
-
     monkeypatch.setattr(sys, "stdin", io.StringIO("\n"))
     campaign_command._ask("Move.")
     assert capsys.readouterr().err == "Move. Then press Enter. "
@@ -295,19 +276,16 @@ def test_nobody_answers(monkeypatch, capsys):
 def test_resume_of_a_campaign(board, campaign, tmp_path, capsys):
     """Positions that are taken back out of a recording are the ones that are measured again."""
     scan_info(capsys, campaign, "--out", tmp_path / "before.nc")
-    connection = sqlite3.connect(campaign)
-    connection.execute("UPDATE position SET finished = NULL WHERE place IN (0, 5, 11)")
-    connection.commit()
-    connection.close()
-    code, out, _ = measure_campaign(capsys, *board, *GRID, "--out", campaign, "--resume", "--json")
-    assert (code, json.loads(out)["scans"]) == (0, 24 + 6)
+    with contextlib.closing(sqlite3.connect(campaign)) as connection:
+        connection.executescript("UPDATE position SET finished = NULL WHERE place IN (0, 5, 11)")
+    assert record(capsys, measure_campaign, *board, *GRID, "--out", campaign, "--resume")["scans"] == 24 + 6
     scan_info(capsys, campaign, "--out", tmp_path / "after.nc")
     before, after = (load_part(tmp_path / f"{name}.nc") for name in ("before", "after"))
     np.testing.assert_allclose(after.delta, before.delta, atol=2e-6)  # the noise of two readings, four deviations
     assert int((after.delta != before.delta).any("state").sum()) <= 3
 
 
-# ------------------------------------------------------------------------------------ bad input
+# bad input
 
 
 def test_never_overwritten(board, campaign, tmp_path, capsys):
@@ -315,14 +293,12 @@ def test_never_overwritten(board, campaign, tmp_path, capsys):
     line = measure_refused(capsys, *board, "--out", campaign)
     assert line.endswith(f"{campaign} is a recording of 24 scans already; resume it or name another file.")
     assert "it is of a campaign" in measure_refused(capsys, *board, "--out", campaign, "--resume")
-    other = [*GRID, "--repeats", 2]
-    assert "it is of another campaign" in campaign_refused(capsys, *board, *other, "--out", campaign, "--resume")
-    assert "its hash of settings was" in campaign_refused(
-        capsys, *board, *GRID, "--rate", 20, "--out", campaign, "--resume"
-    )
-    assert "its hash of settings was" in campaign_refused(
-        capsys, *board, *GRID, "--coil", "coil1", "--out", campaign, "--resume"
-    )
+    for other, message in (
+        (("--repeats", 2), "it is of another campaign"),
+        (("--rate", 20), "its hash of settings was"),
+        (("--coil", "coil1"), "its hash of settings was"),
+    ):
+        assert message in campaign_refused(capsys, *board, *GRID, *other, "--out", campaign, "--resume")
     assert campaign.read_bytes() == before
     foreign = tmp_path / "notes.txt"
     foreign.write_text("my notes\n" * 1000)
@@ -355,7 +331,7 @@ def test_never_overwritten(board, campaign, tmp_path, capsys):
         (["--external-clock"], "--external-clock needs --clock-MHz"),
         (["--drive", 32], "--drive must be 0 to 31, or COIL=CODE; got '32'"),
         (["--drive", "coil1="], "--drive must be 0 to 31"),
-        (["--drive", "coil1=3", "--drive", 3], "one number for all coils, or COIL=CODE for each"),
+        (["--drive", "coil1=3", "--drive", 3], "one value for all coils, or COIL=CODE for each"),
         (["--drive", "coil1=3", "--drive", "coil1=4"], "--drive must name a coil once"),
         (["--drive", "coil7=3"], "a drive names the coil 'coil7'"),
         (["--emulate", "seed=1", "--port", "COM5"], "--emulate is for the emulator"),
@@ -398,22 +374,10 @@ def test_bad_input(board, tmp_path, capsys, monkeypatch, arguments, message):
         (["--stage", "robot", "--port", "COM5"], "--stage must be person, grbl:PORT or marlin:PORT"),
         (["--stage", "grbl:", "--port", "COM5"], "--stage must be person, grbl:PORT or marlin:PORT"),
         (["--stage", "grbl:COM4", "--port", "COM5"], "--reach-mm must be given with a stage of G-code"),
-        (
-            ["--reach-mm", "0,1,0,1,1", "--port", "COM5"],
-            "--reach-mm must be given with a stage of G-code",
-        ),
-        (
-            ["--stage", "grbl:COM5", "--reach-mm", "0,1,0,1,1", "--port", "COM5"],
-            "--stage and --port must be different",
-        ),
-        (
-            ["--stage", "grbl:COM4", "--reach-mm", "0,1,0", "--port", "COM5"],
-            "--reach-mm must be XMIN,XMAX,YMIN,YMAX,DEPTH",
-        ),
-        (
-            ["--stage", "grbl:COM4", "--reach-mm", "1,0,0,1,1", "--port", "COM5"],
-            "x of a stage must rise",
-        ),
+        (["--reach-mm", "0,1,0,1,1", "--port", "COM5"], "--reach-mm must be given with a stage of G-code"),
+        (["--stage", "grbl:COM5", "--reach-mm", "0,1,0,1,1", "--port", "COM5"], "--stage and --port must be different"),
+        (["--stage", "grbl:COM4", "--reach-mm", "0,1,0", "--port", "COM5"], "must be XMIN,XMAX,YMIN,YMAX,DEPTH"),
+        (["--stage", "grbl:COM4", "--reach-mm", "1,0,0,1,1", "--port", "COM5"], "x of a stage must rise"),
         (["--response", "map.txt"], "--response must end in .nc or .csv"),
         (["--out", "a.nc", "--response", "a.nc"], "--response must be another file than the recording a.nc"),
     ],
@@ -450,14 +414,17 @@ def test_a_design_of_other_coils(board, tmp_path, capsys):
 
 
 def test_bad_conversions(campaign, tmp_path, capsys):
-    assert "there is no file" in scan_info_refused(capsys, tmp_path / "nothing.sqlite")
-    assert f"cannot read {tmp_path}: it is a folder" in scan_info_refused(capsys, tmp_path)
-    assert "cannot read /: it is a folder" in scan_info_refused(capsys, "/", "--to", "nc")
-    assert "--to must be nc or csv; got 'xls'" in scan_info_refused(capsys, campaign, "--to", "xls")
-    assert "--out must end in .nc" in scan_info_refused(capsys, campaign, "--to", "nc", "--out", tmp_path / "a.csv")
-    assert "--out must end in .nc or .csv" in scan_info_refused(capsys, campaign, "--out", tmp_path / "a.txt")
-    assert "there is no folder" in scan_info_refused(capsys, campaign, "--out", tmp_path / "no" / "a.csv")
-    assert "--baseline must be at least 1" in scan_info_refused(capsys, campaign, "--baseline", 0)
+    for arguments, message in (
+        ((tmp_path / "nothing.sqlite",), "there is no file"),
+        ((tmp_path,), f"cannot read {tmp_path}: it is a folder"),
+        (("/", "--to", "nc"), "cannot read /: it is a folder"),
+        ((campaign, "--to", "xls"), "--to must be nc or csv; got 'xls'"),
+        ((campaign, "--to", "nc", "--out", tmp_path / "a.csv"), "--out must end in .nc"),
+        ((campaign, "--out", tmp_path / "a.txt"), "--out must end in .nc or .csv"),
+        ((campaign, "--out", tmp_path / "no" / "a.csv"), "there is no folder"),
+        ((campaign, "--baseline", 0), "--baseline must be at least 1"),
+    ):
+        assert message in scan_info_refused(capsys, *arguments)
     renamed = tmp_path / "campaign.nc"
     campaign.rename(renamed)
     assert "must be another file than the recording" in scan_info_refused(capsys, renamed, "--to", "nc")
@@ -468,25 +435,21 @@ def test_bad_conversions(campaign, tmp_path, capsys):
 def test_calibration(campaign, tmp_path, capsys):
     calibrate, _ = runner("calibrate-board")
     constants, plain, scaled = tmp_path / "board.toml", tmp_path / "plain.nc", tmp_path / "scaled.nc"
-    code, _, _ = calibrate(capsys, campaign, "--inductance-uH", 50, "--out", constants)
-    assert code == 0
-    scan_info(capsys, campaign, "--out", plain)
-    code, _, _ = scan_info(capsys, campaign, "--out", scaled, "--calibration", constants)
-    assert code == 0
+    ran(capsys, calibrate, campaign, "--inductance-uH", 50, "--out", constants)
+    ran(capsys, scan_info, campaign, "--out", plain)
+    ran(capsys, scan_info, campaign, "--out", scaled, "--calibration", constants)
     np.testing.assert_allclose(load_part(scaled).base_inductance, 50e-6, rtol=1e-6)
     np.testing.assert_allclose(load_part(scaled).delta, load_part(plain).delta, atol=2e-6)  # noise of the drift
     constants.write_text(constants.read_text().replace('board = "emulator"', 'board = "XMC 2Go"'))
-    code, out, _ = scan_info(capsys, campaign, "--out", scaled, "--calibration", constants)
+    out = ran(capsys, scan_info, campaign, "--out", scaled, "--calibration", constants)
     assert out.endswith("[emulator] the calibration is of the board “XMC 2Go”, the recording of “emulator”\n")
-    assert "--calibration is for the response" in scan_info_refused(
-        capsys, campaign, "--series", "--to", "nc", "--calibration", constants
-    )
+    line = scan_info_refused(capsys, campaign, "--series", "--to", "nc", "--calibration", constants)
+    assert "--calibration is for the response" in line
     assert "no.toml" in scan_info_refused(capsys, campaign, "--to", "nc", "--calibration", tmp_path / "no.toml")
 
 
 def test_series_of_a_campaign(campaign, tmp_path, capsys):
-    code, out, _ = scan_info(capsys, campaign, "--series", "--out", tmp_path / "series.nc")
-    assert (code, all_marked(out)) == (0, True)
+    assert all_marked(ran(capsys, scan_info, campaign, "--series", "--out", tmp_path / "series.nc"))
     series = load_part(tmp_path / "series.nc")
     assert series.sizes == {"scan": 24, "state": 2}
     assert series.stage.values.tolist() == ["baseline", "peak"] * 12

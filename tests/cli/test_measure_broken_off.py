@@ -9,14 +9,13 @@ import re
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 from support import recorded_boards
 from support.command_line import runner
 from support.firmware_host import FirmwareHost, needs_compiler
-from support.patience import PATIENCE
+from support.patience import PATIENCE, until
 from support.recorded_boards import dent, quick_board
 
 from coilarray.cli import campaign as campaign_command
@@ -92,86 +91,54 @@ def test_stream_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
 
 
 @needs_compiler
-def test_campaign_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
-    """A person at the keyboard, the firmware, and the indenter in between: the bell of `dent` comes out."""
+def test_campaign_of_a_microcontroller_that_restarts(board, tmp_path, capsys, monkeypatch):
+    """A person at the keyboard, the firmware, and the indenter in between: the bell of `dent` comes out.
+
+    The board that restarts is opened again, and the position measured anew: nobody has to run the command again.
+    """
     path = tmp_path / "run.sqlite"
-    grid = ("--x-mm", "-3,2", "--y-mm", "0", "--depth-mm", "1", "--dwell-s", 0.01, "--rate", 20)
+    grid = ("--x-mm", "-3,0,2", "--y-mm", "0", "--depth-mm", "1", "--dwell-s", 0.01, "--rate", 20)
+    where, presses = 0.0, 0
     with firmware() as (emulator, host):
-        where = [0.0, 0.0]
 
         def ask(text):
+            nonlocal where, presses
             with host.paused():
                 if text.startswith("Move"):
-                    where[0] = float(re.search(r"x = (\S+),", text)[1]) * 1e-3
+                    where = float(re.search(r"x = (\S+),", text)[1]) * 1e-3
                 elif text.startswith("Press"):
-                    emulator.indenter.press(where[0], 0.0, 1e-3)
+                    presses += 1
+                    emulator.indenter.press(where, 0.0, 1e-3)
                 else:
                     emulator.indenter.lift()
+            if text.startswith("Press") and presses == 2:
+                host.reset()
 
         monkeypatch.setattr(campaign_command, "_ask", ask)
         # quick coils do not feel each other, which the self-test misses
         code, _, err = measure_campaign(capsys, *board, *grid, "--port", host.port, "--out", path, "--ignore-self-test")
     assert code == 0
-    assert err.splitlines() == [f"{k} of 2 positions are measured." for k in range(3)]
+    assert err.splitlines() == [f"{k} of 3 positions are measured." for k in range(4)]
+    assert presses == 4
+    with open_recording(path) as recording:
+        assert len({session.identity.boot for session in recording.sessions}) == len(recording.sessions) == 2
     scan_info(capsys, path, "--to", "nc")
     delta = load_part(tmp_path / "run.nc").delta.sel(state="coil1").values.ravel()
-    expected = [dent("coil1", x, 0.0, 1e-3) for x in (-3e-3, 2e-3)]
+    expected = [dent("coil1", x, 0.0, 1e-3) for x in (-3e-3, 0.0, 2e-3)]
     # the losses have 9e-4 of δ; a code at 20 scans/s is 4e-8 of the frequency as well
     np.testing.assert_allclose(delta, expected, rtol=1e-3, atol=2e-7)
 
 
-@needs_compiler
-def test_a_microcontroller_that_restarts_in_a_campaign(board, tmp_path, capsys, monkeypatch):
-    """It is opened again, and the position is measured anew: nobody has to run the command again."""
-    path = tmp_path / "run.sqlite"
-    grid = ("--x-mm", "-3,0,2", "--y-mm", "0", "--depth-mm", "1", "--dwell-s", 0, "--rate", 20)
-    with firmware() as (_, host):
-        presses = 0
-
-        def ask(text):
-            nonlocal presses
-            presses += text.startswith("Press")
-            if text.startswith("Press") and presses == 2:
-                host.reset()
-
-        monkeypatch.setattr(campaign_command, "_ask", ask)
-        code, _, err = measure_campaign(capsys, *board, *grid, "--port", host.port, "--out", path, "--ignore-self-test")
-    assert code == 0
-    assert err.splitlines() == [f"{k} of 3 positions are measured." for k in range(4)]
-    assert presses == 4
-    with open_recording(path) as recording:
-        assert len(recording.positions()) == 3
-        assert len({session.identity.boot for session in recording.sessions}) == len(recording.sessions) == 2
-
-
 def started(board, *arguments):
-    return subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            "from coilarray.cli.main import run; run()",
-            "campaign",
-            *map(str, (*board, *arguments)),
-        ],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-    )
+    program = [sys.executable, "-c", "from coilarray.cli.main import run; run()", "campaign"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen([*program, *map(str, (*board, *arguments))], **pipes)
 
 
-def wait_for_scans(path, scans, process):
-    """Return when the recording has some scans."""
-    deadline = time.monotonic() + 5 * PATIENCE  # it computes the physics of the board first
-    while time.monotonic() < deadline and process.poll() is None:
-        try:
-            with open_recording(path) as recording:
-                if recording.count() >= scans:
-                    return
-        except HardwareError:
-            pass
-        time.sleep(0.01)
-    raise AssertionError(f"no scans came: {process.communicate()}")
+def has_scans(path, count):
+    """Whether a recording, which may not be there yet, has some scans."""
+    with contextlib.suppress(HardwareError), open_recording(path) as recording:
+        return recording.count() >= count
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are for POSIX systems")
@@ -181,7 +148,8 @@ def test_broken_off_and_resumed(board, tmp_path, capsys, number):
     # so long that it is not over before the signal, however late this process is to send it
     grid = ("--x-mm", "-6:6:200", "--y-mm", "-4:4:100", "--depth-mm", "0.5", "--out", path)
     with started(board, *grid, "--emulate", "noise=0") as process:
-        wait_for_scans(path, 20, process)
+        # it computes the physics of the board first
+        until(lambda: process.poll() is not None or has_scans(path, 20), within=5 * PATIENCE)
         process.send_signal(number)
         _, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}[number]

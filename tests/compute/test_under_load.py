@@ -1,26 +1,26 @@
 """Several threads and processes at once, and an interrupt in the middle of every long command.
 
 Threads and processes must give the numbers of one that is alone, to the last bit: every sum is cut in the same places.
-Commands are run as processes of their own, whose progress is told on standard output and which then wait, so that the
-interrupt comes within the work; what was there before must still be there, what is kept must be whole, and the same
-command must go on from there to the result of a run without an interrupt. `test_cli_sweep` does the same with two
-workers, `test_cli_measure_broken_off` with a scan, `test_cli_live` with a stream, `test_optimize_kill` and
-`test_recording_kill` with signal 9.
+An interrupt is raised where a command tells of its progress, which is within the work; what was there before must still
+be there, what is kept must be whole, and the same command must go on from there to the result of a run without an
+interrupt. `tests/cli/test_sweep.py` does the same by a signal to a process and its two workers,
+`test_measure_broken_off` with a scan, `test_live` with a stream, `test_optimize_kill` and `test_recording_kill` with
+signal 9.
 """
 
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
-import signal
 import sqlite3
 import subprocess
 import sys
 import threading
 import time
 import tomllib
-from contextlib import closing
+from contextlib import chdir, closing, contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -30,16 +30,36 @@ import xarray as xr
 from support.load_work import digests, results
 from threadpoolctl import threadpool_limits
 
+from coilarray.cli import optimize
 from coilarray.cli.main import main
 from coilarray.compute.large_file import parts_folder
-from coilarray.compute.netcdf import load_part
+from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.compute.threads import run_blocks
 from coilarray.design.bundled import read
+from coilarray.design.vary import vary_document
+from coilarray.localize.published import published_map
 
 pytestmark = pytest.mark.slow
 
 PATIENCE = 300.0  # s for what takes a few where nobody else computes
-DOCUMENT = tomllib.loads(read("starter"))
+# two coils of four turns
+SMALL = vary_document(tomllib.loads(read("starter")), {"coils.hexagon.turns_per_layer": 4, "array.columns": 2})
+ETCH = "schema = 1\nothers = 'none'\n[etch]\nboard_um = 5\nlayer_um = 5\n"
+GOAL = """
+schema = 1
+title = "a search without the local solver"
+[[variable]]
+entry = "array.pitch_mm"
+low = 10.5
+high = 14.0
+[[objective]]
+quantity = "worst_k"
+direction = "minimize"
+[search]
+sampler = "random"
+seed = 1
+polish = 0
+"""
 
 
 @pytest.fixture(scope="module")
@@ -65,10 +85,8 @@ def test_threads_at_once_give_what_one_gives(alone):
 
 def test_processes_at_once_give_what_one_gives(alone):
     code = "import json; from support.load_work import digests, results; print(json.dumps(digests(results())))"
-    environment = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join((str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", ""))),
-    }
+    path = os.pathsep.join((str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")))
+    environment = {**os.environ, "PYTHONPATH": path}
     running = [
         subprocess.Popen(
             [sys.executable, "-c", code],
@@ -76,11 +94,11 @@ def test_processes_at_once_give_what_one_gives(alone):
             text=True,
             env={**environment, "OPENBLAS_NUM_THREADS": str(count), "COILARRAY_THREADS": str(count)},
         )
-        for count in (1, 2, 3, 4)  # not even these change a bit
+        for count in (1, 3)  # not even these change a bit
     ]
     outputs = [process.communicate(timeout=PATIENCE)[0] for process in running]
-    assert [process.returncode for process in running] == [0] * 4
-    assert [json.loads(output) for output in outputs] == [alone] * 4
+    assert [process.returncode for process in running] == [0] * 2
+    assert [json.loads(output) for output in outputs] == [alone] * 2
 
 
 KERNEL = """
@@ -102,7 +120,7 @@ def test_processes_at_once_compile_into_one_cache(tmp_path):
     path = os.pathsep.join((str(tmp_path), os.environ.get("PYTHONPATH", "")))
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": path}
     command = [sys.executable, "-c", code]
-    running = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) for _ in range(4)]
+    running = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) for _ in range(3)]
     outputs = {process.communicate(timeout=PATIENCE)[0] for process in running}
     assert any((tmp_path / "cache").rglob("*.nbc"))
     after = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)  # from what they left
@@ -112,76 +130,44 @@ def test_processes_at_once_compile_into_one_cache(tmp_path):
 
 # interrupts
 
-START = """
-import sys, time
-from contextlib import contextmanager
-import coilarray.cli.shared as shared
-after, *arguments = sys.argv[1:]
 
-def tell(done, total, *_):
-    print(done, total, flush=True)
-    while done >= int(after):  # however late the interrupt is sent, the work is not over
-        time.sleep(0.01)  # not long: another thread may take the signal, which does not wake this one
-
-@contextmanager
-def telling(*_):
-    yield tell
-
-shared.progress_bar = telling
-from coilarray.cli import main, optimize
-optimize._progress = telling
-sys.exit(main.main(arguments))
-"""
+def _interrupt(*_):
+    raise KeyboardInterrupt
 
 
-# stops while a file is being written, which is complete but has not got its name
-WRITING = """
-import sys, time
-import coilarray.compute.files as files
-import coilarray.design.export as export
-from coilarray.cli import main
-atomically = files.write_atomically
+def interrupted(folder, command, after=1, writing=False):
+    """Run a command here until it has told so much progress, or writes a file, and return its lines on standard error.
 
-def wait(*_):
-    print(0, 1, flush=True)
-    while True:
-        time.sleep(0.01)  # as above
+    A real signal raises the same error in the same thread (tests/cli/test_sweep.py).
+    """
 
-def write(path, fill):
-    atomically(path, lambda temporary: (fill(temporary), wait()))
+    def tell(done, total, *_):
+        if done >= after and not writing:
+            assert done < total, "over before the interrupt"
+            raise KeyboardInterrupt
 
-files.write_atomically = write
-export._net_faults = wait  # of a folder, which is complete then
-sys.exit(main.main(sys.argv[2:]))
-"""
+    @contextmanager
+    def telling(*_):
+        yield tell
 
-
-def interrupted(folder, *arguments, after=1, start=START):
-    """Run a command, interrupt it when it tells so much progress, and return its lines on standard error."""
-    with subprocess.Popen(
-        [sys.executable, "-c", start, str(after), *map(str, arguments)],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        # one thread tells of every block; with several the first word may come when all are done
-        env={**os.environ, "COILARRAY_CACHE": str(folder / "cache"), "COILARRAY_THREADS": "1"},
-    ) as process:
-        try:
-            for line in process.stdout:
-                done, total = map(int, line.split())
-                if done >= after:
-                    assert done < total, "over before the interrupt"
-                    break
-            os.killpg(process.pid, signal.SIGINT)  # to all of the group, as a terminal does
-            rest, err = process.communicate(timeout=PATIENCE)
-        finally:
-            process.kill()
-    assert process.returncode == 130, err
-    assert "wrote" not in rest
-    assert err.splitlines()[-1] == "coilarray: interrupted"
-    return err.splitlines()[:-1]
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err), chdir(folder):
+        patch.setenv("COILARRAY_CACHE", str(folder / "cache"))
+        patch.setenv(
+            "COILARRAY_THREADS", "1"
+        )  # which tells of every block; with several the first word may be the last
+        for module in [one for name, one in sys.modules.items() if name.startswith("coilarray.cli.")]:
+            if hasattr(module, "progress_bar"):
+                patch.setattr(module, "progress_bar", telling)
+        patch.setattr(optimize, "_progress", telling)
+        if writing:  # the file is complete but has not got its name; so is the folder when its nets are checked
+            patch.setattr(Path, "replace", _interrupt)
+            patch.setattr("coilarray.design.export._net_faults", _interrupt)
+        assert main(command.split()) == 130, err.getvalue()
+    assert "wrote" not in out.getvalue()
+    *lines, last = err.getvalue().splitlines()
+    assert last == "coilarray: interrupted"
+    return lines
 
 
 def files(folder):
@@ -189,66 +175,47 @@ def files(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
-@pytest.mark.parametrize(
-    ("arguments", "targets"),
-    [
-        (["report", "flat.toml", "--out", "r"], ["r/report.html", "r/report/coupling.nc"]),
-        (["field", "starter", "--z-mm", "1:4", "--spacing-mm", "0.25", "--out", "f.nc"], ["f.nc"]),
-        (["distortion", "gast2020", "--out", "d.csv", "--plot", "d.png"], ["d.csv", "d.png"]),
-    ],
-    ids=lambda value: value[0] if isinstance(value, list) else None,
-)
-def test_what_keeps_nothing_leaves_everything_as_it_was(tmp_path, arguments, targets):
+def write_inputs(folder):
+    """Write the designs and settings that the commands read, and return their names."""
+    flat = {key: value for key, value in SMALL.items() if key not in ("indenter", "indentation")}  # a short report
+    texts = {"small.toml": tomli_w.dumps(SMALL), "flat.toml": tomli_w.dumps(flat), "etch.toml": ETCH, "goal.toml": GOAL}
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    save_dataset(published_map(), folder / "a1.nc")
+    return [*texts, "a1.nc"]
+
+
+@pytest.mark.parametrize(("command", "targets"), [
+    ("report flat.toml --out r", ["r/report.html", "r/report/coupling.nc"]),
+    ("field flat.toml --z-mm 1:4 --spacing-mm 0.25 --out f.nc", ["f.nc"]),
+    ("distortion gast2020 --out d.csv --plot d.png", ["d.csv", "d.png"]),
+])  # fmt: skip
+def test_what_keeps_nothing_leaves_everything_as_it_was(tmp_path, command, targets):
+    inputs = write_inputs(tmp_path)
     for target in targets:
         path = tmp_path / target
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("before")
-    flat = {key: value for key, value in DOCUMENT.items() if key not in ("indenter", "indentation")}  # a short report
-    (tmp_path / "flat.toml").write_text(tomli_w.dumps(flat))
-    assert interrupted(tmp_path, *arguments) == []
-    assert files(tmp_path) == sorted(["flat.toml", *targets])
+    assert interrupted(tmp_path, command) == []
+    assert files(tmp_path) == sorted([*inputs, *targets])
     assert {(tmp_path / target).read_text() for target in targets} == {"before"}
 
 
-@pytest.mark.parametrize(
-    ("arguments", "target"),
-    [
-        (["matrix", "starter", "--out", "m.nc"], "m.nc"),
-        (["matrix", "starter", "--out", "m.csv"], "m.csv"),
-        (["impedance", "starter", "--points", "2", "--out", "i.csv"], "i.csv"),
-        (["indent", "gast2020", "--out", "d.nc"], "d.nc"),
-        (["fit", "gast2020", "--out", "f.json"], "f.json"),
-        (["field", "starter", "--out", "f.vtr"], "f.vtr"),
-        (["export", "starter", "--to", "gerber", "--out", "g.zip", "--force"], "g.zip"),
-        (["export", "starter", "--to", "kicad", "--out", "k", "--force"], "k/starter.kicad_pcb"),
-    ],
-    ids=lambda value: None if isinstance(value, list) else value,
-)
-def test_what_is_being_written_leaves_nothing(tmp_path, arguments, target):
+@pytest.mark.parametrize(("command", "target"), [
+    ("matrix small.toml --out m.nc", "m.nc"), ("matrix small.toml --out m.csv", "m.csv"),
+    ("impedance small.toml --points 2 --out i.csv", "i.csv"), ("indent small.toml --out d.nc", "d.nc"),
+    ("fit a1.nc --out f.json", "f.json"), ("field small.toml --out f.vtr", "f.vtr"),
+    ("export small.toml --to gerber --out g.zip --force", "g.zip"),
+    ("export small.toml --to kicad --out k --force", "k/starter.kicad_pcb"),
+])  # fmt: skip
+def test_what_is_being_written_leaves_nothing(tmp_path, command, target):
+    inputs = write_inputs(tmp_path)
     path = tmp_path / target
     path.parent.mkdir(exist_ok=True)
     path.write_text("before")
-    assert interrupted(tmp_path, *arguments, after=0, start=WRITING) == []
-    assert files(tmp_path) == [target]
+    assert interrupted(tmp_path, command, writing=True) == []
+    assert files(tmp_path) == sorted([*inputs, target])
     assert path.read_text() == "before"
-
-
-ETCH = "schema = 1\n[etch]\nboard_um = 5\nlayer_um = 5\n"
-GOAL = """
-schema = 1
-title = "a search without the local solver"
-[[variable]]
-entry = "array.pitch_mm"
-low = 10.5
-high = 14.0
-[[objective]]
-quantity = "worst_k"
-direction = "minimize"
-[search]
-sampler = "random"
-seed = 1
-polish = 0
-"""
 
 
 def numbers_of(path):
@@ -260,44 +227,66 @@ def numbers_of(path):
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
-@pytest.mark.parametrize(
-    ("arguments", "after", "result"),
-    [
-        (
-            ["response", "starter", "--depth-mm", "0.5,1", "--x-mm", "0,1", "--y-mm", "0", "--out", "r.nc"],
-            101,
-            "r.nc",
-        ),
-        (
-            ["field", "starter", "--z-mm", "1:5", "--spacing-mm", "0.15", "--large", "--workers", "1", "--out", "f.nc"],
-            1,
-            "f.nc",
-        ),
-        (
-            ["sweep", "starter", "--vary", "array.pitch_mm=12:16:20", "-q", "worst_k", "--workers", "1", "-o", "s.nc"],
-            2,
-            "s.nc",
-        ),
-        (["tolerance", "starter", "etch.toml", "--samples", "16", "--workers", "1", "--out", "t.nc"], 2, "t.nc"),
-        (["optimize", "starter", "goal.toml", "--trials", "8", "--workers", "1", "--out", "o"], 2, "o/trials.csv"),
-    ],
-    ids=lambda value: value[0] if isinstance(value, list) else None,
-)
-def test_the_same_command_goes_on_to_the_same_result(tmp_path, monkeypatch, capsys, arguments, after, result):
+def rows_of(path, query):
+    with closing(sqlite3.connect(path)) as connection:
+        return [value for (value,) in connection.execute(query)]
+
+
+def whole_parts(folder, told):
+    """A depth is a part; the interrupt comes in the second one, so that the first is kept."""
+    assert told == []
+    (part,) = (folder / "r.nc.parts").rglob("*.nc")
+    assert load_part(part).change.shape == (2, 2, 2)
+
+
+def whole_blocks(folder, told):
+    assert files(folder / "f.nc.parts") == ["data.nc", "journal.db"]
+    blocks = rows_of(parts_folder(folder / "f.nc") / "journal.db", "SELECT number FROM block")
+    (line,) = told
+    assert line.startswith(f"coilarray: {len(blocks)} of ")
+    assert line.endswith(" blocks are kept in f.nc.parts; the same command goes on from there")
+
+
+def whole_points(folder, told, what="of 9 points"):
+    (line,) = told
+    number, rest = line.removeprefix("coilarray: ").split(" ", 1)
+    assert rest == f"{what} are kept in {folder / 'cache'}; the same command goes on from there"
+    kept = list((folder / "cache").rglob("*.*"))
+    assert len(kept) >= int(number) - 1  # the nominal board may be one of the drawn ones
+    assert all({"values", "reason"} & set(json.loads(path.read_text())) for path in kept)
+
+
+def whole_boards(folder, told):
+    whole_points(folder, told, "boards")
+
+
+def whole_trials(folder, told):
+    (line,) = told
+    assert line.endswith(" points are kept in o; the same command goes on from there")
+    states = rows_of(folder / "o" / "study.db", "SELECT state FROM trials")
+    assert states == ["COMPLETE"] * len(states)
+    assert abs(int(line.removeprefix("coilarray: ").split(" ", 1)[0]) - len(states)) <= 1
+
+
+@pytest.mark.parametrize(("command", "after", "check", "result"), [
+    ("response small.toml --depth-mm 0.5,1 --x-mm 0,1 --y-mm 0 --out r.nc", 101, whole_parts, "r.nc"),
+    ("field small.toml --z-mm 1:5 --spacing-mm 0.15 --large --workers 1 -o f.nc", 1, whole_blocks, "f.nc"),
+    ("sweep small.toml --vary array.pitch_mm=12:16:9 -q worst_k --workers 1 -o s.nc", 2, whole_points, "s.nc"),
+    ("tolerance small.toml etch.toml --samples 8 --workers 1 --out t.nc", 2, whole_boards, "t.nc"),
+    ("optimize small.toml goal.toml --trials 8 --workers 1 --out o", 2, whole_trials, "o/trials.csv"),
+])  # fmt: skip
+def test_the_same_command_goes_on_to_the_same_result(tmp_path, monkeypatch, capsys, command, after, check, result):
     broken_off, whole = tmp_path / "broken_off", tmp_path / "whole"
     for folder in (broken_off, whole):
         folder.mkdir()
-        (folder / "etch.toml").write_text(ETCH)
-        (folder / "goal.toml").write_text(GOAL)
-    interrupted(broken_off, *arguments, after=after)
-    kept = set(files(broken_off)) - {"etch.toml", "goal.toml"}
-    assert kept
-    assert result not in kept
+        write_inputs(folder)
+    check(broken_off, interrupted(broken_off, command, after=after))
+    assert result not in files(broken_off)
     found = []
     for folder in (broken_off, whole):
         monkeypatch.chdir(folder)
         monkeypatch.setenv("COILARRAY_CACHE", str(folder / "cache"))
-        assert main(arguments) == 0, capsys.readouterr().err
+        assert main(command.split()) == 0, capsys.readouterr().err
         found.append(numbers_of(folder / result))
     assert [name for name in files(broken_off) if name.endswith(".parts")] == []
     assert files(broken_off) == files(whole)
@@ -317,51 +306,6 @@ def test_an_interrupt_drops_the_blocks_that_have_not_begun(monkeypatch):
         begun.append(number)
         time.sleep(0.01)
 
-    def interrupt(done, total):
-        raise KeyboardInterrupt
-
     with pytest.raises(KeyboardInterrupt):
-        run_blocks(work, range(10_000), interrupt)
+        run_blocks(work, range(10_000), _interrupt)
     assert len(begun) < 5000  # 40 where the first progress is told after 0.2 s
-
-
-def test_an_interrupted_response_keeps_whole_parts(tmp_path):
-    """A depth is a part; the interrupt comes in the second one, so that the first is kept."""
-    arguments = ["response", "gast2020", "--depth-mm", "0.5,1", "--x-mm", "0,1", "--y-mm", "0", "--out", "m.nc"]
-    assert interrupted(tmp_path, *arguments, after=101) == []
-    (part,) = files(tmp_path)
-    assert part.startswith("m.nc.parts/")
-    assert load_part(tmp_path / part).change.shape == (2, 6, 6)
-
-
-def test_an_interrupted_volume_keeps_whole_blocks(tmp_path):
-    grid = ["--z-mm", "1:9", "--spacing-mm", "0.15"]
-    (told,) = interrupted(tmp_path, "field", "starter", *grid, "--large", "--workers", "1", "--out", "f.nc")
-    assert told.endswith(" blocks are kept in f.nc.parts; the same command goes on from there")
-    assert files(tmp_path) == ["f.nc.parts/data.nc", "f.nc.parts/journal.db"]
-    with closing(sqlite3.connect(parts_folder(tmp_path / "f.nc") / "journal.db")) as journal:
-        blocks = journal.execute("SELECT number FROM block").fetchall()
-    assert told.startswith(f"coilarray: {len(blocks)} of ")
-
-
-def test_an_interrupted_tolerance_keeps_whole_boards(tmp_path):
-    arguments = ["tolerance", "starter", "--samples", "256", "--workers", "2", "--out", "t.nc"]
-    (told,) = interrupted(tmp_path, *arguments, after=2)
-    kept = files(tmp_path)
-    number, rest = told.removeprefix("coilarray: ").split(" ", 1)
-    assert rest == f"boards are kept in {tmp_path / 'cache'}; the same command goes on from there"
-    assert all(name.startswith("cache/") for name in kept)
-    assert len(kept) >= int(number) - 1  # the nominal board may be one of the drawn ones
-    for name in kept:
-        assert {"values", "reason"} & set(json.loads((tmp_path / name).read_text()))
-
-
-def test_an_interrupted_search_keeps_whole_trials(tmp_path):
-    arguments = ["optimize", "starter", "worst_k", "--trials", "100", "--workers", "1", "--out", "o"]
-    (told,) = interrupted(tmp_path, *arguments, after=2)
-    assert told.endswith(" points are kept in o; the same command goes on from there")
-    number = int(told.removeprefix("coilarray: ").split(" ", 1)[0])
-    with closing(sqlite3.connect(tmp_path / "o" / "study.db")) as study:
-        states = [state for (state,) in study.execute("SELECT state FROM trials")]
-    assert states == ["COMPLETE"] * len(states)
-    assert number - 1 <= len(states) <= number + 1

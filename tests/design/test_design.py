@@ -142,10 +142,7 @@ BAD = {
     "unknown table": (BASE + "\n[magnet]\nx = 1\n", "the file has no key 'magnet'"),
     "unknown key deep down": (changed("drill_mm = 0.25", "dril_mm = 0.25"), "coils.hexagon.via has no key 'dril_mm'"),
     "wrong unit": (changed("pitch_mm = 11.0", "pitch_cm = 1.1"), "array has no key 'pitch_cm'"),
-    "wrong type": (
-        changed("turns_per_layer = 12", 'turns_per_layer = "12"'),
-        "coils.hexagon.turns_per_layer must be a number; got '12'",
-    ),
+    "wrong type": (changed("turns_per_layer = 12", 'turns_per_layer = "12"'), "coils.hexagon.turns_per_layer must be a number; got '12'"),
     "boolean for a number": (changed("gap_mm = 0.15", "gap_mm = true"), "coils.hexagon.gap_mm .*; got True"),
     "zero": (changed("gap_mm = 0.15", "gap_mm = 0"), "coils.hexagon.gap_mm must be greater than 0; got 0"),
     "negative": (changed("trace_width_mm = 0.15", "trace_width_mm = -1"), "trace_width_mm must be greater than 0; got -1"),
@@ -156,14 +153,8 @@ BAD = {
     "no shape": (changed('shape = "polygon"', ""), "coils.hexagon.shape must be 'polygon', 'circle' or 'path'; got nothing"),
     "wrong shape": (changed('"polygon"', '"star"'), "coils.hexagon.shape must be .*; got 'star'"),
     "wrong lattice": (changed('"linear"', '"cubic"'), "array.lattice must be .*; got 'cubic'"),
-    "two sizes": (
-        changed("outer_across_flats_mm = 16.0", "outer_across_flats_mm = 16.0\nouter_across_corners_mm = 17.0"),
-        "coils.hexagon needs exactly one of outer_across_flats_mm and outer_across_corners_mm",
-    ),
-    "too many turns": (
-        changed("turns_per_layer = 12", "turns_per_layer = 40"),
-        r"coils.hexagon: 40 turns of 0.15 mm trace and 0.15 mm gap do not fit into 8 mm from edge to centre; at most",
-    ),
+    "two sizes": (changed("outer_across_flats_mm = 16.0", "outer_across_flats_mm = 16.0\nouter_across_corners_mm = 17.0"), "coils.hexagon needs exactly one of outer_across_flats_mm and outer_across_corners_mm"),
+    "too many turns": (changed("turns_per_layer = 12", "turns_per_layer = 40"), r"coils.hexagon: 40 turns of 0.15 mm trace and 0.15 mm gap do not fit into 8 mm from edge to centre; at most"),
     "odd fraction of a turn": (changed("turns_per_layer = 12", "turns_per_layer = 12.1"), "turns must be a multiple of 1/6"),
     "no room for the via": (changed("turns_per_layer = 12", "turns_per_layer = 26"), "coils.hexagon: there is no room for a pad of 0.5 mm"),
     "old schema": (changed("schema = 1", "schema = 7"), "schema must be at most 1; got 7"),
@@ -340,17 +331,14 @@ def test_gast_fem_is_pressed_on_a_line():
     assert design.indentation.depths == pytest.approx((0.5e-3, 1e-3, 1.5e-3))
 
 
-@pytest.mark.parametrize(
-    ("table", "expected"),
-    [
-        ('shape = "hemisphere"\nradius_mm = 2.0', Hemisphere(2e-3)),
-        ('shape = "paraboloid"\nradius_mm = 2.0', Paraboloid(2e-3)),
-        ('shape = "flat_punch"\nradius_mm = 2.0', FlatPunch(2e-3)),
-        ('shape = "cone"\nhalf_angle_deg = 60', Cone(math.radians(60))),
-        ('shape = "cone"\nhalf_angle_deg = 60\nradius_mm = 2.0', Cone(math.radians(60), 2e-3)),
-        ('shape = "cylinder_edge"\nradius_mm = 2.0', CylinderEdge(2e-3)),
-    ],
-)
+@pytest.mark.parametrize(("table", "expected"), [
+    ('shape = "hemisphere"\nradius_mm = 2.0', Hemisphere(2e-3)),
+    ('shape = "paraboloid"\nradius_mm = 2.0', Paraboloid(2e-3)),
+    ('shape = "flat_punch"\nradius_mm = 2.0', FlatPunch(2e-3)),
+    ('shape = "cone"\nhalf_angle_deg = 60', Cone(math.radians(60))),
+    ('shape = "cone"\nhalf_angle_deg = 60\nradius_mm = 2.0', Cone(math.radians(60), 2e-3)),
+    ('shape = "cylinder_edge"\nradius_mm = 2.0', CylinderEdge(2e-3)),
+])  # fmt: skip
 def test_every_indenter(table, expected):
     text = without("[indenter]", "[indentation]").replace("[indentation]", f"[indenter]\n{table}\n[indentation]")
     assert parse_design(text).indentation.indenter == expected

@@ -84,7 +84,7 @@ def test_widths_repeated_layers_rotations_and_bare_ends_come_back():
     thickness=st.floats(1e-6, 1e-3),
     epsilon=st.floats(1, 20),
 )
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_numbers_keep_their_digits(x, rotation, width, thickness, epsilon):
     stackup = Stackup(("a", "b"), (thickness, 35e-6), (thickness,), (epsilon,))
     coil = path_coil([[(0, 0), (3e-3, 0), (3e-3, 2e-3)]], width, 1e-4, VIA)
@@ -111,23 +111,19 @@ def test_points_stand_one_a_line_and_no_line_is_long():
 # ---- names
 
 
-@pytest.mark.parametrize(
-    ("given_names", "expected"),
-    [
-        (["/coil1", "coil1"], ["coil1", "coil1_2"]),
-        (["Net-(J1-Pad1)", "-x", "", "a b/c"], ["Net-_J1-Pad1_", "x", "_", "a_b_c"]),
-        (["Ω1", "µ2"], ["_1", "_2"]),
-        (["a b", "a/b", "a_b"], ["a_b", "a_b_2", "a_b_3"]),
-        (["F.Cu", "In1.Cu", "+3V3"], ["F.Cu", "In1.Cu", "+3V3"]),
-    ],
-)
+@pytest.mark.parametrize(("given_names", "expected"), [
+    (["/coil1", "coil1"], ["coil1", "coil1_2"]),
+    (["Net-(J1-Pad1)", "-x", "", "a b/c"], ["Net-_J1-Pad1_", "x", "_", "a_b_c"]),
+    (["Ω1", "µ2"], ["_1", "_2"]), (["a b", "a/b", "a_b"], ["a_b", "a_b_2", "a_b_3"]),
+    (["F.Cu", "In1.Cu", "+3V3"], ["F.Cu", "In1.Cu", "+3V3"]),
+])  # fmt: skip
 def test_names_become_ones_that_a_design_can_have(given_names, expected):
     assert design_names(given_names) == dict(zip(given_names, expected, strict=True))
 
 
 @pytest.mark.slow
 @given(names=st.lists(st.text(min_size=0, max_size=8), min_size=1, max_size=6, unique=True))
-@settings(max_examples=60)
+@settings(max_examples=20)
 def test_any_names_make_a_readable_design(names):
     coil = path_coil([[(0, 0), (1e-3, 0)]], 2e-4, 2e-4, VIA)
     placements = tuple(Placement(name, coil, (names[0],), 0, k * 1e-3) for k, name in enumerate(names))

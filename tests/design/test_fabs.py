@@ -74,63 +74,51 @@ def test_every_profile_has_a_source_a_date_and_sensible_limits(name):
         assert (rules.max_inner_copper is None) == (rules.max_layers == 2)
 
 
-@pytest.mark.parametrize(
-    ("name", "key", "stated"),
-    [
-        # docs.oshpark.com, "2 Layer Medium Run Service": Quick Specs and Detailed Specs
-        ("oshpark-2-layer", "min_trace_mm", 6 * MIL),
-        ("oshpark-2-layer", "min_gap_mm", 6 * MIL),
-        ("oshpark-2-layer", "min_drill_mm", 10 * MIL),
-        ("oshpark-2-layer", "min_annular_ring_mm", 5 * MIL),
-        ("oshpark-2-layer", "min_edge_clearance_mm", 15 * MIL),
-        ("oshpark-2-layer", "max_outer_copper_um", 1.4 * MIL * 1e3),
-        ("oshpark-2-layer", "min_hole_spacing_mm", 6 * MIL),  # mdDrill of the EAGLE rules
-        # mdWireWire, msWidth, msDrill, rlMinViaOuter, mdCopperDimension, mdDrill, mtCopper of oshpark-4layer-tented.dru
-        ("oshpark-4-layer", "min_gap_mm", 5 * MIL),
-        ("oshpark-4-layer", "min_trace_mm", 5 * MIL),
-        ("oshpark-4-layer", "min_drill_mm", 10 * MIL),
-        ("oshpark-4-layer", "min_annular_ring_mm", 4 * MIL),
-        ("oshpark-4-layer", "min_edge_clearance_mm", 15 * MIL),
-        ("oshpark-4-layer", "min_hole_spacing_mm", 6 * MIL),
-        ("oshpark-4-layer", "max_outer_copper_um", 1.4 * MIL * 1e3),
-        ("oshpark-4-layer", "max_inner_copper_um", 0.7 * MIL * 1e3),
-        # "rules" of aisler-4-layer-hd-drc.kicad_pro; the ring is half of via less hole too
-        ("aisler-4-layer", "min_trace_mm", 0.125),
-        ("aisler-4-layer", "min_gap_mm", 0.125),
-        ("aisler-4-layer", "min_drill_mm", 0.25),
-        ("aisler-4-layer", "min_annular_ring_mm", (0.45 - 0.25) / 2),
-        ("aisler-4-layer", "min_edge_clearance_mm", 0.3),
-        ("aisler-4-layer", "min_hole_spacing_mm", 0.3),
-        # column "class 6" of the classification; "Copper and the board edge"
-        ("eurocircuits-class-6", "min_trace_mm", 0.150),
-        ("eurocircuits-class-6", "min_gap_mm", 0.150),
-        ("eurocircuits-class-6", "min_annular_ring_mm", 0.125),
-        ("eurocircuits-class-6", "min_edge_clearance_mm", 0.40),
-        ("eurocircuits-class-6", "min_hole_spacing_mm", 0.25),
-        # coil boards; via of 0.45 mm around 0.2 mm (multi layer) and of 0.6 mm around 0.3 mm (double layer)
-        ("jlcpcb-2-layer", "min_trace_mm", 0.15),
-        ("jlcpcb-2-layer", "min_gap_mm", 0.15),
-        ("jlcpcb-2-layer", "min_drill_mm", 0.3),
-        ("jlcpcb-2-layer", "min_annular_ring_mm", (0.6 - 0.3) / 2),
-        ("jlcpcb-2-layer", "min_edge_clearance_mm", 0.3),
-        ("jlcpcb-4-layer", "min_trace_mm", 0.15),
-        ("jlcpcb-4-layer", "min_gap_mm", 0.15),
-        ("jlcpcb-4-layer", "min_drill_mm", 0.2),
-        ("jlcpcb-4-layer", "min_annular_ring_mm", (0.45 - 0.2) / 2),
-        ("jlcpcb-4-layer", "max_inner_copper_um", 17.5),
-        # the row of 35 um in both tables; "Max. aspect ratio 1:10"; "copper / milling contour 200 um"
-        ("multi-cb-35um", "min_trace_mm", 0.1),
-        ("multi-cb-35um", "min_gap_mm", 0.1),
-        ("multi-cb-35um", "min_drill_mm", 0.1),
-        ("multi-cb-35um", "min_annular_ring_mm", 0.1),
-        ("multi-cb-35um", "min_edge_clearance_mm", 0.2),
-        ("multi-cb-35um", "max_aspect_ratio", 10),
-    ],
-)
-def test_limits_are_those_of_the_sources(name, key, stated):
+STATED = {
+    # docs.oshpark.com, "2 Layer Medium Run Service": Quick Specs and Detailed Specs
+    "oshpark-2-layer": {
+        "min_trace_mm": 6 * MIL, "min_gap_mm": 6 * MIL, "min_drill_mm": 10 * MIL, "min_annular_ring_mm": 5 * MIL,
+        "min_edge_clearance_mm": 15 * MIL, "max_outer_copper_um": 1.4 * MIL * 1e3,
+        "min_hole_spacing_mm": 6 * MIL,  # mdDrill of the EAGLE rules
+    },
+    # mdWireWire, msWidth, msDrill, rlMinViaOuter, mdCopperDimension, mdDrill, mtCopper of oshpark-4layer-tented.dru
+    "oshpark-4-layer": {
+        "min_gap_mm": 5 * MIL, "min_trace_mm": 5 * MIL, "min_drill_mm": 10 * MIL, "min_annular_ring_mm": 4 * MIL,
+        "min_edge_clearance_mm": 15 * MIL, "min_hole_spacing_mm": 6 * MIL, "max_outer_copper_um": 1.4 * MIL * 1e3,
+        "max_inner_copper_um": 0.7 * MIL * 1e3,
+    },
+    # "rules" of aisler-4-layer-hd-drc.kicad_pro; the ring is half of via less hole too
+    "aisler-4-layer": {
+        "min_trace_mm": 0.125, "min_gap_mm": 0.125, "min_drill_mm": 0.25, "min_annular_ring_mm": (0.45 - 0.25) / 2,
+        "min_edge_clearance_mm": 0.3, "min_hole_spacing_mm": 0.3,
+    },
+    # column "class 6" of the classification; "Copper and the board edge"
+    "eurocircuits-class-6": {
+        "min_trace_mm": 0.150, "min_gap_mm": 0.150, "min_annular_ring_mm": 0.125, "min_edge_clearance_mm": 0.40,
+        "min_hole_spacing_mm": 0.25,
+    },
+    # coil boards; via of 0.45 mm around 0.2 mm (multi layer) and of 0.6 mm around 0.3 mm (double layer)
+    "jlcpcb-2-layer": {
+        "min_trace_mm": 0.15, "min_gap_mm": 0.15, "min_drill_mm": 0.3, "min_annular_ring_mm": (0.6 - 0.3) / 2,
+        "min_edge_clearance_mm": 0.3,
+    },
+    "jlcpcb-4-layer": {
+        "min_trace_mm": 0.15, "min_gap_mm": 0.15, "min_drill_mm": 0.2, "min_annular_ring_mm": (0.45 - 0.2) / 2,
+        "max_inner_copper_um": 17.5,
+    },
+    # the row of 35 um in both tables; "Max. aspect ratio 1:10"; "copper / milling contour 200 um"
+    "multi-cb-35um": {
+        "min_trace_mm": 0.1, "min_gap_mm": 0.1, "min_drill_mm": 0.1, "min_annular_ring_mm": 0.1,
+        "min_edge_clearance_mm": 0.2, "max_aspect_ratio": 10,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "key"), [(name, key) for name, limits in STATED.items() for key in limits])
+def test_limits_are_those_of_the_sources(name, key):
     profile = load_profile(name)
     assert key not in profile.assumed
-    assert profile.limits[key] == pytest.approx(stated, rel=ROUNDING)
+    assert profile.limits[key] == pytest.approx(STATED[name][key], rel=ROUNDING)
 
 
 def test_an_unknown_profile_names_the_known_ones():
@@ -185,47 +173,37 @@ def test_the_digest_follows_the_limits():
     assert with_fab('profile = "multi-cb-35um"').design.digest != base
 
 
-@pytest.mark.parametrize(
-    ("table", "name", "expected"),
-    [
-        ("min_trace_mm = 0.2", "min_trace", 0.2e-3),
-        ("min_gap_mm = 0.2", "min_gap", 0.2e-3),
-        ("min_drill_mm = 0.3", "min_drill", 0.3e-3),
-        ("min_annular_ring_mm = 0.15", "min_annular_ring", 0.15e-3),
-        ("min_edge_clearance_mm = 0.5", "min_edge_clearance", 0.5e-3),
-        ("min_hole_spacing_mm = 0.5", "min_hole_spacing", 0.5e-3),
-        ("max_layers = 6", "max_layers", 6),
-        ("max_outer_copper_um = 70", "max_outer_copper", 70e-6),
-        ("max_inner_copper_um = 35", "max_inner_copper", 35e-6),
-        ("max_aspect_ratio = 8", "max_aspect_ratio", 8),
-        ("max_board_mm = [400, 500.5]", "max_board", (0.4, 0.5005)),
-        ("blind_holes = false", "blind_holes", False),
-    ],
-)
+@pytest.mark.parametrize(("table", "name", "expected"), [
+    ("min_trace_mm = 0.2", "min_trace", 0.2e-3), ("min_gap_mm = 0.2", "min_gap", 0.2e-3),
+    ("min_drill_mm = 0.3", "min_drill", 0.3e-3),
+    ("min_annular_ring_mm = 0.15", "min_annular_ring", 0.15e-3),
+    ("min_edge_clearance_mm = 0.5", "min_edge_clearance", 0.5e-3),
+    ("min_hole_spacing_mm = 0.5", "min_hole_spacing", 0.5e-3), ("max_layers = 6", "max_layers", 6),
+    ("max_outer_copper_um = 70", "max_outer_copper", 70e-6), ("max_inner_copper_um = 35", "max_inner_copper", 35e-6),
+    ("max_aspect_ratio = 8", "max_aspect_ratio", 8),
+    ("max_board_mm = [400, 500.5]", "max_board", (0.4, 0.5005)),
+    ("blind_holes = false", "blind_holes", False),
+])  # fmt: skip
 def test_each_key_sets_its_limit_in_si(table, name, expected):
     rules = with_fab(table).design.rules
     assert getattr(rules, name) == pytest.approx(expected, rel=ROUNDING)
     assert rules == replace(FabRules(), **{name: getattr(rules, name)})  # and nothing else
 
 
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        ('profile = "osh"', f"fab has no profile 'osh'; there are {', '.join(fabs.names())}."),
-        ("profile = 4", "fab.profile must be a text; got 4"),
-        ('profile = ""', "fab has no profile ''"),
-        ('profile = "multi-cb-35um"\nmin_trace = 1', "fab has no key 'min_trace'; did you mean min_trace_mm?"),
-        ('profile = "multi-cb-35um"\nmin_trace_mm = -1', "fab.min_trace_mm must be at least 0; got -1"),
-        ("max_layers = 0", "fab.max_layers must be at least 1; got 0"),
-        ("max_layers = 2.5", "fab.max_layers must be a whole number; got 2.5"),
-        ("max_outer_copper_um = 0", "fab.max_outer_copper_um must be greater than 0; got 0"),
-        ("max_aspect_ratio = 0", "fab.max_aspect_ratio must be greater than 0; got 0"),
-        ("max_aspect_ratio = inf", "fab.max_aspect_ratio must be a finite number; got inf"),
-        ("max_board_mm = [400]", "fab.max_board_mm must have at least 2 entries; got [400]"),
-        ("max_board_mm = [400, 0]", "fab.max_board_mm.1 must be greater than 0; got 0"),
-        ('blind_holes = "no"', "fab.blind_holes must be true or false; got 'no'"),
-    ],
-)
+@pytest.mark.parametrize(("table", "message"), [
+    ('profile = "osh"', f"fab has no profile 'osh'; there are {', '.join(fabs.names())}."),
+    ("profile = 4", "fab.profile must be a text; got 4"), ('profile = ""', "fab has no profile ''"),
+    ('profile = "multi-cb-35um"\nmin_trace = 1', "fab has no key 'min_trace'; did you mean min_trace_mm?"),
+    ('profile = "multi-cb-35um"\nmin_trace_mm = -1', "fab.min_trace_mm must be at least 0; got -1"),
+    ("max_layers = 0", "fab.max_layers must be at least 1; got 0"),
+    ("max_layers = 2.5", "fab.max_layers must be a whole number; got 2.5"),
+    ("max_outer_copper_um = 0", "fab.max_outer_copper_um must be greater than 0; got 0"),
+    ("max_aspect_ratio = 0", "fab.max_aspect_ratio must be greater than 0; got 0"),
+    ("max_aspect_ratio = inf", "fab.max_aspect_ratio must be a finite number; got inf"),
+    ("max_board_mm = [400]", "fab.max_board_mm must have at least 2 entries; got [400]"),
+    ("max_board_mm = [400, 0]", "fab.max_board_mm.1 must be greater than 0; got 0"),
+    ('blind_holes = "no"', "fab.blind_holes must be true or false; got 'no'"),
+])  # fmt: skip
 def test_a_wrong_table_is_one_clear_line(table, message):
     with pytest.raises(DesignError) as error:
         with_fab(table)
@@ -336,40 +314,23 @@ def test_broken_ones_come_first_and_counts_before_lengths():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("rules", "message"),
-    [
-        (FabRules(max_layers=2), r"^layer count of board is 4, margin -2 to the limit of 2\.$"),
-        (
-            FabRules(max_inner_copper=20e-6),
-            r"^copper thickness of board on layer L2 is 0\.035 mm, margin -0\.015 mm to the limit of 0\.02 mm; 1 more",
-        ),
-        (
-            FabRules(max_aspect_ratio=2.0),
-            r"^aspect ratio of C\d on layer L1 is 3\.925 at \(.*\) mm, margin -1\.925 to the limit of 2\.$",
-        ),
-        (
-            FabRules(max_board=(0.05, 0.05)),
-            r"^board size of board is 90\.\d* mm, margin -40\.\d* mm to the limit of 50 mm",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("rules", "message"), [
+    (FabRules(max_layers=2), r"^layer count of board is 4, margin -2 to the limit of 2\.$"),
+    (FabRules(max_inner_copper=20e-6),
+     r"^copper thickness of board on layer L2 is 0\.035 mm, margin -0\.015 mm to the limit of 0\.02 mm; 1 more"),
+    (FabRules(max_aspect_ratio=2.0),
+     r"^aspect ratio of C\d on layer L1 is 3\.925 at \(.*\) mm, margin -1\.925 to the limit of 2\.$"),
+    (FabRules(max_board=(0.05, 0.05)), r"^board size of board is 90\.\d* mm, margin -40\.\d* mm to the limit of 50 mm"),
+])  # fmt: skip
 def test_the_error_names_what_the_board_breaks(rules, message):
     with pytest.raises(RuleViolationError, match=message):
         require_rules(reference_board(), rules)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("max_layers", -1),
-        ("max_outer_copper", math.nan),
-        ("max_inner_copper", -1e-6),
-        ("max_aspect_ratio", math.inf),
-        ("max_board", (0.1, math.inf)),
-        ("max_board", (-0.1, 0.1)),
-    ],
-)
+@pytest.mark.parametrize(("name", "value"), [
+    ("max_layers", -1), ("max_outer_copper", math.nan), ("max_inner_copper", -1e-6), ("max_aspect_ratio", math.inf),
+    ("max_board", (0.1, math.inf)), ("max_board", (-0.1, 0.1)),
+])  # fmt: skip
 def test_limits_of_a_board_must_be_finite_and_not_negative(name, value):
     with pytest.raises(GeometryError, match=f"^{name} must be finite and not negative; got "):
         FabRules(**{name: value})

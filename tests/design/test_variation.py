@@ -42,26 +42,22 @@ def test_every_entry_set_to_what_it_is_changes_nothing(name):
     assert vary(design, {key: design.values[key] for key in entries}).digest == design.design.digest
 
 
-@pytest.mark.parametrize(
-    ("change", "old", "new"),
-    [
-        ({"array.pitch_mm": 12.5}, "pitch_mm = 13.28", "pitch_mm = 12.5"),
-        ({"coils.hexagon.turns_per_layer": 29.5}, "turns_per_layer = 30", "turns_per_layer = 29.5"),
-        ({"coils.hexagon.via.drill_mm": 0.25}, "drill_mm = 0.2\n", "drill_mm = 0.25\n"),
-        ({"array.layers": [["L3", "L4"], ["L1", "L2"]]}, '[["L1", "L2"], ["L3", "L4"]]', '[["L3", "L4"], ["L1", "L2"]]'),
-        ({"array.layers.0": ["L3", "L4"]}, '[["L1", "L2"], [', '[["L3", "L4"], ['),
-        ({"elastomer.1.thickness_mm": 3}, "thickness_mm = 2.0", "thickness_mm = 3.0"),
-        ({"indentation.depths_mm.0": 0.5}, "depths_mm = [1.0]", "depths_mm = [0.5]"),
-        ({"circuit.terminations.coil2": "open"}, "[circuit]", '[circuit]\nterminations = { coil2 = "open" }'),
-        ({"board.through_holes": False}, "through_holes = true", "through_holes = false"),
-        ({"array.columns": 4.0}, "columns = 6", "columns = 4"),
-        ({"array.columns": np.int64(4), "array.pitch_mm": np.float64(14)}, "columns = 6\npitch_mm = 13.28", "columns = 4\npitch_mm = 14"),
-        ({"stackup.copper_thickness_um": np.full(4, 70.0)}, "[35, 35, 35, 35]", "[70, 70, 70, 70]"),
-        ({"array.rotation_deg": 60}, "direction_deg = 0", "direction_deg = 0\nrotation_deg = 60"),
-        ({"fab.max_layers": 4}, "[fab]", "[fab]\nmax_layers = 4"),
-    ],
-    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "old", "new"), [
+    ({"array.pitch_mm": 12.5}, "pitch_mm = 13.28", "pitch_mm = 12.5"),
+    ({"coils.hexagon.turns_per_layer": 29.5}, "turns_per_layer = 30", "turns_per_layer = 29.5"),
+    ({"coils.hexagon.via.drill_mm": 0.25}, "drill_mm = 0.2\n", "drill_mm = 0.25\n"),
+    ({"array.layers": [["L3", "L4"], ["L1", "L2"]]}, '[["L1", "L2"], ["L3", "L4"]]', '[["L3", "L4"], ["L1", "L2"]]'),
+    ({"array.layers.0": ["L3", "L4"]}, '[["L1", "L2"], [', '[["L3", "L4"], ['),
+    ({"elastomer.1.thickness_mm": 3}, "thickness_mm = 2.0", "thickness_mm = 3.0"),
+    ({"indentation.depths_mm.0": 0.5}, "depths_mm = [1.0]", "depths_mm = [0.5]"),
+    ({"circuit.terminations.coil2": "open"}, "[circuit]", '[circuit]\nterminations = { coil2 = "open" }'),
+    ({"board.through_holes": False}, "through_holes = true", "through_holes = false"),
+    ({"array.columns": 4.0}, "columns = 6", "columns = 4"),
+    ({"array.columns": np.int64(4), "array.pitch_mm": np.float64(14)}, "columns = 6\npitch_mm = 13.28", "columns = 4\npitch_mm = 14"),
+    ({"stackup.copper_thickness_um": np.full(4, 70.0)}, "[35, 35, 35, 35]", "[70, 70, 70, 70]"),
+    ({"array.rotation_deg": 60}, "direction_deg = 0", "direction_deg = 0\nrotation_deg = 60"),
+    ({"fab.max_layers": 4}, "[fab]", "[fab]\nmax_layers = 4"),
+], ids=lambda value: next(iter(value)) if isinstance(value, dict) else "")  # fmt: skip
 def test_a_change_is_the_same_in_the_file(change, old, new):
     text = read("gast2020")
     assert old in text

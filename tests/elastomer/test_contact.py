@@ -41,6 +41,10 @@ def sheet(thickness=8e-3, modulus=1e5, nu=0.5, name="layer"):
 PAPER = [sheet(6e-3, 1e5, 0.4999, "base"), sheet(2e-3, 3e5, 0.4999, "magnetic")]
 
 
+def force_of(sheets, indenter, depth, mesh=COARSE, **how):
+    return float(indent(sheets, indenter, depth, mesh=mesh, **how).force[0])
+
+
 def over_area(field, symmetry="axial"):
     """∫ field w dr over the nodes of a biquadratic mesh, times 2π or 2: Simpson's rule on each element is exact."""
     r = field.r.values
@@ -104,7 +108,7 @@ def paraboloid_errors(mesh):
     """Root mean square errors of force and contact radius over some rows, for edges anywhere in an element."""
     group = [row for row in rows("indentation_layer_sphere") if (row["base"], row["nu"]) == ("bonded", "0.5")]
     errors = []
-    for row in (row for row in group if 0.4 <= float(row["a_over_h"]) <= 1.5):
+    for row in [row for row in group if 0.4 <= float(row["a_over_h"]) <= 1.5][::2]:
         a = float(row["a_over_h"])
         found = indent([sheet(1.0, 1.0)], Paraboloid(100.0), float(row["deltaR_over_h2"]) / 100, mesh=mesh)
         force = float(row["P_dimless"]) / 0.75 * a**3 / 100
@@ -129,45 +133,32 @@ def test_default_mesh_holds_what_it_says():
 def test_force_of_a_flat_punch_converges_with_order_2():
     row = next(row for row in rows("indentation_hayes_flat_punch") if row["a_over_h"] == "1.0")
     exact = float(row["nu0.50"]) * 4 / 3 * 1e-3 / 0.5
-    mesh, errors = ContactMesh(elements=4, growth=2.0), []
-    for _ in range(3):
-        errors.append(abs(float(indent([sheet(1.0, 1.0)], FlatPunch(1.0), 1e-3, mesh=mesh).force[0]) / exact - 1))
-        mesh = mesh.refined()
+    coarse = ContactMesh(elements=4, growth=2.0)
+    meshes = (coarse, coarse.refined(), coarse.refined().refined())
+    errors = [abs(force_of([sheet(1.0, 1.0)], FlatPunch(1.0), 1e-3, mesh) / exact - 1) for mesh in meshes]
     orders = np.log2(errors[:-1]) - np.log2(errors[1:])
     # p ~ (a − r)^(−1/2): the element at the edge, a/n² long, holds an energy of its length
     assert orders == pytest.approx([2, 2], abs=0.3)
 
 
 def test_wide_sample_does_not_depend_on_its_extent():
-    for base in ("bonded", "frictionless"):
-        forces = [
-            float(indent(PAPER, BALL, 1e-3, base=base, mesh=ContactMesh(12, 1.5, extent)).force[0])
-            for extent in (25.0, 50.0)
-        ]
-        # exp(−0.74 · 25) = 1e-8 is left of the bonded layer's field, and the sliding one's goes on beyond the edge
-        assert forces[0] == pytest.approx(forces[1], rel=1e-5)
-
-
-def test_large_disc_is_a_wide_sample():
-    disc, wide = (indent(PAPER, BALL, 1e-3, radius=radius, mesh=COARSE) for radius in (0.15, None))
-    assert float(disc.force[0]) == pytest.approx(float(wide.force[0]), rel=1e-5)  # exp(−0.74 · 19) = 1e-6
+    bonded, sliding = (force_of(PAPER, BALL, 1e-3, base=base) for base in ("bonded", "frictionless"))
+    twice = ContactMesh(12, 1.5, 50.0)
+    # exp(−0.74 · 25) = 1e-8 is left of the bonded layer's field, and the sliding one's goes on beyond the edge
+    assert force_of(PAPER, BALL, 1e-3, twice) == pytest.approx(bonded, rel=1e-5)
+    assert force_of(PAPER, BALL, 1e-3, twice, base="frictionless") == pytest.approx(sliding, rel=1e-5)
+    assert force_of(PAPER, BALL, 1e-3, radius=0.15) == pytest.approx(bonded, rel=1e-5)  # a disc: exp(−0.74 · 19) = 1e-6
 
 
 # identities
 
 
-@pytest.mark.parametrize(
-    ("indenter", "depth"),
-    [
-        (BALL, 1e-3),
-        (Paraboloid(2.5e-3), 1e-3),
-        (Cone(1.2), 5e-4),
-        (CylinderEdge(2.5e-3), 5e-4),
-        (FlatPunch(1e-3), 2e-4),
-    ],
-)
+ROUND = [(BALL, 1e-3), (Paraboloid(2.5e-3), 1e-3), (Cone(1.2), 5e-4), (CylinderEdge(2.5e-3), 5e-4)]
+
+
+@pytest.mark.parametrize(("indenter", "depth"), [*ROUND, (FlatPunch(1e-3), 2e-4)])
 def test_pressure_and_gap_exclude_each_other(indenter, depth):
-    one = indent(PAPER, indenter, depth).isel(depth=0)
+    one = indent(PAPER, indenter, depth, mesh=ContactMesh(24, 1.6)).isel(depth=0)
     a, top = float(one.contact_radius), one.isel(interface=-1)
     r, pressure = top.r.values, one.pressure.values
     with np.errstate(invalid="ignore"):
@@ -218,7 +209,7 @@ def test_frictionless_base_gives_way():
     assert not sliding.displacement_z.sel(interface="board").values.any()
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(length=st.floats(1e-3, 1e3), stress=st.floats(1e-3, 1e6))
 def test_scaling_of_lengths_and_moduli(length, stress):
     def pressed(by, times):
@@ -234,22 +225,18 @@ def test_scaling_of_lengths_and_moduli(length, stress):
 
 @pytest.mark.parametrize("base", ["bonded", "frictionless"])
 def test_sheets_of_one_material_are_one_sheet(base):
-    whole = indent([sheet(8e-3)], BALL, 1e-3, base=base)
-    cut = indent([sheet(t, name=str(t)) for t in (1e-3, 5e-3, 2e-3)], BALL, 1e-3, base=base)
+    whole = indent([sheet(8e-3)], BALL, 1e-3, base=base, mesh=ContactMesh(20))
+    cut = indent([sheet(t, name=str(t)) for t in (1e-3, 5e-3, 2e-3)], BALL, 1e-3, base=base, mesh=ContactMesh(20))
     assert float(cut.force[0]) == pytest.approx(float(whole.force[0]), rel=2e-4)  # meshes differ in depth
     top = [one.displacement_z.isel(depth=0, interface=-1) for one in (whole, cut)]
     assert float(top[1].max()) == pytest.approx(float(top[0].max()), rel=2e-3)
 
 
 def test_thin_sheets_of_a_ratio_of_100():
-    mesh = COARSE
+    one = force_of([sheet(8.08e-3)], BALL, 1e-3)
     for sheets in ([sheet(8e-3), sheet(80e-6, name="skin")], [sheet(80e-6, name="glue"), sheet(8e-3)]):
-        one = indent([sheet(8.08e-3)], BALL, 1e-3, mesh=mesh)
-        assert float(indent(sheets, BALL, 1e-3, mesh=mesh).force[0]) == pytest.approx(float(one.force[0]), rel=4e-3)
-    stiff, soft = (
-        float(indent([sheet(8e-3), sheet(80e-6, modulus, name="skin")], BALL, 2e-4, mesh=mesh).force[0])
-        for modulus in (1e7, 1e4)
-    )
+        assert force_of(sheets, BALL, 1e-3) == pytest.approx(one, rel=4e-3)
+    stiff, soft = (force_of([sheet(8e-3), sheet(80e-6, modulus, name="skin")], BALL, 2e-4) for modulus in (1e7, 1e4))
     assert soft < stiff
 
 
@@ -259,7 +246,7 @@ def test_thin_sheets_of_a_ratio_of_100():
 def test_no_locking_up_to_an_incompressible_layer():
     nus = np.array([0.3, 0.4, 0.45, 0.49, 0.499, 0.4999, 0.49999, 0.5])
     # a punch keeps one contact and one mesh, so that even the change from 0.49999 is smooth; a/h = 2 is sensitive
-    force = np.array([float(indent([sheet(1e-3, nu=nu)], FlatPunch(2e-3), 1e-5, mesh=COARSE).force[0]) for nu in nus])
+    force = np.array([force_of([sheet(1e-3, nu=nu)], FlatPunch(2e-3), 1e-5) for nu in nus])
     assert (np.diff(force) > 0).all()
     missing = (force[-1] - force[3:-1]) / (0.5 - nus[3:-1])
     # linear in 0.5 − ν: the slope from 0.49 is 20 % off the limit by its curvature, then 2 %, 0.2 %
@@ -269,10 +256,8 @@ def test_no_locking_up_to_an_incompressible_layer():
 
 
 def test_frictionless_base_sees_the_plane_modulus_alone():
-    force = [
-        float(indent([sheet(nu=nu)], BALL, 1e-3, base="frictionless", mesh=COARSE).force[0]) * (1 - nu**2)
-        for nu in (0.0, 0.25, 0.4, 0.5)
-    ]
+    nus = (0.0, 0.25, 0.4, 0.5)
+    force = [force_of([sheet(nu=nu)], BALL, 1e-3, base="frictionless") * (1 - nu**2) for nu in nus]
     # exact for a layer: its kernel holds no ν; the meshes differ a little in where they expect the edge
     assert force == pytest.approx([force[-1]] * 4, rel=1e-3)
 
@@ -283,36 +268,25 @@ def test_frictionless_base_sees_the_plane_modulus_alone():
 def test_ball_is_a_paraboloid_at_small_depths():
     h, R, fine = 8e-3, 2.5e-3, ContactMesh(24, 1.6)
     for depth in (0.1e-3, 0.2e-3):
-        ball, paraboloid = (
-            float(indent([sheet(h)], one(R), depth, mesh=fine).force[0]) for one in (Hemisphere, Paraboloid)
-        )
+        ball, paraboloid = (force_of([sheet(h)], one(R), depth, fine) for one in (Hemisphere, Paraboloid))
         # Hertz with the next term of the profile, a²/(4R²) of it: the force falls by about δ/(10 R)
         assert (1 - ball / paraboloid) / (depth / R) == pytest.approx(0.1, abs=0.03)
 
 
 def test_cone_that_ends_becomes_a_punch():
-    h, a, angle = 8e-3, 1e-3, 1.2
-    cone, endless, punch = Cone(angle, a), Cone(angle), FlatPunch(a)
-    depths = np.array([1e-4, 1.2e-3])
-
-    def pressed(indenter, depth):
-        return indent([sheet(h)], indenter, depth, mesh=ContactMesh(16, 1.6))
-
-    found = pressed(cone, depths)
-    assert float(found.force[0]) == pytest.approx(float(pressed(endless, depths[0]).force[0]), rel=2e-3)
+    a, angle, mesh = 1e-3, 1.2, ContactMesh(16, 1.6)
+    found = indent([sheet()], Cone(angle, a), [1e-4, 1.2e-3, 1.3e-3], mesh=mesh)
+    assert float(found.force[0]) == pytest.approx(force_of([sheet()], Cone(angle), 1e-4, mesh), rel=2e-3)
     assert float(found.contact_radius[0]) < a
-    assert float(found.contact_radius[1]) == a
+    assert found.contact_radius[1:].values.tolist() == [a, a]
     # once its whole face touches, each further depth adds the punch's force
-    more = pressed(cone, depths[1] + 1e-4).force.values[0] - found.force.values[1]
-    assert more == pytest.approx(float(pressed(punch, 1e-4).force[0]), rel=1e-3)
+    more = float(found.force[2] - found.force[1])
+    assert more == pytest.approx(force_of([sheet()], FlatPunch(a), 1e-4, mesh), rel=1e-3)
 
 
 def test_plane_indenter_works_on_finite_and_sliding_samples():
-    cylinder = CylinderEdge(2.5e-3)
-    narrow, wide, sliding = (
-        float(indent([sheet()], cylinder, 5e-4, mesh=COARSE, **how).force[0])
-        for how in ({"radius": 10e-3}, {}, {"base": "frictionless"})
-    )
+    hows = ({"radius": 10e-3}, {}, {"base": "frictionless"})
+    narrow, wide, sliding = (force_of([sheet()], CylinderEdge(2.5e-3), 5e-4, **how) for how in hows)
     assert narrow < wide
     assert sliding < wide
 
@@ -334,20 +308,17 @@ def test_dataset():
     assert all(np.isfinite(found[name].values).all() for name in found.data_vars)
     assert found.force.units == "N"
     assert indent(PAPER, CylinderEdge(2.5e-3), 5e-4, mesh=COARSE).force.units == "N/m"
-
-
-def test_a_touch_moves_nothing():
-    found = indent(PAPER, BALL, 0.0, mesh=COARSE)
-    assert not any(found[name].values.any() for name in found.data_vars)
-    assert found.sizes["depth"] == 1
+    touch = indent(PAPER, BALL, 0.0, mesh=COARSE)  # moves nothing
+    assert not any(touch[name].values.any() for name in touch.data_vars)
+    assert touch.sizes["depth"] == 1
 
 
 def test_depths_keep_their_order_and_accuracy():
-    depths, mesh = [1e-3, 1e-6, 3e-4], ContactMesh(24, 1.6)
+    depths, mesh = [1e-3, 1e-5, 3e-4], ContactMesh(24, 1.8)
     together = indent(PAPER, BALL, depths, mesh=mesh)
     for k, depth in enumerate(depths):
         alone = indent(PAPER, BALL, depth, mesh=mesh)
-        assert float(together.force[k]) == pytest.approx(float(alone.force[0]), rel=2e-3)  # two meshes, 1e-3 each
+        assert float(together.force[k]) == pytest.approx(float(alone.force[0]), rel=3e-3)  # two meshes, 1e-3 each
         assert float(together.contact_radius[k]) == pytest.approx(float(alone.contact_radius[0]), rel=8e-3)
 
 
@@ -371,10 +342,7 @@ def test_depths_keep_their_order_and_accuracy():
         ({"radius": 0.0}, "radius of a sample must be positive and finite; got 0.0 m"),
         ({"radius": math.inf}, "got inf m"),
         ({"indenter": FlatPunch(3e-3), "radius": 2e-3}, "inside the sample, within a radius of 0.002 m"),
-        (
-            {"indenter": Paraboloid(0.1), "depths": 1e-3, "radius": 5e-3},
-            "inside the sample, within a radius of 0.005 m",
-        ),
+        ({"indenter": Paraboloid(0.1), "depths": 1e-3, "radius": 5e-3}, "within a radius of 0.005 m"),
         ({"indenter": FlatPunch(1e-3), "depths": 4e-3}, "at 0.004 m that of 'layer' folds"),
     ],
 )

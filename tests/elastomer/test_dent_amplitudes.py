@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coilarray import load_design
 from coilarray.compute.memory import MemoryLimitError
-from coilarray.elastomer.coil_spectrum import coil_spectra
+from coilarray.elastomer.coil_spectrum import coil_segments, segment_spectra
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dent_amplitudes import amplitude_table, dent_amplitudes, offset_grid
 from coilarray.elastomer.dented_layer import dent_inductance
@@ -31,7 +32,12 @@ REACH = 20e-3
 @pytest.fixture(scope="module")
 def solved():
     wavenumbers, weights = wavenumber_rule(DENT.clearance, REACH + 9e-3 + DENT.width, MESH)
-    return scatter(DENT, wavenumbers, weights, MESH), coil_spectra([HEXAGON, OTHER], wavenumbers)
+    return scatter(DENT, wavenumbers, weights, MESH), segment_spectra(coil_segments([HEXAGON, OTHER]), wavenumbers)
+
+
+def test_coils_of_one_shape_share_a_spectrum():
+    spectra = segment_spectra(coil_segments(load_design("gast2020").array), np.array([100.0]))
+    assert (spectra.shape_of, len(spectra.series)) == ((0, 1) * 3, 2)  # two pairs of layers
 
 
 @pytest.mark.slow

@@ -16,11 +16,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.coil_paths import spiral_path
 from support.parallel_traces import parallel_traces
 from support.references import rows
 
 import coilarray.electromagnetics.ac_resistance as module
 from coilarray import dc_resistance, load_design, magnetic_field
+from coilarray.compute.threads import serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.ac_resistance import WIDE, cross_section, resistance_matrix, skin_depth
 from coilarray.electromagnetics.kernels.cuts import nearest_crossing, radial_cut
@@ -30,14 +32,7 @@ from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Spiral
 
 W, T = 0.15e-3, 35e-6
-
-
-def spiral_path(spiral, layers=(0.0,)):
-    lines = []
-    for k, z in enumerate(layers):
-        line = spiral.centre_line(k)
-        lines.append(np.column_stack((line, np.full(len(line), z))))
-    return Conductor(np.vstack(lines), spiral.trace_width, T)
+BAR = Conductor([[0, 0, 0], [1, 0, 0]], W, T)
 
 
 def racetrack(turns, width, pitch, inner, length):
@@ -103,11 +98,12 @@ def test_single_trace_reference(row):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("aspect", "mesh"), [(1.0, (72, 72)), (0.35, (80, 36)), (0.035, (112, 36))])
+@pytest.mark.parametrize(("aspect", "mesh"), [(1.0, (64, 64)), (0.35, (72, 32)), (0.035, (96, 32))])
 def test_single_mesh(aspect, mesh):
     # the study that set SINGLE_MESH, up to MOST_SKIN_DEPTHS
     beta = np.array([2.0, 10, 50, 100, module.MOST_SKIN_DEPTHS]) ** 2 / np.pi
-    coarse, fine = isolated_modes(1.0, aspect, *module.SINGLE_MESH), isolated_modes(1.0, aspect, *mesh)
+    with serial_algebra():
+        coarse, fine = (isolated_modes(1.0, aspect, *cells) for cells in (module.SINGLE_MESH, mesh))
     for k in range(3):
         a, b = (module._answer(modes[k], beta) + (k == 0) for modes in (coarse, fine))
         # measured at most 2.3e-3; 5e-3 for the lateral field of thin traces (third set), which has few cells
@@ -145,7 +141,7 @@ def test_only_sizes_in_skin_depths_count(scale, frequency, conductivity):
     second = cross_section(scale * W, scale * T, frequency / scale**2 / conductivity, RESISTIVITY_COPPER / conductivity)
     # rounding of the aspect ratio in the cache, 1e-12
     assert second.resistance_ratio == pytest.approx(first.resistance_ratio, rel=1e-9)
-    unit = second.normal_field_loss / second.resistivity
+    unit = second.normal_field_loss * conductivity / RESISTIVITY_COPPER
     assert unit == pytest.approx(first.normal_field_loss / RESISTIVITY_COPPER, rel=1e-9)
 
 
@@ -315,16 +311,6 @@ def test_loss_induced_in_an_open_neighbour():
     assert both[0, 0] - alone == pytest.approx(induced, rel=1e-3)
 
 
-def test_resistance_grows_as_a_neighbour_comes_near():
-    square = 5e-3 * np.array([[1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -0.99, 0]])
-    values = []
-    for height in (20e-3, 2e-3, 0.5e-3):
-        pair = [Conductor(square, W, T), Conductor(square + np.array([0, 0, height]), W, T)]
-        values.append(float(resistance_matrix(pair, 5e5).resistance[0, 0, 0]))
-    alone = float(resistance_matrix(Conductor(square, W, T), 5e5).resistance[0, 0, 0])
-    assert alone < values[0] < values[1] < values[2]
-
-
 @pytest.mark.slow
 @settings(max_examples=8)
 @given(st.floats(0.2, 5.0), st.floats(0.0, 6.0), st.floats(-1.0, 1.0))
@@ -377,10 +363,9 @@ def test_cut_of_a_straight_wire():
     np.testing.assert_allclose(result.resistance[:, 0, 0] / result.dc_resistance[0], expected, rtol=1e-9)
 
 
-@pytest.mark.slow
 def test_progress(board):
     seen = []
-    resistance_matrix(board, np.geomspace(1e5, 1e7, 50), progress=lambda done, total: seen.append((done, total)))
+    resistance_matrix(board, 1e5, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(k, 6) for k in range(1, 7)]
 
 
@@ -388,33 +373,28 @@ def test_progress(board):
 
 
 @pytest.mark.parametrize("frequency", [0.0, -1.0, np.nan, np.inf])
-def test_bad_frequency(board, frequency):
-    for call in (
-        lambda: cross_section(W, T, frequency),
-        lambda: resistance_matrix(board[:1], [1e6, frequency]),
-    ):
-        with pytest.raises(ValueError, match=r"frequency must be positive and finite; got"):
-            call()
+@pytest.mark.parametrize("solve", [lambda f: cross_section(W, T, f), lambda f: resistance_matrix(BAR, [1e6, f])])
+def test_bad_frequency(solve, frequency):
+    with pytest.raises(ValueError, match=r"frequency must be positive and finite; got"):
+        solve(frequency)
 
 
-@pytest.mark.parametrize("resistivity", [0.0, -1.0, np.nan])
-def test_bad_resistivity(board, resistivity):
-    for call in (
-        lambda: cross_section(W, T, 1e6, resistivity),
-        lambda: resistance_matrix(board[:1], 1e6, resistivity),
-    ):
-        with pytest.raises(GeometryError, match="resistivity must be positive and finite"):
-            call()
-
-
-def test_bad_paths_and_sizes(board):
-    with pytest.raises(GeometryError, match="width of a trace must be positive and finite"):
-        cross_section(-1.0, T, 1e6)
-    with pytest.raises(GeometryError, match="at most 300 skin depths"):
-        cross_section(1.0, T, 1e8)
-    with pytest.raises(GeometryError, match="path 1 has segments without a cross-section"):
-        resistance_matrix([[[0, 0, 0], [1, 0, 0]]], 1e6)
-    with pytest.raises(GeometryError, match="without a cross-section"):
-        resistance_matrix(Conductor([[0, 0, 0], [1, 0, 0]], areas=1e-8), 1e6)
-    with pytest.raises(ValueError, match="frequencies must have shape"):
-        resistance_matrix(board[:1], [])
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        *(
+            (lambda rho=rho: cross_section(W, T, 1e6, rho), "resistivity must be positive")
+            for rho in (0.0, -1.0, np.nan)
+        ),
+        *((lambda rho=rho: resistance_matrix(BAR, 1e6, rho), "resistivity must be") for rho in (0.0, -1.0, np.nan)),
+        (lambda: cross_section(-1.0, T, 1e6), "width of a trace must be positive and finite"),
+        (lambda: cross_section(1.0, T, 1e8), "at most 300 skin depths"),
+        (lambda: resistance_matrix(BAR.vertices, 1e6), "path 1 has segments without a cross-section"),
+        (lambda: resistance_matrix(Conductor(BAR.vertices, areas=1e-8), 1e6), "without a cross-section"),
+        (lambda: resistance_matrix(BAR, []), "frequencies must have shape"),
+    ],
+)
+def test_bad_input(call, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        call()
+    assert isinstance(caught.value, GeometryError) == ("frequencies" not in message)

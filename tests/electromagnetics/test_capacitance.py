@@ -21,18 +21,8 @@ from support.references import rows
 from coilarray import load_design
 from coilarray.constants import EPSILON_0
 from coilarray.electromagnetics import capacitance as module
-from coilarray.electromagnetics.capacitance import (
-    apparent_inductance,
-    coil_capacitance,
-    elastomer_effect,
-    self_resonance,
-    winding_capacitance,
-)
-from coilarray.electromagnetics.layered_strips import (
-    LayeredMedium,
-    crossed_grid_capacitance,
-    strip_capacitance,
-)
+from coilarray.electromagnetics.capacitance import coil_capacitance, elastomer_effect, self_resonance
+from coilarray.electromagnetics.layered_strips import LayeredMedium, crossed_grid_capacitance, strip_capacitance
 from coilarray.errors import GeometryError
 from coilarray.geometry import CoilArray, Placement, PlatedHole, Sheet, Spiral, Stackup, path_coil, spiral_coil
 
@@ -91,13 +81,6 @@ def test_green_function_is_the_inverse_of_the_tridiagonal_matrix(k, data):
     expected = np.linalg.inv(EPSILON_0 * k * Y)
     # 1e-5: at k = 1/m Y is nearly singular, and its inverse loses ten digits that the recursion keeps
     np.testing.assert_allclose(G, expected, rtol=1e-5, atol=1e-9 * G.max())
-
-
-def test_usual_boards_have_1_6_to_1_9_times_the_plate_value():
-    """The naive value takes the traces' own area and no fringing; at 0.2 to 1 mm it misses this much."""
-    for h in (0.2e-3, 0.5e-3, 1e-3):
-        ratio = interlayer_capacitance(0.15e-3, 0.15e-3, h, 4.5, 35e-6) / (4.5 * EPSILON_0 * 0.15e-3 / h)
-        assert 1.55 < ratio < 1.95  # what the statement says, to its last digit
 
 
 @pytest.mark.parametrize("b_over_d", [10, 20, 40])
@@ -203,12 +186,17 @@ def _one(layers, spiral, **board):
     return CoilArray(_board(layers, **board), (Placement("c", coil, tuple("ABCDEF"[:layers]), 0.0, 0.0),))
 
 
+def _winding(array):
+    """Capacitance of the first coil alone, in air."""
+    return module._winding(array.stackup, array.placements[0], (), 1.0)
+
+
 HEXAGON = Spiral(6, 8e-3, 20, 0.15e-3, 0.15e-3)
 
 
 def test_two_facing_layers_joined_inside_are_a_third():
     array = _one(2, HEXAGON)
-    winding = winding_capacitance(array, "c")
+    winding = _winding(array)
     facing = -winding.layers[0, 1]
     # 3 %: beyond the formula, the outer edge's fringing carries the full voltage (0.44 h of 6 mm, threefold)
     assert winding.interlayer == pytest.approx(facing / 3, rel=0.03)
@@ -227,7 +215,7 @@ def test_layers_in_series(n):
     s = np.linspace(0, 1, 1001)  # along a layer, from outside to inside
     V = np.array([(i + (s if i % 2 == 0 else 1 - s)) / n for i in range(n)])
     for spiral in (closed, opened):
-        winding = winding_capacitance(_one(n, spiral, h=0.1e-3), "c")
+        winding = _winding(_one(n, spiral, h=0.1e-3))
         pairs = sum(-winding.layers[i, j] * np.trapezoid((V[i] - V[j]) ** 2, s) for i in range(n) for j in range(i))
         # 4 %: beyond both formulas, the fringing at the winding's outer edge has more than the mean voltage
         assert winding.interlayer == pytest.approx(pairs, rel=0.04)
@@ -262,28 +250,28 @@ def _rings(array):
 def test_coil_in_free_space_against_rings_of_charge(layers, h):
     array = _one(layers, Spiral(64, 20e-3, 20, 0.1e-3, 0.2e-3), h=h, epsilon=1.0, copper=10e-6)
     # 3 %: one row of straight strips and their mirror image stand for rings; the ends of the path fall between rays
-    assert winding_capacitance(array, "c").total == pytest.approx(_rings(array), rel=0.03)
+    assert _winding(array).total == pytest.approx(_rings(array), rel=0.03)
 
 
 @pytest.mark.slow
 def test_rays_images_and_basis_are_converged(monkeypatch):
     array = load_design("gast2020").array
-    base = winding_capacitance(array, "coil1").total
+    base = _winding(array).total
     for name, value, tolerance in (("_RAYS", 9, 2e-3), ("_MIRROR_DISTANCE", 4.0, 3e-4)):  # as said in the module
         with monkeypatch.context() as patch:
             patch.setattr(module, name, value)
-            assert winding_capacitance(array, "coil1").total == pytest.approx(base, rel=tolerance)
+            assert _winding(array).total == pytest.approx(base, rel=tolerance)
     monkeypatch.setattr(module, "_basis", lambda *_: 6)
-    assert winding_capacitance(array, "coil1").total == pytest.approx(base, rel=1e-4)
+    assert _winding(array).total == pytest.approx(base, rel=1e-4)
 
 
 @pytest.mark.slow
 def test_oblique_cuts_see_the_perpendicular_distances(monkeypatch):
     """A square is cut at 30° by two of the three rays, never with four; the row of strips must be the same."""
     array = _one(2, Spiral(4, 8e-3, 20, 0.15e-3, 0.15e-3))
-    three = winding_capacitance(array, "c").total
+    three = _winding(array).total
     monkeypatch.setattr(module, "_RAYS", 4)
-    assert winding_capacitance(array, "c").total == pytest.approx(three, rel=0.02)  # other samples of the ends
+    assert _winding(array).total == pytest.approx(three, rel=0.02)  # other samples of the ends
 
 
 @pytest.mark.slow
@@ -301,8 +289,7 @@ def test_bundled_board():
     assert (matrix[apart == 1] < -1e-12).all()  # neighbours overlap
     assert (matrix[apart > 1] == 0).all()  # the next ones do not
     assert {C[name].attrs["units"] for name in C.data_vars} == {"F"}
-    one = winding_capacitance(load_design("gast2020").array, "coil1")
-    assert float(C.coil_capacitance[0]) == one.total
+    assert float(C.coil_capacitance[0]) == _winding(load_design("gast2020").array).total
 
 
 def _pair(turn=0.0, shift=(0.0, 0.0), layers=("A", "B"), stackup=None):
@@ -361,24 +348,11 @@ def test_self_resonance():
     np.testing.assert_allclose(self_resonance([57e-6, 4 * 57e-6], 16e-12), np.array([5.2702e6, 2.6351e6]), rtol=1e-4)
 
 
-def test_apparent_inductance_is_the_parallel_circuit():
-    L, R, C = np.array([57e-6, 20e-6]), np.array([20.0, 5.0]), 16e-12
-    f = np.array([1e4, 2e6, 4.9e6, 7e6])
-    omega = 2 * np.pi * f
-    Z = 1 / (1j * omega * C + 1 / (R[:, None] + 1j * omega * L[:, None]))
-    apparent = apparent_inductance(L, R, C, f)
-    assert apparent.shape == (2, 4)
-    np.testing.assert_allclose(apparent, Z.imag / omega, rtol=1e-9)  # the same algebra, near the resonance too
-    assert apparent[0, 3] < 0
-    # far below resonance L − R²C (1e-5: ω²LC = 4e-6 is left out)
-    assert apparent[0, 0] == pytest.approx(57e-6 - 20.0**2 * C, rel=1e-5)
-    resonance = float(self_resonance(1.0, 1 / (2 * math.pi) ** 2))
-    assert apparent_inductance(1.0, 1.0, 0.0, [resonance])[0] == 1.0
-
-
 @pytest.mark.slow
-def test_elastomer_adds_capacitance_and_feigns_inductance():
-    array = load_design("gast2020").array
+def test_elastomer_adds_capacitance_and_apparent_inductance():
+    coil = spiral_coil(Spiral(6, 8e-3, 8, 0.15e-3, 0.15e-3), 2, VIA)
+    places = Placement("upper", coil, ("A", "B"), 0, 0), Placement("lower", coil, ("C", "D"), 5e-3, 0)
+    array = CoilArray(_board(4), places)
     thin, thick = (
         elastomer_effect(array, 3.0, 120e-12, (Sheet("base", d),), undisturbed=u)
         for d, u in ((1e-3, 0.5e-3), (6e-3, 5e-3))
@@ -388,20 +362,13 @@ def test_elastomer_adds_capacitance_and_feigns_inductance():
         np.testing.assert_allclose(effect.change, effect.with_elastomer - effect.without, rtol=1e-9)
         np.testing.assert_allclose(effect.apparent_delta, effect.change / (120e-12 + C), rtol=1e-9)
         assert (effect.dent_bound > 0).all()
-    # coil1 lies on the face the elastomer touches, coil2 below two layers of copper gaps
+    # the upper coil lies on the face the elastomer touches, the lower one below two layers of copper gaps
     assert thick.change[0] > 5 * thick.change[1] > 0
     assert (thick.dent_bound < 0.2 * thin.dent_bound).all()  # the field falls off with the height
     at_once = elastomer_effect(array, 3.0, 120e-12)
     assert (at_once.dent_bound >= at_once.apparent_delta).all()  # nothing known: no less than all of it
     more = elastomer_effect(array, 4.0, 120e-12)
     assert (more.change > at_once.change).all()
-
-
-def test_apparent_delta_is_what_the_converter_reads():
-    C_t, C, dC, L = 120e-12, 16e-12, 0.8e-12, 57e-6
-    f = self_resonance(L, C_t + C + dC)
-    read = 1 / ((2 * math.pi * f) ** 2 * (C_t + C))
-    assert read / L - 1 == pytest.approx(dC / (C_t + C), rel=1e-9)
 
 
 # --- bad input -------------------------------------------------------------------------------------------------------
@@ -420,7 +387,6 @@ def test_apparent_delta_is_what_the_converter_reads():
         (lambda: strip_capacitance(AIR, [0], [0], [0.0], period=1e-3), "positive widths; got a width of 0.0 m"),
         (lambda: crossed_grid_capacitance(AIR, [0], [2e-4], [1e-4], [0], [0]), "narrower than their pitch"),
         (lambda: coil_capacitance(_one(2, HEXAGON), relative_permittivity=0.5), "at least 1; got 0.5"),
-        (lambda: winding_capacitance(_one(2, HEXAGON), "nobody"), "no coil 'nobody'; the array has c"),
         (lambda: coil_capacitance(_pair(shift=(1e-3, 0), layers=("A", "A"))), "one and two overlaps on A"),
     ],
 )
@@ -440,8 +406,6 @@ def test_bad_geometry_is_refused_in_one_line(call, message):
         (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, basis=0), "basis must be at least 1; got 0"),
         (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, cutoff=0.0), "cutoff must be positive"),
         (lambda: self_resonance(0.0, 1e-12), "inductance must be finite and positive; got 0.0 H"),
-        (lambda: apparent_inductance(1e-6, -1.0, 0.0, [1e6]), "resistance must be finite and not negative"),
-        (lambda: apparent_inductance(1e-6, 1.0, 0.0, 1e6), "frequencies must be of shape"),
         (lambda: elastomer_effect(_one(2, HEXAGON), 3.0, -1e-12), "tank_capacitance must be finite and not negative"),
         (lambda: elastomer_effect(_one(2, HEXAGON), 3.0, 0.0, undisturbed=-1.0), "undisturbed must be finite"),
     ],

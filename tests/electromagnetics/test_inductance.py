@@ -11,14 +11,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.coil_paths import at_height
 
-from coilarray import (
-    coupling_matrix,
-    inductance_matrix,
-    load_design,
-    mutual_inductance,
-    self_inductance,
-)
+from coilarray import coupling_matrix, inductance_matrix, load_design, mutual_inductance, self_inductance
 from coilarray.constants import MU_0
 from coilarray.electromagnetics import neumann, neumann_near
 from coilarray.electromagnetics.inductance import rectangular_bars, straight_filaments
@@ -168,21 +163,13 @@ def test_rotation_and_translation(angle, x, y, z):
     np.testing.assert_allclose(inductance_matrix(moved), L, rtol=1e-7, atol=1e-7 * L.max())
 
 
-@pytest.mark.slow
-@settings(max_examples=25)
-@given(st.floats(0.1, 10.0))
-def test_scales_with_length(scale):
-    small = hexagon()
-    large = Conductor(small.vertices * scale, small.widths * scale, small.thicknesses * scale)
-    assert self_inductance(large)[0] == pytest.approx(scale * self_inductance(small)[0], rel=1e-9)
-
-
-@pytest.mark.parametrize("scale", [1e-12, 1e-6, 1e6])
+@pytest.mark.parametrize("scale", [1e-12, 1e-6, 0.3, 1e6])
 def test_scales_with_length_however_small(scale):
-    coils = [(hexagon(1.0, z, width=0.03), 5e-3) for z in (0.0, 0.5)]
-    scaled = [Conductor(one.vertices * scale, one.widths * scale, 1e-2 * scale) for one, _ in coils]
-    expected = scale * inductance_matrix([Conductor(one.vertices, one.widths, 1e-2) for one, _ in coils])
-    np.testing.assert_allclose(inductance_matrix(scaled), expected, rtol=1e-12)  # the same sums, rounded otherwise
+    unit, scaled = (
+        inductance_matrix([Conductor(hexagon(1.0, z).vertices * size, 0.03 * size, 1e-2 * size) for z in (0.0, 0.5)])
+        for size in (1.0, scale)
+    )
+    np.testing.assert_allclose(scaled, scale * unit, rtol=1e-12)  # the same sums, rounded otherwise
 
 
 def test_a_coil_far_away_changes_nothing_for_those_near():
@@ -195,35 +182,29 @@ def test_a_coil_far_away_changes_nothing_for_those_near():
         np.testing.assert_allclose(together, alone, rtol=1e-7)  # 1e-8 of a coil's size is the same at most
 
 
-def _filaments_in_many_digits(p1, p2, q1, q2):
+def _filaments_in_many_digits(*ends):
     """Campbell's formula for two filaments that are not parallel, in H, with 60 digits."""
     with mpmath.workdps(60):
-        p1, p2, q1, q2 = (mpmath.matrix([mpmath.mpf(float(value)) for value in point]) for point in (p1, p2, q1, q2))
+        p1, p2, q1, q2 = (np.array([mpmath.mpf(float(value)) for value in point]) for point in ends)
 
-        def dot(a, b):
-            return sum(s * t for s, t in zip(a, b, strict=True))
-
-        def cross(a, b):
-            return mpmath.matrix([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+        def norm(a):
+            return mpmath.sqrt(a @ a)
 
         def potential(x, start, end):
-            r1, r2, length = mpmath.norm(x - start), mpmath.norm(x - end), mpmath.norm(end - start)
-            return mpmath.log((r1 + r2 + length) / (r1 + r2 - length))
+            both, length = norm(x - start) + norm(x - end), norm(end - start)
+            return mpmath.log((both + length) / (both - length))
 
-        l1, l2 = mpmath.norm(p2 - p1), mpmath.norm(q2 - q1)
+        l1, l2 = norm(p2 - p1), norm(q2 - q1)
         u, v, d = (p2 - p1) / l1, (q2 - q1) / l2, q1 - p1
-        w = cross(u, v)
-        sine2, cosine = dot(w, w), dot(u, v)
-        foot_1, foot_2 = dot(cross(d, v), w) / sine2, dot(cross(d, u), w) / sine2
-        height = abs(dot(d, w)) / mpmath.sqrt(sine2)
+        w, cosine = np.cross(u, v), u @ v
+        sine2, sine = w @ w, norm(w)
+        foot_1, foot_2, height = np.cross(d, v) @ w / sine2, np.cross(d, u) @ w / sine2, abs(d @ w) / sine
         a, b = (-foot_1, l1 - foot_1), (-foot_2, l2 - foot_2)
         total = a[1] * potential(p2, q1, q2) - a[0] * potential(p1, q1, q2)
         total += b[1] * potential(q2, p1, p2) - b[0] * potential(q1, p1, p2)
         for i, p in enumerate((p1, p2)):
             for j, q in enumerate((q1, q2)):
-                distance = mpmath.norm(p - q)
-                sine = mpmath.sqrt(sine2)
-                angle = mpmath.atan2(height**2 * cosine + a[i] * b[j] * sine2, height * sine * distance)
+                angle = mpmath.atan2(height**2 * cosine + a[i] * b[j] * sine2, height * sine * norm(p - q))
                 total -= (1 if i == j else -1) * height / sine * angle
         return float(MU_0 / (4 * mpmath.pi) * cosine * total)
 
@@ -264,15 +245,10 @@ def test_positive_definite_for_any_placement(places):
 def test_series_connection_adds():
     # one path of two layers against the sum over its pieces
     spiral = Spiral(6, 5e-3, 4, W, W)
-    top, bottom = spiral.centre_line(0), spiral.centre_line(1)
-    upper = np.column_stack((top, np.zeros(len(top))))
-    lower = np.column_stack((bottom, np.full(len(bottom), -0.5e-3)))
+    upper, lower = at_height(spiral.centre_line(0), 0.0), at_height(spiral.centre_line(1), -0.5e-3)
     pieces = [Conductor(upper, W, T), Conductor(np.vstack((upper[-1:], lower[:1])), W, W), Conductor(lower, W, T)]
-    whole = Conductor(
-        np.vstack((upper, lower)),
-        np.concatenate([piece.widths for piece in pieces]),
-        np.concatenate([piece.thicknesses for piece in pieces]),
-    )
+    sizes = (np.concatenate([getattr(piece, size) for piece in pieces]) for size in ("widths", "thicknesses"))
+    whole = Conductor(np.vstack((upper, lower)), *sizes)
     # pairs within a path keep their cross-section further out than pairs of two paths
     assert self_inductance(whole)[0] == pytest.approx(inductance_matrix(pieces).sum(), rel=2e-5)
 
@@ -309,16 +285,16 @@ def test_wide_trace_against_the_current_sheet_limit():
         (lambda: Conductor([[0, 0, 0], [1e200, 0, 0]]), "vertices of path must be at most"),
         (lambda: Conductor([[0, 0, 0], [1e-60, 0, 0]]), "segment 0 of path has length zero"),
         (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1e-200, 1.0), "widths of path must be zero or 1e-30 to"),
-        (lambda: coupling_matrix([[1.0, 0.0]]), "must be square"),
-        (lambda: coupling_matrix([[1.0, np.nan], [np.nan, 1.0]]), "an inductance matrix must be finite"),
-        (lambda: coupling_matrix([[-1.0]]), "every self-inductance must be positive"),
     ],
 )
 def test_bad_input(call, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(GeometryError, match=message):
         call()
 
 
-def test_bad_input_is_a_geometry_error():
-    with pytest.raises(GeometryError):
-        inductance_matrix([[[0, 0, 0], [1, 0, 0]]])
+@pytest.mark.parametrize(
+    ("matrix", "message"), [([[1.0, 0.0]], "square"), ([[np.inf]], "be finite"), ([[-1.0]], "self-inductance must be")]
+)
+def test_bad_matrices(matrix, message):
+    with pytest.raises(ValueError, match=message):
+        coupling_matrix(matrix)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.coil_paths import spiral_path
 
 from coilarray import load_design
 from coilarray.constants import MU_0
@@ -22,19 +23,11 @@ SPIRALS = {
 }
 
 
-def _table(spiral, layers):
-    lines = []
-    for k, z in enumerate(layers):
-        line = spiral.centre_line(k)
-        lines.append(np.column_stack((line, np.full(len(line), z))))
-    return segment_table(Conductor(np.vstack(lines), spiral.trace_width, 35e-6))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SPIRALS)
 @pytest.mark.parametrize("layers", [(0.0,), (0.0, -0.25e-3)], ids=["one layer", "two layers"])
 def test_own_nodes_and_near_widths(name, layers):
-    table = _table(SPIRALS[name], layers)
+    table = segment_table(spiral_path(SPIRALS[name], layers))
     n = len(table)
     default = own_mutual_sum(table, 0, n, OWN_NEAR_WIDTHS, 0)
     # more nodes in every rule, and the cross-section everywhere: measured at most 7e-7, worst for the many touching
@@ -77,7 +70,7 @@ def test_mutual_nodes_and_near_widths():
 @pytest.mark.parametrize("shift", [(0, 0, -0.5e-3), (8e-3, 0, -0.5e-3), (10.4e-3, 0, -0.5e-3), (16.3e-3, 0, 0)])
 def test_small_coils_on_and_beside_each_other(turns, shift):
     # 107 widths across: with 40 widths for the cross-section 6e-6 were left out of coils on each other
-    table = _table(Spiral(6, 8e-3, turns, 0.15e-3, 0.15e-3), (0.0,))
+    table = segment_table(spiral_path(Spiral(6, 8e-3, turns, 0.15e-3, 0.15e-3)))
     n = len(table)
     own = own_mutual_sum(table, 0, n, OWN_NEAR_WIDTHS, 0)
     default = mutual_sum(table, table, np.array(shift), 0, n, MUTUAL_NEAR_WIDTHS, 0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.coil_paths import spiral_path
 
 from coilarray import Conductor, inductance_matrix, load_design, mutual_inductance
 from coilarray.electromagnetics.kernels.paths import mutual_sum
@@ -83,12 +84,10 @@ def test_widths_of_small_windings_count_from_afar(widths, apart):
     # square coils of two layers beside each other, so that sides of one are parallel to those of the other
     width = 0.15e-3
     spiral = Spiral(4, widths * width / 2, min(widths // 8 + 1, 10), width, 0.15e-3 if widths > 20 else 0.05e-3)
-    lines = [spiral.centre_line(k) for k in range(2)]
-    line = np.vstack([np.column_stack((line, np.full(len(line), -0.2e-3 * k))) for k, line in enumerate(lines)])
-    coil = Conductor(line, width, 35e-6)
+    coil = spiral_path(spiral, (0.0, -0.2e-3))
     shift = np.array([apart * widths * width, 0.0, 0.0])
-    both = inductance_matrix([coil, Conductor(line + shift, width, 35e-6)])
-    assert needed(coil, Conductor(line + shift)).max() <= MOST_NODES
+    both = inductance_matrix([coil, Conductor(coil.vertices + shift, width, 35e-6)])
+    assert needed(coil, Conductor(coil.vertices + shift)).max() <= MOST_NODES
     table = segment_table(coil)
     exact, centre_lines = (1e-7 * mutual_sum(table, table, shift, 0, len(table), reach, 4) for reach in (1e9, 0.0))
     # two lines a bar leave terms of the fourth order in width over distance: measured 1.4e-7 for 13 widths; at 107

@@ -65,7 +65,11 @@ def test_circular_filaments(row):
     distance = np.linalg.norm(wires[0][:, None] - wires[1][None], axis=2).min()
     start = 2 ** int(np.ceil(np.log2(max(64, 4 * np.pi * max(a, b) / distance))))
     sides = [start, 2 * start, 4 * start]
-    M = [mutual_inductance([circle(n, a, [0, 0, 0], [0, 0, 1])], [circle(n, b, centre, normal)])[0, 0] for n in sides]
+    M = []
+    for n in sides:
+        first, second = circle(n, a, [0, 0, 0], [0, 0, 1]), circle(n, b, centre, normal)
+        alike = n if centre[:2] == [0, 0] and normal[:2] == [0, 0] else 1  # on one axis all sides of the first are
+        M.append(alike * mutual_inductance([first[:2] if alike > 1 else first], [second])[0, 0])
     order = np.log2(abs((M[1] - M[0]) / (M[2] - M[1])))
     assert order == pytest.approx(2, abs=0.1)  # second order; the next term of the series moves it by less
     first = [(4 * fine - coarse) / 3 for coarse, fine in itertools.pairwise(M)]
@@ -106,7 +110,7 @@ def test_zero_coupling_distance(row):
     if row["shape_direction"] == "circle":
         # Polygons of n sides, extrapolated in 1/n². Where the loops cross in one plane the error depends on where in
         # the sides they do, which the extrapolation does not remove: more sides there.
-        n = 1024 if h < 0.003 else 512
+        n = 512 if h < 0.003 else 256
         coarse, fine = (_zero_coupling(sides, np.pi / sides, h, 2.0, expected) for sides in (n, 2 * n))
         root = (4 * fine - coarse) / 3
     else:

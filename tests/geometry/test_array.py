@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, one_coil, reference_board
+from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, one_coil
+from support.refusals import refused
 
 from coilarray.errors import GeometryError
 from coilarray.geometry import CoilArray, Placement, Sheet, Spiral, Stackup, lattice, path_coil, spiral_coil
@@ -33,16 +34,13 @@ def test_lattice_neighbours_are_one_pitch_away(kind, inner, edges):
     assert len(np.unique(indices, axis=0)) == len(points)
 
 
-def test_three_colours_keep_hexagonal_neighbours_apart():
+def test_colours_keep_neighbours_apart():
     points, indices = lattice("hexagonal", 1.0, 6, 5)
     colour = (indices[:, 0] - indices[:, 1]) % 3
     i, j = np.nonzero(neighbours(points, 1.0))
     assert (colour[i] != colour[j]).all()
     steps = {tuple(step) for step in (indices[j] - indices[i]).tolist()}
     assert steps == {(1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1)}
-
-
-def test_two_colours_keep_square_neighbours_apart():
     points, indices = lattice("square", 1.0, 4, 3)
     i, j = np.nonzero(neighbours(points, 1.0))
     assert (indices.sum(axis=1)[i] % 2 != indices.sum(axis=1)[j] % 2).all()
@@ -57,28 +55,22 @@ def test_direction_only_rotates_about_the_origin(direction, kind):
     np.testing.assert_allclose(0.5 * (plain.min(axis=0) + plain.max(axis=0)), 0, atol=1e-15)
 
 
-@pytest.mark.parametrize("pitch", [0.0, -1.0, math.nan, math.inf])
-def test_pitch_must_be_positive_and_finite(pitch):
-    with pytest.raises(GeometryError, match="pitch must be positive and finite"):
-        lattice("square", pitch, 2, 2)
+def test_lattices_and_sheets_that_cannot_be():
+    for pitch in (0.0, -1.0, math.nan, math.inf):
+        refused(GeometryError, "pitch must be positive and finite", lattice, "square", pitch, 2, 2)
+    refused(GeometryError, "columns and rows must be at least 1; got 0 and 1", lattice, "linear", 1.0, 0)
+    refused(GeometryError, "a linear lattice has one row; got 2", lattice, "linear", 1.0, 2, 2)
+    refused(GeometryError, "lattice must be linear, square or hexagonal; got 'round'", lattice, "round", 1.0, 2, 2)
+    for value in (0.0, -1e-3, math.nan, math.inf):
+        refused(GeometryError, "thickness of sheet 'base' must be positive and finite", Sheet, "base", value)
+    for mu in (0.5, math.nan, math.inf):
+        refused(GeometryError, "relative permeability of sheet 'base' must be at least 1", Sheet, "base", 1e-3, mu)
 
 
-def test_lattices_that_cannot_be():
-    with pytest.raises(GeometryError, match="columns and rows must be at least 1; got 0 and 1"):
-        lattice("linear", 1.0, 0)
-    with pytest.raises(GeometryError, match="a linear lattice has one row; got 2"):
-        lattice("linear", 1.0, 2, 2)
-    with pytest.raises(GeometryError, match="lattice must be linear, square or hexagonal; got 'round'"):
-        lattice("round", 1.0, 2, 2)
-
-
-def test_placement_rotates_about_the_centre_and_moves():
+def test_a_placement_turns_and_moves_and_bounds_hold_all_copper():
     placement = Placement("A", COIL, ("L1", "L2"), 1e-3, 2e-3, math.pi / 2)
     moved = placement.to_board(np.array([[1e-2, 0.0], [0.0, 0.0]]))
     np.testing.assert_allclose(moved, [[1e-3, 12e-3], [1e-3, 2e-3]], atol=1e-17)  # rounding of cos 90°
-
-
-def test_bounds_hold_all_copper_with_the_margin():
     array = CoilArray(FOUR_LAYERS, (Placement("A", COIL, ("L1", "L2"), 0, 0),), board_margin=1e-3)
     # the path reaches from (0, 0) to (10, 5) mm, its trace by 0.1 mm more, its via pad at (10, 0) by 0.225 mm
     np.testing.assert_allclose(np.array(array.bounds) * 1e3, [-1.1, -1.225, 11.225, 6.1], rtol=1e-12)
@@ -97,42 +89,23 @@ def test_conductor_follows_the_layers_and_the_vias():
     np.testing.assert_allclose(wire.vertices[[0, -1], :2], coil.terminal_points, atol=1e-18)
 
 
-def test_the_reference_board_alternates_its_layers():
-    array = reference_board()
-    assert array.names == ("C1", "C2", "C3", "C4", "C5", "C6")
-    np.testing.assert_allclose(np.diff(array.centres[:, 0]), 13.28e-3, rtol=1e-12)
-    assert {p.layers for p in array.placements[::2]} == {("L1", "L2")}
-    assert len(array.with_placements(array.placements[:2]).placements) == 2
-
-
-@pytest.mark.parametrize("key", ["x", "y", "rotation"])
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_placement_must_be_finite(key, value):
-    with pytest.raises(GeometryError, match="position of A must be finite"):
-        Placement("A", COIL, ("L1", "L2"), **{"x": 0.0, "y": 0.0, key: value})
-
-
-def test_placements_that_cannot_be():
-    with pytest.raises(GeometryError, match="has 2 lines and must be given as many copper layers; got 1"):
-        Placement("A", COIL, ("L1",), 0, 0)
-    with pytest.raises(
-        GeometryError,
-        match="lines 0 and 1 of A are joined by a via and must lie on different copper layers; got L1",
-    ):
-        Placement("A", COIL, ("L1", "L1"), 0, 0)
-
-
-def test_arrays_that_cannot_be():
-    placement = Placement("A", COIL, ("L1", "L2"), 0, 0)
-    with pytest.raises(GeometryError, match="at least one coil"):
-        CoilArray(FOUR_LAYERS, ())
-    with pytest.raises(GeometryError, match="coil names must differ; got A, A"):
-        CoilArray(FOUR_LAYERS, (placement, placement))
-    with pytest.raises(GeometryError, match="there is no copper layer 'top'; the stack-up has L1, L2, L3, L4"):
-        CoilArray(FOUR_LAYERS, (Placement("A", COIL, ("L1", "top"), 0, 0),))
+def test_placements_and_arrays_that_cannot_be():
+    for key in ("x", "y", "rotation"):
+        for value in (math.nan, math.inf):
+            place = {"x": 0.0, "y": 0.0, key: value}
+            refused(GeometryError, "position of A must be finite", Placement, "A", COIL, ("L1", "L2"), **place)
+    message = "has 2 lines and must be given as many copper layers; got 1"
+    refused(GeometryError, message, Placement, "A", COIL, ("L1",), 0, 0)
+    message = "lines 0 and 1 of A are joined by a via and must lie on different copper layers; got L1"
+    refused(GeometryError, message, Placement, "A", COIL, ("L1", "L1"), 0, 0)
+    placement, unknown = (Placement("A", COIL, ("L1", last), 0, 0) for last in ("L2", "top"))
+    refused(GeometryError, "at least one coil", CoilArray, FOUR_LAYERS, ())
+    refused(GeometryError, "coil names must differ; got A, A", CoilArray, FOUR_LAYERS, (placement, placement))
+    message = "there is no copper layer 'top'; the stack-up has L1, L2, L3, L4"
+    refused(GeometryError, message, CoilArray, FOUR_LAYERS, (unknown,))
     for margin in (-1e-3, math.nan, math.inf):
-        with pytest.raises(GeometryError, match="board_margin must be finite and not negative"):
-            CoilArray(FOUR_LAYERS, (placement,), board_margin=margin)
+        message = "board_margin must be finite and not negative"
+        refused(GeometryError, message, CoilArray, FOUR_LAYERS, (placement,), board_margin=margin)
 
 
 def test_heights_run_down_from_the_top_face():
@@ -144,9 +117,8 @@ def test_heights_run_down_from_the_top_face():
     assert many_layers(1).thickness == 35e-6
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_stackups_that_cannot_be():
+    for change, message in (
         ({"names": (), "copper_thickness": ()}, "at least one copper layer"),
         ({"names": ("L1", "L1")}, "names must differ; got L1, L1"),
         ({"copper_thickness": (35e-6,)}, "2 copper layers need 2 copper thicknesses; got 1"),
@@ -156,23 +128,7 @@ def test_heights_run_down_from_the_top_face():
         ({"dielectric_thickness": (math.nan,)}, "layer thickness must be positive and finite; got nan"),
         ({"epsilon_r": (0.5,)}, "relative permittivity must be at least 1; got 0.5"),
         ({"epsilon_r": (math.nan,)}, "relative permittivity must be at least 1; got nan"),
-    ],
-)
-def test_stackups_that_cannot_be(change, message):
-    good = {
-        "names": ("L1", "L2"),
-        "copper_thickness": (35e-6, 35e-6),
-        "dielectric_thickness": (0.2e-3,),
-        "epsilon_r": (4.5,),
-    }
-    with pytest.raises(GeometryError, match=message):
-        Stackup(**{**good, **change})
-
-
-def test_sheets_that_cannot_be():
-    for thickness in (0.0, -1e-3, math.nan, math.inf):
-        with pytest.raises(GeometryError, match="thickness of sheet 'base' must be positive and finite"):
-            Sheet("base", thickness)
-    for mu in (0.5, math.nan, math.inf):
-        with pytest.raises(GeometryError, match="relative permeability of sheet 'base' must be at least 1"):
-            Sheet("base", 1e-3, mu)
+    ):
+        good = {"names": ("L1", "L2"), "copper_thickness": (35e-6, 35e-6)}
+        good |= {"dielectric_thickness": (0.2e-3,), "epsilon_r": (4.5,)}
+        refused(GeometryError, message, Stackup, **{**good, **change})

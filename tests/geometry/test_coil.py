@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from support.boards import LEADS, VIA
+from support.refusals import refused
 
 from coilarray.errors import GeometryError
 from coilarray.geometry import Coil, Leads, PlatedHole, Spiral, path_coil, spiral_coil
@@ -41,16 +42,7 @@ def test_layers_in_series_meet_and_add_their_turns(layers, turns, winding):
     assert sense * total > 0
 
 
-@pytest.mark.parametrize("layers", [1, 3])
-def test_return_lead_brings_an_odd_coil_out_again(layers):
-    coil = spiral_coil(SPIRAL, layers, VIA, LEADS, return_lead=True)
-    assert len(coil.lines) == layers + 1
-    np.testing.assert_array_equal(coil.lines[-2][-1], coil.lines[-1][0])
-    first, second = coil.terminal_points
-    assert np.hypot(*(first - second)) == pytest.approx(LEADS.spacing, rel=1e-9)  # rounding
-
-
-def test_terminals_stand_at_the_given_length_and_spacing():
+def test_leads_and_what_stands_at_their_ends():
     coil = spiral_coil(SPIRAL, 2, VIA, LEADS)
     first, second = coil.terminal_points
     corner = SPIRAL.centre_line()[0]
@@ -58,9 +50,14 @@ def test_terminals_stand_at_the_given_length_and_spacing():
     assert np.hypot(*(first - second)) == pytest.approx(LEADS.spacing, rel=1e-9)  # rounding
     assert (first - corner) @ radial == pytest.approx(LEADS.length, rel=1e-9)
     assert (second - corner) @ radial == pytest.approx(LEADS.length, rel=1e-9)
-
-
-def test_odd_coil_without_return_ends_at_an_inner_terminal():
+    # a return lead brings an odd coil out again
+    for layers in (1, 3):
+        coil = spiral_coil(SPIRAL, layers, VIA, LEADS, return_lead=True)
+        assert len(coil.lines) == layers + 1
+        np.testing.assert_array_equal(coil.lines[-2][-1], coil.lines[-1][0])
+        first, second = coil.terminal_points
+        assert np.hypot(*(first - second)) == pytest.approx(LEADS.spacing, rel=1e-9)  # rounding
+    # without it the coil ends at an inner terminal
     coil = spiral_coil(SPIRAL, 1, VIA, LEADS)
     assert np.hypot(*coil.terminal_points[1]) < np.hypot(*SPIRAL.centre_line()[-1]) - LEADS.terminal.pad / 2
     bare = spiral_coil(SPIRAL, 1, VIA)
@@ -91,64 +88,42 @@ def test_hole_dimensions():
 BAD = [0.0, -1e-3, math.nan, math.inf]
 
 
-@pytest.mark.parametrize("value", BAD)
-@pytest.mark.parametrize("name", ["drill", "pad", "plating"])
-def test_hole_sizes_must_be_positive_and_finite(name, value):
-    sizes = {"drill": 0.2e-3, "pad": 0.5e-3, "plating": 20e-6, name: value}
-    with pytest.raises(GeometryError, match=f"{name} of a hole must be positive and finite"):
-        PlatedHole(**sizes)
-
-
-def test_hole_must_have_a_ring_and_an_opening():
-    with pytest.raises(GeometryError, match="pad of a hole must be larger than its drill"):
-        PlatedHole(0.5e-3, 0.5e-3)
-    with pytest.raises(GeometryError, match="plating must be below half the drill"):
-        PlatedHole(0.2e-3, 0.5e-3, 0.1e-3)
-
-
-@pytest.mark.parametrize("value", BAD)
-@pytest.mark.parametrize("name", ["length", "spacing"])
-def test_lead_sizes_must_be_positive_and_finite(name, value):
-    sizes = {"length": 2e-3, "spacing": 1e-3, name: value}
-    with pytest.raises(GeometryError, match=f"{name} of the leads must be positive and finite"):
-        Leads(**sizes, terminal=VIA)
-
-
-def test_leads_shorter_than_their_knee():
-    with pytest.raises(GeometryError, match="at least half their spacing"):
-        Leads(0.4e-3, 1e-3, VIA)
+def test_holes_and_leads_that_cannot_be():
+    sizes = {"drill": 0.2e-3, "pad": 0.5e-3, "plating": 20e-6}
+    for name in sizes:
+        for value in BAD:
+            message = f"{name} of a hole must be positive and finite"
+            refused(GeometryError, message, PlatedHole, **{**sizes, name: value})
+    refused(GeometryError, "pad of a hole must be larger than its drill", PlatedHole, 0.5e-3, 0.5e-3)
+    refused(GeometryError, "plating must be below half the drill", PlatedHole, 0.2e-3, 0.5e-3, 0.1e-3)
+    sizes = {"length": 2e-3, "spacing": 1e-3, "terminal": VIA}
+    for name in ("length", "spacing"):
+        for value in BAD:
+            message = f"{name} of the leads must be positive and finite"
+            refused(GeometryError, message, Leads, **{**sizes, name: value})
+    refused(GeometryError, "at least half their spacing", Leads, 0.4e-3, 1e-3, VIA)
     straight = spiral_coil(SPIRAL, 2, VIA, Leads(1e-3, 2e-3, VIA))  # the knee is the terminal
     assert np.hypot(*np.diff(straight.terminal_points, axis=0)[0]) == pytest.approx(2e-3, rel=1e-9)
 
 
-@pytest.mark.parametrize("layers", [0, -1])
-def test_no_winding_layer(layers):
-    with pytest.raises(GeometryError, match="at least one winding layer"):
-        spiral_coil(SPIRAL, layers, VIA)
-
-
-def test_return_lead_needs_an_odd_coil_with_leads():
-    with pytest.raises(GeometryError, match="an odd number of winding layers; got 2 with leads"):
-        spiral_coil(SPIRAL, 2, VIA, LEADS, return_lead=True)
-    with pytest.raises(GeometryError, match="got 1 without leads"):
-        spiral_coil(SPIRAL, 1, VIA, return_lead=True)
-
-
-def test_no_room_for_a_via():
-    tight = Spiral(6, 3e-3, 13, 0.1e-3, 0.1e-3)
-    with pytest.raises(GeometryError, match=r"no room for a pad of 0\.45 mm inside the winding"):
-        spiral_coil(tight, 2, VIA)
-    narrow = Leads(2e-3, 0.6e-3, PlatedHole(0.2e-3, 0.45e-3))
-    with pytest.raises(GeometryError, match=r"no room for a pad of 1\.45 mm outside the winding, beside the leads"):
-        spiral_coil(SPIRAL, 4, PlatedHole(0.2e-3, 1.45e-3), narrow)
+def test_windings_that_cannot_be():
+    for layers in (0, -1):
+        refused(GeometryError, "at least one winding layer", spiral_coil, SPIRAL, layers, VIA)
+    message = "an odd number of winding layers; got 2 with leads"
+    refused(GeometryError, message, spiral_coil, SPIRAL, 2, VIA, LEADS, return_lead=True)
+    refused(GeometryError, "got 1 without leads", spiral_coil, SPIRAL, 1, VIA, return_lead=True)
+    message = r"no room for a pad of 0\.45 mm inside the winding"
+    refused(GeometryError, message, spiral_coil, Spiral(6, 3e-3, 13, 0.1e-3, 0.1e-3), 2, VIA)
+    narrow, wide = Leads(2e-3, 0.6e-3, PlatedHole(0.2e-3, 0.45e-3)), PlatedHole(0.2e-3, 1.45e-3)
+    message = r"no room for a pad of 1\.45 mm outside the winding, beside the leads"
+    refused(GeometryError, message, spiral_coil, SPIRAL, 4, wide, narrow)
 
 
 LINE = [(0, 0), (1e-2, 0)]
 
 
-@pytest.mark.parametrize(
-    ("lines", "message"),
-    [
+def test_paths_that_cannot_be():
+    for lines, message in (
         ([], "at least one line; got none"),
         ([[]], r"shape \(n >= 2, 2\)"),
         ([[(0, 0)]], r"shape \(n >= 2, 2\); got \(1, 2\)"),
@@ -162,24 +137,17 @@ LINE = [(0, 0), (1e-2, 0)]
         ([[(0, 0), (1e-2, 0), (5e-3, 0)]], "crosses itself: segments 0 and 1"),
         ([[(0, 0), (1e-2, 0), (1e-2, 1e-2), (0, 0)]], "closed at"),
         ([LINE, LINE], "line 1 of a coil must begin where line 0 ends; they are 10 mm apart"),
-    ],
-)
-def test_paths_that_cannot_be(lines, message):
-    with pytest.raises(GeometryError, match=message):
-        path_coil(lines, 1e-4, 1e-4, VIA)
+    ):
+        refused(GeometryError, message, path_coil, lines, 1e-4, 1e-4, VIA)
 
 
-@pytest.mark.parametrize("value", BAD)
-def test_path_sizes_must_be_positive_and_finite(value):
-    with pytest.raises(GeometryError, match="trace_width must be positive and finite"):
-        path_coil([LINE], value, 1e-4, VIA)
-    with pytest.raises(GeometryError, match="gap must be positive and finite"):
-        path_coil([LINE], 1e-4, value, VIA)
-
-
-def test_path_coil_keeps_its_lines_and_cannot_be_changed():
+def test_path_coils_keep_their_lines_and_sizes():
     coil = path_coil([LINE], 1e-4, 1e-4, VIA)
     assert isinstance(coil, Coil)
     np.testing.assert_array_equal(coil.lines[0], LINE)
-    with pytest.raises(ValueError, match="read-only"):
-        coil.lines[0][0, 0] = 1.0
+    for array in (coil.lines[0][0], coil.widths[0]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+    for value in BAD:
+        refused(GeometryError, "trace_width must be positive and finite", path_coil, [LINE], value, 1e-4, VIA)
+        refused(GeometryError, "gap must be positive and finite", path_coil, [LINE], 1e-4, value, VIA)

@@ -15,18 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.boards import FOUR_LAYERS, LEADS, VIA, one_coil, reference_board
 
-from coilarray.geometry import (
-    CoilArray,
-    Placement,
-    Spiral,
-    board_outline,
-    copper_by_layer,
-    copper_features,
-    drills,
-    path_coil,
-    spiral_coil,
-)
-from coilarray.geometry.copper import disc, trace_outline
+from coilarray.geometry import CoilArray, Placement, Spiral, path_coil, spiral_coil
+from coilarray.geometry.copper import board_outline, copper_by_layer, copper_features, disc, drills, trace_outline
 
 
 def length(line):
@@ -44,7 +34,6 @@ def test_area_of_a_mitred_trace_is_length_times_width(sides, winding):
     assert outline.area == pytest.approx(length(line) * 0.1e-3, rel=1e-11)
 
 
-@pytest.mark.slow
 @given(sides=st.sampled_from([3, 4, 5, 6, 8]), corner=st.floats(-7, 7), turns=st.integers(1, 12))
 @settings(max_examples=30)
 def test_outline_is_the_buffer_of_the_line(sides, corner, turns):
@@ -55,25 +44,20 @@ def test_outline_is_the_buffer_of_the_line(sides, corner, turns):
     assert shapely.symmetric_difference(outline, buffer).area < 1e-9 * outline.area
 
 
-def test_a_trace_across_itself_is_counted_once():
+def test_traces_that_cross_end_short_or_turn_back():
     w = 0.2e-3
     line = np.array([(0, 0), (4e-3, 0), (4e-3, 2e-3), (2e-3, 2e-3), (2e-3, -2e-3)])
     outline = trace_outline(line, w)
     assert outline.is_valid
     assert len(outline.interiors) == 1
     assert outline.area == pytest.approx(length(line) * w - w * w, rel=1e-9)  # wedges reach 0.1 % of w inside
-
-
-def test_a_stub_shorter_than_the_width_keeps_all_its_copper():
+    # a stub shorter than the width keeps all its copper
     w, stub = 0.2e-3, 0.05e-3
     outline = trace_outline(np.array([(0, 0), (1e-3, 0), (1e-3, stub)]), w)
     # the first segment, the square that the mitre adds, and the half of the stub that lies beyond the first segment
-    assert outline.area == pytest.approx(
-        1e-3 * w + w * w / 4 + stub * w / 2, rel=1e-6
-    )  # wedges reach 0.1 % of w inside
-
-
-def test_a_reversal_is_cut_off_flat():
+    expected = 1e-3 * w + w * w / 4 + stub * w / 2
+    assert outline.area == pytest.approx(expected, rel=1e-6)  # wedges reach 0.1 % of w inside
+    # a reversal is cut off flat
     w = 0.2e-3
     sharp = math.radians(5)
     tip = np.array([(0, 0), (5e-3, 0), (5e-3 * (1 - math.cos(sharp)), 5e-3 * math.sin(sharp))])
@@ -93,32 +77,26 @@ def test_each_coil_has_one_trace_a_layer_and_pads_where_its_holes_are():
 
 
 def test_holes_end_where_they_are_needed_when_they_are_not_drilled_through():
-    coil = path_coil(
-        [[(0, 0), (1e-3, 0)], [(1e-3, 0), (2e-3, 0)], [(2e-3, 0), (3e-3, 0)]], 1e-4, 1e-4, VIA, LEADS.terminal
-    )
+    lines = [[(k * 1e-3, 0), ((k + 1) * 1e-3, 0)] for k in range(3)]
+    coil = path_coil(lines, 1e-4, 1e-4, VIA, LEADS.terminal)
     placement = Placement("A", coil, ("L3", "L1", "L2"), 0, 0)
     blind = drills(CoilArray(FOUR_LAYERS, (placement,), through_holes=False))
     assert [(hole.kind, hole.layers, hole.drilled) for hole in blind] == [
-        ("via", ("L1", "L2", "L3"), True),
-        ("via", ("L1", "L2"), True),
-        ("terminal", ("L3",), False),
+        ("via", ("L1", "L2", "L3"), True), ("via", ("L1", "L2"), True), ("terminal", ("L3",), False),
         ("terminal", ("L2",), False),
-    ]
+    ]  # fmt: skip
     through = drills(CoilArray(FOUR_LAYERS, (placement,)))
     assert {(hole.layers, hole.drilled) for hole in through} == {(FOUR_LAYERS.names, True)}
     assert [hole.x for hole in through] == pytest.approx([1e-3, 2e-3, 0, 3e-3])
-
-
-@pytest.mark.parametrize("through_holes", [True, False])
-def test_a_board_of_one_layer_is_drilled(through_holes):
+    # a board of one layer is drilled
     coil = path_coil([[(0, 0), (1e-2, 0)]], 1e-4, 1e-4, VIA, LEADS.terminal)
-    assert [hole.drilled for hole in drills(one_coil(coil, through_holes=through_holes))] == [True, True]
+    for through in (True, False):
+        assert [hole.drilled for hole in drills(one_coil(coil, through_holes=through))] == [True, True]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("through_holes", [True, False])
 def test_the_copper_of_a_layer_is_its_features(through_holes):
-    array = reference_board(through_holes=through_holes)
+    array = reference_board(count=2, turns=10, through_holes=through_holes)
     assert list(copper_by_layer(array)) == list(array.stackup.names)
     for layer, nets in copper_by_layer(array).items():
         for net, copper in nets.items():
@@ -126,36 +104,20 @@ def test_the_copper_of_a_layer_is_its_features(through_holes):
             assert shapely.equals(copper, shapely.union_all(own))
 
 
-def test_copper_of_a_net_on_a_layer_is_one_piece_with_its_pads():
-    array = one_coil(spiral_coil(Spiral(6, 8e-3, 10, 0.12e-3, 0.13e-3), 2, VIA, LEADS))
-    copper = copper_by_layer(array)["L1"]["A"]
-    (trace,) = [f.shape for f in copper_features(array) if f.kind == "trace" and f.layer == "L1"]
-    pads = [f.shape for f in copper_features(array) if f.kind != "trace" and f.layer == "L1"]
-    overlap = sum(shapely.intersection(trace, pad).area for pad in pads)
-    expected = trace.area + sum(pad.area for pad in pads) - overlap
-    assert copper.area == pytest.approx(expected, rel=1e-12)
-    assert shapely.get_num_geometries(copper) == 2  # the second terminal's pad stands alone on this layer
-
-
 @given(rotation=st.floats(-7, 7))
 @settings(max_examples=10)
 def test_rotating_a_coil_keeps_its_copper_area(rotation):
     coil = spiral_coil(Spiral(6, 5e-3, 5, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
-    areas = [
-        sum(feature.shape.area for feature in copper_features(one_coil(coil, rotation=angle)))
-        for angle in (0, rotation)
-    ]
-    assert areas[1] == pytest.approx(areas[0], rel=1e-11)  # rounding
+    boards = (one_coil(coil, rotation=angle) for angle in (0, rotation))
+    before, after = (sum(feature.shape.area for feature in copper_features(board)) for board in boards)
+    assert after == pytest.approx(before, rel=1e-11)  # rounding
 
 
-def test_board_outline_is_the_bounds_and_holds_all_copper():
+def test_the_outline_holds_all_copper_and_circles_are_fine_enough():
     array = reference_board()
     outline = board_outline(array)
     assert outline.bounds == array.bounds
     assert all(outline.contains(feature.shape) for feature in copper_features(array))
-
-
-def test_circles_are_fine_enough():
     circle = disc(1e-3, 2e-3, 1e-3)
     corners = shapely.get_coordinates(circle) - (1e-3, 2e-3)
     np.testing.assert_allclose(np.hypot(*corners.T), 0.5e-3, rtol=1e-12)

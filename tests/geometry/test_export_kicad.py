@@ -9,7 +9,9 @@ from __future__ import annotations
 import json
 import math
 import re
+import shutil
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,25 +21,15 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
-from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, one_coil, reference_board
+from support.boards import FOUR_LAYERS, LEADS, VIA, drawn_copper, many_layers, one_coil, reference_board
 from support.kicad_tools import Kicad, find_kicad, gerbers
+from support.refusals import refused
 
 from coilarray.design.model import load_design
 from coilarray.errors import OutputError, RuleViolationError
-from coilarray.geometry import (
-    CoilArray,
-    FabRules,
-    Placement,
-    PlatedHole,
-    Spiral,
-    Stackup,
-    copper_by_layer,
-    drills,
-    lattice,
-    path_coil,
-    spiral_coil,
-)
-from coilarray.geometry.copper import board_outline, disc
+from coilarray.geometry import CoilArray, FabRules, Placement, PlatedHole, Spiral, Stackup, path_coil, spiral_coil
+from coilarray.geometry.array import Lattice, lattice_array
+from coilarray.geometry.copper import board_outline, copper_by_layer, disc, drills
 from coilarray.geometry.export.kicad import write_kicad
 from coilarray.geometry.export.kicad_text import Drawing, copper_names, mm, quoted
 from coilarray.geometry.export.silk import silk_labels
@@ -48,22 +40,22 @@ RULES = FabRules()
 NANOMETRE = 1e-9
 
 
+HEXAGON = Spiral(6, 4e-3, 6, 0.1e-3, 0.1e-3, first_corner=math.pi / 2)
+
+
 def hexagonal_board(winding_layers: int, *, bare: bool = False) -> CoilArray:
     """Nine coils on a hexagonal lattice, each on all layers, with blind and buried holes."""
-    coil = spiral_coil(
-        Spiral(6, 4e-3, 6, 0.1e-3, 0.1e-3, first_corner=math.pi / 2), winding_layers, VIA, None if bare else LEADS
-    )
+    coil = spiral_coil(HEXAGON, winding_layers, VIA, None if bare else LEADS)
     stackup = many_layers(winding_layers)
-    points, _ = lattice("hexagonal", 13e-3, 3, 3)
-    placements = tuple(
-        Placement(f"C{k + 1}", coil, stackup.names, x, y, rotation=0.1 * k) for k, (x, y) in enumerate(points.tolist())
-    )
-    return CoilArray(stackup, placements, through_holes=False)
+    names = tuple(f"C{k + 1}" for k in range(9))
+    array = lattice_array(stackup, coil, Lattice("hexagonal", 13e-3, 3, 3, (stackup.names,), names=names))
+    turned = [replace(placement, rotation=0.1 * k) for k, placement in enumerate(array.placements)]
+    return replace(array, placements=tuple(turned), through_holes=False)
 
 
 def pairs_board() -> CoilArray:
     """Three coils on three pairs of six layers, blind holes: terminals lie on inner layers too."""
-    coil = spiral_coil(Spiral(6, 4e-3, 6, 0.1e-3, 0.1e-3, first_corner=math.pi / 2), 2, VIA, LEADS)
+    coil = spiral_coil(HEXAGON, 2, VIA, LEADS)
     pairs = (("L1", "L2"), ("L3", "L4"), ("L5", "L6"))
     placements = tuple(Placement(f"C{k + 1}", coil, pair, 5e-3 * k, 0.0) for k, pair in enumerate(pairs))
     return CoilArray(many_layers(6), placements, through_holes=False)
@@ -71,13 +63,10 @@ def pairs_board() -> CoilArray:
 
 def winding_and_return() -> CoilArray:
     """Two widths, and a path that comes back to its first layer."""
-    coil = path_coil(
-        [[(0, 0), (5e-3, 0), (5e-3, 4e-3)], [(5e-3, 4e-3), (2e-3, 4e-3)], [(2e-3, 4e-3), (2e-3, 2e-3), (1e-3, 2e-3)]],
-        [[0.3e-3, 0.2e-3], [0.25e-3], [0.15e-3, 0.2e-3]],
-        0.2e-3,
-        PlatedHole(0.3e-3, 0.6e-3),
-        PlatedHole(0.5e-3, 1e-3),
-    )
+    out, back = [(0, 0), (5e-3, 0), (5e-3, 4e-3)], [(2e-3, 4e-3), (2e-3, 2e-3), (1e-3, 2e-3)]
+    widths = [[0.3e-3, 0.2e-3], [0.25e-3], [0.15e-3, 0.2e-3]]
+    holes = (PlatedHole(0.3e-3, 0.6e-3), PlatedHole(0.5e-3, 1e-3))
+    coil = path_coil([out, [out[-1], back[0]], back], widths, 0.2e-3, *holes)
     return CoilArray(FOUR_LAYERS, (Placement("A", coil, ("L1", "L3", "L1"), 1e-3, -2e-3, 0.7),))
 
 
@@ -85,21 +74,39 @@ def single_layer() -> CoilArray:
     return one_coil(spiral_coil(Spiral(6, 4e-3, 4, 0.2e-3, 0.2e-3), 1, VIA, LEADS))
 
 
+def designed(name: str) -> CoilArray:
+    return load_design(name).array
+
+
 BOARDS = {
-    "gast2020": lambda: load_design("gast2020").array,
-    "starter": lambda: load_design("starter").array,
-    "gast_fem": lambda: load_design("gast_fem").array,
+    **{name: partial(designed, name) for name in ("gast2020", "starter", "gast_fem")},
     "hexagonal, blind holes": lambda: hexagonal_board(4),
     "hexagonal, bare ends": lambda: hexagonal_board(4, bare=True),
     "two widths": winding_and_return,
     "one layer": single_layer,
 }
-boards = pytest.mark.parametrize("make", BOARDS.values(), ids=BOARDS.keys())
 
 
-def written(array: CoilArray, folder: Path, rules: FabRules = RULES) -> Node:
+@pytest.fixture(params=BOARDS.values(), ids=BOARDS.keys(), scope="module")
+def exported(request, tmp_path_factory) -> tuple[CoilArray, tuple[Path, ...], Node]:
+    """A board, the files of its project, and the first of them read back."""
+    array = request.param()
+    files = write_kicad(array, tmp_path_factory.mktemp("kicad") / "project", name="board", rules=RULES)
+    return array, files, read_sexpr(files[0])
+
+
+def coil_of_one_line(length: float, stackup: Stackup = FOUR_LAYERS) -> CoilArray:
+    coil = path_coil([[(0, 0), (length, 0)]], 1e-3, 1e-3, VIA)
+    return CoilArray(stackup, (Placement("A", coil, ("L1",), 0, 0),))
+
+
+def export(array: CoilArray, folder: Path, **options: Any) -> tuple[Path, ...]:
+    return write_kicad(array, folder / "project", **{"name": "board", "rules": RULES, **options})
+
+
+def written(array: CoilArray, folder: Path) -> Node:
     """The board's file, read back."""
-    return read_sexpr(write_kicad(array, folder / "project", name="board", rules=rules)[0])
+    return read_sexpr(export(array, folder)[0])
 
 
 def position(node: Node, name: str = "at") -> np.ndarray[Any, Any]:
@@ -107,14 +114,10 @@ def position(node: Node, name: str = "at") -> np.ndarray[Any, Any]:
     return np.array([node.need(name).number(0), node.need(name).number(1)]) * 1e-3
 
 
-class Reader:
-    """Places on KiCad's sheet, in the frame of the design."""
-
-    def __init__(self, board: Node) -> None:
-        self.origin = position(board.need("setup"), "aux_axis_origin")
-
-    def __call__(self, point: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-        return (point - self.origin) * (1, -1)
+def reader(board: Node) -> Any:
+    """How places on KiCad's sheet lie in the frame of the design."""
+    origin = position(board.need("setup"), "aux_axis_origin")
+    return lambda point: (point - origin) * (1, -1)
 
 
 # ---- text
@@ -143,16 +146,13 @@ def test_points_keep_their_place_to_half_a_nanometre(x: float, y: float, x0: int
 
 
 @pytest.mark.slow
-@boards
-def test_tracks_are_the_paths_of_the_coils(make: Any, tmp_path: Path) -> None:
-    array = make()
-    board = written(array, tmp_path)
-    place, layers = Reader(board), copper_names(array.stackup)
+def test_tracks_are_the_paths_of_the_coils(exported: Any) -> None:
+    array, _, board = exported
+    place, layers = reader(board), copper_names(array.stackup)
     tracks = list(board.children("segment"))
     for number, placement in enumerate(array.placements, start=1):
         own = iter([track for track in tracks if track.need("net").number() == number])
-        for line, widths, layer in zip(placement.coil.lines, placement.coil.widths, placement.layers, strict=True):
-            points = placement.to_board(line)
+        for points, widths, layer in placement.traces():
             for start, end, width in zip(points, points[1:], widths, strict=False):
                 track = next(own)
                 assert np.abs(place(position(track, "start")) - start).max() < 1.1 * NANOMETRE
@@ -162,11 +162,9 @@ def test_tracks_are_the_paths_of_the_coils(make: Any, tmp_path: Path) -> None:
         assert next(own, None) is None
 
 
-@pytest.mark.slow
-@boards
-def test_the_path_of_a_coil_is_unbroken(make: Any, tmp_path: Path) -> None:
+def test_the_path_of_a_coil_is_unbroken(exported: Any) -> None:
     """From pad 1 over every track and via to pad 2, to the last digit of the file."""
-    board = written(make(), tmp_path)
+    board = exported[-1]
     ends: dict[str, list[tuple[str, ...]]] = {}
     for track in board.children("segment"):
         pair = [track.need(end).words for end in ("start", "end")]
@@ -179,12 +177,9 @@ def test_the_path_of_a_coil_is_unbroken(make: Any, tmp_path: Path) -> None:
             assert np.abs(pad - np.array(end, dtype=float) * 1e-3).max() < 1e-12  # only the sum of the two is rounded
 
 
-@pytest.mark.slow
-@boards
-def test_vias_and_pads_are_the_holes(make: Any, tmp_path: Path) -> None:
-    array = make()
-    board = written(array, tmp_path)
-    place, layers = Reader(board), copper_names(array.stackup)
+def test_vias_and_pads_are_the_holes(exported: Any) -> None:
+    array, _, board = exported
+    place, layers = reader(board), copper_names(array.stackup)
     holes = drills(array)
     vias = [hole for hole in holes if hole.kind == "via"]
     for via, hole in zip(board.children("via"), vias, strict=True):
@@ -194,12 +189,8 @@ def test_vias_and_pads_are_the_holes(make: Any, tmp_path: Path) -> None:
         assert via.need("layers").words == (layers[hole.layers[0]], layers[hole.layers[-1]])
         assert ("blind" in via.words) == (hole.layers != array.stackup.names)
         assert array.names[int(via.need("net").number()) - 1] == hole.net
-    pads = [
-        (footprint, pad)
-        for footprint in board.children("footprint")
-        for pad in footprint.children("pad")
-        if pad.child("drill")
-    ]
+    parts = board.children("footprint")
+    pads = [(part, pad) for part in parts for pad in part.children("pad") if pad.child("drill")]
     through = [hole for hole in holes if hole.kind == "terminal" and hole.layers == array.stackup.names]
     for (footprint, pad), hole in zip(pads, through, strict=True):
         assert np.abs(place(position(footprint) + position(pad)) - (hole.x, hole.y)).max() < 1.1 * NANOMETRE
@@ -208,31 +199,21 @@ def test_vias_and_pads_are_the_holes(make: Any, tmp_path: Path) -> None:
         assert pad.need("net").text(1) == hole.net
 
 
-@pytest.mark.slow
-def test_terminals_are_pads_1_and_2_of_a_part_named_as_the_coil(tmp_path: Path) -> None:
-    array = reference_board()
-    footprints = list(written(array, tmp_path).children("footprint"))
-    assert [footprint.need("fp_text").words[:2] for footprint in footprints] == [
-        ("reference", f"C{k}") for k in range(1, 7)
-    ]
-    for k, footprint in enumerate(footprints, start=1):
+def test_pads_of_terminals(tmp_path: Path) -> None:
+    for k, footprint in enumerate(written(reference_board(turns=5), tmp_path).children("footprint"), start=1):
+        assert footprint.need("fp_text").words[:2] == ("reference", f"C{k}")
         pads = list(footprint.children("pad"))
         assert [pad.words for pad in pads] == [("1", "thru_hole", "circle"), ("2", "thru_hole", "circle")]
         assert all(pad.need("layers").words == ("*.Cu", "*.Mask") for pad in pads)
         assert all(pad.need("net").words == (str(k), f"C{k}") for pad in pads)
-
-
-def test_a_blind_terminal_is_a_pad_on_its_own_layer(tmp_path: Path) -> None:
+    # that are not drilled
     first, second, third = written(pairs_board(), tmp_path).children("footprint")
     layers = [[pad.need("layers").words for pad in footprint.children("pad")] for footprint in (first, second, third)]
     assert layers == [[("F.Cu", "F.Mask"), ("In1.Cu",)], [("In2.Cu",), ("In3.Cu",)], [("In4.Cu",), ("B.Cu", "B.Mask")]]
     assert all(pad.words[1] == "smd" for pad in first.children("pad"))
-
-
-def test_a_bare_end_has_a_pad_that_adds_no_copper(tmp_path: Path) -> None:
+    # a bare end has a pad that adds no copper
     array = hexagonal_board(4, bare=True)
-    board = written(array, tmp_path)
-    for footprint in board.children("footprint"):
+    for footprint in written(array, tmp_path).children("footprint"):
         one, two = footprint.children("pad")
         assert one.words[1] == two.words[1] == "smd"
         assert (one.need("layers").words, two.need("layers").words) == (("F.Cu",), ("B.Cu",))
@@ -246,46 +227,34 @@ def test_stack_up_and_layers(tmp_path: Path) -> None:
     board = written(CoilArray(stackup, (Placement("A", coil, ("top", "low"), 0, 0),)), tmp_path)
     table = [node for node in board.need("layers").items if isinstance(node, Node)]
     assert [(node.name, *node.words) for node in table[:4]] == [
-        ("0", "F.Cu", "signal", "top"),
-        ("1", "In1.Cu", "signal", "power"),
-        ("2", "In2.Cu", "signal", "signal.2"),
+        ("0", "F.Cu", "signal", "top"), ("1", "In1.Cu", "signal", "power"), ("2", "In2.Cu", "signal", "signal.2"),
         ("31", "B.Cu", "signal", "low"),
-    ]
-    assert [node.text() for node in board.need("setup").need("stackup").children("layer")] == [
-        "F.SilkS", "F.Paste", "F.Mask",
-        "F.Cu", "dielectric 1", "In1.Cu", "dielectric 2", "In2.Cu", "dielectric 3", "B.Cu",
-        "B.Mask", "B.Paste", "B.SilkS",
     ]  # fmt: skip
-    slabs = [node for node in board.need("setup").need("stackup").children("layer") if node.child("thickness")]
-    assert [node.text() for node in slabs] == [
-        "F.Cu", "dielectric 1", "In1.Cu", "dielectric 2", "In2.Cu", "dielectric 3", "B.Cu",
-    ]  # fmt: skip
+    slabs = list(board.need("setup").need("stackup").children("layer"))
+    expected = ["F.Cu", "dielectric 1", "In1.Cu", "dielectric 2", "In2.Cu", "dielectric 3", "B.Cu"]
+    expected = ["F.SilkS", "F.Paste", "F.Mask", *expected, "B.Mask", "B.Paste", "B.SilkS"]
+    assert [node.text() for node in slabs] == expected
+    slabs = slabs[3:-3]
     thickness = [node.need("thickness").number() * 1e-3 for node in slabs]
     assert thickness[::2] == pytest.approx(stackup.copper_thickness, rel=1e-12)
     assert thickness[1::2] == pytest.approx(stackup.dielectric_thickness, rel=1e-12)
     assert [node.need("epsilon_r").number() for node in slabs[1::2]] == list(stackup.epsilon_r)
     assert [node.need("type").text() for node in slabs[1::2]] == ["prepreg", "core", "prepreg"]
     assert board.need("general").need("thickness").number() * 1e-3 == pytest.approx(stackup.thickness, rel=1e-12)
-
-
-def test_a_board_of_one_layer_has_an_empty_back(tmp_path: Path) -> None:
+    # a board of one layer has an empty back
     board = written(single_layer(), tmp_path)
-    copper = [
-        node.text() for node in board.need("layers").items if isinstance(node, Node) and node.text().endswith(".Cu")
-    ]
-    assert copper == ["F.Cu", "B.Cu"]
+    names = [node.text() for node in board.need("layers").items if isinstance(node, Node)]
+    assert [name for name in names if name.endswith(".Cu")] == ["F.Cu", "B.Cu"]
     assert {track.need("layer").text() for track in board.children("segment")} == {"F.Cu"}
     (footprint,) = board.children("footprint")
     assert {pad.need("layers").words for pad in footprint.children("pad")} == {("F.Cu", "*.Mask")}
 
 
-@boards
-def test_the_edge_is_the_board_in_the_middle_of_the_sheet(make: Any, tmp_path: Path) -> None:
-    array = make()
-    board = written(array, tmp_path)
+def test_the_edge_is_the_board_in_the_middle_of_the_sheet(exported: Any) -> None:
+    array, _, board = exported
     edge = board.need("gr_rect")
     corners = np.array([position(edge, "start"), position(edge, "end")])
-    place = Reader(board)
+    place = reader(board)
     x_min, y_min, x_max, y_max = array.bounds
     assert np.abs(np.array([place(corner) for corner in corners]) - [[x_min, y_max], [x_max, y_min]]).max() < NANOMETRE
     assert board.need("paper").words == ("A4",)
@@ -294,50 +263,49 @@ def test_the_edge_is_the_board_in_the_middle_of_the_sheet(make: Any, tmp_path: P
     assert board.need("setup").need("grid_origin").words == board.need("setup").need("aux_axis_origin").words
 
 
-@pytest.mark.parametrize(
-    ("width", "paper"),
-    [(0.2, ("A4",)), (0.3, ("A3",)), (0.45, ("A2",)), (0.7, ("A1",)), (1.0, ("A0",)), (1.12, ("User", "1205", "85"))],
-)
-def test_the_sheet_grows_with_the_board(width: float, paper: tuple[str, ...], tmp_path: Path) -> None:
-    coil = path_coil([[(0, 0), (width, 0)]], 1e-3, 1e-3, VIA)
-    array = CoilArray(FOUR_LAYERS, (Placement("A", coil, ("L1",), 0, 0),))
-    assert written(array, tmp_path).need("paper").words == paper
+def test_the_sheet_grows_with_the_board(tmp_path: Path) -> None:
+    for width, paper in (
+        (0.2, ("A4",)),
+        (0.3, ("A3",)),
+        (0.45, ("A2",)),
+        (0.7, ("A1",)),
+        (1.0, ("A0",)),
+        (1.12, ("User", "1205", "85")),
+    ):
+        assert written(coil_of_one_line(width), tmp_path).need("paper").words == paper
 
 
-def test_every_piece_has_an_identifier_of_its_own(tmp_path: Path) -> None:
-    files = write_kicad(reference_board(), tmp_path / "project", name="board", rules=RULES)
+def test_every_piece_has_an_identifier_of_its_own_that_stays(tmp_path: Path) -> None:
+    files = export(reference_board(), tmp_path)
     for file in files:
         identifiers = re.findall(r"\(tstamp ([^)]*)\)", file.read_text())
         assert len(identifiers) == len(set(identifiers))
     assert len(re.findall(r"\(tstamp ", files[0].read_text())) > 1000
+    # the same design gives the same bytes
+    written(reference_board(turns=5), tmp_path)
+    first = contents(tmp_path)
+    shutil.rmtree(tmp_path / "project")
+    written(reference_board(turns=5), tmp_path)
+    assert contents(tmp_path) == first
 
 
-def test_the_same_design_gives_the_same_bytes(tmp_path: Path) -> None:
-    first = write_kicad(reference_board(), tmp_path / "a", name="board", rules=RULES, title="A title")
-    second = write_kicad(reference_board(), tmp_path / "b", name="board", rules=RULES, title="A title")
-    assert [file.read_bytes() for file in first] == [file.read_bytes() for file in second]
-    assert [file.relative_to(tmp_path / "a") for file in first] == [file.relative_to(tmp_path / "b") for file in second]
-
-
-@pytest.mark.slow
 def test_the_title_is_the_name_where_there_is_none(tmp_path: Path) -> None:
-    titled = write_kicad(reference_board(), tmp_path / "a", name="board", rules=RULES, title='Six "coils"')[0]
-    assert read_sexpr(titled).need("title_block").need("title").text() == 'Six "coils"'
-    assert written(reference_board(), tmp_path).need("title_block").need("title").text() == "board"
+    for options, title in (({"title": 'Six "coils"'}, 'Six "coils"'), ({}, "board")):
+        board = read_sexpr(export(single_layer(), tmp_path, **options)[0])
+        assert board.need("title_block").need("title").text() == title
 
 
 # ---- names on the silk screen
 
 
-@boards
-def test_names_meet_no_pad_no_name_and_no_edge(make: Any) -> None:
-    array = make()
+def test_names_meet_no_pad_no_name_and_no_edge(exported: Any) -> None:
+    array = exported[0]
     labels = silk_labels(array)
     assert None not in labels
     # letters of KiCad's font are at most 1.2 heights apart and reach from 0.9 below to 0.9 above their middle
     boxes = [
         shapely.box(at.x - 0.6 * n * at.size, at.y - 0.9 * at.size, at.x + 0.6 * n * at.size, at.y + 0.9 * at.size)
-        for at, n in ((label, len(name)) for label, name in zip(labels, array.names, strict=True) if label)
+        for at, n in zip(labels, map(len, array.names), strict=True)
     ]
     pads = shapely.union_all([disc(hole.x, hole.y, hole.pad) for hole in drills(array)])
     for k, box in enumerate(boxes):
@@ -359,21 +327,14 @@ def test_a_name_without_a_place_is_not_printed(tmp_path: Path) -> None:
 
 def test_the_limits_are_the_rules_of_the_project(tmp_path: Path) -> None:
     rules = FabRules(0.11e-3, 0.12e-3, 0.23e-3, 0.14e-3, 0.35e-3, 0.26e-3)
-    files = write_kicad(hexagonal_board(4), tmp_path / "project", name="board", rules=rules)
-    project = json.loads(files[1].read_text())
+    project = json.loads(export(hexagonal_board(4), tmp_path, rules=rules)[1].read_text())
     limits = project["board"]["design_settings"]["rules"]
     assert limits == {
-        "allow_blind_buried_vias": True,
-        "allow_microvias": False,
-        "min_clearance": 0.12,
-        "min_copper_edge_clearance": 0.35,
-        "min_hole_clearance": 0.12,
-        "min_hole_to_hole": 0.26,
-        "min_through_hole_diameter": 0.23,
-        "min_track_width": 0.11,
-        "min_via_annular_width": 0.14,
+        "allow_blind_buried_vias": True, "allow_microvias": False, "min_clearance": 0.12,
+        "min_copper_edge_clearance": 0.35, "min_hole_clearance": 0.12, "min_hole_to_hole": 0.26,
+        "min_through_hole_diameter": 0.23, "min_track_width": 0.11, "min_via_annular_width": 0.14,
         "min_via_diameter": 0.51,
-    }
+    }  # fmt: skip
     (default,) = project["net_settings"]["classes"]
     assert default == {"name": "Default", "clearance": 0.12, "track_width": 0.1, "via_diameter": 0.45, "via_drill": 0.2}
     assert project["meta"]["filename"] == "board.kicad_pro"
@@ -383,12 +344,8 @@ def test_the_limits_are_the_rules_of_the_project(tmp_path: Path) -> None:
 
 
 def test_one_footprint_a_shape_and_set_of_layers(tmp_path: Path) -> None:
-    array = reference_board()
-    files = write_kicad(array, tmp_path / "project", name="board", rules=RULES)[3:]
-    assert [file.relative_to(tmp_path / "project").as_posix() for file in files] == [
-        "board.pretty/C1.kicad_mod",
-        "board.pretty/C2.kicad_mod",
-    ]
+    files = export(reference_board(turns=5), tmp_path)[3:]
+    assert [(file.parent.name, file.name) for file in files] == [("board.pretty", f"C{k}.kicad_mod") for k in (1, 2)]
     first, second = (read_sexpr(file) for file in files)
     assert first.need("descr").text() == "winding of C1, C3, C5 on L1, L2"
     assert second.need("descr").text() == "winding of C2, C4, C6 on L3, L4"
@@ -396,10 +353,9 @@ def test_one_footprint_a_shape_and_set_of_layers(tmp_path: Path) -> None:
     assert (table.need("name").text(), table.need("uri").text()) == ("board", "${KIPRJMOD}/board.pretty")
 
 
-@boards
-def test_a_footprint_is_the_winding_about_its_middle(make: Any, tmp_path: Path) -> None:
-    array = make()
-    for file in write_kicad(array, tmp_path / "project", name="board", rules=RULES)[3:]:
+def test_a_footprint_is_the_winding_about_its_middle(exported: Any) -> None:
+    array, files, _ = exported
+    for file in files[3:]:
         footprint = read_sexpr(file)
         placement = array.placements[array.names.index(file.stem)]
         assert footprint.need("tags").text().startswith("net tie")
@@ -419,9 +375,8 @@ def test_a_footprint_is_the_winding_about_its_middle(make: Any, tmp_path: Path) 
 # ---- errors
 
 
-@pytest.mark.parametrize(
-    ("stackup", "message"),
-    [
+def test_layers_that_kicad_cannot_hold(tmp_path: Path) -> None:
+    for stackup, message in (
         (many_layers(3), "must have one copper layer or an even number up to 32; got 3"),
         (many_layers(34), "must have one copper layer or an even number up to 32; got 34"),
         (replace(FOUR_LAYERS, names=("L1", "a:b", "L3", "L4")), "got 'a:b'"),
@@ -430,13 +385,9 @@ def test_a_footprint_is_the_winding_about_its_middle(make: Any, tmp_path: Path) 
         (replace(FOUR_LAYERS, names=("L1", "a\nb", "L3", "L4")), "printable"),
         (replace(FOUR_LAYERS, names=("L1", "F.Cu", "L3", "L4")), "another name for KiCad, where it would be In1.Cu"),
         (replace(FOUR_LAYERS, names=("L1", "F.Mask", "L3", "L4")), "'F.Mask' must have another name"),
-    ],
-)  # fmt: skip
-def test_layers_that_kicad_cannot_hold(stackup: Stackup, message: str, tmp_path: Path) -> None:
-    coil = path_coil([[(0, 0), (1e-2, 0)]], 1e-3, 1e-3, VIA)
-    with pytest.raises(OutputError, match=re.escape(message)):
-        written(CoilArray(stackup, (Placement("A", coil, ("L1",), 0, 0),)), tmp_path)
-    assert not list(tmp_path.iterdir())
+    ):
+        refused(OutputError, re.escape(message), export, coil_of_one_line(1e-2, stackup), tmp_path)
+        assert not list(tmp_path.iterdir())
 
 
 def test_the_names_of_kicad_are_allowed_in_their_own_places() -> None:
@@ -445,32 +396,22 @@ def test_the_names_of_kicad_are_allowed_in_their_own_places() -> None:
     assert list(copper_names(many_layers(32)).values())[-2:] == ["In30.Cu", "B.Cu"]
 
 
-@pytest.mark.parametrize("name", ["", "a b", "a/b", "-x", 'a"b', "ä"])
-def test_names_that_cannot_be_files(name: str, tmp_path: Path) -> None:
-    array = single_layer()
-    with pytest.raises(OutputError, match="name of a project for KiCad must be letters, digits"):
-        write_kicad(array, tmp_path / "project", name=name, rules=RULES)
-    with pytest.raises(OutputError, match="name of a coil for KiCad must be letters, digits"):
-        written(array.with_placements((replace(array.placements[0], name=name),)), tmp_path)
-    assert not list(tmp_path.iterdir())
+def test_names_that_cannot_be_files(tmp_path: Path) -> None:
+    for name in ("", "a b", "a/b", "-x", 'a"b', "ä"):
+        array = single_layer()
+        other = array.with_placements((replace(array.placements[0], name=name),))
+        refused(OutputError, "name of a project for KiCad must be letters, digits", export, array, tmp_path, name=name)
+        refused(OutputError, "name of a coil for KiCad must be letters, digits", export, other, tmp_path)
+        assert not list(tmp_path.iterdir())
 
 
-def test_a_board_larger_than_any_sheet(tmp_path: Path) -> None:
-    coil = path_coil([[(0, 0), (1.5, 0)]], 1e-3, 1e-3, VIA)
-    with pytest.raises(OutputError, match=r"must be at most 1139 mm wide and high; got 1505 mm x 5 mm"):
-        written(CoilArray(FOUR_LAYERS, (Placement("A", coil, ("L1",), 0, 0),)), tmp_path)
-
-
-def test_a_file_in_the_way(tmp_path: Path) -> None:
+def test_a_board_larger_than_any_sheet_or_with_no_place_to_go(tmp_path: Path) -> None:
+    message = r"must be at most 1139 mm wide and high; got 1505 mm x 5 mm"
+    refused(OutputError, message, export, coil_of_one_line(1.5), tmp_path)
+    refused(OutputError, r"cannot write .*: No such file or directory", export, single_layer(), tmp_path / "nowhere")
     (tmp_path / "project").write_text("mine")
-    with pytest.raises(OutputError, match=r"cannot make the folder .*: a file has that name"):
-        written(single_layer(), tmp_path)
+    refused(OutputError, r"cannot make the folder .*: a file has that name", export, single_layer(), tmp_path)
     assert (tmp_path / "project").read_text() == "mine"
-
-
-def test_no_parent_folder(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"cannot write .*: No such file or directory"):
-        written(single_layer(), tmp_path / "nowhere")
 
 
 def test_nothing_is_left_of_a_failed_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -482,43 +423,38 @@ def test_nothing_is_left_of_a_failed_export(tmp_path: Path, monkeypatch: pytest.
         return write(self, *arguments, **options)
 
     monkeypatch.setattr(Path, "write_text", fail_at_the_footprint)
-    with pytest.raises(OutputError, match="No space left on device"):
-        written(single_layer(), tmp_path)
+    refused(OutputError, "No space left on device", export, single_layer(), tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+OTHER = reference_board(turns=3)
 
 
 def test_a_new_export_replaces_its_own_files_only(tmp_path: Path) -> None:
     written(single_layer(), tmp_path)
     (tmp_path / "project" / "notes.txt").write_text("mine")
-    assert len(list(written(reference_board(), tmp_path).children("footprint"))) == 6
+    assert len(list(written(OTHER, tmp_path).children("footprint"))) == 6
     assert (tmp_path / "project" / "notes.txt").read_text() == "mine"
     assert [file.name for file in tmp_path.iterdir()] == ["project"]
 
 
 def contents(folder: Path) -> dict[str, bytes | None]:
     """Bytes of every file and None for every folder."""
-    return {
-        str(path.relative_to(folder)): None if path.is_dir() else path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-    }
+    return {str(path): None if path.is_dir() else path.read_bytes() for path in sorted(folder.rglob("*"))}
 
 
 def test_a_file_where_the_footprints_belong_leaves_the_old_board(tmp_path: Path) -> None:
     written(single_layer(), tmp_path)
-    for file in (tmp_path / "project" / "board.pretty").iterdir():
-        file.unlink()
-    (tmp_path / "project" / "board.pretty").rmdir()
-    (tmp_path / "project" / "board.pretty").write_text("mine")
+    library = tmp_path / "project" / "board.pretty"
+    shutil.rmtree(library)
+    library.write_text("mine")
     before = contents(tmp_path)
-    with pytest.raises(OutputError, match=r"cannot make the folder .*board\.pretty: a file has that name"):
-        written(reference_board(), tmp_path)
+    refused(OutputError, r"cannot make the folder .*board\.pretty: a file has that name", export, OTHER, tmp_path)
     assert contents(tmp_path) == before
 
 
 @pytest.mark.parametrize("old", [True, False])
-def test_a_board_that_cannot_be_replaced_whole_stays(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, old: bool
-) -> None:
+def test_a_board_that_cannot_be_replaced_whole_stays(tmp_path: Path, monkeypatch: Any, old: bool) -> None:
     """The footprints come last; root may write everywhere, so the refusal of the system is played."""
     if old:
         written(single_layer(), tmp_path)
@@ -534,8 +470,8 @@ def test_a_board_that_cannot_be_replaced_whole_stays(
         return replace_file(self, target)
 
     monkeypatch.setattr(Path, "replace", fail_at_the_footprint)
-    with pytest.raises(OutputError, match=r"cannot write .*board\.pretty.C1\.kicad_mod: Permission denied"):
-        written(reference_board(), tmp_path)
+    message = r"cannot write .*board\.pretty.C1\.kicad_mod: Permission denied"
+    refused(OutputError, message, export, OTHER, tmp_path)
     assert contents(tmp_path) == before
 
 
@@ -549,8 +485,7 @@ def test_a_board_that_is_refused_leaves_all_as_it_was(tmp_path: Path, old: bool)
         assert len(list(read_sexpr(board).children("footprint"))) == 6  # the new one
         raise RuleViolationError("not this one")
 
-    with pytest.raises(RuleViolationError):
-        write_kicad(reference_board(), tmp_path / "project", name="board", rules=RULES, check=refuse)
+    refused(RuleViolationError, "not this one", export, OTHER, tmp_path, check=refuse)
     assert contents(tmp_path) == before
 
 
@@ -566,41 +501,29 @@ def kicad() -> Kicad:
 
 
 @pytest.mark.slow
-@boards
-def test_kicad_finds_nothing(make: Any, kicad: Kicad, tmp_path: Path) -> None:
-    board = write_kicad(make(), tmp_path / "project", name="board", rules=RULES)[0]
-    assert kicad.findings(board) == []
-
-
-@pytest.mark.slow
-def test_kicad_finds_only_inner_terminals(kicad: Kicad, tmp_path: Path) -> None:
-    """KiCad 9 says that a pad on an inner layer cannot be reached, which is so; KiCad 6 says nothing."""
-    board = write_kicad(pairs_board(), tmp_path / "project", name="board", rules=RULES)[0]
-    findings = kicad.findings(board)
-    assert {finding.split(":")[0] for finding in findings} <= {"padstack"}
-    assert len(findings) in (0, 4)
+def test_kicad_finds_nothing(exported: Any, kicad: Kicad) -> None:
+    assert kicad.findings(exported[1][0]) == []
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("limit", "kinds"),
     [
-        ({"min_trace": 0.2e-3}, {"track_width"}),
-        ({"min_gap": 5e-3}, {"clearance"}),
-        ({"min_drill": 0.3e-3}, {"drill_out_of_range"}),
-        ({"min_annular_ring": 0.2e-3}, {"annular_width"}),
+        ({"min_trace": 0.2e-3}, {"track_width"}), ({"min_gap": 8e-3}, {"clearance"}),
+        ({"min_drill": 0.3e-3}, {"drill_out_of_range"}), ({"min_annular_ring": 0.2e-3}, {"annular_width"}),
         ({"min_edge_clearance": 2.5e-3}, {"copper_edge_clearance"}),
         ({"min_hole_spacing": 1.5e-3}, {"hole_near_hole", "hole_to_hole"}),
     ],
-)
+)  # fmt: skip
 def test_kicad_checks_each_limit(limit: dict[str, float], kinds: set[str], kicad: Kicad, tmp_path: Path) -> None:
-    board = write_kicad(reference_board(), tmp_path / "project", name="board", rules=FabRules(**limit))[0]
-    assert kinds & {finding.split(":")[0] for finding in kicad.findings(board)}
+    findings = kicad.findings(export(OTHER, tmp_path, rules=FabRules(**limit))[0])
+    assert kinds & {finding.split(":")[0] for finding in findings}
 
 
-def test_kicad_finds_a_missing_track_and_ink_on_a_pad(kicad: Kicad, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_kicad_finds_what_is_wrong_and_nothing_else(kicad: Kicad, tmp_path: Path) -> None:
     """So that finding nothing means something."""
-    board = write_kicad(single_layer(), tmp_path / "project", name="board", rules=RULES)[0]
+    board = export(single_layer(), tmp_path)[0]
     text = board.read_text()
     pad = re.search(r'\(pad "1".*?(\(at [^)]*\))', text)
     assert pad is not None
@@ -609,33 +532,39 @@ def test_kicad_finds_a_missing_track_and_ink_on_a_pad(kicad: Kicad, tmp_path: Pa
     board.write_text(text.replace(tracks[5], ""))
     kinds = {finding.split(":")[0] for finding in kicad.findings(board)}
     assert {"unconnected_items", "track_dangling", "silk_over_copper"} <= kinds
+    # KiCad 9 says that a pad on an inner layer cannot be reached, which is so; KiCad 6 says nothing
+    """KiCad 9 says that a pad on an inner layer cannot be reached, which is so; KiCad 6 says nothing."""
+    findings = kicad.findings(export(pairs_board(), tmp_path)[0])
+    assert {finding.split(":")[0] for finding in findings} <= {"padstack"}
+    assert len(findings) in (0, 4)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("design", ["gast2020", "starter"])
-def test_gerbers_of_kicad_are_the_copper(design: str, kicad: Kicad, tmp_path: Path) -> None:
-    array = load_design(design).array
-    files = gerbers(kicad, write_kicad(array, tmp_path / "project", name=design, rules=RULES)[0])
+@pytest.mark.parametrize(
+    "array", [reference_board(count=2), load_design("starter").array], ids=["hexagonal", "starter"]
+)
+def test_gerbers_of_kicad_are_the_copper(array: CoilArray, kicad: Kicad, tmp_path: Path) -> None:
+    files = gerbers(kicad, export(array, tmp_path)[0])
+    gerbonara = pytest.importorskip("gerbonara")
     size = np.hypot(*np.subtract(array.bounds[2:], array.bounds[:2]))
     last = len(array.stackup.names)
     for k, layer in enumerate(array.stackup.names, start=1):
-        plotted = gerber_copper(files[f"Copper,L{k},{'Top' if k == 1 else 'Bot' if k == last else 'Inr'}"])
+        file = files[f"Copper,L{k},{'Top' if k == 1 else 'Bot' if k == last else 'Inr'}"]
+        plotted = drawn_copper(gerbonara.GerberFile.open(file))
         expected = shapely.union_all(list(copper_by_layer(array)[layer].values()))
         # KiCad's tracks have round corners, those of `copper` are mitred: 2e-4 of the area
         assert plotted.area == pytest.approx(expected.area, rel=1e-3)
         assert np.abs(np.subtract(plotted.bounds, expected.bounds)).max() < 1e-3 * size
         assert plotted.symmetric_difference(expected).area < 1e-3 * expected.area
-    edge = gerber_copper(files["Profile,NP"])
+    edge = drawn_copper(gerbonara.GerberFile.open(files["Profile,NP"]))
     assert np.abs(np.subtract(edge.bounds, board_outline(array).bounds)).max() < 0.026e-3  # half the pen
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [reference_board, single_layer], ids=lambda make: make.__name__)
-def test_kicad_keeps_the_thicknesses(make: Any, kicad: Kicad, tmp_path: Path) -> None:
+@pytest.mark.parametrize("array", [OTHER, single_layer()], ids=["four layers", "one layer"])
+def test_kicad_keeps_the_thicknesses(array: CoilArray, kicad: Kicad, tmp_path: Path) -> None:
     """In the job file for the board house; KiCad tells none where it discards the stack-up."""
-    array = make()
-    board = write_kicad(array, tmp_path / "project", name="board", rules=RULES)[0]
-    job = json.loads(gerbers(kicad, board)["Job"].read_text(encoding="utf-8"))
+    job = json.loads(gerbers(kicad, export(array, tmp_path)[0])["Job"].read_text(encoding="utf-8"))
     copper = [layer["Thickness"] for layer in job["MaterialStackup"] if layer["Type"] == "Copper"]
     slabs = [layer["Thickness"] for layer in job["MaterialStackup"] if layer["Type"] == "Dielectric"]
     names = len(array.stackup.names)
@@ -644,35 +573,11 @@ def test_kicad_keeps_the_thicknesses(make: Any, kicad: Kicad, tmp_path: Path) ->
     assert len(slabs) == len(copper) - 1
 
 
-def test_plots_of_a_board_at_a_relative_path(kicad: Kicad, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_kicad(single_layer(), tmp_path / "project", name="board", rules=RULES)
-    monkeypatch.chdir(tmp_path)
-    files = gerbers(kicad, Path("project/board.kicad_pcb"))
-    assert "Copper,L1,Top" in files
-    assert {file.parent for file in files.values()} == {tmp_path.resolve() / "project" / "plots"}
-
-
-def gerber_copper(path: Path) -> shapely.Geometry:
-    """What a Gerber file draws, in m."""
-    rs274x = pytest.importorskip("gerbonara.rs274x")
-    objects = pytest.importorskip("gerbonara.graphic_objects")
-    shapes = []
-    for drawn in rs274x.GerberFile.open(path).objects:
-        if isinstance(drawn, objects.Flash):
-            shapes.append(disc(drawn.x, drawn.y, drawn.aperture.diameter))
-        else:
-            assert isinstance(drawn, objects.Line)
-            line = shapely.LineString([(drawn.x1, drawn.y1), (drawn.x2, drawn.y2)])
-            shapes.append(line.buffer(drawn.aperture.diameter / 2, quad_segs=16))
-    return shapely.transform(shapely.union_all(shapes), lambda xy: 1e-3 * xy)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [reference_board, winding_and_return, single_layer], ids=lambda make: make.__name__)
-def test_kicad_takes_the_footprints(make: Any, kicad: Kicad, tmp_path: Path) -> None:
+@pytest.mark.parametrize("array", [OTHER, winding_and_return(), single_layer()], ids=["spirals", "widths", "one layer"])
+def test_kicad_takes_the_footprints(array: CoilArray, kicad: Kicad, tmp_path: Path) -> None:
     """Placed on an empty board, the terminals on two nets: the check compares them with the library, and is content."""
-    array = make()
-    files = write_kicad(array, tmp_path / "project", name="board", rules=RULES)
+    files = export(array, tmp_path)
     for file in files[3:]:
         board = files[0].with_name(f"{file.stem}.kicad_pcb")
         board.write_text(with_footprint(files[0].read_text(), file.read_text(), f"board:{file.stem}"))
@@ -685,9 +590,8 @@ def with_footprint(board: str, footprint: str, link: str) -> str:
     x, y = parse_sexpr(board).need("setup").need("aux_axis_origin").words
     footprint = re.sub(r'\(footprint ".*', f'(footprint "{link}" (layer "F.Cu") (at {x} {y})', footprint, count=1)
     for number in ("1", "2"):
-        footprint = re.sub(
-            rf'(\(pad "{number}".*)\)$', rf'\1 (net {number} "N{number}"))', footprint, flags=re.MULTILINE
-        )
+        pad = rf'(\(pad "{number}".*)\)$'
+        footprint = re.sub(pad, rf'\1 (net {number} "N{number}"))', footprint, flags=re.MULTILINE)
     empty = re.sub(r"\n  \((segment|via|net [1-9]) .*|\n  \(footprint (.|\n)*?\n  \)", "", board)
     nets = '  (net 1 "N1")\n  (net 2 "N2")\n'
     return empty.removesuffix(")\n") + nets + footprint + ")\n"

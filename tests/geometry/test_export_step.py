@@ -9,6 +9,7 @@ import importlib.util
 import math
 import os
 import sys
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,14 +17,15 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
-from support.boards import LEADS, VIA, many_layers, one_coil, reference_board
+from support.boards import LEADS, SHEETS, VIA, WOUND, many_layers, one_coil, reference_board
+from support.refusals import refused
 
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
-from coilarray.geometry import CoilArray, Placement, Sheet, Spiral, drills, path_coil, solids, spiral_coil
+from coilarray.geometry import CoilArray, Placement, Sheet, drills, path_coil, solids
 from coilarray.geometry.copper import disc
 from coilarray.geometry.export import step
 from coilarray.geometry.export.step import write_step
-from coilarray.geometry.prisms import board_prisms, sheet_prisms
+from coilarray.geometry.solids import board_prisms, sheet_prisms
 
 pytestmark = pytest.mark.slow
 
@@ -31,37 +33,24 @@ needs_occt = pytest.mark.skipif(
     importlib.util.find_spec("OCP") is None, reason='no Open CASCADE: pip install "coilarray[step]"'
 )
 
-SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
 FLAT = 1e-9  # relative: volumes of flat faces in float64, 1e-7 mm apart at worst in the file
 ROUND = 1e-6  # relative: a circle of 4096 corners has 4e-7 less area than the true one
 
 
-def spiral(sides, layers, rotation, *, through_holes=True):
-    winding = Spiral(sides, 6e-3, 6, 0.15e-3, 0.15e-3, circular=sides > 8)
-    return one_coil(spiral_coil(winding, layers, VIA, LEADS), rotation=rotation, through_holes=through_holes)
-
-
-def bare_trace():
-    return one_coil(path_coil([[(0, 0), (8e-3, 0), (8e-3, 5e-3)]], 0.2e-3, 0.2e-3, VIA))
-
-
 BOARDS = {
-    "reference": reference_board(),
-    "triangle": spiral(3, 2, 0.4),
-    "four layers, blind holes": spiral(4, 4, 1.0, through_holes=False),
-    "circle": spiral(32, 2, -2.0),
-    "no holes": bare_trace(),
+    "reference": reference_board(count=2, turns=10),
+    **WOUND,
+    "no holes": one_coil(path_coil([[(0, 0), (8e-3, 0), (8e-3, 5e-3)]], 0.2e-3, 0.2e-3, VIA)),
 }
 
 
 @dataclass(frozen=True)
 class Part:
-    shape: object
     volume: float  # mm³
     heights: tuple[float, float]  # mm
     faces: dict[str, int]
     valid: bool
-    colours: frozenset[tuple[float, ...]]
+    colours: set[tuple[float, ...]]
 
 
 def read_step(path):
@@ -73,11 +62,7 @@ def read_step(path):
     from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
 
     def children(label):
-        found, iterator = [], TDF_ChildIterator(label)
-        while iterator.More():
-            found.append(iterator.Value())
-            iterator.Next()
-        return found
+        return list(each(TDF_ChildIterator(label), TDF_ChildIterator.Value))
 
     document = TDocStd_Document(TCollection_ExtendedString("MDTV-XCAF"))
     reader = STEPCAFControl_Reader()
@@ -95,6 +80,13 @@ def read_step(path):
         assert name_of(component) == name_of(product)
         parts[name_of(product)] = part(XCAFDoc_ShapeTool.GetShape_s(product), colours)
     return name_of(assembly), parts
+
+
+def each(iterator, current):
+    """What an iterator of Open CASCADE goes over."""
+    while iterator.More():
+        yield current(iterator)
+        iterator.Next()
 
 
 def name_of(label):
@@ -121,32 +113,16 @@ def part(shape, colours):
     properties, box = GProp_GProps(), Bnd_Box()
     BRepGProp.VolumeProperties_s(shape, properties)
     BRepBndLib.Add_s(shape, box, False)
-    faces, seen = {}, set()
-    explorer = TopExp_Explorer(shape, TopAbs_FACE)
-    while explorer.More():
-        surface = BRepAdaptor_Surface(to_face(TopoDS, explorer.Current()))
-        kind = surface.GetType().name
-        faces[kind] = faces.get(kind, 0) + 1
-        explorer.Next()
-    explorer = TopExp_Explorer(shape, TopAbs_SOLID)
-    while explorer.More():
+    to_face = getattr(TopoDS, "Face_s", None) or TopoDS.Face  # two names in the versions of the bindings
+    found = each(TopExp_Explorer(shape, TopAbs_FACE), TopExp_Explorer.Current)
+    faces = Counter(BRepAdaptor_Surface(to_face(face)).GetType().name for face in found)
+    seen = set()
+    for solid in each(TopExp_Explorer(shape, TopAbs_SOLID), TopExp_Explorer.Current):
         colour = Quantity_ColorRGBA()
-        assert colours.GetColor(explorer.Current(), XCAFDoc_ColorSurf, colour)
+        assert colours.GetColor(solid, XCAFDoc_ColorSurf, colour)
         seen.add((colour.GetRGB().Red(), colour.GetRGB().Green(), colour.GetRGB().Blue(), colour.Alpha()))
-        explorer.Next()
-    return Part(
-        shape,
-        properties.Mass(),
-        (box.CornerMin().Z(), box.CornerMax().Z()),
-        faces,
-        BRepCheck_Analyzer(shape).IsValid(),
-        frozenset(seen),
-    )
-
-
-def to_face(topods, shape):
-    """The cast has two names in the versions of the bindings."""
-    return (getattr(topods, "Face_s", None) or topods.Face)(shape)
+    heights = (box.CornerMin().Z(), box.CornerMax().Z())
+    return Part(properties.Mass(), heights, faces, BRepCheck_Analyzer(shape).IsValid(), seen)
 
 
 @pytest.fixture(params=BOARDS.values(), ids=BOARDS.keys(), scope="module")
@@ -159,11 +135,18 @@ def read(request, tmp_path_factory):
 
 
 @needs_occt
-def test_parts_are_those_of_the_solids(read):
+def test_parts_are_those_of_the_solids_in_their_colours(read):
     array, parts, _ = read
     assert set(parts) == set(solids(array, SHEETS))
     for name, found in parts.items():
         assert found.valid, name
+    _, parts, path = read
+    by_kind = {}
+    for name, found in parts.items():
+        by_kind.setdefault(name.split("/")[0], set()).update(found.colours)
+    assert all(len(colours) == 1 for colours in by_kind.values())
+    assert len(set.union(*by_kind.values())) == len(by_kind)
+    assert "SI_UNIT(.MILLI.,.METRE.)" in path.read_text(encoding="ascii")
 
 
 @needs_occt
@@ -177,6 +160,13 @@ def test_volumes_and_heights(read, monkeypatch):
         assert parts[name].volume == pytest.approx(expected, rel=tolerance), name
         # the reader's boxes are wider by its tolerance of 1e-7 mm
         assert parts[name].heights == pytest.approx((prism.bottom * 1e3, prism.top * 1e3), abs=1e-6)
+    # barrels in closed form
+    array, parts, _ = read
+    for net in array.names:
+        for n, hole in enumerate(hole for hole in drills(array) if hole.net == net and hole.drilled):
+            bottom, top = array.stackup.span(hole.layers[-1])[0], array.stackup.span(hole.layers[0])[1]
+            wall = math.pi * hole.plating * (hole.diameter - hole.plating)
+            assert parts[f"barrel/{net}/{n}"].volume == pytest.approx(wall * (top - bottom) * 1e9, rel=1e-9)
 
 
 @needs_occt
@@ -200,36 +190,7 @@ def test_circles_are_true(read):
 
 
 @needs_occt
-def test_barrel_volume_in_closed_form(read):
-    array, parts, _ = read
-    for net in array.names:
-        for n, hole in enumerate(hole for hole in drills(array) if hole.net == net and hole.drilled):
-            bottom, top = array.stackup.span(hole.layers[-1])[0], array.stackup.span(hole.layers[0])[1]
-            wall = math.pi * hole.plating * (hole.diameter - hole.plating)
-            assert parts[f"barrel/{net}/{n}"].volume == pytest.approx(wall * (top - bottom) * 1e9, rel=1e-9)
-
-
-@needs_occt
-def test_every_kind_has_its_colour(read):
-    _, parts, path = read
-    by_kind = {}
-    for name, found in parts.items():
-        by_kind.setdefault(name.split("/")[0], set()).update(found.colours)
-    assert all(len(colours) == 1 for colours in by_kind.values())
-    assert len(set.union(*by_kind.values())) == len(by_kind)
-    assert "SI_UNIT(.MILLI.,.METRE.)" in path.read_text(encoding="ascii")
-
-
-@needs_occt
-def test_the_file_of_the_reference_board_stays_small(tmp_path):
-    path = tmp_path / "board.stp"
-    write_step(BOARDS["reference"], path, name="reference")
-    # 7.7 MB as it is; 50 MB with polygons for circles, 97 MB with curves on every face as well
-    assert path.stat().st_size < 10e6
-
-
-@needs_occt
-def test_nothing_is_printed_and_settings_are_put_back(tmp_path, capfd):
+def test_the_file_stays_small_and_nothing_is_printed(tmp_path, capfd):
     from OCP.Interface import Interface_Static
     from OCP.Message import Message
 
@@ -241,15 +202,18 @@ def test_nothing_is_printed_and_settings_are_put_back(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
     assert Interface_Static.IVal_s("write.surfacecurve.mode") == 1
     assert [printer.GetTraceLevel() for printer in Message.DefaultMessenger_s().Printers()] == levels
+    path = tmp_path / "board.stp"
+    write_step(BOARDS["reference"], path, name="reference")
+    # 1.0 MB as it is; 15 MB with polygons for circles, 37 MB with curves on every face as well
+    assert path.stat().st_size < 1.5e6
 
 
 @needs_occt
 def test_overlapping_holes_still_make_solids(tmp_path):
     """Two coils whose terminals are drilled into each other: arcs where they are left, edges where they are not."""
     coil = path_coil([[(0, 0), (5e-3, 0)]], 0.2e-3, 0.2e-3, VIA, LEADS.terminal)
-    array = CoilArray(
-        many_layers(2), (Placement("A", coil, ("L1",), 0, 0), Placement("B", coil, ("L2",), 0.3e-3, 0.1e-3))
-    )
+    placements = (Placement("A", coil, ("L1",), 0, 0), Placement("B", coil, ("L2",), 0.3e-3, 0.1e-3))
+    array = CoilArray(many_layers(2), placements)
     write_step(array, tmp_path / "board.step", name="broken")
     _, parts = read_step(tmp_path / "board.step")
     for name, solid in solids(array).items():
@@ -269,13 +233,15 @@ def corners(polygon):
 
 
 @given(k=st.integers(0, 1), start=st.integers(0, 127))
-def test_a_whole_circle_is_recognized(k, start):
+def test_which_edges_are_arcs(k, start):
     x, y, radius = CIRCLES[k]
     ring = np.roll(corners(disc(x, y, 2 * radius)), start, axis=0)
     assert (step._owners(ring, CIRCLES) == k).all()
     assert (step._owners(ring[::-1], CIRCLES) == k).all()
     assert (step._owners(ring, CIRCLES[:0]) == -1).all()
     assert (step._owners(ring, CIRCLES[1 - k : 2 - k]) == -1).all()
+    square = np.array([(0.25e-3, 0), (0, 0.25e-3), (-0.25e-3, 0), (0, -0.25e-3)])  # its corners lie on the circle
+    assert (step._owners(square, CIRCLES) == -1).all()
 
 
 @given(width=st.floats(0.05e-3, 0.4e-3), angle=st.floats(0, 2 * math.pi))
@@ -292,47 +258,39 @@ def test_a_pad_with_a_trace_keeps_its_arc(width, angle):
     assert len(straight) >= 3
 
 
-def test_other_polygons_have_no_arcs():
-    square = np.array([(0.25e-3, 0), (0, 0.25e-3), (-0.25e-3, 0), (0, -0.25e-3)])  # its corners lie on the circle
-    assert (step._owners(square, CIRCLES) == -1).all()
-
-
 # ---- what cannot be written
 
 
 def test_files_that_cannot_be(tmp_path, monkeypatch):
     array = BOARDS["no holes"]
-    with pytest.raises(OutputError, match=r"the suffix must be \.step or \.stp; got '\.iges'"):
-        write_step(array, tmp_path / "board.iges", name="board")
+    message = r"the suffix must be \.step or \.stp; got '\.iges'"
+    refused(OutputError, message, write_step, array, tmp_path / "board.iges", name="board")
     monkeypatch.setitem(sys.modules, "OCP", None)
     monkeypatch.setitem(sys.modules, "OCP.STEPCAFControl", None)
-    with pytest.raises(MissingDependencyError, match=r'STEP files need cadquery-ocp-novtk, .*"coilarray\[step\]"'):
-        write_step(array, tmp_path / "board.step", name="board")
+    message = r'STEP files need cadquery-ocp-novtk, .*"coilarray\[step\]"'
+    refused(MissingDependencyError, message, write_step, array, tmp_path / "board.step", name="board")
     assert list(tmp_path.iterdir()) == []
 
 
 @needs_occt
-def test_a_broken_open_cascade_is_not_called_missing(tmp_path, monkeypatch):
+def test_a_failed_export(tmp_path, monkeypatch):
+    array = BOARDS["no holes"]
+    message, twice = r"cannot write .*board\.step: No such file or directory", (Sheet("base", 1e-3),) * 2
+    refused(OutputError, message, write_step, array, tmp_path / "missing" / "board.step", name="board")
+    message = "sheet names must differ; got base, base"
+    refused(GeometryError, message, write_step, array, tmp_path / "board.step", name="board", sheets=twice)
+    assert list(tmp_path.iterdir()) == []
+    # a broken Open CASCADE is not called missing
     monkeypatch.setitem(sys.modules, "OCP.STEPCAFControl", None)
-    with pytest.raises(MissingDependencyError, match=r"which cannot be loaded: import of OCP\.STEPCAFControl halted"):
-        write_step(BOARDS["no holes"], tmp_path / "board.step", name="board")
+    export = (write_step, BOARDS["no holes"], tmp_path / "board.step")
+    message = r"which cannot be loaded: import of OCP\.STEPCAFControl halted"
+    refused(MissingDependencyError, message, *export, name="board")
 
     def interrupted(name):
         raise ImportError("initialization failed") from KeyboardInterrupt()  # as its modules do at Ctrl-C
 
     monkeypatch.setattr(importlib, "import_module", interrupted)
-    with pytest.raises(MissingDependencyError, match=r"which cannot be loaded: KeyboardInterrupt\."):
-        write_step(BOARDS["no holes"], tmp_path / "board.step", name="board")
-
-
-@needs_occt
-def test_files_that_open_cascade_cannot_write(tmp_path):
-    array = BOARDS["no holes"]
-    with pytest.raises(OutputError, match=r"cannot write .*board\.step: No such file or directory"):
-        write_step(array, tmp_path / "missing" / "board.step", name="board")
-    with pytest.raises(GeometryError, match="sheet names must differ; got base, base"):
-        write_step(array, tmp_path / "board.step", name="board", sheets=(Sheet("base", 1e-3), Sheet("base", 2e-3)))
-    assert list(tmp_path.iterdir()) == []
+    refused(MissingDependencyError, r"which cannot be loaded: KeyboardInterrupt\.", *export, name="board")
 
 
 @needs_occt

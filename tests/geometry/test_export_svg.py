@@ -8,10 +8,11 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 import shapely
-from support.boards import LEADS, VIA, one_coil, reference_board
+from support.boards import VIA, WOUND, reference_board, wound_board
+from support.refusals import refused
 
 from coilarray.errors import OutputError
-from coilarray.geometry import CoilArray, Placement, Spiral, Stackup, copper_by_layer, drills, path_coil, spiral_coil
+from coilarray.geometry import CoilArray, Placement, Stackup, copper_by_layer, drills, path_coil
 from coilarray.geometry.export.svg import write_svg
 
 ROUNDING = 0.501e-4  # mm: coordinates are written with four digits after the point
@@ -20,17 +21,7 @@ LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
 
 
-def spiral(sides, layers, rotation, *, through_holes=True):
-    winding = Spiral(sides, 6e-3, 6, 0.15e-3, 0.15e-3, circular=sides > 8)
-    return one_coil(spiral_coil(winding, layers, VIA, LEADS), rotation=rotation, through_holes=through_holes)
-
-
-BOARDS = {
-    "reference": reference_board(),
-    "triangle": spiral(3, 2, 0.4),
-    "circle": spiral(96, 2, -2.0),
-    "four layers, blind holes": spiral(4, 4, 1.0, through_holes=False),
-}
+BOARDS = {"reference": reference_board(count=2), **WOUND}
 
 
 @pytest.fixture(params=BOARDS.values(), ids=BOARDS.keys(), scope="module")
@@ -50,12 +41,11 @@ def rings(path):
     """Corners of every closed ring of a path of straight lines, each of shape (n, 2)."""
     data = path.get("d")
     assert re.fullmatch(r"[MZ0-9., -]*", data)
-    return [
-        np.array([corner.split(",") for corner in ring.split()], dtype=float) for ring in re.findall("M(.*?)Z", data)
-    ]
+    found = re.findall("M(.*?)Z", data)
+    return [np.array([corner.split(",") for corner in ring.split()], dtype=float) for ring in found]
 
 
-def test_the_page_is_the_board_in_millimetres(read):
+def test_the_page_is_the_board_in_millimetres_in_layers_of_their_own_colour(read):
     array, root = read
     x, y, width, height = map(float, root.get("viewBox").split())
     assert root.get("width") == f"{width:g}mm"
@@ -66,9 +56,6 @@ def test_the_page_is_the_board_in_millimetres(read):
     assert (x, y) == pytest.approx((x_min - margin, -y_max - margin), abs=ROUNDING)
     assert (x + width, y + height) == pytest.approx((x_max + margin, -y_min + margin), abs=2 * ROUNDING)
     assert root.find(f"{SVG}title").text == "a board"
-
-
-def test_layers_lie_in_order_and_differ_in_colour(read):
     array, root = read
     layers = groups(root)
     assert list(layers) == ["outline", *reversed(array.stackup.names), "drills", "names"]
@@ -79,7 +66,6 @@ def test_layers_lie_in_order_and_differ_in_colour(read):
     assert len(set(identities)) == len(identities) == len(layers) + 1
 
 
-@pytest.mark.slow
 def test_copper_is_that_of_the_board(read):
     array, root = read
     for name in array.stackup.names:
@@ -116,9 +102,9 @@ def test_edge_holes_and_names(read):
         assert (x, y) == pytest.approx((placement.x * 1e3, placement.y * 1e3), abs=ROUNDING)
 
 
-def test_equal_boards_give_equal_bytes(tmp_path):
+def test_equal_boards_give_equal_bytes_and_any_name_is_kept(tmp_path):
     for name in ("a.svg", "b.svg"):
-        write_svg(spiral(5, 2, 1.0), tmp_path / name)
+        write_svg(wound_board(5, 2, 1.0), tmp_path / name)
     first = (tmp_path / "a.svg").read_bytes()
     assert first == (tmp_path / "b.svg").read_bytes()
     assert first.startswith(b'<?xml version="1.0" encoding="UTF-8"?>\n<svg ')
@@ -126,9 +112,6 @@ def test_equal_boards_give_equal_bytes(tmp_path):
     assert b"-0," not in first
     assert b"title>" in first  # those of the coils
     assert b"\n <title>" not in first  # the drawing has none
-
-
-def test_any_name_is_kept(tmp_path):
     coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, VIA)
     board = Stackup(('<top> & "µ"',), (35e-6,), (), ())
     write_svg(CoilArray(board, (Placement("A<&>'\"ü", coil, board.names, 0, 0),)), tmp_path / "board.svg", title="<&>")
@@ -140,8 +123,7 @@ def test_any_name_is_kept(tmp_path):
 
 def test_files_that_cannot_be(tmp_path):
     array = BOARDS["triangle"]
-    with pytest.raises(OutputError, match=r"the suffix must be \.svg; got '\.png'"):
-        write_svg(array, tmp_path / "board.png")
-    with pytest.raises(OutputError, match=r"cannot write .*board\.svg: No such file or directory"):
-        write_svg(array, tmp_path / "missing" / "board.svg")
+    refused(OutputError, r"the suffix must be \.svg; got '\.png'", write_svg, array, tmp_path / "board.png")
+    message = r"cannot write .*board\.svg: No such file or directory"
+    refused(OutputError, message, write_svg, array, tmp_path / "missing" / "board.svg")
     assert list(tmp_path.iterdir()) == []

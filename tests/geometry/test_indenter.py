@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.refusals import refused
 
 from coilarray.errors import GeometryError
 from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
@@ -58,33 +59,21 @@ def test_round_bodies_satisfy_the_equation_of_a_circle(indenter):
     assert (R - indenter.profile(r)) ** 2 + r**2 == pytest.approx(np.full(50, R**2), rel=1e-14)
 
 
-def test_ball_near_its_tip_is_a_paraboloid():
+def test_balls_near_their_tip_and_cones():
     r = np.array([1e-9, 1e-7, 1e-5])
     ball, paraboloid = Hemisphere(R).profile(r), Paraboloid(R).profile(r)
     # next term of the series: r⁴/(8R³), relative r²/(4R²) = 4e-6; no digits lost at r = 1 nm
     assert ball == pytest.approx(paraboloid, rel=5e-6)
     assert ball[-1] / paraboloid[-1] - 1 == pytest.approx((r[-1] / (2 * R)) ** 2, rel=1e-3)  # further terms: 1e-5
-
-
-def test_cone_rises_with_the_cotangent_of_its_half_angle():
     assert Cone(math.atan(4.0)).profile([0.0, 1e-3]) == pytest.approx([0.0, 0.25e-3], rel=1e-12)  # roundings
     assert Cone(math.atan(4.0)).reach == math.inf
 
 
-@pytest.mark.parametrize("body", [Hemisphere, Paraboloid, FlatPunch, CylinderEdge])
-@pytest.mark.parametrize("radius", [0.0, -1e-3, math.inf, math.nan])
-def test_radius_must_be_positive_and_finite(body, radius):
-    with pytest.raises(GeometryError, match="must be positive and finite; got"):
-        body(radius)
-
-
-@pytest.mark.parametrize("angle", [0.0, -0.1, math.pi / 2, math.nan])
-def test_half_angle_of_a_cone_must_be_acute(angle):
-    with pytest.raises(GeometryError, match="between 0 and π/2"):
-        Cone(angle)
-
-
-@pytest.mark.parametrize("radius", [0.0, -1.0, math.nan])
-def test_radius_of_a_cone_must_be_positive(radius):
-    with pytest.raises(GeometryError, match="radius of a cone must be positive"):
-        Cone(1.0, radius)
+def test_bodies_that_cannot_be():
+    for body in (Hemisphere, Paraboloid, FlatPunch, CylinderEdge):
+        for radius in (0.0, -1e-3, math.inf, math.nan):
+            refused(GeometryError, "must be positive and finite; got", body, radius)
+    for angle in (0.0, -0.1, math.pi / 2, math.nan):
+        refused(GeometryError, "between 0 and π/2", Cone, angle)
+    for radius in (0.0, -1.0, math.nan):
+        refused(GeometryError, "radius of a cone must be positive", Cone, 1.0, radius)

@@ -17,15 +17,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from support.boards import FOUR_LAYERS, LEADS, VIA, reference_board
+from support.boards import FOUR_LAYERS, reference_board, small_board
 from support.kicad_tools import find_kicad
+from support.refusals import refused
 
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.errors import BoardError, MissingDependencyError
-from coilarray.geometry import CoilArray, FabRules, Placement, Spiral, Stackup, drills, spiral_coil
+from coilarray.geometry import CoilArray, FabRules, Stackup, drills
 from coilarray.geometry.connectivity import board_layers, check_nets
 from coilarray.geometry.export.gerber import write_gerbers
 from coilarray.geometry.export.kicad import write_kicad
@@ -35,16 +35,6 @@ from coilarray.geometry.readers.traced_array import traced_array
 from coilarray.geometry.readers.tracing import trace_coils
 
 pytest.importorskip("gerbonara")
-
-SMALL = spiral_coil(Spiral(6, 3e-3, 4, 0.2e-3, 0.2e-3), 2, VIA, LEADS)
-
-
-def small_board(**changes: object) -> CoilArray:
-    placements = (
-        Placement("A", SMALL, ("L1", "L2"), -5e-3, 1e-3),
-        Placement("B", SMALL, ("L3", "L4"), 5e-3, -1e-3, 0.4),
-    )
-    return replace(CoilArray(FOUR_LAYERS, placements), **changes)
 
 
 def export(array: CoilArray, folder: Path) -> Path:
@@ -105,22 +95,23 @@ def excellon(*holes: tuple[float, float], function: str = "Plated,1,2,PTH", head
 HOLES = ((0, 0), (5, 0), (5, 5))
 TOP = ("D10*", stroke(0, 0, 5, 0), "D11*", flashes(*HOLES))
 BOTTOM = ("D10*", stroke(5, 0, 5, 5), "D11*", flashes(*HOLES))
-BOARD = {
-    "top.gbr": gerber("Copper,L1,Top", *TOP),
-    "bottom.gbr": gerber("Copper,L2,Bot", *BOTTOM),
-    "holes.drl": excellon(*HOLES),
-}
 ONE_LAYER = {"top.gbr": gerber("Copper,L1,Top", *TOP)}
+BOARD = {**ONE_LAYER, "bottom.gbr": gerber("Copper,L2,Bot", *BOTTOM), "holes.drl": excellon(*HOLES)}
+# What is assumed where nothing but the copper is given.
+NO_STACKUP = {f"stackup.{key}" for key in ("copper_thickness_um", "dielectric_thickness_mm", "dielectric_epsilon_r")}
+
+
+def lacking(name: str) -> dict[str, str]:
+    return {other: text for other, text in BOARD.items() if other != name}
 
 
 # ---- our own export
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "array", [reference_board(), reference_board(through_holes=False)], ids=["through holes", "blind holes"]
-)
-def test_export_and_import_give_the_same_inductances(array: CoilArray, tmp_path: Path) -> None:
+@pytest.mark.parametrize("through_holes", [True, False])
+def test_export_and_import_give_the_same_inductances(through_holes: bool, tmp_path: Path) -> None:
+    array = reference_board(count=2, through_holes=through_holes)
     board = read_gerbers(export(array, tmp_path))
     # the file rounds places to 1 nm, which is 1e-5 of the gap of the turns; 1.2e-7 measured
     expected = inductance_matrix(array.conductors())
@@ -139,8 +130,8 @@ def test_everything_of_our_own_export_comes_back(tmp_path: Path) -> None:
     expected = {
         (placement.name, layer, *np.round([*start, *end, width], 9).tolist())
         for placement in array.placements
-        for line, widths, layer in zip(placement.coil.lines, placement.coil.widths, placement.layers, strict=True)
-        for (start, end), width in zip(pairwise(placement.to_board(line)), widths, strict=True)
+        for line, widths, layer in placement.traces()
+        for (start, end), width in zip(pairwise(line), widths, strict=True)
     }
     assert tracks == expected
     holes = {(h.net, h.kind, h.layers, *np.round([h.x, h.y, h.drill, h.pad], 9).tolist()) for h in board.holes}
@@ -148,25 +139,19 @@ def test_everything_of_our_own_export_comes_back(tmp_path: Path) -> None:
     assert holes == {
         (h.net, kinds[h.kind], h.layers, *np.round([h.x, h.y, h.diameter, h.pad], 9).tolist()) for h in drills(array)
     }
+    ends = {(h.net, h.number): (h.x, h.y) for h in board.holes if h.kind == "pad"}
     for placement in array.placements:
-        first, second = placement.to_board(placement.coil.terminal_points)
-        numbers = {h.number: (h.x, h.y) for h in board.holes if h.net == placement.name and h.kind == "pad"}
-        assert numbers["1"] == pytest.approx(tuple(first), abs=1e-9)
-        assert numbers["2"] == pytest.approx(tuple(second), abs=1e-9)
+        for number, place in zip("12", placement.to_board(placement.coil.terminal_points).tolist(), strict=True):
+            assert ends[placement.name, number] == pytest.approx(tuple(place), abs=1e-9)
 
 
-def test_messages_point_to_the_line(tmp_path: Path) -> None:
+def test_messages_point_to_the_line_and_a_folder_reads_as_its_zip(tmp_path: Path) -> None:
     path = export(small_board(), tmp_path)
     lines = unzipped(path)["board-F_Cu.gbr"].splitlines()
     track = read_gerbers(path).tracks[0]
     file, _, number = track.where.rpartition(":")
     assert file == f"{path}/board-F_Cu.gbr"
-    assert lines[int(number) - 1].endswith("D01*")
-    assert lines[int(number) - 2].endswith("D02*")
-
-
-def test_a_folder_reads_as_its_zip(tmp_path: Path) -> None:
-    path = export(small_board(), tmp_path)
+    assert [line[-4:] for line in lines[int(number) - 2 : int(number)]] == ["D02*", "D01*"]
     folder = tmp_path / "files" / "gerbers"
     folder.mkdir(parents=True)
     for name, text in unzipped(path).items():
@@ -183,23 +168,14 @@ def test_without_attributes_the_names_of_the_files_and_the_copper_itself_do(tmp_
     """What a program that knows no X2 leaves: names as Altium gives them, no nets, no job file."""
     array = small_board()
     files = unzipped(export(array, tmp_path))
-    names = {
-        "board-F_Cu.gbr": "coils.GTL",
-        "board-In1_Cu.gbr": "coils.GP1",
-        "board-In2_Cu.gbr": "coils.GP2",
-        "board-B_Cu.gbr": "coils.GBL",
-        "board-F_Mask.gbr": "coils.GTS",
-        "board-Edge_Cuts.gbr": "coils.GKO",
-        "board-PTH.drl": "coils.TXT",
-    }
-    plain = {new: re.sub(r"%T[FAOD].*?\*%\n|; #@!.*\n", "", files[old]) for old, new in names.items()}
+    names = {"F_Cu": "GTL", "In1_Cu": "GP1", "In2_Cu": "GP2", "B_Cu": "GBL", "F_Mask": "GTS", "Edge_Cuts": "GKO"}
+    found = {f"coils.{new}": files[f"board-{old}.gbr"] for old, new in names.items()}
+    found["coils.TXT"] = files["board-PTH.drl"]
+    plain = {name: re.sub(r"%T[FAOD].*?\*%\n|; #@!.*\n", "", text) for name, text in found.items()}
     board = read(tmp_path, plain)
     assert {track.net for track in board.tracks} == {None}
     assert board.stackup.names == ("L1", "L2", "L3", "L4")
-    assert set(board.assumed) == {
-        *("stackup.layers", "stackup.copper_thickness_um"),
-        *("stackup.dielectric_thickness_mm", "stackup.dielectric_epsilon_r"),
-    }
+    assert set(board.assumed) == {"stackup.layers", *NO_STACKUP}
     assert board.stackup.thickness == pytest.approx(1.6e-3)
     assert board.edge == pytest.approx(array.bounds, abs=1e-9)
     # the mask is open over the terminals, so they are pads
@@ -207,22 +183,18 @@ def test_without_attributes_the_names_of_the_files_and_the_copper_itself_do(tmp_
     assert {(round(h.x, 8), round(h.y, 8)): h.kind for h in board.holes} == kinds
     given = replace(FOUR_LAYERS, names=("a", "b", "c", "d"))
     board = read(tmp_path, plain, given)
-    assert board.stackup == given
-    assert board.assumed == {}
+    assert (board.stackup, board.assumed) == (given, {})
     # the copper without nets is found to be the same two coils, in the order of the file
     expected = inductance_matrix(array.conductors())
     assert inductances(board, None) == pytest.approx(expected, rel=1e-6)
 
 
-def test_a_stackup_that_is_given_wins_over_the_job_file(tmp_path: Path) -> None:
-    path = export(small_board(), tmp_path)
+def test_a_stackup_that_is_given_wins_over_the_job_file_which_may_say_little(tmp_path: Path) -> None:
     thick = replace(FOUR_LAYERS, copper_thickness=(70e-6,) * 4)
-    board = read_gerbers(path, thick)
-    assert board.stackup == thick
-    assert board.assumed == {}
-
-
-def test_dielectrics_in_series_without_all_thicknesses_are_as_in_kicad_boards(tmp_path: Path) -> None:
+    board = read_gerbers(export(small_board(), tmp_path), thick)
+    assert (board.stackup, board.assumed) == (thick, {})
+    message = r"board\.zip: has 2 copper layers and the given stack-up 4"
+    refused(BoardError, message, read, tmp_path, BOARD, FOUR_LAYERS)
     parts = [{"Type": "Dielectric", "Thickness": 0.1, "DielectricConstant": 4.4}]
     parts += [{"Type": "Dielectric", "DielectricConstant": 3.3}]
     copper = [{"Type": "Copper", "Name": name, "Thickness": 0.035} for name in ("top", "bottom")]
@@ -237,39 +209,33 @@ def test_dielectrics_in_series_without_all_thicknesses_are_as_in_kicad_boards(tm
 # ---- other makes
 
 
-def test_a_board_of_two_layers(tmp_path: Path) -> None:
+def test_boards_of_one_and_two_layers(tmp_path: Path) -> None:
     board = read(tmp_path, BOARD)
-    assert [(t.layer, t.start, t.end, t.width, t.net) for t in board.tracks] == [
-        ("L1", (0, 0), (5e-3, 0), 0.2e-3, None),
-        ("L2", (5e-3, 0), (5e-3, 5e-3), 0.2e-3, None),
-    ]
-    assert [(h.x, h.y, h.drill, h.pad, h.layers, h.kind) for h in board.holes] == [
-        (x * 1e-3, y * 1e-3, 0.3e-3, 0.6e-3, ("L1", "L2"), "via") for x, y in HOLES
-    ]
+    tracks = [("L1", (0, 0), (5e-3, 0), 0.2e-3, None), ("L2", (5e-3, 0), (5e-3, 5e-3), 0.2e-3, None)]
+    assert [(t.layer, t.start, t.end, t.width, t.net) for t in board.tracks] == tracks
+    places = [(x * 1e-3, y * 1e-3) for x, y in HOLES]
+    holes = [(*place, 0.3e-3, 0.6e-3, ("L1", "L2"), "via") for place in places]
+    assert [(h.x, h.y, h.drill, h.pad, h.layers, h.kind) for h in board.holes] == holes
     assert board.edge is None
-
-
-def test_one_layer_needs_no_holes(tmp_path: Path) -> None:
+    # one layer needs no holes
     board = read(tmp_path, ONE_LAYER)
     assert board.holes == ()
-    assert [(pad.x, pad.y, pad.layer, pad.size) for pad in board.pads] == [
-        (x * 1e-3, y * 1e-3, "L1", 0.6e-3) for x, y in HOLES
-    ]
+    assert [(pad.x, pad.y, pad.layer, pad.size) for pad in board.pads] == [(*at, "L1", 0.6e-3) for at in places]
+    # a hole that joins nothing is left out
+    board = read(tmp_path, {**BOARD, "holes.drl": excellon(*HOLES, (9, 9))})
+    assert len(board.holes) == len(HOLES)
+    assert board.notes == ("1 plated hole without a pad left out.",)
 
 
 @pytest.mark.parametrize(
-    ("mode", "end", "centre", "turn"),
+    ("mode", "end", "turn"),
     [
-        ("G03", (-4, 0), (-4, 0), math.pi),
-        ("G02", (-4, 0), (-4, 0), -math.pi),
-        ("G03", (0, 4), (-4, 0), math.pi / 2),
-        ("G02", (0, 4), (-4, 0), -1.5 * math.pi),
-        ("G03", (4, 0), (-4, 0), 2 * math.pi),
-        ("G02", (4, 0), (-4, 0), -2 * math.pi),
+        *(("G03", (-4, 0), math.pi), ("G03", (0, 4), math.pi / 2), ("G03", (4, 0), 2 * math.pi)),
+        *(("G02", (-4, 0), -math.pi), ("G02", (0, 4), -1.5 * math.pi), ("G02", (4, 0), -2 * math.pi)),
     ],
 )
-def test_arcs_are_divided_on_their_circle(mode, end, centre, turn, tmp_path: Path) -> None:
-    arc = (f"G75*\n{at(4, 0)}D02*", f"{mode}*", f"{at(*end)}I{centre[0] * 10**6}J{centre[1] * 10**6}D01*")
+def test_arcs_are_divided_on_their_circle(mode, end, turn, tmp_path: Path) -> None:
+    arc = (f"G75*\n{at(4, 0)}D02*", f"{mode}*", f"{at(*end)}I-4000000J0D01*")
     board = read(tmp_path, {"top.gbr": gerber("Copper,L1,Top", "D10*", *arc)})
     points = np.array([board.tracks[0].start, *(track.end for track in board.tracks)])
     assert all(a.end == b.start for a, b in zip(board.tracks, board.tracks[1:], strict=False))
@@ -279,13 +245,9 @@ def test_arcs_are_divided_on_their_circle(mode, end, centre, turn, tmp_path: Pat
     angle = np.unwrap(np.arctan2(points[:, 1], points[:, 0]))
     if mode == "G03" or end != (4, 0):  # a whole circle covers the same either way round
         assert angle[-1] - angle[0] == pytest.approx(turn)
-    middle = 0.5 * (points[1:] + points[:-1])
-    assert np.abs(4e-3 - np.hypot(*middle.T)).max() < 1e-6
-    x, y = points.T
-    assert 0.5 * abs((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()) == pytest.approx(0.5 * 16e-6 * abs(turn), rel=1e-9)
 
 
-def test_inches_commented_attributes_and_idle_transformations(tmp_path: Path) -> None:
+def test_inches_commented_attributes_idle_transformations_and_old_encodings(tmp_path: Path) -> None:
     top = gerber("", "D10*", "G04 #@! TO.N,coil\\u002Cone*", "%LMN*%", "%LR0.0*%", "%LS1.0*%", stroke(0, 0, 0.1, 0.2))
     top = top.replace("%MOMM*%", "%MOIN*%\nG04 #@! TF.FileFunction,Copper,L1,Top*").replace("C,0.2", "C,0.01")
     board = read(tmp_path, {"top.gbr": top})
@@ -293,6 +255,9 @@ def test_inches_commented_attributes_and_idle_transformations(tmp_path: Path) ->
     assert track.net == "coil,one"
     assert track.end == pytest.approx((2.54e-3, 5.08e-3))
     assert track.width == pytest.approx(0.254e-3)
+    text = BOARD["top.gbr"].replace("%LPD*%", "G04 Größe µm*\n%LPD*%")
+    (tmp_path / "top.gbr").write_bytes(text.encode("latin-1"))
+    assert len(read_gerbers(tmp_path).tracks) == 1
 
 
 def test_pads_that_are_not_round_dots_and_marks(tmp_path: Path) -> None:
@@ -303,17 +268,24 @@ def test_pads_that_are_not_round_dots_and_marks(tmp_path: Path) -> None:
         *("D10*", flashes((0, 0), (5, 0))),  # marks of the drill
         *("D10*", stroke(0, 0, 5, 0)),
     )
-    bottom = gerber("Copper,L2,Bot", "D11*", flashes((0, 0), (5, 0)))
-    board = read(tmp_path, {**BOARD, "top.gbr": top, "bottom.gbr": bottom, "holes.drl": excellon((0, 0), (5, 0))})
-    assert [(h.x, h.pad) for h in board.holes] == [(0, 0.6e-3), (5e-3, 0.6e-3)]
-    assert board.pads == ()
-    wide = gerber("Copper,L2,Bot", "D12*", flashes((0, 0), (5, 0)))
-    board = read(tmp_path, {**BOARD, "top.gbr": top, "bottom.gbr": wide, "holes.drl": excellon((0, 0), (5, 0))})
-    assert [h.pad for h in board.holes] == pytest.approx([1.2e-3, 0.6e-3])
+    drilled = {"top.gbr": top, "holes.drl": excellon((0, 0), (5, 0))}
+    for aperture, sizes in (("D11*", [0.6e-3, 0.6e-3]), ("D12*", [1.2e-3, 0.6e-3])):
+        bottom = gerber("Copper,L2,Bot", aperture, flashes((0, 0), (5, 0)))
+        board = read(tmp_path, {**drilled, "bottom.gbr": bottom})
+        assert [h.x for h in board.holes] == [0, 5e-3]
+        assert [h.pad for h in board.holes] == pytest.approx(sizes)
+        assert board.pads == ()
+    # pads keep their shapes
+    top = gerber("Copper,L1,Top", "D12*", flashes((0, 0), (9, 9)), "D10*", stroke(0, 0, 5, 0), "D11*", flashes((5, 0)))
+    board = read(tmp_path, {**BOARD, "top.gbr": top, "holes.drl": excellon((0, 0), (5, 0))})
+    (pad,) = [pad for pad in board.pads if pad.layer == "L1"]
+    assert pad.shape.bounds == pytest.approx((8.4e-3, 8.2e-3, 9.6e-3, 9.8e-3))
+    hole = board.holes[0]
+    assert hole.copper("L1").area == pytest.approx(1.2 * 1.6e-6)
+    assert hole.copper("L2").area == pytest.approx(math.pi * 0.3e-3**2, rel=1e-3)  # a polygon of 128 corners
 
 
 def test_drill_files_say_span_plating_and_kind(tmp_path: Path) -> None:
-    third = gerber("Copper,L3,Bot", *BOTTOM)
     tools = (
         "METRIC\n; #@! TA.AperFunction,Plated,PTH,ComponentDrill\nT1C0.3\n; #@! TA.AperFunction,NonPlated,NPTH,"
         "ComponentDrill\nT2C2.0\n; #@! TD\nT3C0.4"
@@ -321,13 +293,10 @@ def test_drill_files_say_span_plating_and_kind(tmp_path: Path) -> None:
     mixed = excellon((0, 0), function="MixedPlating,1,3", header=tools)
     mixed = mixed.replace("M30", "T2\nX9.0Y9.0\nT3\nX5.0Y5.0\nM30")
     files = {
-        "a.gbr": gerber("Copper,L1,Top", *TOP),
-        "b.gbr": gerber("Copper,L2,Inr", *TOP),
-        "c.gbr": third,
-        "mixed.drl": mixed,
-        "blind.drl": excellon((5, 0), function="Plated,2,3,Blind"),
-        "mounting-NPTH.drl": excellon((9, 9), function=""),
-    }
+        "a.gbr": gerber("Copper,L1,Top", *TOP), "b.gbr": gerber("Copper,L2,Inr", *TOP),
+        "c.gbr": gerber("Copper,L3,Bot", *BOTTOM), "mixed.drl": mixed,
+        "blind.drl": excellon((5, 0), function="Plated,2,3,Blind"), "mounting-NPTH.drl": excellon((9, 9), function=""),
+    }  # fmt: skip
     board = read(tmp_path, files)
     assert {(h.x, h.y): (h.layers, h.kind, h.drill) for h in board.holes} == {
         (5e-3, 0): (("L2", "L3"), "via", 0.3e-3),
@@ -338,19 +307,16 @@ def test_drill_files_say_span_plating_and_kind(tmp_path: Path) -> None:
 
 def test_drills_in_gerber_form_and_slots(tmp_path: Path) -> None:
     drilled = gerber("Plated,1,2,PTH,Drill", "D10*", flashes((0, 0), (5, 0)), stroke(4.9, 5, 5.1, 5))
-    files = {**BOARD, "holes.gbr": drilled}
-    del files["holes.drl"]
-    board = read(tmp_path, files)
-    assert [(h.x, h.y, h.drill) for h in board.holes] == [(x * 1e-3, y * 1e-3, 0.2e-3) for x, y in HOLES]
     routed = excellon((0, 0), (5, 0)).replace("M30", "G00X4.9Y5.0\nM15\nG01X5.1Y5.0\nM16\nM30")
-    board = read(tmp_path, {**BOARD, "holes.drl": routed})
-    assert [(h.x, h.y, h.drill) for h in board.holes] == [(x * 1e-3, y * 1e-3, 0.3e-3) for x, y in HOLES]
+    for name, text, size in (("holes.gbr", drilled, 0.2e-3), ("holes.drl", routed, 0.3e-3)):
+        holes = read(tmp_path, {**lacking("holes.drl"), name: text}).holes
+        assert [(h.x, h.y, h.drill) for h in holes] == [(x * 1e-3, y * 1e-3, size) for x, y in HOLES]
 
 
 REGION = f"G36*\n{at(1, 1)}D02*\n{at(3, 1)}D01*\n{at(3, 3)}D01*\n{at(1, 3)}D01*\n{at(1, 1)}D01*\nG37*"
 
 
-def test_regions_are_areas_and_clear_shapes_cut_them(tmp_path: Path) -> None:
+def test_regions_and_clear_shapes(tmp_path: Path) -> None:
     top = gerber("Copper,L1,Top", "%TO.N,GND*%", REGION, "%TD*%", "%LPC*%", "D11*", flashes((2, 2)), "%LPD*%", *TOP)
     board = read(tmp_path, {**BOARD, "top.gbr": top})
     (area,) = board.areas
@@ -360,29 +326,31 @@ def test_regions_are_areas_and_clear_shapes_cut_them(tmp_path: Path) -> None:
     rounded = f"G36*\n{at(1, 1)}D02*\nG75*\nG03*\n{at(3, 1)}I1000000J0D01*\nG01*\n{at(1, 1)}D01*\nG37*"
     board = read(tmp_path, {"top.gbr": gerber("Copper,L1,Top", rounded)})
     assert board.areas[0].shape.area == pytest.approx(math.pi / 2 * 1e-6, rel=2e-3)  # chords within 1 µm
-
-
-def test_a_region_on_a_coil_is_no_current_path(tmp_path: Path) -> None:
+    # on a coil a region is no current path
     array = small_board()
     files = unzipped(export(array, tmp_path))
     plane = REGION.replace("G36*", "%TO.N,A*%\nG36*") + "\n%TD*%\n"
     files["board-F_Cu.gbr"] = files["board-F_Cu.gbr"].replace("M02*", f"{plane}M02*")
-    with pytest.raises(BoardError, match=r"board-F_Cu\.gbr:\d+: net A has a region on L1, which is no current path"):
-        trace_coils(read(tmp_path, files), ["A"])
+    message = r"board-F_Cu\.gbr:\d+: net A has a region on L1, which is no current path"
+    refused(BoardError, message, trace_coils, read(tmp_path, files), ["A"])
+    # to the net check it is foreign
+    array = small_board()
+    files = unzipped(export(array, tmp_path))
+    files["board-In2_Cu.gbr"] = files["board-In2_Cu.gbr"].replace("M02*", f"{REGION.replace('X', 'X-')}\nM02*")
+    check = check_nets(array, *board_layers(read(tmp_path, files)))
+    assert [(fault.kind, fault.layer) for fault in check.faults] == [("foreign", "L3")]
 
 
 def test_the_job_file_of_another_program(tmp_path: Path) -> None:
     job = {
         "GeneralSpecs": {"BoardThickness": 1.2},
         "MaterialStackup": [
-            {"Type": "Legend", "Name": "Top"},
-            {"Type": "Copper", "Thickness": 0.018, "Name": "Front"},
+            {"Type": "Legend", "Name": "Top"}, {"Type": "Copper", "Thickness": 0.018, "Name": "Front"},
             {"Type": "Dielectric", "Thickness": 0.1, "DielectricConstant": 4.0},
             {"Type": "Dielectric", "Thickness": 0.3, "DielectricConstant": 3.0},
-            {"Type": "Copper", "Thickness": 0.07, "Name": "Back"},
-            {"Type": "SolderMask", "Thickness": 0.01},
+            {"Type": "Copper", "Thickness": 0.07, "Name": "Back"}, {"Type": "SolderMask", "Thickness": 0.01},
         ],
-    }
+    }  # fmt: skip
     board = read(tmp_path, {**BOARD, "board-job.gbrjob": json.dumps(job)})
     assert board.stackup.names == ("Front", "Back")
     assert board.stackup.copper_thickness == pytest.approx((18e-6, 70e-6))
@@ -394,11 +362,10 @@ def test_the_job_file_of_another_program(tmp_path: Path) -> None:
         layer.pop("DielectricConstant", None)
     board = read(tmp_path, {**BOARD, "board-job.gbrjob": json.dumps(job)})
     assert board.stackup.thickness == pytest.approx(1.2e-3)
+    left = "the files do not say; equal parts of what is left of the given board thickness of 1.2 mm"
     assert board.assumed == {
         "stackup.copper_thickness_um": "the files do not say; standard 1 oz copper",
-        "stackup.dielectric_thickness_mm": (
-            "the files do not say; equal parts of what is left of the given board thickness of 1.2 mm"
-        ),
+        "stackup.dielectric_thickness_mm": left,
         "stackup.dielectric_epsilon_r": "the files do not say; FR-4, 4.5",
     }
 
@@ -434,14 +401,11 @@ def _kicad_drills(board: Path, folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_kicads_own_plots_of_a_design_give_the_same_inductances(kicad_plots: Path) -> None:
+def test_kicads_own_plots_of_a_design_are_its_copper_with_the_same_inductances(kicad_plots: Path) -> None:
     array = small_board()
     board = read_gerbers(kicad_plots, array.stackup)
     expected = inductance_matrix(array.conductors())
     assert inductances(board, array.names) == pytest.approx(expected, rel=1e-6)
-
-
-def test_kicads_own_plots_of_a_design_pass_the_net_check(kicad_plots: Path) -> None:
     array = small_board()
     board = read_gerbers(kicad_plots, array.stackup)
     assert check_nets(array, *board_layers(board)).faults == ()
@@ -450,17 +414,23 @@ def test_kicads_own_plots_of_a_design_pass_the_net_check(kicad_plots: Path) -> N
 # ---- bad input
 
 
-def test_a_path_that_is_no_board(tmp_path: Path) -> None:
-    with pytest.raises(BoardError, match=r"nowhere\.zip: there is no such file or folder"):
-        read_gerbers(tmp_path / "nowhere.zip")
+def test_paths_that_are_no_board_or_a_damaged_one(tmp_path: Path) -> None:
     (tmp_path / "text.zip").write_text("no zip")
-    with pytest.raises(BoardError, match=r"text\.zip: must be a folder or a whole zip of Gerber files"):
-        read_gerbers(tmp_path / "text.zip")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(BoardError, match=r"empty: has no copper layer among its 0 Gerber and Excellon files"):
-        read_gerbers(tmp_path / "empty")
-    with pytest.raises(BoardError, match=r"has no copper layer among its 1 Gerber"):
-        read(tmp_path, {"mask.gbr": gerber("Soldermask,Top", *TOP)})
+    for name, message in (
+        ("nowhere.zip", r"nowhere\.zip: there is no such file or folder"),
+        ("text.zip", r"text\.zip: must be a folder or a whole zip of Gerber files"),
+        ("empty", r"empty: has no copper layer among its 0 Gerber and Excellon files"),
+    ):
+        refused(BoardError, message, read_gerbers, tmp_path / name)
+    mask = {"mask.gbr": gerber("Soldermask,Top", *TOP)}
+    refused(BoardError, r"has no copper layer among its 1 Gerber", read, tmp_path, mask)
+    # a damaged zip
+    path = zipped(tmp_path, BOARD)
+    data = bytearray(path.read_bytes())
+    data[data.index(b"D01*")] ^= 0xFF  # zipped() does not compress
+    path.write_bytes(data)
+    refused(BoardError, r"must be a folder or a whole zip of Gerber files; Bad CRC-32", read_gerbers, path)
 
 
 @given(cut=st.floats(0, 0.999))
@@ -469,34 +439,20 @@ def test_a_truncated_zip_is_refused(cut: float, tmp_path: Path) -> None:
     whole = zipped(tmp_path, BOARD).read_bytes()
     path = tmp_path / "cut.zip"
     path.write_bytes(whole[: int(cut * len(whole))])
-    with pytest.raises(BoardError, match=r"cut\.zip: must be a folder or a whole zip"):
-        read_gerbers(path)
+    refused(BoardError, r"cut\.zip: must be a folder or a whole zip", read_gerbers, path)
 
 
-def test_a_damaged_zip_is_refused(tmp_path: Path) -> None:
-    path = zipped(tmp_path, BOARD)
-    data = bytearray(path.read_bytes())
-    data[data.index(b"D01*")] ^= 0xFF  # zipped() does not compress
-    path.write_bytes(data)
-    with pytest.raises(BoardError, match=r"must be a folder or a whole zip of Gerber files; Bad CRC-32"):
-        read_gerbers(path)
-
-
-@pytest.mark.slow
 @given(name=st.sampled_from(sorted(BOARD)), cut=st.floats(0, 1))
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_a_truncated_file_is_refused(name: str, cut: float, tmp_path: Path) -> None:
     text = BOARD[name].rstrip("\n")
     shorter = text[: int(cut * (len(text) - 1))]
-    with pytest.raises(BoardError) as caught:
-        read(tmp_path, {**BOARD, name: shorter})
-    assert str(caught.value).startswith(f"{tmp_path}/board.zip")
-    assert "\n" not in str(caught.value)
+    refused(BoardError, f"^{tmp_path}/board.zip", read, tmp_path, {**BOARD, name: shorter})
 
 
 @pytest.mark.slow
 @given(name=st.sampled_from(sorted(BOARD)), data=st.data())
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_any_other_damage_is_read_or_named(name: str, data: st.DataObject, tmp_path: Path) -> None:
     text = BOARD[name]
     place = data.draw(st.integers(0, len(text)))
@@ -524,20 +480,14 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
     [
         ({**BOARD, "top.gbr": "GIF89a"}, TOP_NAME + r": is neither a Gerber nor an Excellon file"),
         ({**BOARD, "top.gbr": "\0\1\2"}, TOP_NAME + r": is neither a Gerber nor an Excellon file"),
-        ({k: v for k, v in BOARD.items() if k != "top.gbr"}, r"board\.zip: copper layers are missing: L1\.$"),
+        (lacking("top.gbr"), r"board\.zip: copper layers are missing: L1\.$"),
         (
-            {k: v for k, v in BOARD.items() if k != "bottom.gbr"} | {"in.gbr": gerber("Copper,L2,Inr", *BOTTOM)},
+            lacking("bottom.gbr") | {"in.gbr": gerber("Copper,L2,Inr", *BOTTOM)},
             r"board\.zip: copper layers are missing: the bottom below L2\.$",
         ),
-        (
-            {**BOARD, "other.gbr": BOARD["top.gbr"]},
-            r"/top\.gbr: is copper layer L1, and so is .*/other\.gbr",
-        ),
+        ({**BOARD, "other.gbr": BOARD["top.gbr"]}, r"/top\.gbr: is copper layer L1, and so is .*/other\.gbr"),
         ({**BOARD, "x.gbr": gerber("Copper,Lx,Inr")}, r"/x\.gbr: a copper layer must be L1, L2, …; got Copper,Lx,Inr"),
-        (
-            {k: v for k, v in BOARD.items() if k != "holes.drl"},
-            r"board\.zip: has 2 copper layers and no plated hole that joins them",
-        ),
+        (lacking("holes.drl"), r"board\.zip: has 2 copper layers and no plated hole that joins them"),
         (changed("holes.drl", "Plated,1,2,PTH", "NonPlated,1,2,NPTH"), r"no plated hole that joins them"),
         (changed("holes.drl", "Plated,1,2", "Plated,2,5"), DRILL_NAME + r": holes must go down .* got Plated,2,5,PTH"),
         (changed("holes.drl", "Plated,1,2", "Plated,a,2"), DRILL_NAME + r": holes must go down .* got Plated,a,2,PTH"),
@@ -551,17 +501,11 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
         (changed("top.gbr", "M02*", ""), TOP_NAME + r": the file ends without M02, it is truncated"),
         (changed("top.gbr", "%MOMM*%\n", ""), TOP_NAME + r":10: Gerber file does not contain a unit"),
         (changed("top.gbr", "D10*", "D99*"), TOP_NAME + r":9: Tried to access undefined aperture 99"),
-        (
-            changed("top.gbr", "%ADD10C,0.2*%", "%ADD10Q,0.2*%"),
-            TOP_NAME + r":6: the statement is not supported \(ADD10Q,0\.2\)",
-        ),
+        (changed("top.gbr", "ADD10C", "ADD10Q"), TOP_NAME + r":6: the statement is not supported \(ADD10Q,0\.2\)"),
         (changed("top.gbr", "FSLAX", "FSLIX"), TOP_NAME + r": incremental coordinates are not supported"),
         (changed("top.gbr", "D10*\n", ""), TOP_NAME + r":10: Interpolation attempted without selecting aperture"),
         (top(flashes((0, 0)), *TOP), TOP_NAME + r":9: no aperture is selected"),
-        (
-            top("%AMNONE*0 nothing*%", "%ADD20NONE*%", "D20*", flashes((9, 9))),
-            TOP_NAME + r":12: the aperture has no shape",
-        ),
+        (top("%AMNO*0 nothing*%", "%ADD20NO*%", "D20*", flashes((9, 9))), TOP_NAME + r":12: the aperture has no shape"),
         (top("%IPNEG*%", *TOP), TOP_NAME + r":9: the negative image is not supported"),
         (top("%IR90*%", *TOP), TOP_NAME + r":9: the rotation of the whole image is not supported"),
         (top("%MIA1B0*%", *TOP), TOP_NAME + r":9: the mirroring of the whole image is not supported"),
@@ -573,10 +517,7 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
         (top("D12*", stroke(0, 0, 5, 0)), TOP_NAME + r":11: a stroke must have a round aperture; got <rect"),
         (top("D13*", stroke(0, 0, 5, 0), apertures=("C,0.2",) * 3 + ("O,1X2",)), TOP_NAME + r":12: Non-circular"),
         (top(*TOP, "%LPC*%", "D10*", flashes((2, 0))), TOP_NAME + r":18: a clear shape over a track or pad"),
-        (
-            top("D10*", stroke(0, 0, 5, 0)) | {"bottom.gbr": gerber("Copper,L2,Bot")},
-            DRILL_NAME + r":8: the plated hole",
-        ),
+        (top(*TOP[:2]) | {"bottom.gbr": gerber("Copper,L2,Bot")}, DRILL_NAME + r":8: the plated hole"),
         ({**BOARD, "b.gbrjob": '{"Header": '}, r"b\.gbrjob:1: is not a whole Gerber job file"),
         (
             {**BOARD, "b.gbrjob": '{"MaterialStackup": [{"Type": "Copper"}]}'},
@@ -586,91 +527,31 @@ def changed(name: str, old: str, new: str) -> dict[str, str]:
     ],
 )
 def test_bad_files_are_named(files: dict[str, str], message: str, tmp_path: Path) -> None:
-    with pytest.raises(BoardError, match=message) as caught:
-        read(tmp_path, files)
-    assert "\n" not in str(caught.value)
+    refused(BoardError, message, read, tmp_path, files)
 
 
-def test_a_stackup_of_other_layers_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BoardError, match=r"board\.zip: has 2 copper layers and the given stack-up 4"):
-        read(tmp_path, BOARD, FOUR_LAYERS)
-
-
-def test_files_that_cannot_be_read_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "top.gbr").write_text(BOARD["top.gbr"])
-
-    def refuse(path: Path) -> bytes:
-        raise PermissionError(13, "Permission denied", str(path))
-
-    monkeypatch.setattr(Path, "read_bytes", refuse)
-    with pytest.raises(BoardError, match=r"/top\.gbr: cannot be read: Permission denied"):
-        read_gerbers(tmp_path)
-
-
-def test_folders_that_cannot_be_listed_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_and_folders_that_cannot_be_read_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "top.gbr").write_text(BOARD["top.gbr"])
     (tmp_path / "inner").mkdir()
-    listed = os.scandir
 
-    def refuse(path: object) -> object:
-        if str(path).endswith("inner"):
-            raise PermissionError(13, "Permission denied", str(path))
-        return listed(path)
+    def refusing(call, name):
+        def refuse(path):
+            if str(path).endswith(name):
+                raise PermissionError(13, "Permission denied", str(path))
+            return call(path)
 
-    monkeypatch.setattr(os, "scandir", refuse)
-    with pytest.raises(BoardError, match=r"/inner: cannot be read: Permission denied"):
-        read_gerbers(tmp_path)
+        return refuse
 
-
-def test_old_encodings_are_read(tmp_path: Path) -> None:
-    text = BOARD["top.gbr"].replace("%LPD*%", "G04 Größe µm*\n%LPD*%")
-    (tmp_path / "top.gbr").write_bytes(text.encode("latin-1"))
-    assert len(read_gerbers(tmp_path).tracks) == 1
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "read_bytes", refusing(Path.read_bytes, "top.gbr"))
+        refused(BoardError, r"/top\.gbr: cannot be read: Permission denied", read_gerbers, tmp_path)
+    monkeypatch.setattr(os, "scandir", refusing(os.scandir, "inner"))
+    refused(BoardError, r"/inner: cannot be read: Permission denied", read_gerbers, tmp_path)
 
 
-def test_regions_of_a_board_are_foreign_to_the_net_check(tmp_path: Path) -> None:
-    array = small_board()
-    files = unzipped(export(array, tmp_path))
-    files["board-In2_Cu.gbr"] = files["board-In2_Cu.gbr"].replace("M02*", f"{REGION.replace('X', 'X-')}\nM02*")
-    check = check_nets(array, *board_layers(read(tmp_path, files)))
-    assert [(fault.kind, fault.layer) for fault in check.faults] == [("foreign", "L3")]
-
-
-def test_holes_that_join_nothing_are_left_out(tmp_path: Path) -> None:
-    board = read(tmp_path, {**BOARD, "holes.drl": excellon(*HOLES, (9, 9))})
-    assert len(board.holes) == len(HOLES)
-    assert board.notes == ("1 plated hole without a pad left out.",)
-
-
-def test_a_missing_gerbonara_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_broken_or_missing_gerbonara_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gerbonara.rs274x", None)
+    message = r"which cannot be loaded: import of gerbonara\.rs274x"
+    refused(MissingDependencyError, message, read, tmp_path, BOARD)
     monkeypatch.setitem(sys.modules, "gerbonara", None)
-    with pytest.raises(MissingDependencyError, match=r"pip install \"coilarray\[fab\]\""):
-        read(tmp_path, BOARD)
-
-
-def test_a_broken_gerbonara_says_what_is_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "gerbonara.rs274x", None)
-    with pytest.raises(MissingDependencyError, match=r"installed and cannot be loaded: import of gerbonara\.rs274x"):
-        read(tmp_path, BOARD)
-
-
-def test_pads_keep_their_shapes(tmp_path: Path) -> None:
-    top = gerber("Copper,L1,Top", "D12*", flashes((0, 0), (9, 9)), "D10*", stroke(0, 0, 5, 0), "D11*", flashes((5, 0)))
-    board = read(tmp_path, {**BOARD, "top.gbr": top, "holes.drl": excellon((0, 0), (5, 0))})
-    (pad,) = [pad for pad in board.pads if pad.layer == "L1"]
-    assert pad.shape.bounds == pytest.approx((8.4e-3, 8.2e-3, 9.6e-3, 9.8e-3))
-    hole = board.holes[0]
-    assert hole.copper("L1").area == pytest.approx(1.2 * 1.6e-6)
-    assert hole.copper("L2").area == pytest.approx(math.pi * 0.3e-3**2, rel=1e-3)  # a polygon of 128 corners
-
-
-def test_shapes_of_a_board_are_what_its_files_cover(tmp_path: Path) -> None:
-    layers, holes = board_layers(read(tmp_path, BOARD))
-    top_copper = shapely.union_all(layers["L1"])
-    pads = math.pi * 0.3e-3**2
-    # a bar and three discs, two of which it enters; 64 to 128 corners a circle
-    assert top_copper.area == pytest.approx(
-        3 * pads + 0.2e-3 * (5e-3 - 2 * 0.3e-3 * math.cos(math.asin(1 / 3))), rel=3e-3
-    )
-    assert len(holes) == 3
+    refused(MissingDependencyError, r"pip install \"coilarray\[fab\]\"", read, tmp_path, BOARD)

@@ -20,20 +20,9 @@ import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from support.board_text import (
-    KICAD_6,
-    KICAD_7,
-    KICAD_8,
-    KICAD_9,
-    array_text,
-    board,
-    pads,
-    path,
-    segment,
-    stackup_text,
-    via,
-)
+from support.board_text import KICAD_6, KICAD_7, KICAD_8, KICAD_9, array_text, board, pads, path, segment, via
 from support.boards import reference_board
+from support.refusals import refused
 
 from coilarray.errors import BoardError
 from coilarray.geometry import Stackup
@@ -44,22 +33,10 @@ from coilarray.geometry.readers.sexpr import Quoted, parse_sexpr, read_sexpr
 ROUNDING = 1e-15  # m: coordinates of 0.1 m in float64
 
 
-@pytest.fixture
-def read(tmp_path):
-    """Write a text as a board file and read it."""
-
-    def _read(text, *arguments):
-        file = tmp_path / "b.kicad_pcb"
-        file.write_text(text, encoding="utf-8")
-        return read_kicad(file, *arguments)
-
-    return _read
-
-
 # ---- s-expressions
 
 
-def test_nodes_words_and_lines():
+def test_nodes_words_lines_and_escapes():
     root = parse_sexpr('(a 1 "1"\n  (b "two words" (c))\r\n\t(d -2.5e-3)\n\n(b x) )\n')
     assert root.name == "a"
     assert root.words == ("1", "1")
@@ -68,25 +45,20 @@ def test_nodes_words_and_lines():
     assert root.need("d").number() == -2.5e-3
     assert root.child("e") is None
     assert root.need("b").need("c").items == ()
-
-
-def test_escapes_in_strings():
     assert parse_sexpr(r'(a "say \"hi\" \\ \n (no list")').text() == 'say "hi" \\ \n (no list'
     assert parse_sexpr('(a "over\nlines" (b))').need("b").where == "text:2"
 
 
-@pytest.mark.slow
 def test_deep_nesting_is_no_recursion():
-    depth = 100_000
+    depth = 20_000
     node = parse_sexpr("(a " * depth + ")" * depth)
     for _ in range(depth - 1):
         (node,) = node.items
     assert node.items == ()
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_texts_that_are_no_s_expression_and_what_a_node_does_not_have():
+    for text, message in (
         ("", "text: the file is empty"),
         ("  \n \n", "text: the file is empty"),
         ("hello (a)", "text:1: the file must begin with a parenthesis; got 'hello'"),
@@ -98,53 +70,36 @@ def test_deep_nesting_is_no_recursion():
         ('(a "', "text:1: the file ends inside the text that begins here"),
         ("(a)\n(b)", r"text:2: nothing may follow the last parenthesis; got '\('"),
         ("(a))", r"text:1: nothing may follow the last parenthesis; got '\)'"),
-    ],
-)
-def test_texts_that_are_no_s_expression(text, message):
-    with pytest.raises(BoardError, match=message):
-        parse_sexpr(text)
-
-
-@pytest.mark.parametrize(
-    ("ask", "message"),
-    [
-        (lambda node: node.need("c"), r"text:1: \(a …\) must have a \(c …\)"),
-        (lambda node: node.need("b").text(1), r"text:2: \(b …\) must have 2 words; got 1"),
-        (lambda node: node.need("b").number(), r"text:2: \(b …\) must have a number; got 'x'"),
-        (lambda node: parse_sexpr("(a inf)").number(), "must have a number; got 'inf'"),
-        (lambda node: parse_sexpr("(a nan)").number(), "must have a number; got 'nan'"),
-        (lambda node: parse_sexpr("(a 1e999)").number(), "must have a number; got '1e999'"),
-    ],
-)
-def test_what_a_node_does_not_have(ask, message):
-    with pytest.raises(BoardError, match=message):
-        ask(parse_sexpr("(a\n(b x))"))
+    ):
+        refused(BoardError, message, parse_sexpr, text)
+    node = parse_sexpr("(a\n(b x))")
+    refused(BoardError, r"text:1: \(a …\) must have a \(c …\)", node.need, "c")
+    refused(BoardError, r"text:2: \(b …\) must have 2 words; got 1", node.need("b").text, 1)
+    refused(BoardError, r"text:2: \(b …\) must have a number; got 'x'", node.need("b").number)
+    for word in ("inf", "nan", "1e999"):
+        refused(BoardError, f"must have a number; got '{word}'", parse_sexpr(f"(a {word})").number)
 
 
 BOARD = board(path((0, 0), (5, 0), (5, 4)), via(5, 4), pads((0, 0), (3, 0)))
 
 
 @given(part=st.floats(0, 1))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_a_board_cut_off_anywhere_is_one_named_error(part):
     cut = int(part * (len(BOARD.rstrip()) - 1))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "cut.kicad_pcb")
         file.write_text(BOARD[:cut], encoding="utf-8")
-        with pytest.raises(BoardError, match=r"^\S*cut\.kicad_pcb:(\d+:)? the file (ends inside|is empty)") as caught:
-            read_kicad(file)
-    assert "\n" not in str(caught.value)
+        refused(BoardError, r"^\S*cut\.kicad_pcb:(\d+:)? the file (ends inside|is empty)", read_kicad, file)
 
 
 def test_files_that_cannot_be_read(tmp_path):
-    with pytest.raises(BoardError, match=r"none\.kicad_pcb: cannot be read: No such file"):
-        read_sexpr(tmp_path / "none.kicad_pcb")
-    with pytest.raises(BoardError, match="cannot be read: Is a directory"):
-        read_sexpr(tmp_path)
+    missing = tmp_path / "none.kicad_pcb"
+    refused(BoardError, r"none\.kicad_pcb: cannot be read: No such file", read_sexpr, missing)
+    refused(BoardError, "cannot be read: Is a directory", read_sexpr, tmp_path)
     binary = tmp_path / "b.kicad_pcb"
     binary.write_bytes(b"\x89PNG\r\n\xff\x00")
-    with pytest.raises(BoardError, match=r"b\.kicad_pcb: the file is no text in UTF-8"):
-        read_sexpr(binary)
+    refused(BoardError, r"b\.kicad_pcb: the file is no text in UTF-8", read_sexpr, binary)
 
 
 # ---- versions
@@ -159,33 +114,24 @@ def test_kicad_6_to_9(read, version):
     assert (track.layer, track.net, track.width) == ("F.Cu", "A", 0.2e-3)
 
 
-def test_newer_formats_are_read_with_a_note(read):
+def test_newer_formats_are_read_with_a_note_and_older_ones_refused(read):
     found = read(board(segment((0, 0), (5, 2)), version=20260206))
     assert len(found.tracks) == 1
     assert "format 20260206; formats newer than KiCad 9" in found.notes[0]
+    for version in (4, 20171130, 20200829):
+        message = rf"b\.kicad_pcb:1: the board has KiCad's format {version}, older than KiCad 6"
+        refused(BoardError, message, read, board(version=version))
 
 
-@pytest.mark.parametrize("version", [4, 20171130, 20200829])
-def test_kicad_5_and_older_are_refused(read, version):
-    with pytest.raises(
-        BoardError, match=rf"b\.kicad_pcb:1: the board has KiCad's format {version}, older than KiCad 6"
-    ):
-        read(board(version=version))
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_files_that_are_no_board(read):
+    for text, message in (
         ("(footprint x)", r":1: a KiCad board begins with \(kicad_pcb; this file with \(footprint"),
         ("(kicad_pcb)", r":1: \(kicad_pcb …\) must have a \(version …\)"),
         ("(kicad_pcb (version x))", "must have a number; got 'x'"),
         (f"(kicad_pcb (version {KICAD_6}))", r"must have a \(layers …\)"),
         (f'(kicad_pcb (version {KICAD_6})\n(layers (44 "Edge.Cuts" user)))', ":2: the board has no copper layer"),
-    ],
-)
-def test_files_that_are_no_board(read, text, message):
-    with pytest.raises(BoardError, match=message):
-        read(text)
+    ):
+        refused(BoardError, message, read, text)
 
 
 # ---- layers and stack-up
@@ -200,13 +146,25 @@ def test_layers_go_from_top_to_bottom_by_their_names(read):
     assert found.tracks[0].layer == "inner 2"
 
 
-def test_a_stackup_is_taken_as_it_stands(read):
-    array = reference_board()
+def test_stackups_that_are_said_or_given(read):
+    array = reference_board(count=1, turns=3)
     found = read(array_text(array))
     assert found.stackup.names == array.stackup.names
     for key in ("copper_thickness", "dielectric_thickness", "epsilon_r"):
         np.testing.assert_allclose(getattr(found.stackup, key), getattr(array.stackup, key), rtol=1e-9)  # 1 nm in mm
     assert found.assumed == {}
+    # sublayers are capacitors in series
+    stackup = read(board(setup=SUBLAYERS)).stackup
+    assert stackup.copper_thickness == pytest.approx((70e-6, 35e-6))
+    assert stackup.dielectric_thickness == pytest.approx((0.4e-3,))
+    assert stackup.epsilon_r == pytest.approx((0.4 / (0.1 / 4.4 + 0.3 / 3.3),))
+    # a given one takes the place of the board's
+    given_layers = Stackup(("top", "bottom"), (18e-6, 18e-6), (0.1e-3,), (3.3,))
+    found = read(board(segment((0, 0), (1, 0), layer="B.Cu"), setup=SUBLAYERS), given_layers)
+    assert found.stackup is given_layers
+    assert found.tracks[0].layer == "bottom"
+    assert found.assumed == {}
+    refused(BoardError, "has 4 copper layers and the given stack-up 2", read, board(layers=4), given_layers)
 
 
 SUBLAYERS = """(stackup
@@ -216,98 +174,55 @@ SUBLAYERS = """(stackup
   (layer "B.Cu" (type "copper") (thickness 0.035)))"""
 
 
-def test_sublayers_are_capacitors_in_series(read):
-    stackup = read(board(setup=SUBLAYERS)).stackup
-    assert stackup.copper_thickness == pytest.approx((70e-6, 35e-6))
-    assert stackup.dielectric_thickness == pytest.approx((0.4e-3,))
-    assert stackup.epsilon_r == pytest.approx((0.4 / (0.1 / 4.4 + 0.3 / 3.3),))
-
-
 def test_what_the_stackup_does_not_say_is_assumed_and_said(read):
     bare = read(board(layers=4, thickness="1"))
     assert bare.stackup.copper_thickness == (35e-6,) * 4
     assert sum(bare.stackup.dielectric_thickness) == pytest.approx(1e-3 - 4 * 35e-6)
     assert bare.stackup.epsilon_r == (4.5,) * 3
-    assert set(bare.assumed) == {
-        "stackup.copper_thickness_um", "stackup.dielectric_thickness_mm", "stackup.dielectric_epsilon_r"
-    }  # fmt: skip
+    keys = ("copper_thickness_um", "dielectric_thickness_mm", "dielectric_epsilon_r")
+    copper, slab, epsilon = (f"stackup.{key}" for key in keys)
+    assert set(bare.assumed) == {copper, slab, epsilon}
     part = read(board(setup=SUBLAYERS.replace("(epsilon_r 3.3)", "")))
-    assert set(part.assumed) == {"stackup.dielectric_epsilon_r"}
+    assert set(part.assumed) == {epsilon}
     thin = read(board(setup=SUBLAYERS.replace("(thickness 0.07)", "").replace("(thickness 0.3)", "")))
-    assert set(thin.assumed) == {"stackup.copper_thickness_um", "stackup.dielectric_thickness_mm"}
+    assert set(thin.assumed) == {copper, slab}
     assert thin.stackup.dielectric_thickness == pytest.approx((1.6e-3 - 70e-6,))
     assert thin.stackup.epsilon_r == pytest.approx((2 / (1 / 4.4 + 1 / 3.3),))  # equal parts in series
     assert read(board(layers=1)).stackup.dielectric_thickness == ()
+    message = r"b\.kicad_pcb:2: a board of 0\.1 mm is too thin for its 4 copper layers"
+    refused(BoardError, message, read, board(layers=4, thickness="0.1"))
 
 
-def test_a_given_stackup_takes_the_place_of_the_boards(read):
-    given_layers = Stackup(("top", "bottom"), (18e-6, 18e-6), (0.1e-3,), (3.3,))
-    found = read(board(segment((0, 0), (1, 0), layer="B.Cu"), setup=SUBLAYERS), given_layers)
-    assert found.stackup is given_layers
-    assert found.tracks[0].layer == "bottom"
-    assert found.assumed == {}
-    with pytest.raises(BoardError, match="has 4 copper layers and the given stack-up 2"):
-        read(board(layers=4), given_layers)
-
-
-@pytest.mark.parametrize(
-    ("setup", "message"),
-    [
+def test_stackups_that_cannot_be(read):
+    for setup, message in (
         (SUBLAYERS.replace('"B.Cu"', '"In1.Cu"'), "must list the copper layers F.Cu, B.Cu; got F.Cu, In1.Cu"),
         (SUBLAYERS.replace("0.07", "-0.07"), "a layer thickness must be positive and finite"),
         (SUBLAYERS.replace("4.4", "0.4").replace("3.3", "0.4"), "a relative permittivity must be at least 1"),
         (SUBLAYERS.replace("4.4", "x"), "must have a number; got 'x'"),
-    ],
-)
-def test_stackups_that_cannot_be(read, setup, message):
-    with pytest.raises(BoardError, match=rf"b\.kicad_pcb:\d+: .*{message}"):
-        read(board(setup=setup))
-
-
-def test_a_board_too_thin_for_its_copper(read):
-    with pytest.raises(BoardError, match=r"b\.kicad_pcb:2: a board of 0\.1 mm is too thin for its 4 copper layers"):
-        read(board(layers=4, thickness="0.1"))
+    ):
+        refused(BoardError, rf"b\.kicad_pcb:\d+: .*{message}", read, board(setup=setup))
 
 
 # ---- places and nets
 
 
-def test_the_auxiliary_origin_is_the_origin_and_y_points_up(read):
+def test_places_and_nets(read):
     text = "(segment (start 103 98) (end 104 101.5) (width 0.2) (layer F.Cu) (net 0))"
     (track,) = read(board(text)).tracks
     np.testing.assert_allclose((track.start, track.end), [(3e-3, 2e-3), (4e-3, -1.5e-3)], atol=ROUNDING)
     (track,) = read(board(text, setup="")).tracks
     np.testing.assert_allclose(track.start, (103e-3, -98e-3), atol=ROUNDING)
     assert track.net is None
-
-
-@pytest.mark.parametrize(
-    ("net", "name"),
-    [
-        ("1", "A"),
-        ("2", "B"),
-        ("0", None),
-        ('"A"', "A"),
-        ('"1"', "1"),
-        ('""', None),
-        ('"Net-(J1-Pad1)"', "Net-(J1-Pad1)"),
-    ],
-)
-def test_nets_by_number_and_by_name(read, net, name):
-    assert read(board(segment((0, 0), (1, 0), net=net))).tracks[0].net == name
-
-
-def test_a_net_that_is_not_in_the_table(read):
-    with pytest.raises(BoardError, match=r"b\.kicad_pcb:\d+: net 7 is not in the board's list of nets"):
-        read(board(segment((0, 0), (1, 0), net="7")))
-
-
-def test_vias_join_the_layers_between_their_two(read):
     blind = via(1, 2, layers=("In1.Cu", "B.Cu"), kind="blind")
     found = read(board(via(0, 0), blind, layers=4)).holes
     assert [hole.layers for hole in found] == [("F.Cu", "In1.Cu", "In2.Cu", "B.Cu"), ("In1.Cu", "In2.Cu", "B.Cu")]
     assert (found[1].x, found[1].y) == pytest.approx((1e-3, 2e-3))
     assert (found[1].drill, found[1].pad, found[1].net, found[1].kind) == (0.3e-3, 0.6e-3, "A", "via")
+    names = {"1": "A", "2": "B", "0": None, '"A"': "A", '"1"': "1", '""': None, '"Net-(J1-Pad1)"': "Net-(J1-Pad1)"}
+    for net, name in names.items():
+        assert read(board(segment((0, 0), (1, 0), net=net))).tracks[0].net == name
+    message = r"b\.kicad_pcb:\d+: net 7 is not in the board's list of nets"
+    refused(BoardError, message, read, board(segment((0, 0), (1, 0), net="7")))
 
 
 # What KiCad 6.0.11 wrote for one footprint turned by 30°, and for it flipped and turned, and where it said that the
@@ -338,42 +253,35 @@ def test_pads_of_turned_and_flipped_footprints(read):
         assert (pad.layer, pad.number, pad.size) == (layer, "2", 0.8e-3)
 
 
-def footprint(*inside):
-    return f'(footprint "x" (layer "F.Cu") (at 100 100) {" ".join(inside)})'
+def footprint(*inside, at="100 100"):
+    return f'(footprint "x" (layer "F.Cu") (at {at}) {" ".join(inside)})'
 
 
-def test_slots_and_pads_that_are_no_conductor(read):
-    found = read(
-        board(
-            footprint(
-                '(pad "1" thru_hole oval (at 0 0) (size 2 1) (drill oval 1.2 0.6 (offset 0.1 0)) (layers *.Cu))',
-                '(pad "" np_thru_hole circle (at 1 0) (size 2 2) (drill 2) (layers *.Cu *.Mask))',
-                '(pad "2" smd rect (at 2 0) (size 2 1) (layers "F.Paste"))',
-                '(pad "3" connect rect (at 3 0) (size 2 1) (layers "F&B.Cu"))',
-            )
-        )
+def test_slots_and_pads_of_some_layers(read):
+    inside = (
+        '(pad "1" thru_hole oval (at 0 0) (size 2 1) (drill oval 1.2 0.6 (offset 0.1 0)) (layers *.Cu))',
+        '(pad "" np_thru_hole circle (at 1 0) (size 2 2) (drill 2) (layers *.Cu *.Mask))',
+        '(pad "2" smd rect (at 2 0) (size 2 1) (layers "F.Paste"))',
+        '(pad "3" connect rect (at 3 0) (size 2 1) (layers "F&B.Cu"))',
     )
+    found = read(board(footprint(*inside)))
     (slot,) = found.holes
     assert (slot.drill, slot.pad, slot.net) == (0.6e-3, 1e-3, None)
     assert [(pad.number, pad.layer) for pad in found.pads] == [("3", "F.Cu"), ("3", "B.Cu")]
-
-
-def placed(x, y, turn, *inside):
-    return f'(footprint "x" (layer "F.Cu") (at {x} {y} {turn}) {" ".join(inside)})'
-
-
-def test_a_hole_has_the_pads_of_its_own_layers(read):
+    # a hole has the pads of its own layers
     one_side = '(pad "1" thru_hole circle (at 0 0) (size 2 2) (drill 1) (layers "F.Cu" "*.Mask"))'
     outer = '(pad "2" thru_hole circle (at 5 0) (size 2 2) (drill 1) (layers "F&B.Cu"))'
-    first, second = read(board(footprint(one_side, outer), layers=4)).holes
+    kept = "(remove_unused_layers yes) (keep_end_layers yes)"
+    removed = f'(pad "3" thru_hole circle (at 0 0) (size 2 2) (drill 1) (layers "*.Cu") {kept})'
+    first, *others = read(board(footprint(one_side, outer, removed), layers=4)).holes
     assert first.layers == ("F.Cu",)
-    assert second.layers == ("F.Cu", "In1.Cu", "In2.Cu", "B.Cu")
-    areas_mm = [second.copper(layer).area * 1e6 for layer in second.layers]
-    assert areas_mm == pytest.approx([math.pi, math.pi / 4, math.pi / 4, math.pi], rel=1e-3)  # 128 corners
-    everywhere = '(pad "3" thru_hole circle (at 0 0) (size 2 2) (drill 1) (layers "*.Cu") (remove_unused_layers yes))'
-    (removed,) = read(board(footprint(everywhere.replace("yes)", "yes) (keep_end_layers yes)")), layers=4)).holes
-    areas_mm = [removed.copper(layer).area * 1e6 for layer in removed.layers]
-    assert areas_mm == pytest.approx([math.pi, math.pi / 4, math.pi / 4, math.pi], rel=1e-3)
+    for hole in others:
+        assert hole.layers == ("F.Cu", "In1.Cu", "In2.Cu", "B.Cu")
+        areas_mm = [hole.copper(layer).area * 1e6 for layer in hole.layers]
+        assert areas_mm == pytest.approx([math.pi, math.pi / 4, math.pi / 4, math.pi], rel=1e-3)  # 128 corners
+
+
+PRIMITIVES = "(options (clearance outline) (anchor rect)) (primitives (gr_line (start 0 0) (end 5 0) (width 1)))"
 
 
 @pytest.mark.parametrize(
@@ -387,12 +295,7 @@ def test_a_hole_has_the_pads_of_its_own_layers(read):
         ("circle (at 0 0) (size 1 1) (drill (offset 1 2))", (0.5, -2.5, 1.5, -1.5), math.pi / 4),
         ("roundrect (at 0 0) (size 4 2) (roundrect_rratio 0.25)", (-2, -1, 2, 1), 8 - (4 - math.pi) / 4),
         ("trapezoid (at 0 0) (size 4 2) (rect_delta 0 1)", (-2.5, -1, 2.5, 1), 10),
-        (
-            "custom (at 1 0 90) (size 1 1) (options (clearance outline) (anchor rect)) "
-            "(primitives (gr_line (start 0 0) (end 5 0) (width 1)))",
-            (0.5, -0.5, 1.5, 5.5),
-            0.5 + 5 + math.pi / 8,
-        ),
+        (f"custom (at 1 0 90) (size 1 1) {PRIMITIVES}", (0.5, -0.5, 1.5, 5.5), 0.5 + 5 + math.pi / 8),
     ],
 )
 def test_shapes_of_pads(read, pad, bounds, area):
@@ -402,22 +305,22 @@ def test_shapes_of_pads(read, pad, bounds, area):
     assert found.copper is found.shape
 
 
-def test_pads_turn_on_the_sheet_not_in_their_footprint(read):
-    (found,) = read(board(placed(100, 100, 30, '(pad "1" smd rect (at 2 0 90) (size 4 1) (layers "F.Cu"))'))).pads
+def test_pads_and_drawings_turn_with_their_footprint(read):
+    (found,) = read(board(footprint('(pad "1" smd rect (at 2 0 90) (size 4 1) (layers "F.Cu"))', at="100 100 30"))).pads
     x, y = 2 * math.cos(math.radians(30)), 2 * math.sin(math.radians(30))
     np.testing.assert_allclose(np.array(found.shape.bounds) * 1e3, (x - 0.5, y - 2, x + 0.5, y + 2), atol=1e-9)
+    # drawings do turn with it
+    line = '(fp_line (start 0 0) (end 3 0) (layer "F.Cu") (stroke (width 0.2) (type solid)))'
+    (found,) = areas(read, footprint(line, at="110 100 90"))
+    assert found.shape.bounds == pytest.approx((9.9e-3, -0.1e-3, 10.1e-3, 3.1e-3), abs=1e-9)
+    assert found.what == "a drawn line"
 
 
 # ---- arcs
 
 
-@given(
-    radius=st.floats(0.05e-3, 20e-3),
-    first=st.floats(-4, 4),
-    turn=st.floats(-6.2, 6.2),
-    part=st.floats(0.1, 0.9),
-)
-@settings(max_examples=80)
+@given(radius=st.floats(0.05e-3, 20e-3), first=st.floats(-4, 4), turn=st.floats(-6.2, 6.2), part=st.floats(0.1, 0.9))
+@settings(max_examples=40)
 def test_pieces_of_an_arc_stay_on_it_and_keep_its_area(radius, first, turn, part):
     assume(abs(turn) > 0.05)
     centre = np.array([3e-3, -2e-3])
@@ -438,19 +341,16 @@ def test_pieces_of_an_arc_stay_on_it_and_keep_its_area(radius, first, turn, part
     assert 0.5 * abs((x * v - u * y).sum()) == pytest.approx(0.5 * radius**2 * abs(turn), rel=1e-5)
 
 
-def test_arcs_that_are_lines_or_circles():
+def test_arcs_that_are_lines_or_circles_or_flat():
     assert arc_points((0, 0), (1e-3, 0), (2e-3, 0)).tolist() == [[0, 0], [2e-3, 0]]
     whole = arc_points((1e-3, 0), (-1e-3, 0), (1e-3, 0))
     assert np.hypot(*np.diff(whole, axis=0).T).sum() == pytest.approx(2 * math.pi * 1e-3, rel=1e-3)  # zigzag of 0.9 µm
     assert arc_points((0, 0), (0, 0), (0, 0)).tolist() == [[0, 0], [0, 0]]
-
-
-@pytest.mark.parametrize("rise", [1e-9, 1e-8, 1e-7])
-def test_the_flattest_arcs_are_divided(rise):
-    # 20 m from end to end: the radius is up to 5e10 m, over which 0.9 µm is below the rounding of 1
-    points = arc_points((-10.0, 0.0), (0.0, rise), (10.0, 0.0))
-    assert len(points) < 10
-    assert np.abs(points[:, 1]).max() <= CHORD_ERROR
+    for rise in (1e-9, 1e-8, 1e-7):
+        # 20 m from end to end: the radius is up to 5e10 m, over which 0.9 µm is below the rounding of 1
+        points = arc_points((-10.0, 0.0), (0.0, rise), (10.0, 0.0))
+        assert len(points) < 10
+        assert np.abs(points[:, 1]).max() <= CHORD_ERROR
 
 
 def test_a_curved_track(read):
@@ -476,7 +376,7 @@ def areas(read, *items, **options):
     return read(board(*items, **options)).areas
 
 
-def test_zones(read):
+def test_zones_and_teardrops(read):
     (zone,) = areas(read, ZONE)
     assert (zone.layer, zone.net, zone.what) == ("F.Cu", "A", "a filled zone")
     assert zone.shape.area == pytest.approx(64e-6)
@@ -486,12 +386,9 @@ def test_zones(read):
     assert [(zone.layer, zone.what) for zone in both] == [("F.Cu", "a zone"), ("B.Cu", "a zone")]
     assert both[0].shape.area == pytest.approx(100e-6)
     assert areas(read, bare.replace("(hatch", "(keepout (tracks not_allowed)) (hatch")) == ()
-
-
-def test_teardrops_are_left_out_with_a_note(read):
+    # teardrops are left out with a note
     found = read(board(ZONE.replace("(hatch", "(attr (teardrop (type padvia))) (hatch")))
-    assert found.areas == ()
-    assert found.notes == ("1 teardrop at the ends of tracks left out.",)
+    assert (found.areas, found.notes) == ((), ("1 teardrop at the ends of tracks left out.",))
 
 
 def drawn(kind, *parts, layer='(layer "F.Cu")', width="(width 0.2)"):
@@ -516,25 +413,21 @@ def drawn(kind, *parts, layer='(layer "F.Cu")', width="(width 0.2)"):
 def test_drawn_copper(read, text, area):
     (found,) = areas(read, text)
     assert found.net is None
+    assert found.shape.is_valid
     assert found.shape.area * 1e6 == pytest.approx(area, rel=5e-3)  # round caps have 32 corners, circles 0.9 µm chords
 
 
-def test_drawn_copper_of_footprints_turns_with_them(read):
-    line = '(fp_line (start 0 0) (end 3 0) (layer "F.Cu") (stroke (width 0.2) (type solid)))'
-    (found,) = areas(read, f'(footprint "x" (layer "F.Cu") (at 110 100 90) {line})')
-    assert found.shape.bounds == pytest.approx((9.9e-3, -0.1e-3, 10.1e-3, 3.1e-3), abs=1e-9)
-    assert found.what == "a drawn line"
-
-
-def test_drawings_on_other_layers_are_no_copper(read):
+def test_what_is_on_other_layers_is_no_copper(read):
     silk = drawn("line", "(start 100 100)", "(end 110 100)", layer='(layer "F.SilkS")')
     mask = drawn("line", "(start 100 100)", "(end 110 100)", layer='(layers "F.Cu" "F.Mask")')
     assert len(areas(read, silk, mask)) == 1
-
-
-def test_what_is_unknown_and_has_a_net_is_kept_in_sight(read):
-    (found,) = areas(read, '(hyperloop (start 1 1) (end 2 2) (net "A"))', version=20270101)
-    assert (found.net, found.what) == ("A", "an unknown (hyperloop …)")
+    # a track with an opened mask is one
+    opened = segment((0, 0), (5, 2)).replace('(layer "F.Cu")', '(layers "F.Cu" "F.Mask")')
+    assert read(board(opened, version=KICAD_9)).tracks[0].layer == "F.Cu"
+    # the edge of the board
+    edge = drawn("rect", "(start 90 95)", "(end 130 110)", layer='(layer "Edge.Cuts")', width="(width 0.1)")
+    assert read(board(edge)).edge == pytest.approx((-10e-3, -10e-3, 30e-3, 5e-3))
+    assert read(board(segment((0, 0), (1, 0)))).edge is None
 
 
 TEXT = '(gr_text "HHHHHHHHHH" (at 105 100 {turn}) (layer "{layer}"){hide} (effects (font (size 3 3) (thickness 0.4))))'
@@ -554,23 +447,18 @@ def test_texts_on_copper_are_areas(read):
     assert len(areas(read, TEXT.format(turn=0, layer="F.Cu", hide=" (hide no)"))) == 1
 
 
+ON_FRONT, FONT = '(layer "F.Cu")', "(font (size 1 1))"
+
+
 @pytest.mark.parametrize(
     ("item", "what", "inside"),
     [
         ('(gr_text_box "x" (start 100 100) (end 110 95) (layer "F.Cu"))', "a text box", (5, 2)),
-        (
-            '(dimension (type aligned) (layer "F.Cu") (pts (xy 100 100) (xy 110 100)) (height 3))',
-            "a dimension",
-            (5, -2),
-        ),
+        (f"(dimension (type aligned) {ON_FRONT} (pts (xy 100 100) (xy 110 100)) (height 3))", "a dimension", (5, -2)),
         ('(hyperloop (start 100 100) (end 110 90) (layer "F.Cu"))', r"an unknown (hyperloop …)", (5, 5)),
-        (footprint('(fp_text user "R1" (at 2 0 0) (layer "F.Cu") (effects (font (size 1 1))))'), "a text", (2, 0)),
-        (footprint('(property "Value" "10k" (at 2 0 0) (layer "F.Cu") (effects (font (size 1 1))))'), "a text", (2, 0)),
-        (
-            footprint('(fp_text user "left" (at 2 0 0) (layer "F.Cu") (effects (font (size 1 1)) (justify left)))'),
-            "a text",
-            (5, 0),
-        ),
+        (footprint(f'(fp_text user "R1" (at 2 0 0) {ON_FRONT} (effects {FONT}))'), "a text", (2, 0)),
+        (footprint(f'(property "Value" "10k" (at 2 0 0) {ON_FRONT} (effects {FONT}))'), "a text", (2, 0)),
+        (footprint(f'(fp_text user "left" (at 2 0 0) {ON_FRONT} (effects {FONT} (justify left)))'), "a text", (5, 0)),
     ],
 )
 def test_whatever_else_is_on_copper_is_an_area(read, item, what, inside):
@@ -579,20 +467,11 @@ def test_whatever_else_is_on_copper_is_an_area(read, item, what, inside):
     assert found.shape.contains(shapely.Point(*(value * 1e-3 for value in inside)))
 
 
-def test_groups_and_pictures_are_no_copper(read):
+def test_what_is_unknown_is_copper_where_it_has_a_net_and_groups_and_pictures_are_none(read):
+    (found,) = areas(read, '(hyperloop (start 1 1) (end 2 2) (net "A"))', version=20270101)
+    assert (found.net, found.what) == ("A", "an unknown (hyperloop …)")
     assert areas(read, '(generated (layer "F.Cu") (base_line (pts (xy 100 100) (xy 110 90))))') == ()
     assert areas(read, '(image (at 100 100) (layer "F.Cu"))') == ()
-
-
-def test_tracks_with_an_opened_mask(read):
-    opened = segment((0, 0), (5, 2)).replace('(layer "F.Cu")', '(layers "F.Cu" "F.Mask")')
-    assert read(board(opened, version=KICAD_9)).tracks[0].layer == "F.Cu"
-
-
-def test_the_edge_of_the_board(read):
-    edge = drawn("rect", "(start 90 95)", "(end 130 110)", layer='(layer "Edge.Cuts")', width="(width 0.1)")
-    assert read(board(edge)).edge == pytest.approx((-10e-3, -10e-3, 30e-3, 5e-3))
-    assert read(board(segment((0, 0), (1, 0)))).edge is None
 
 
 # ---- values that cannot be
@@ -613,19 +492,13 @@ def test_the_edge_of_the_board(read):
             segment((0, 0), (1, 0)).replace('(layer "F.Cu")', '(layers "F.Cu" "B.Cu")'),
             r"\(segment …\) must lie on one copper layer; got F\.Cu, B\.Cu",
         ),
-        (
-            "(arc (start 1 2) (mid 1 1e30) (end 2 2) (width 1) (layer F.Cu))",
-            r"\(mid …\) must lie within 10000 mm; got 1, 1e\+30",
-        ),
+        ("(arc (start 1 2) (mid 1 1e30) (end 2 2) (width 1) (layer F.Cu))", r"within 10000 mm; got 1, 1e\+30"),
         (via(0, 0, size="0"), r"\(size …\) must be positive"),
         (via(0, 0, layers=("F.Cu",)), "a via must join two copper layers; got F.Cu"),
         (via(0, 0, layers=()), "a via must join two copper layers; got none"),
         (via(0, 0).replace("(drill 0.3)", ""), r"\(via …\) must have a \(drill …\)"),
         (footprint('(pad "1" thru_hole circle (at 0 0) (size 1 1) (layers *.Cu))'), r"must have a \(drill …\)"),
-        (
-            footprint('(pad "1" thru_hole circle (at 0 0) (size 1 1) (drill 0) (layers *.Cu))'),
-            "a plated hole must have a positive diameter; got 0",
-        ),
+        (footprint('(pad "1" thru_hole circle (at 0 0) (size 1 1) (drill 0))'), "must have a positive diameter; got 0"),
         (footprint('(pad "1")'), r"\(pad …\) must have 2 words; got 1"),
         (drawn("curve", "(pts (xy 0 0) (xy 1 0))"), "a curve must have 4 points; got 2"),
         (drawn("poly", "(pts)"), r"\(pts …\) must have points; got none"),
@@ -634,9 +507,7 @@ def test_the_edge_of_the_board(read):
 def test_items_that_cannot_be(read, item, message):
     text = board("", item)
     line = text[: text.index(item)].count("\n") + 1
-    with pytest.raises(BoardError, match=rf"b\.kicad_pcb:{line}: .*{message}") as caught:
-        read(text)
-    assert "\n" not in str(caught.value)
+    refused(BoardError, rf"b\.kicad_pcb:{line}: .*{message}", read, text)
 
 
 # ---- a real KiCad
@@ -651,12 +522,8 @@ def test_a_board_that_kicad_has_saved_again_reads_the_same(tmp_path, read):
     if python is None or subprocess.run([python, "-c", "import pcbnew"], capture_output=True, check=False).returncode:
         pytest.skip("the system's python has no pcbnew")
     edge = '(gr_rect (start 0 0) (end 300 200) (layer "Edge.Cuts") (width 0.1) (fill none) (tstamp 0))'
-    text = (
-        array_text(reference_board(through_holes=False)).rstrip()[:-1]
-        + edge
-        + FOOTPRINTS.replace('"A"', '"C1"')
-        + ")\n"
-    )
+    text = array_text(reference_board(turns=5, through_holes=False)).rstrip()[:-1]
+    text += edge + FOOTPRINTS.replace('"A"', '"C1"') + ")\n"
     before = read(text)
     environment = {**os.environ, "KICAD_CONFIG_HOME": str(tmp_path)}
     files = [str(tmp_path / name) for name in ("b.kicad_pcb", "again.kicad_pcb")]
@@ -665,17 +532,5 @@ def test_a_board_that_kicad_has_saved_again_reads_the_same(tmp_path, read):
     assert after.stackup == before.stackup
     assert after.edge == before.edge
     for kind in ("tracks", "holes", "pads"):  # KiCad writes them in an order of its own
-        assert _sorted(getattr(after, kind)) == _sorted(getattr(before, kind))
-
-
-def _sorted(items):
-    return sorted(repr(dataclasses.replace(item, where="")) for item in items)
-
-
-def test_shapes_are_valid(read):
-    for area in areas(read, ZONE, drawn("circle", "(center 100 100)", "(end 102 100)", "(fill solid)")):
-        assert shapely.is_valid(area.shape)
-
-
-def test_the_stackup_text_of_these_tests_is_one(read):
-    assert read(board(layers=4, setup=stackup_text(reference_board()))).assumed == {}
+        pieces = ((dataclasses.replace(item, where="") for item in getattr(one, kind)) for one in (before, after))
+        assert len({tuple(sorted(map(repr, each))) for each in pieces}) == 1

@@ -10,50 +10,28 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, one_coil, reference_board
+from support.boards import SHEETS, VIA, WOUND, many_layers, one_coil, reference_board, wound_board
+from support.refusals import refused
 
 from coilarray.errors import GeometryError, OutputError
-from coilarray.geometry import (
-    CoilArray,
-    Placement,
-    Sheet,
-    Spiral,
-    board_outline,
-    copper_by_layer,
-    drills,
-    path_coil,
-    solids,
-    spiral_coil,
-)
-from coilarray.geometry.copper import disc
+from coilarray.geometry import Sheet, solids
+from coilarray.geometry.coil import Coil
+from coilarray.geometry.copper import board_outline, copper_by_layer, disc, drills
 from coilarray.geometry.export import write_solids
 
-SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
 VOLUME = 1e-9  # relative: triangulated prisms of coordinates up to 1000 times their height, in float64
 
 
-def holes_of(array, layer=None):
-    return shapely.union_all(
-        [
-            disc(hole.x, hole.y, hole.diameter)
-            for hole in drills(array)
-            if hole.drilled and (layer is None or layer in hole.layers)
-        ]
-    )
-
-
-def wound(sides, layers, rotation, *, through_holes=True):
-    spiral = Spiral(sides, 6e-3, 6, 0.15e-3, 0.15e-3, circular=sides > 8)
-    return one_coil(spiral_coil(spiral, layers, VIA, LEADS), rotation=rotation, through_holes=through_holes)
+def holes_of(array, layer):
+    holes = [hole for hole in drills(array) if hole.drilled and layer in hole.layers]
+    return shapely.union_all([disc(hole.x, hole.y, hole.diameter) for hole in holes])
 
 
 BOARDS = {
-    "reference": reference_board(),
-    "reference, blind holes": reference_board(through_holes=False),
-    "triangle": wound(3, 2, 0.4),
-    "four layers, blind holes": wound(4, 4, 1.0, through_holes=False),
-    "circle": wound(96, 2, -2.0),
-    "inner terminal": wound(6, 1, 0.0),
+    "reference": reference_board(count=2),
+    **WOUND,
+    "reference, blind holes": reference_board(count=2, turns=10, through_holes=False),
+    "inner terminal": wound_board(6, 1),
 }
 
 
@@ -62,7 +40,6 @@ def built(request):
     return request.param, solids(request.param, SHEETS)
 
 
-@pytest.mark.slow
 def test_every_solid_is_closed_and_positive(built):
     _, parts = built
     for name, solid in parts.items():
@@ -71,7 +48,6 @@ def test_every_solid_is_closed_and_positive(built):
         assert solid.volume > 0, name
 
 
-@pytest.mark.slow
 def test_copper_volume_is_area_times_thickness(built):
     array, parts = built
     seen = set()
@@ -100,13 +76,12 @@ def test_barrels_are_hollow_and_span_their_layers(built):
             assert solid.bounds[:, 2] == pytest.approx([bottom, top], abs=1e-15)
 
 
-def test_a_pad_without_a_hole_has_no_barrel():
-    parts = solids(BOARDS["four layers, blind holes"])
-    # three vias between four layers; the terminals reach one layer each
-    assert [name for name in parts if name.startswith("barrel/")] == ["barrel/A/0", "barrel/A/1", "barrel/A/2"]
-
-
-def test_laminate_fills_the_board_between_the_outer_copper(built):
+def test_laminate_fills_the_board_and_sheets_are_stacked_on_it(built):
+    array, parts = built
+    area = board_outline(array).area
+    assert parts["sheet/base"].bounds[:, 2] == pytest.approx([0, 6e-3], abs=1e-15)
+    assert parts["sheet/magnetic"].bounds[:, 2] == pytest.approx([6e-3, 8e-3], abs=1e-15)
+    assert parts["sheet/magnetic"].volume == pytest.approx(area * 2e-3, rel=VOLUME)
     array, parts = built
     stackup = array.stackup
     if len(stackup.names) == 1:
@@ -119,28 +94,14 @@ def test_laminate_fills_the_board_between_the_outer_copper(built):
     assert parts["board"].bounds[1, 2] == pytest.approx(-stackup.copper_thickness[0], abs=1e-15)
 
 
-def test_sheets_are_stacked_upwards_from_the_board(built):
-    array, parts = built
-    area = board_outline(array).area
-    assert parts["sheet/base"].bounds[:, 2] == pytest.approx([0, 6e-3], abs=1e-15)
-    assert parts["sheet/magnetic"].bounds[:, 2] == pytest.approx([6e-3, 8e-3], abs=1e-15)
-    assert parts["sheet/magnetic"].volume == pytest.approx(area * 2e-3, rel=VOLUME)
-
-
-def test_touching_pads_leave_closed_solids():
-    line = [[(0, 0), (4e-3, 0), (4e-3, 4e-3), (2e-3, 4e-3), (2e-3, -2e-3)]]
-    crossing = type(path_coil([line[0][:2]], 2e-4, 2e-4, VIA))(
-        (np.array(line[0]),), (np.full(4, 2e-4),), 2e-4, VIA, None, np.zeros((0, 2))
-    )
-    array = CoilArray(many_layers(1), (Placement("A", crossing, ("L1",), 0, 0),))
+def test_solids_that_touch_are_closed_and_sheets_differ_in_name():
+    line = np.array([(0, 0), (4e-3, 0), (4e-3, 4e-3), (2e-3, 4e-3), (2e-3, -2e-3)])
+    array = one_coil(Coil((line,), (np.full(4, 2e-4),), 2e-4, VIA, None, np.zeros((0, 2))))
     solid = solids(array)["copper/L1/A"]
     assert solid.is_watertight
     assert solid.volume == pytest.approx(copper_by_layer(array)["L1"]["A"].area * 35e-6, rel=VOLUME)
-
-
-def test_sheet_names_differ():
-    with pytest.raises(GeometryError, match="sheet names must differ; got base, base"):
-        solids(BOARDS["triangle"], (Sheet("base", 1e-3), Sheet("base", 2e-3)))
+    twice = (Sheet("base", 1e-3), Sheet("base", 2e-3))
+    refused(GeometryError, "sheet names must differ; got base, base", solids, BOARDS["triangle"], twice)
 
 
 @pytest.mark.slow
@@ -183,26 +144,15 @@ def test_scene_file_keeps_names_and_is_in_metres_with_y_up(parts, tmp_path):
     assert colours["copper/L1/A"] != colours["board"] != colours["sheet/base"]
 
 
-def test_writing_leaves_the_solids_alone(parts, tmp_path):
+def test_files_that_cannot_be_leave_nothing_and_writing_leaves_the_solids_alone(parts, tmp_path):
+    message = r"the suffix must be \.stl, \.ply or \.glb; got '\.obj'"
+    refused(OutputError, message, write_solids, parts, tmp_path / "coil.obj")
+    refused(OutputError, "there are no solids", write_solids, {}, tmp_path / "coil.stl")
+    message = r"cannot write .*coil\.stl: No such file or directory"
+    refused(OutputError, message, write_solids, parts, tmp_path / "missing" / "coil.stl")
+    assert list(tmp_path.iterdir()) == []
     before = {name: solid.vertices.copy() for name, solid in parts.items()}
     write_solids(parts, tmp_path / "coil.stl")
     write_solids(parts, tmp_path / "coil.glb")
     for name, solid in parts.items():
         np.testing.assert_array_equal(solid.vertices, before[name])
-
-
-def test_files_that_cannot_be(parts, tmp_path):
-    with pytest.raises(OutputError, match=r"the suffix must be \.stl, \.ply or \.glb; got '\.obj'"):
-        write_solids(parts, tmp_path / "coil.obj")
-    with pytest.raises(OutputError, match="there are no solids"):
-        write_solids({}, tmp_path / "coil.stl")
-    with pytest.raises(OutputError, match=r"cannot write .*coil\.stl: No such file or directory"):
-        write_solids(parts, tmp_path / "missing" / "coil.stl")
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_heights_follow_the_stackup():
-    assert FOUR_LAYERS.span("L1")[1] == 0.0
-    copper = solids(BOARDS["reference"])["copper/L4/C2"]
-    assert copper.bounds[0, 2] == pytest.approx(-FOUR_LAYERS.thickness, abs=1e-15)

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.references import rows
+from support.refusals import refused
 
 from coilarray.errors import GeometryError
 from coilarray.geometry import Spiral, apothem_from_size
@@ -40,6 +41,7 @@ def test_vertices_and_length_agree_with_the_reference_rule(row):
     np.testing.assert_allclose(spiral.centre_line(0), expected, rtol=0, atol=1e-13 * edge * 200)
     # outward layers are the mirror image in y, traversed backwards
     np.testing.assert_allclose(spiral.centre_line(1), (expected * (1, -1))[::-1], rtol=0, atol=1e-13 * edge * 200)
+    assert spiral.inner_apothem == pytest.approx(radius[-1] * math.cos(math.pi / sides), rel=1e-12)
     total = sum(length(spiral.centre_line(layer)) for layer in range(layers))
     assert total * 1e3 == pytest.approx(float(row["length_mm"]), rel=5e-6)  # printed with 6 digits
 
@@ -80,35 +82,18 @@ def test_layers_meet_and_keep_the_sense_of_rotation(circular, winding, sense, tu
         assert (sense * (x[:-1] * y[1:] - x[1:] * y[:-1]) > 0).all()
 
 
-@given(
-    sides=st.integers(3, 12),
-    corner=st.floats(-10, 10),
-    circular=st.booleans(),
-    winding=st.sampled_from(["ccw", "cw"]),
-    layer=st.integers(0, 3),
-)
+@given(st.integers(3, 12), st.floats(-10, 10), st.booleans(), st.sampled_from(["ccw", "cw"]), st.integers(0, 3))
 def test_first_corner_only_rotates(sides, corner, circular, winding, layer):
-    plain = Spiral(sides, 6e-3, 4, 0.15e-3, 0.15e-3, 0.0, winding, circular)
-    turned = Spiral(sides, 6e-3, 4, 0.15e-3, 0.15e-3, corner, winding, circular)
+    plain, turned = (Spiral(sides, 6e-3, 4, 0.15e-3, 0.15e-3, first, winding, circular) for first in (0.0, corner))
     c, s = math.cos(corner), math.sin(corner)
     expected = plain.centre_line(layer) @ np.array([[c, s], [-s, c]])
     # rounding of an angle of about 10 rad at a radius of at most 12 mm
     np.testing.assert_allclose(turned.centre_line(layer), expected, rtol=0, atol=1e-15)
 
 
-def test_winding_shrinks_by_one_pitch_a_turn():
-    spiral = Spiral(6, 10e-3, 12, 0.15e-3, 0.1e-3)
-    apothem = np.hypot(*spiral.centre_line()[::6].T) * math.cos(math.pi / 6)
-    np.testing.assert_allclose(np.diff(apothem), -spiral.pitch, rtol=1e-11)  # differences of numbers 40 times as large
-    assert apothem[0] == pytest.approx(10e-3 - 0.075e-3, rel=1e-12)
-    assert apothem[-1] == pytest.approx(spiral.inner_apothem, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("sides", "across", "apothem"), [(6, "flats", 5.0), (6, "corners", 4.330127), (4, "corners", 3.535534)]
-)
-def test_size_across_flats_and_corners(sides, across, apothem):
-    assert apothem_from_size(10e-3, sides, across=across) * 1e3 == pytest.approx(apothem, abs=1e-6)  # digits given
+def test_size_across_flats_and_corners():
+    for sides, across, apothem in ((6, "flats", 5.0), (6, "corners", 4.330127), (4, "corners", 3.535534)):
+        assert apothem_from_size(10e-3, sides, across=across) * 1e3 == pytest.approx(apothem, abs=1e-6)  # digits given
 
 
 def test_outline_has_the_given_sizes():
@@ -121,50 +106,22 @@ def test_outline_has_the_given_sizes():
 BAD = [0.0, -1e-3, math.nan, math.inf]
 
 
-@pytest.mark.parametrize("name", ["outer_apothem", "turns", "trace_width", "gap"])
-@pytest.mark.parametrize("value", BAD)
-def test_sizes_must_be_positive_and_finite(name, value):
-    given_sizes = {"outer_apothem": 5e-3, "turns": 3, "trace_width": 1e-4, "gap": 1e-4, name: value}
-    with pytest.raises(GeometryError, match=f"{name} must be positive and finite"):
-        Spiral(6, **given_sizes)
-
-
-@pytest.mark.parametrize("sides", [2, 0, -6])
-def test_fewer_than_three_sides(sides):
-    with pytest.raises(GeometryError, match="sides must be at least 3"):
-        Spiral(sides, 5e-3, 3, 1e-4, 1e-4)
-    with pytest.raises(GeometryError, match="sides must be at least 3"):
-        apothem_from_size(1e-2, sides, across="flats")
-
-
-def test_more_turns_than_fit_names_the_most_that_do():
-    with pytest.raises(GeometryError, match=r"30 turns .* do not fit .*; at most 24\.5 turns do"):
-        Spiral(6, 5.01e-3, 30, 1e-4, 1e-4)
+def test_sizes_and_turns_that_cannot_be():
+    good = {"outer_apothem": 5e-3, "turns": 3, "trace_width": 1e-4, "gap": 1e-4}
+    for name in good:
+        for value in BAD:
+            refused(GeometryError, f"{name} must be positive and finite", Spiral, 6, **{**good, name: value})
+    for sides in (2, 0, -6):
+        refused(GeometryError, "sides must be at least 3", Spiral, sides, **good)
+    for corner in (math.nan, math.inf):
+        refused(GeometryError, "first_corner must be finite", Spiral, 6, **good, first_corner=corner)
+    refused(GeometryError, "winding must be 'ccw' or 'cw'; got 'left'", Spiral, 6, **good, winding="left")
+    refused(GeometryError, "turns must be a multiple of 1/6", Spiral, 6, **{**good, "turns": 3.1})
+    refused(GeometryError, r"30 turns .*; at most 24\.5 turns do", Spiral, 6, 5.01e-3, 30, 1e-4, 1e-4)
     Spiral(6, 5.01e-3, 24.5, 1e-4, 1e-4)
-
-
-def test_turns_are_whole_steps():
-    with pytest.raises(GeometryError, match="turns must be a multiple of 1/6"):
-        Spiral(6, 5e-3, 3.1, 1e-4, 1e-4)
-
-
-@pytest.mark.parametrize("corner", [math.nan, math.inf])
-def test_first_corner_must_be_finite(corner):
-    with pytest.raises(GeometryError, match="first_corner must be finite"):
-        Spiral(6, 5e-3, 3, 1e-4, 1e-4, corner)
-
-
-def test_winding_must_be_a_known_word():
-    with pytest.raises(GeometryError, match="winding must be 'ccw' or 'cw'; got 'left'"):
-        Spiral(6, 5e-3, 3, 1e-4, 1e-4, winding="left")
-
-
-@pytest.mark.parametrize("size", BAD)
-def test_size_must_be_positive_and_finite(size):
-    with pytest.raises(GeometryError, match="size must be positive and finite"):
-        apothem_from_size(size, 6, across="corners")
-
-
-def test_size_is_across_something():
-    with pytest.raises(GeometryError, match="across flats or corners; got 'diagonal'"):
-        apothem_from_size(1e-2, 6, across="diagonal")
+    for size in BAD:
+        refused(GeometryError, "size must be positive and finite", apothem_from_size, size, 6, across="corners")
+    for sides in (2, 0, -6):
+        refused(GeometryError, "sides must be at least 3", apothem_from_size, 1e-2, sides, across="flats")
+    message = "across flats or corners; got 'diagonal'"
+    refused(GeometryError, message, apothem_from_size, 1e-2, 6, across="diagonal")

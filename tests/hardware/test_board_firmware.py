@@ -5,6 +5,7 @@ What stands on the interface `Reader` alone must not see a difference.
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import sys
 
@@ -30,28 +31,19 @@ SETTINGS = quick_settings(drives=8, quality=150.0)
 TIMES = LinkTimes(reply=PATIENCE / 3, least_gap=PATIENCE, heartbeat=PATIENCE)
 
 
+@contextlib.contextmanager
 def behind_firmware(board, wiring=WIRING):
-    return FirmwareHost(board.bus, board.switches, board.clock, safe_words=wiring.safe_words)
-
-
-def left_by(board, host, way_out):
-    """Open, configure, stream, and leave in some way; return by what."""
-    met = None
-    try:
-        with open_board(host.port, times=TIMES) as opened:
-            opened.reader.configure(SETTINGS)
-            stream = opened.reader.scans()
-            next(stream)
-            way_out()
-    except BaseException as error:
-        met = error
-    return met
+    """Give the firmware with the chips of a board, and the board as it is opened through it."""
+    with (
+        FirmwareHost(board.bus, board.switches, board.clock, safe_words=wiring.safe_words) as host,
+        open_board(host.port, wiring=wiring, times=TIMES) as opened,
+    ):
+        yield host, opened
 
 
 @pytest.mark.slow
 def test_the_line_says_who_answers():
-    board = plain()
-    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
+    with behind_firmware(plain()) as (host, opened):
         assert not opened.emulated
         assert opened.emulator is None
         assert f"LDC1614 (5449/3055); wiring six_coils; session {host.boot:08X}" in opened.line
@@ -62,8 +54,7 @@ def test_samples_are_the_same_as_of_the_chips_driven_directly():
     direct = reader_of(plain())
     direct.configure(settings)
     wanted = direct.scan()
-    board = plain()
-    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
+    with behind_firmware(plain()) as (_, opened):
         opened.reader.configure(settings)
         scan = opened.reader.scan()
     assert scan.samples == wanted.samples  # without noise: the same words to the last bit
@@ -73,7 +64,7 @@ def test_samples_are_the_same_as_of_the_chips_driven_directly():
 @pytest.mark.slow
 def test_the_chain_can_be_asked_through_the_firmware():
     board = plain()
-    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
+    with behind_firmware(board) as (host, opened):
         assert opened.check_chain() in ("same", "none")
         with host.paused():
             board.switches.broken = True
@@ -100,9 +91,16 @@ def raising(error):
     ids=["the end", "Ctrl-C", "an exception", "SIGTERM"],
 )
 def test_leaving_in_the_middle_of_a_stream_grounds_the_coils(way_out, error):
-    board = plain()
-    with behind_firmware(board) as host:
-        met = left_by(board, host, way_out)
+    board, met = plain(), None
+    with FirmwareHost(board.bus, board.switches, board.clock, safe_words=WIRING.safe_words) as host:
+        try:
+            with open_board(host.port, times=TIMES) as opened:
+                opened.reader.configure(SETTINGS)
+                stream = opened.reader.scans()
+                next(stream)
+                way_out()
+        except BaseException as left_by:
+            met = left_by
         with host.paused():
             assert at_rest(board)
     assert isinstance(met, error)
@@ -113,7 +111,7 @@ def test_leaving_in_the_middle_of_a_stream_grounds_the_coils(way_out, error):
 def test_a_good_board_passes_its_self_test(name):
     wiring = load_wiring(name)
     board = coupled_board(wiring)
-    with behind_firmware(board, wiring) as host, open_board(host.port, wiring=wiring, times=TIMES) as opened:
+    with behind_firmware(board, wiring) as (host, opened):
         result = self_test(opened.reader, wiring, quick_settings(wiring, drives=8, quality=150.0))
         with host.paused():
             assert at_rest(board, wiring)
@@ -124,7 +122,7 @@ def test_a_good_board_passes_its_self_test(name):
 def test_faults_are_named_through_the_firmware_too():
     world = CoupledCoils(WIRING.coils)
     board = coupled_board(WIRING, world=world)
-    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
+    with behind_firmware(board) as (host, opened):
         with host.paused():
             board.chain.stick(*board.chain.find(3, 1, "ground"), "closed")
         found = self_test(opened.reader, WIRING, SETTINGS).findings
@@ -139,6 +137,5 @@ def test_faults_are_named_through_the_firmware_too():
 @pytest.mark.slow
 def test_drive_currents_are_the_same_as_of_the_chips_driven_directly():
     wanted = find_drives(reader_of(coupled_board(WIRING, noise=0.0)), SETTINGS)
-    board = coupled_board(WIRING, noise=0.0)
-    with behind_firmware(board) as host, open_board(host.port, times=TIMES) as opened:
+    with behind_firmware(coupled_board(WIRING, noise=0.0)) as (_, opened):
         assert find_drives(opened.reader, SETTINGS) == wanted

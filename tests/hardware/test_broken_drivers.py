@@ -7,14 +7,10 @@ from typing import ClassVar
 
 import pytest
 from support.broken_drivers import BROKEN, CAPACITANCE, DRIVES, RCOUNT, WIRING, Reading, RightDriver, findings
+from support.emulated_reader import reader_of
 
-from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.scan.readings import Reason, read_scan
 from coilarray.hardware.scan.settings import scan_settings
-
-
-def test_a_right_driver_has_no_findings():
-    assert findings(RightDriver) == []
 
 
 @pytest.mark.slow
@@ -41,9 +37,7 @@ class PackagesDriver:
     def __init__(self, board, clock=43.4e6):
         self.true_clock = clock
         self.settings = scan_settings(WIRING, rcount=RCOUNT, clock=clock, drives=DRIVES)
-        self.reader = DirectReader(
-            board.bus, board.switches, board.clock, WIRING.safe_words, kind="emulator", emulated=True
-        )
+        self.reader = reader_of(board)
 
     def configure(self):
         self.reader.configure(self.settings)
@@ -57,5 +51,6 @@ class PackagesDriver:
         }
 
 
-def test_the_package_s_driver_has_no_findings():
-    assert findings(PackagesDriver) == []
+@pytest.mark.parametrize("driver", [RightDriver, PackagesDriver])
+def test_a_right_driver_has_no_findings(driver):
+    assert findings(driver) == []

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -11,12 +13,16 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from support import recorded_boards
 from support.recorded_boards import QuickWorld, configured, dent, quick_board, session_of, two_coil_wiring, two_coils
 
 from coilarray import load_design
+from coilarray.circuit.network import loaded_quality, resonate
+from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.compute.store import open_store
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import open_board
+from coilarray.hardware.chips.ldc1614_limits import drive_for
 from coilarray.hardware.emulator import Drift
 from coilarray.hardware.record.campaign import TRIES, Campaign, design_campaign, run_campaign
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, response_csv
@@ -24,27 +30,25 @@ from coilarray.hardware.record.recorder import open_recorder
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.record.stages import EmulatedStage
 from coilarray.hardware.scan.board_network import board_network
-from coilarray.hardware.scan.design_settings import design_plan, design_settings
+from coilarray.hardware.scan.design_settings import design_settings
 from coilarray.hardware.scan.reader import RawSample, SampleFault
 from coilarray.hardware.wire.faults import BoardRestarted, BusFault, DeviceLost, NoAnswer
 from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.forward import forward_model
 from coilarray.response.map import response_map
 
+kept = recorded_boards.kept
 DESIGN = two_coils()
 SMALL = Campaign(x=(-2e-3, 0.0, 3e-3), y=(0.0, 2e-3), depths=(0.5e-3, 1e-3))
 CODE = 8e-8  # of L: a code is 4e-8 of a frequency near 2 MHz
 
 
-def run(path, campaign, board=None, *, resume=False, reader=None, stage=None, progress=None):
-    """Run a campaign on a board that is closed afterwards."""
+def run(path, campaign, board=None, *, resume=False, reader=lambda own: own, stage=lambda own: own, progress=None):
+    """Run a campaign on a board that is closed afterwards; its reader and its stage may be wrapped."""
     with open_recorder(path, resume=resume) as recorder, board or quick_board() as board:
         recorder.start(session_of(board, configured(board), DESIGN), campaign.to_json())
         own = EmulatedStage(board.emulator)
-        wrapped = board.reader if reader is None else reader(board.reader)
-        run_campaign(
-            campaign, wrapped, own if stage is None else stage(own), recorder, board.emulator.clock, progress=progress
-        )
+        run_campaign(campaign, reader(board.reader), stage(own), recorder, board.emulator.clock, progress=progress)
     return path
 
 
@@ -52,6 +56,17 @@ def response_of(path, **options):
     with open_recording(path) as recording:
         recording.check()
         return recorded_response(recording, **options)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "run.sqlite"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Response of the small campaign, measured without a fault."""
+    return response_of(run(tmp_path_factory.mktemp("whole") / "run.sqlite", SMALL))
 
 
 class Wrapped:
@@ -64,10 +79,12 @@ class Wrapped:
         return getattr(self.inner, name)
 
 
-# ----------------------------------------------------------------------------------- the plan
+# the plan
 
 
 def test_the_papers_grid():
+    with pytest.raises(HardwareError, match=r"has no \[indenter\] and \[indentation\]"):
+        design_campaign(replace(DESIGN, indentation=None))
     campaign = design_campaign(load_design("gast2020"))
     # Table 1 and sect. 3.3: 2 mm apart over ±26 and ±6 mm, 1 mm deep, 1.5 mm/s, 0.5 s
     assert (len(campaign.x), len(campaign.y), campaign.depths) == (27, 7, (1e-3,))
@@ -115,70 +132,52 @@ def test_wrong_plans(change, message):
         replace(SMALL, **change)
 
 
-@pytest.mark.parametrize(
-    "text", ["", "[]", "7", "{}", '{"x": 1}', '{"x": ["a"], "y": [0], "depths": [1]}', "[" * 99999]
-)
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"x": 1}', '{"x": ["a"], "y": [0], "depths": [1]}', "[" * 99999])
 def test_plans_that_cannot_be_read(text):
     with pytest.raises(HardwareError, match="plan of a campaign cannot be read"):
         Campaign.from_json(text)
 
 
-def test_a_design_without_indentation():
-    with pytest.raises(HardwareError, match=r"has no \[indenter\] and \[indentation\]"):
-        design_campaign(replace(DESIGN, indentation=None))
+# the sequence
 
 
-# ------------------------------------------------------------------------------- the sequence
-
-
-def test_the_papers_sequence(tmp_path):
+def test_the_papers_sequence(path):
     """Baseline untouched, press at 1.5 mm/s, 0.5 s, peak at full depth, relax: by the board's clock."""
     board = quick_board()
     clock, log = board.emulator.clock, []
 
-    class Stage(Wrapped):
-        def move(self, x, y):
-            self.inner.move(x, y)
-            log.append(("moved", clock.now()))
+    class Logged(Wrapped):
+        def __getattr__(self, name):
+            call = getattr(self.inner, name)
 
-        def indent(self, depth, speed):
-            log.append(("indent", clock.now()))
-            self.inner.indent(depth, speed)
+            def logged(*given):
+                start, depth = clock.now(), board.emulator.place().depth
+                result = call(*given)
+                log.append((name, start, clock.now(), depth))
+                return result
 
-        def relax(self, speed):
-            log.append(("relax", clock.now()))
-            self.inner.relax(speed)
-            log.append(("relaxed", clock.now()))
-
-    class Reader(Wrapped):
-        def scan(self):
-            log.append(("scan", clock.now(), board.emulator.place()))
-            return self.inner.scan()
+            return logged if name in ("move", "indent", "relax", "scan") else call
 
     campaign = Campaign(x=(0.0,), y=(0.0,), depths=(1e-3,), scans=2)
-    run(tmp_path / "run.sqlite", campaign, board, reader=Reader, stage=Stage)
-    assert [entry[0] for entry in log] == ["moved", "scan", "scan", "indent", "scan", "scan", "relax", "relaxed"]
-    time = dict(zip(["m", "b1", "b2", "i", "p1", "p2", "r", "d"], [entry[1] for entry in log], strict=True))
-    assert time["p1"] - time["i"] == pytest.approx(1e-3 / 1.5e-3 + 0.5)
-    assert time["d"] - time["r"] == pytest.approx(1e-3 / 1.5e-3)
-    assert [entry[2].depth for entry in log if entry[0] == "scan"] == [0.0, 0.0, 1e-3, 1e-3]
-    with open_recording(tmp_path / "run.sqlite") as recording:
+    run(path, campaign, board, reader=Logged, stage=Logged)
+    names, starts, ends, depths = zip(*log, strict=True)
+    assert names == ("move", "scan", "scan", "indent", "scan", "scan", "relax")
+    assert starts[4] - starts[3] == pytest.approx(1e-3 / 1.5e-3 + 0.5)
+    assert ends[6] - starts[6] == pytest.approx(1e-3 / 1.5e-3)
+    assert [depth for name, depth in zip(names, depths, strict=True) if name == "scan"] == [0.0, 0.0, 1e-3, 1e-3]
+    with open_recording(path) as recording:
         scans = list(recording.scans())
     assert [(scan.stage, scan.depth) for scan in scans] == [("baseline", 0.0)] * 2 + [("peak", 1e-3)] * 2
     assert all(scan.place == campaign.places[0] for scan in scans)
 
 
-def test_progress(tmp_path):
+# the response
+
+
+def test_the_response_is_the_boards(path):
     reported = []
-    run(tmp_path / "run.sqlite", SMALL, progress=lambda *now: reported.append(now))
+    response = response_of(run(path, SMALL, progress=lambda *now: reported.append(now)))
     assert reported == [(k, SMALL.size) for k in range(SMALL.size + 1)]
-
-
-# --------------------------------------------------------------------------------- the response
-
-
-def test_the_response_is_the_boards(tmp_path):
-    response = response_of(run(tmp_path / "run.sqlite", SMALL))
     assert response.delta.dims == ("depth", "y", "x", "state")
     expected = [
         [[[dent(coil, x, y, depth) for coil in ("coil1", "coil2")] for x in SMALL.x] for y in SMALL.y]
@@ -194,38 +193,33 @@ def test_the_response_is_the_boards(tmp_path):
     assert (response.attrs["origin"], response.attrs["indenter"]) == ("coil1", "hemisphere")
 
 
-def test_what_takes_a_simulation_takes_it(tmp_path):
+def test_what_takes_a_simulation_takes_it(path):
     campaign = Campaign(x=tuple(2e-3 * np.arange(-4, 5)), y=tuple(2e-3 * np.arange(-3, 4)), depths=(1e-3,))
-    response = response_of(run(tmp_path / "run.sqlite", campaign))
+    response = response_of(run(path, campaign))
     model = forward_model(response)
     x, y = 1.1e-3, 0.7e-3
     expected = [dent(coil, x, y, 1e-3) for coil in ("coil1", "coil2")]
     # a cubic through 2 mm steps of a bell of 8 mm: (2/8)⁴/100 of it
     np.testing.assert_allclose(model.delta([x, y, 1e-3]), expected, rtol=1e-3, atol=3e-6)
-    ellipses = fit_ellipses(response, 0)
-    assert "coil1" in {str(name) for name in ellipses.state.values}
+    assert "coil1" in fit_ellipses(response, 0).state.values.tolist()
 
 
-def test_the_response_in_a_file(tmp_path):
-    from coilarray.compute.netcdf import load_part, save_dataset
-
-    response = response_of(run(tmp_path / "run.sqlite", SMALL))
-    save_dataset(response, tmp_path / "run.nc")
-    xr.testing.assert_identical(load_part(tmp_path / "run.nc"), response)
-    rows = list(csv.DictReader(io.StringIO(response_csv(response))))
+def test_the_response_in_a_file(whole, tmp_path):
+    save_dataset(whole, tmp_path / "run.nc")
+    xr.testing.assert_identical(load_part(tmp_path / "run.nc"), whole)
+    rows = list(csv.DictReader(io.StringIO(response_csv(whole))))
     assert list(rows[0]) == ["depth_m", "y_m", "x_m", "state", "delta", "delta_std"]
-    assert len(rows) == response.delta.size
+    assert len(rows) == whole.delta.size
     for row in rows:
         at = {axis: float(row[f"{axis}_m"]) for axis in ("depth", "y", "x")}
-        assert float(row["delta"]) == response.delta.sel(**at, state=row["state"]).item()
+        assert float(row["delta"]) == whole.delta.sel(**at, state=row["state"]).item()
 
 
-def test_repeats(tmp_path):
+def test_repeats(path, tmp_path):
     """The deviation of a repeat is that of two readings of L, each twice as noisy as a frequency."""
     noise, repeats = 1e-6, 8
     campaign = Campaign(x=(0.0, 2e-3, 4e-3), y=(0.0, 2e-3), depths=(1e-3,), repeats=repeats)
-    board = quick_board(noise=noise, seed=5)
-    response = response_of(run(tmp_path / "run.sqlite", campaign, board))
+    response = response_of(run(path, campaign, quick_board(noise=noise, seed=5)))
     assert response.delta_std.attrs["found_from"] == "repeats"
     expected = np.sqrt(2) * 2 * noise
     # 12 deviations of 7 degrees of freedom each: the mean square to sqrt(2/84) = 15 %, its root to 8 %; three times it
@@ -237,13 +231,13 @@ def test_repeats(tmp_path):
 
 
 @pytest.mark.slow
-def test_deviation_from_baselines(tmp_path):
+def test_deviation_from_baselines(path, tmp_path):
     """Without repeats the steps between baselines tell the noise; a drift of a hundred times that does not count."""
     noise = 1e-6
     campaign = Campaign(x=tuple(1e-3 * np.arange(20)), y=(0.0, 1e-3, 2e-3), depths=(1e-3,))
     # -13e-6/K of the clock over 0.02 K/s and 2.5 s a position: 6.5e-7 from one to the next, 4e-5 in all
     board = quick_board(noise=noise, seed=2, drift=Drift(rate=0.02))
-    response = response_of(run(tmp_path / "run.sqlite", campaign, board))
+    response = response_of(run(path, campaign, board))
     assert response.delta_std.attrs["found_from"] == "baselines"
     # 59 steps give it to 13 %; the drift adds 10 %
     np.testing.assert_allclose(response.delta_std, np.sqrt(2) * 2 * noise, rtol=0.45)
@@ -256,28 +250,24 @@ def test_deviation_from_baselines(tmp_path):
 
 
 @pytest.mark.slow
-def test_simulated_response_of_the_design(tmp_path, monkeypatch):
+def test_simulated_response_of_the_design(kept, path):
     """The whole way: physics, chips, scans, file, δ; beside the map that is computed directly."""
-    monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path / "cache"))
-    campaign = design_campaign(DESIGN, x=[-4e-3, 1e-3, 6e-3], y=[-3e-3, 0.0], depths=[0.6e-3, 1e-3])
+    campaign = design_campaign(DESIGN, x=[-4e-3, 1e-3, 6e-3], y=[-3e-3], depths=[0.6e-3, 1e-3])
     wiring = two_coil_wiring()
     settings = design_settings(DESIGN, wiring)
-    path, noise = tmp_path / "run.sqlite", 1e-7
-    with (
-        open_recorder(path) as recorder,
-        open_board(design=DESIGN, wiring=wiring, seed=4, noise=noise) as board,
-    ):
+    noise = 1e-7
+    with open_recorder(path) as recorder, open_board(design=DESIGN, wiring=wiring, seed=4, noise=noise) as board:
         board.reader.configure(settings)
         recorder.start(session_of(board, settings, DESIGN), campaign.to_json())
         stage = EmulatedStage(board.emulator)
         run_campaign(campaign, board.reader, stage, recorder, board.emulator.clock)
     measured = response_of(path)
-    network = board_network(DESIGN, open_store(tmp_path / "cache"))
+    network = board_network(DESIGN, open_store())
     computed = response_map(DESIGN, depths=campaign.depths, x=campaign.x, y=campaign.y, network=network)
     for name in ("depth", "y", "x", "state", "coil"):
         assert measured[name].values.tolist() == computed[name].values.tolist()
     np.testing.assert_allclose(measured.coil_x, computed.coil_x)
-    # 4.5 deviations of noise (24 values), the rounding of two codes, and 3e-6 of the emulator's table
+    # 4.5 deviations of noise (12 values), the rounding of two codes, and 3e-6 of the emulator's table
     allowed = 4.5 * np.sqrt(2) * 2 * noise + 2 * CODE + 3e-6
     np.testing.assert_allclose(measured.delta, computed.delta, atol=allowed, rtol=0)
     assert np.abs(computed.delta).max() > 100 * allowed
@@ -288,41 +278,47 @@ def test_simulated_response_of_the_design(tmp_path, monkeypatch):
     assert not measured.doubtful.any()  # the drive currents fit the coils
 
 
-# -------------------------------------------------------------------------- what is not whole
+# what is not whole
 
 
-def stopped_after(scans):
-    """A reader that is lost after some scans."""
+def scanning(scan):
+    """A reader whose scans are made by a function of the reader that it wraps and of their number, from 1."""
 
     class Reader(Wrapped):
-        left = scans
+        count = 0
 
         def scan(self):
-            if not self.left:
-                raise DeviceLost("the port is gone.")
-            self.left -= 1
-            return self.inner.scan()
+            self.count += 1
+            return scan(self.inner, self.count)
 
     return Reader
 
 
+def raising(error):
+    raise error
+
+
+def stopped_after(scans):
+    """A reader that is lost after some scans."""
+    gone = DeviceLost("the port is gone.")
+    return scanning(lambda reader, count: reader.scan() if count <= scans else raising(gone))
+
+
 @pytest.mark.parametrize("scans", [0, 1, 2, 7, 23])
-def test_resume_measures_what_is_missing(tmp_path, scans):
-    path, whole = tmp_path / "run.sqlite", run(tmp_path / "whole.sqlite", SMALL)
+def test_resume_measures_what_is_missing(path, whole, scans):
     with pytest.raises(DeviceLost):
         run(path, SMALL, reader=stopped_after(scans))
     reported = []
     run(path, SMALL, resume=True, progress=lambda *now: reported.append(now))
     assert reported[0] == (scans // 2, SMALL.size)  # two scans a position: what was finished is not measured again
-    xr.testing.assert_equal(response_of(path), response_of(whole))
+    xr.testing.assert_equal(response_of(path), whole)
     with open_recording(path) as recording:
         assert recording.count() == 2 * SMALL.size + scans % 2
         assert recorded_series(recording).sizes["scan"] == recording.count()  # nothing is thrown away
     run(path, SMALL, resume=True, reader=stopped_after(0))  # nothing is left to be measured
 
 
-def test_not_whole(tmp_path):
-    path = tmp_path / "run.sqlite"
+def test_not_whole(path, tmp_path):
     with pytest.raises(DeviceLost):
         run(path, SMALL, reader=stopped_after(9))
     with pytest.raises(HardwareError, match="is not whole: 8 of 12 positions are not measured yet"):
@@ -340,31 +336,12 @@ def test_not_whole(tmp_path):
     assert int(response.delta_std.notnull().all("state").sum()) == 2
 
 
-# ------------------------------------------------------------------------------ what goes wrong
+# what goes wrong
 
 
-def failing(fault, times):
-    """A reader in which the third scan and its repeats fail in a way."""
-
-    class Reader(Wrapped):
-        count, left = 0, times
-
-        def scan(self):
-            self.count += 1
-            if self.count >= 3 and self.left:
-                self.left -= 1
-                return fault(self.inner)
-            return self.inner.scan()
-
-    return Reader
-
-
-def no_answer(reader):
-    raise NoAnswer("the board did not answer.")
-
-
-def bus_fault(reader):
-    raise BusFault("the converter did not answer.")
+def failing(name, times):
+    """A reader in which the third scan and those after it fail in a way."""
+    return scanning(lambda reader, count: FAULTS[name](reader) if 3 <= count < 3 + times else reader.scan())
 
 
 def dead_sample(reader):
@@ -378,13 +355,18 @@ def restarted(reader):
     return reader.scan()
 
 
-FAULTS = {"no answer": no_answer, "bus": bus_fault, "dead sample": dead_sample, "restart": restarted}
+FAULTS = {
+    "no answer": lambda reader: raising(NoAnswer("the board did not answer.")),
+    "bus": lambda reader: raising(BusFault("the converter did not answer.")),
+    "dead sample": dead_sample,
+    "restart": restarted,
+}
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_failed_position_is_measured_again(tmp_path, name):
-    path = run(tmp_path / "run.sqlite", SMALL, reader=failing(FAULTS[name], TRIES - 1))
-    xr.testing.assert_equal(response_of(path), response_of(run(tmp_path / "whole.sqlite", SMALL)))
+def test_a_failed_position_is_measured_again(path, whole, name):
+    run(path, SMALL, reader=failing(name, TRIES - 1))
+    xr.testing.assert_equal(response_of(path), whole)
     with open_recording(path) as recording:
         assert len(recording.sessions) == (TRIES if name == "restart" else 1)
         assert len(recording.positions()) == SMALL.size
@@ -395,21 +377,13 @@ class Over(Wrapped):
 
     def __init__(self, inner, at):
         super().__init__(inner)
-        self.at, self.count, self.over = at, 0, False
+        self.at, self.count = at, 0
 
-    def configure(self, settings):
-        self.ended()
-        self.inner.configure(settings)
-
-    def scan(self):
-        self.count += 1
-        self.over |= self.count == self.at
-        self.ended()
-        return self.inner.scan()
-
-    def ended(self):
-        if self.over:
+    def __getattr__(self, name):
+        self.count += name == "scan"
+        if name in ("scan", "configure") and self.count >= self.at:
             raise BoardRestarted("this session has ended: the board restarted.")
+        return super().__getattr__(name)
 
 
 def run_reconnecting(path, first, again=None):
@@ -429,62 +403,58 @@ def run_reconnecting(path, first, again=None):
     return made
 
 
-def test_a_board_that_restarted_is_opened_again(tmp_path):
-    path = tmp_path / "run.sqlite"
+def test_a_board_that_restarted_is_opened_again(path, whole):
     assert len(run_reconnecting(path, 6, [1, 3, 10, 10**9])) == 4  # at once again, then in two later positions
-    xr.testing.assert_equal(response_of(path), response_of(run(tmp_path / "whole.sqlite", SMALL)))
+    xr.testing.assert_equal(response_of(path), whole)
     with open_recording(path) as recording:
         assert [one.identity.boot for one in recording.sessions[1:]] == [0, 1, 2, 3]
         assert len(recording.positions()) == SMALL.size
 
 
-def test_a_board_that_restarts_for_ever_is_given_up(tmp_path):
+def test_a_board_that_restarts_for_ever_is_given_up(path):
     with pytest.raises(HardwareError, match=f"a scan failed {TRIES} times: .*restarted"):
-        run_reconnecting(tmp_path / "run.sqlite", 6, [1] * 100)
+        run_reconnecting(path, 6, [1] * 100)
 
 
-def test_a_board_that_restarted_and_cannot_be_opened_again(tmp_path):
+def test_a_board_that_restarted_and_cannot_be_opened_again(path):
     with pytest.raises(BoardRestarted, match="the board restarted; run again to go on with the recording"):
-        run_reconnecting(tmp_path / "run.sqlite", 6)
-    run(tmp_path / "run.sqlite", SMALL, resume=True)
+        run_reconnecting(path, 6)
+    run(path, SMALL, resume=True)
 
 
 @pytest.mark.parametrize(
     ("name", "reason"), [("no answer", "did not answer"), ("dead sample", "coil2 gave no value: no result in time")]
 )
-def test_it_is_given_up(tmp_path, name, reason):
+def test_it_is_given_up(path, name, reason):
     board = quick_board()
     with pytest.raises(HardwareError, match=rf"at x = -2, y = 0 mm a scan failed {TRIES} times: .*{reason}"):
-        run(tmp_path / "run.sqlite", SMALL, board, reader=failing(FAULTS[name], 1000))
+        run(path, SMALL, board, reader=failing(name, 1000))
     assert board.emulator.place().depth == 0  # lifted
     assert board.emulator.seen().state is None  # and grounded
-    with open_recording(tmp_path / "run.sqlite") as recording:
+    with open_recording(path) as recording:
         assert len(recording.positions()) == 1
 
 
-def test_a_dead_coil(tmp_path):
+def test_a_dead_coil(path):
     world = QuickWorld()
     world.dead = {"coil2"}
     with pytest.raises(HardwareError, match=r"coil2 gave no value: .*does not oscillate"):
-        run(tmp_path / "run.sqlite", SMALL, quick_board(world=world))
+        run(path, SMALL, quick_board(world=world))
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, OutputError("full"), DeviceLost("gone")])
-def test_the_indenter_is_lifted_on_every_way_out(tmp_path, error):
+def test_the_indenter_is_lifted_on_every_way_out(path, error):
     board = quick_board()
 
-    class Reader(Wrapped):
-        def scan(self):
-            if board.emulator.place().depth > 0:
-                raise error
-            return self.inner.scan()
+    def scan(reader, count):
+        return raising(error) if board.emulator.place().depth > 0 else reader.scan()
 
     with pytest.raises(error if isinstance(error, type) else type(error)):
-        run(tmp_path / "run.sqlite", SMALL, board, reader=Reader)
+        run(path, SMALL, board, reader=scanning(scan))
     assert board.emulator.place().depth == 0
 
 
-def test_places_out_of_reach_are_refused_before_anything_moves(tmp_path):
+def test_places_out_of_reach_are_refused_before_anything_moves(path):
     class Stage(Wrapped):
         def check(self, places):
             raise HardwareError("out of reach")
@@ -493,37 +463,21 @@ def test_places_out_of_reach_are_refused_before_anything_moves(tmp_path):
             raise AssertionError("moved")
 
     with pytest.raises(HardwareError, match="out of reach"):
-        run(tmp_path / "run.sqlite", SMALL, stage=Stage)
+        run(path, SMALL, stage=Stage)
 
 
-def test_a_place_that_is_not_of_the_campaign(tmp_path):
-    import sqlite3
-
-    path = run(tmp_path / "run.sqlite", SMALL)
-    connection = sqlite3.connect(path)
-    connection.execute("UPDATE position SET x = 0.5 WHERE id = 3")
-    connection.commit()
-    connection.close()
+def test_a_place_that_is_not_of_the_campaign(path):
+    with closing(sqlite3.connect(run(path, SMALL))) as connection:
+        connection.executescript("UPDATE position SET x = 0.5 WHERE id = 3")
     with pytest.raises(HardwareError, match="damaged: position 2 is not of its campaign"):
         response_of(path)
 
 
-# ------------------------------------------------------------------------- settings of a design
-
-
-@pytest.fixture(scope="module")
-def kept(tmp_path_factory):
-    """A folder where the circuit of the design is kept for the tests that need it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COILARRAY_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
+# settings of a design
 
 
 @pytest.mark.slow
 def test_settings_fit_the_coils(kept):
-    from coilarray.circuit.network import loaded_quality, resonate
-    from coilarray.hardware.chips.ldc1614_limits import drive_for
-
     settings = design_settings(DESIGN, two_coil_wiring())
     network = board_network(DESIGN, open_store())
     for state, plan in zip(settings.states, DESIGN.plan, strict=True):
@@ -538,15 +492,16 @@ def test_settings_fit_the_coils(kept):
     assert [state.name for state in design_settings(DESIGN, two_coil_wiring(), states=["coil2"]).states] == ["coil2"]
 
 
-def test_wrong_settings(kept):
-    wiring = two_coil_wiring()
-    with pytest.raises(HardwareError, match="wiring two_coils has no coil 'coil3' of the design gast2020"):
-        design_settings(load_design("gast2020"), wiring)
-    with pytest.raises(HardwareError, match="has no state 'coil9'; there are coil1, coil2"):
-        design_plan(DESIGN, ["coil9"])
-    with pytest.raises(HardwareError, match="named once"):
-        design_plan(DESIGN, ["coil1", "coil1"])
-    with pytest.raises(HardwareError, match="a drive names the coil 'x'"):
-        design_settings(DESIGN, wiring, drives={"x": 3})
-    with pytest.raises(HardwareError, match="external clock needs"):
-        design_settings(DESIGN, wiring, external_clock=True)
+@pytest.mark.parametrize(
+    ("design", "options", "message"),
+    [
+        (load_design("gast2020"), {}, "wiring two_coils has no coil 'coil3' of the design gast2020"),
+        (DESIGN, {"states": ["coil9"]}, "has no state 'coil9'; there are coil1, coil2"),
+        (DESIGN, {"states": ["coil1", "coil1"]}, "named once"),
+        (DESIGN, {"drives": {"x": 3}}, "a drive names the coil 'x'"),
+        (DESIGN, {"external_clock": True}, "external clock needs"),
+    ],
+)
+def test_wrong_settings(kept, design, options, message):
+    with pytest.raises(HardwareError, match=message):
+        design_settings(design, two_coil_wiring(), **options)

@@ -15,16 +15,22 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.scan.reader import SampleFault
 from coilarray.hardware.scan.readings import judge, read_scan
 from coilarray.hardware.scan.settings import scan_settings
+from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BoardRestarted, BusFault, BusTimeout, DeviceLost, SwitchFault
 
 SAFE = WIRING.safe_words
+SETTINGS = quick_settings()
+TRANSFERS_OF_A_STATE = 6  # drive, wake, status, two words, sleep
 
 
 class Watched:
-    """A bus or chain that notes what passes, in one list with the others, and may do something before it does."""
+    """A bus or chain that notes what passes, in one list with the others.
 
-    def __init__(self, inner, log, before=lambda step: None):
-        self._inner, self._log, self._before = inner, log, before
+    `before` may do something before a step, `answer` change what is read, by register and value.
+    """
+
+    def __init__(self, inner, log, before, answer):
+        self._inner, self._log, self._before, self._answer = inner, log, before, answer
 
     def _step(self, *step):
         self._before(step)
@@ -32,7 +38,7 @@ class Watched:
 
     def read(self, register):
         self._step("read", register)
-        return self._inner.read(register)
+        return self._answer(register, self._inner.read(register))
 
     def write(self, register, value):
         self._step("write", register, value)
@@ -50,30 +56,61 @@ class Watched:
         self._step("close")
 
 
-def watched(board, before=lambda step: None):
+def watched(board, before=lambda step: None, answer=lambda register, value: value):
     log = []
-    return reader_of(board, bus=Watched(board.bus, log, before), switches=Watched(board.switches, log, before)), log
+    bus, switches = (Watched(inner, log, before, answer) for inner in (board.bus, board.switches))
+    return reader_of(board, bus=bus, switches=switches), log
 
 
-# --------------------------------------------------------------------------- the order of the steps
+def configured(reader):
+    reader.configure(SETTINGS)
+    return reader
 
 
-def test_what_a_board_gets_first_is_the_safe_words_and_then_sleep():
-    board = plain()
+def faulty_at(board, sensitive, action):
+    """A reader whose bus suffers the action before the given steps (numbers of bus transfers since configuring)."""
+    count, armed = itertools.count(), []
+
+    def before(step):
+        if armed and step[0] in ("read", "write") and next(count) in sensitive:
+            action()
+
+    reader, log = watched(board, before)
+    armed.append(configured(reader))
+    return reader, log
+
+
+def faults(scan):
+    return [sample.fault for sample in scan.samples]
+
+
+@pytest.fixture
+def board():
+    return plain()
+
+
+@pytest.fixture
+def reader(board):
+    """A reader that is configured."""
+    return configured(reader_of(board))
+
+
+# the order of the steps
+
+
+def test_what_a_board_gets_first_is_the_safe_words_and_then_sleep(board):
     _, log = watched(board)
     assert log[:2] == [("shift", SAFE), ("write", 0x1A, 0x2801)]
     assert at_rest(board)
 
 
-def test_a_state_is_measured_in_the_order_of_the_protocol():
-    board = plain()
+def test_a_state_is_measured_in_the_order_of_the_protocol(board):
     reader, log = watched(board)
-    settings = quick_settings()
-    reader.configure(settings)
+    configured(reader)
     log.clear()
     reader.scan()
     steps = iter(log)
-    for state in settings.states:
+    for state in SETTINGS.states:
         assert list(itertools.islice(steps, 8)) == [
             ("shift", bytes(6)),
             ("shift", state.words),
@@ -89,13 +126,11 @@ def test_a_state_is_measured_in_the_order_of_the_protocol():
     assert board.misuse.notes == []
 
 
-def test_every_register_is_written_asleep_and_read_back():
-    board = plain()
+def test_every_register_is_written_asleep_and_read_back(board):
     reader, log = watched(board)
-    settings = quick_settings()
     log.clear()
-    reader.configure(settings)
-    given = {address: value | (0x2000 if address == 0x1A else 0) for address, value in settings.registers}
+    configured(reader)
+    given = {address: value | (0x2000 if address == 0x1A else 0) for address, value in SETTINGS.registers}
     writes = [step for step in log if step[0] == "write"]
     assert writes == [
         ("write", 0x1A, 0x2801),
@@ -107,8 +142,7 @@ def test_every_register_is_written_asleep_and_read_back():
     assert {address: board.chip.peek(address) for address in given} == given
 
 
-def test_the_defaults_take_as_long_as_the_board_of_the_paper():
-    board = plain()
+def test_the_defaults_take_as_long_as_the_board_of_the_paper(board):
     reader = reader_of(board)
     reader.configure(scan_settings(WIRING))
     start = board.clock.now()
@@ -118,8 +152,7 @@ def test_the_defaults_take_as_long_as_the_board_of_the_paper():
     assert board.clock.now() - start == pytest.approx(0.2935, rel=0.02)
 
 
-def test_words_are_those_of_the_chip_unchanged():
-    board = plain()
+def test_words_are_those_of_the_chip_unchanged(board):
     reader = reader_of(board)
     settings = quick_settings(drives=6)  # an amplitude below 1.2 V: a flag in the upper word
     reader.configure(settings)
@@ -131,45 +164,34 @@ def test_words_are_those_of_the_chip_unchanged():
     assert reading.inductances == pytest.approx({f"coil{k + 1}": (50 + k) * 1e-6 for k in range(6)}, rel=1.1e-3)
 
 
-# --------------------------------------------------------------------------- configuring
+# configuring
 
 
-def test_a_read_back_that_differs_is_told_after_three_attempts():
-    board = plain()
-
-    class Forgetful(Watched):
-        def read(self, register):
-            return super().read(register) ^ (0x0100 if register == 0x08 else 0)
-
-    log = []
-    reader = reader_of(board, bus=Forgetful(board.bus, log), switches=Watched(board.switches, log))
+def test_a_read_back_that_differs_is_told_after_three_attempts(board):
+    reader, log = watched(board, answer=lambda register, value: value ^ (0x0100 if register == 0x08 else 0))
     with pytest.raises(BusFault, match=r"RCOUNT0 must read 0x00c8 as written; got 0x01c8\."):
-        reader.configure(quick_settings())
+        configured(reader)
     assert sum(step == ("write", 0x08, 200) for step in log) == 3
     assert log.count(("write", 0x1C, 0x8000)) == 2
     assert at_rest(board)
 
 
-def test_a_write_that_was_damaged_once_is_mended():
-    board = plain()
+def test_a_write_that_was_damaged_once_is_mended(board):
     board.misuse.strict = False
-    resets = board.chip.resets
-    damaged = []
+    resets, damaged = board.chip.resets, []
 
     def damage(step):
         if step[:2] == ("write", 0x08) and not damaged:
             damaged.append(step)
             board.bus.flip(3)
 
-    reader, _ = watched(board, damage)
-    reader.configure(quick_settings())
+    configured(watched(board, damage)[0])
     assert board.chip.peek(0x08) == 200
     assert board.chip.resets - resets == 1
 
 
 @pytest.mark.parametrize("missed", range(22))  # three of opening, one of resting, two identities, eight and eight
-def test_a_converter_that_misses_one_transfer_is_configured_all_the_same(missed):
-    board = plain()
+def test_a_converter_that_misses_one_transfer_is_configured_all_the_same(board, missed):
     count = itertools.count()
 
     def refuse(step):
@@ -177,45 +199,28 @@ def test_a_converter_that_misses_one_transfer_is_configured_all_the_same(missed)
             board.bus.refuse()
 
     reader, _ = watched(board, refuse)
-    settings = quick_settings(coils=["coil1"])
-    reader.configure(settings)
+    reader.configure(quick_settings(coils=["coil1"]))
     assert judge(reader.scan().samples[0])[0] == "good"
 
 
-def test_a_bus_that_is_held_down_is_freed():
-    board = plain()
-    reader = reader_of(board)
-    board.bus.hold()
-    reader.configure(quick_settings())
-    assert judge(reader.scan().samples[0])[0] == "good"
-
-
-def test_a_converter_that_never_answers_is_identity_zero_and_refused():
-    board = plain()
+def test_a_converter_that_never_answers_is_identity_zero_and_refused_until_it_does(board):
     board.bus.refuse(10**6)
     reader = reader_of(board)
     assert (reader.identity.manufacturer, reader.identity.device) == (0, 0)
     with pytest.raises(BusFault, match="did not acknowledge"):
-        reader.configure(quick_settings())
+        configured(reader)
     assert board.chain.words == SAFE
     board.bus.refuse(0)
-    reader.configure(quick_settings())
-    assert reader.identity.device == 0x3055
+    board.bus.hold()  # held down by a slave, which is freed
+    assert configured(reader).identity.device == 0x3055
+    assert reader.peek(0x7E) == 0x5449
+    assert judge(reader.scan().samples[0])[0] == "good"
 
 
-def test_another_chip_is_refused():
-    board = plain()
-
-    class Cousin(Watched):
-        def read(self, register):
-            return 0x3054 if register == 0x7F else super().read(register)
-
-    reader = reader_of(board, bus=Cousin(board.bus, []))
+def test_another_chip_is_refused(board):
+    reader, _ = watched(board, answer=lambda register, value: 0x3054 if register == 0x7F else value)
     with pytest.raises(BusFault, match=r"must be an LDC1614, 5449/3055; got 5449/3054\."):
-        reader.configure(quick_settings())
-
-
-SETTINGS = quick_settings()
+        configured(reader)
 
 
 @pytest.mark.parametrize(
@@ -224,10 +229,7 @@ SETTINGS = quick_settings()
         ({"states": ()}, r"at least one state; got none"),
         ({"safe_words": bytes([0x10]) + SAFE[1:]}, r"must ground end a of coil 6 and nothing else"),
         ({"safe_words": bytes([0x33]) + SAFE[1:]}, r"must ground end a of coil 6 and nothing else"),
-        (
-            {"safe_words": bytes([0x91]) + SAFE[1:]},
-            r"the safe words: bit 7 of word 0 must be 0; its switch is not wired",
-        ),
+        ({"safe_words": bytes([0x91]) + SAFE[1:]}, r"the safe words: bit 7 of word 0 must be 0; its switch is not w"),
         ({"words": SAFE[:-1] + b"\x23"}, r"state x joins end a of coil 1 to ground and INA at once"),
         ({"words": SAFE[:-1] + b"\x66"}, r"state x joins end a of coil 1 to INA and INB at once"),
         ({"words": b"\x22" + SAFE[1:-1] + b"\x22"}, r"joins end a of coil 6 and end a of coil 1 to INA at once"),
@@ -237,10 +239,7 @@ SETTINGS = quick_settings()
         ({"words": SAFE[:-1] + b"\x80"}, r"state x: bit 7 of word 5 must be 0; its switch is not wired"),
     ],
 )
-def test_settings_that_could_join_what_must_not_be_are_refused(change, message):
-    board = plain()
-    reader = reader_of(board)
-    reader.configure(SETTINGS)
+def test_settings_that_could_join_what_must_not_be_are_refused(board, reader, change, message):
     if "words" in change:
         change = {"states": (dataclasses.replace(SETTINGS.states[0], name="x", words=change["words"]),)}
     with pytest.raises(HardwareError, match=message):
@@ -250,57 +249,34 @@ def test_settings_that_could_join_what_must_not_be_are_refused(change, message):
         reader.scan()
 
 
-def test_every_single_state_of_the_plans_passes_and_so_do_open_and_grounded_coils():
-    reader = reader_of(plain())
-    states = [
-        dataclasses.replace(SETTINGS.states[0], name=f"s{k}", words=words)
-        for k, words in enumerate([SAFE, bytes(6), b"\x01\x10\x00\x22\x11\x00", b"\x44" + SAFE[1:]])
-    ]
-    reader.configure(dataclasses.replace(SETTINGS, states=(*SETTINGS.states, *states)))
-
-
-def test_settings_of_another_chain_are_refused():
-    from coilarray.hardware.scan.wiring import load_wiring
-
-    reader = reader_of(plain())
+def test_settings_of_another_chain_are_refused(reader):
     with pytest.raises(HardwareError, match=r"for 4 switches in a chain; the board was opened with 6\."):
         reader.configure(quick_settings(load_wiring("six_coils_4")))
 
 
-# --------------------------------------------------------------------------- streams
+# streams
 
 
-def test_a_stream_counts_from_zero_and_keeps_its_interval():
-    board = plain()
-    reader = reader_of(board)
-    settings = quick_settings()
-    reader.configure(settings)
+def test_a_stream_counts_from_zero_and_keeps_its_interval(reader):
     scans = list(itertools.islice(reader.scans(0.1), 5))
     assert [scan.sequence for scan in scans] == [0, 1, 2, 3, 4]
     first = scans[0].time
     # the clock is virtual: only rounding
     assert [scan.time - first for scan in scans] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4], abs=1e-9)
-    assert {scan.configuration for scan in scans} == {settings.hash}
+    assert {scan.configuration for scan in scans} == {SETTINGS.hash}
     assert {scan.boot for scan in scans} == {reader.identity.boot}
 
 
-def test_an_interval_that_was_missed_is_left_out_of_the_time_not_of_the_sequence():
-    board = plain()
-    reader = reader_of(board)
-    reader.configure(quick_settings())
+def test_an_interval_that_was_missed_is_left_out_of_the_time_not_of_the_sequence(board, reader):
     stream = reader.scans(0.1)
-    first = next(stream)
+    scans = [next(stream)]
     board.clock.sleep(0.25)
-    second, third = next(stream), next(stream)
-    assert (second.sequence, third.sequence) == (1, 2)
-    assert second.time - first.time == pytest.approx(0.3, abs=1e-9)
-    assert third.time - first.time == pytest.approx(0.4, abs=1e-9)
+    scans += [next(stream), next(stream)]
+    assert [scan.sequence for scan in scans] == [0, 1, 2]
+    assert [scan.time - scans[0].time for scan in scans] == pytest.approx([0, 0.3, 0.4], abs=1e-9)
 
 
-def test_an_interval_too_short_is_as_fast_as_it_goes():
-    board = plain()
-    reader = reader_of(board)
-    reader.configure(quick_settings())
+def test_an_interval_too_short_is_as_fast_as_it_goes(board, reader):
     stream = reader.scans()
     free = -next(stream).time + next(stream).time
     board.clock.sleep(0.1)
@@ -310,17 +286,12 @@ def test_an_interval_too_short_is_as_fast_as_it_goes():
 
 
 @pytest.mark.parametrize("interval", [-1.0, float("nan"), float("inf")])
-def test_an_interval_that_cannot_be_is_refused(interval):
-    reader = reader_of(plain())
-    reader.configure(quick_settings())
+def test_an_interval_that_cannot_be_is_refused(reader, interval):
     with pytest.raises(HardwareError, match="interval must be finite and not negative"):
         reader.scans(interval)
 
 
-def test_closing_the_iterator_rests_the_board_and_it_can_scan_again():
-    board = plain()
-    reader = reader_of(board)
-    reader.configure(quick_settings())
+def test_closing_the_iterator_rests_the_board_and_it_can_scan_again(board, reader):
     stream = reader.scans()
     next(stream)
     board.chain.transfer(bytes(6))  # somebody else moves the switches
@@ -329,82 +300,54 @@ def test_closing_the_iterator_rests_the_board_and_it_can_scan_again():
     assert judge(reader.scan().samples[0])[0] == "good"
 
 
-def test_a_reader_without_settings_or_closed_says_so():
-    reader = reader_of(plain())
+def test_a_reader_without_settings_or_closed_says_so(board):
+    reader = reader_of(board)
     with pytest.raises(HardwareError, match="must be open and configured"):
         reader.scan()
-    reader.configure(quick_settings())
-    reader.close()
+    configured(reader).close()
     with pytest.raises(HardwareError, match="must be open and configured"):
         next(reader.scans())
     with pytest.raises(HardwareError, match="the board is closed"):
-        reader.configure(quick_settings())
+        configured(reader)
     reader.close()
 
 
-# --------------------------------------------------------------------------- what goes wrong in a scan
-
-
-def faulty_at(board, sensitive, action):
-    """A reader whose bus suffers the action before the given steps (numbers of bus transfers since configuring)."""
-    count = itertools.count()
-    armed = []
-
-    def before(step):
-        if armed and step[0] in ("read", "write") and next(count) in sensitive:
-            action()
-
-    reader, log = watched(board, before)
-    reader.configure(quick_settings())
-    armed.append(True)
-    return reader, log
-
-
-TRANSFERS_OF_A_STATE = 6  # drive, wake, status, two words, sleep
+# what goes wrong in a scan
 
 
 @pytest.mark.parametrize("step", range(6 * TRANSFERS_OF_A_STATE))
-def test_a_transfer_that_is_not_acknowledged_costs_one_state_and_no_other(step):
-    board = plain()
+def test_a_transfer_that_is_not_acknowledged_costs_one_state_and_no_other(board, step):
     reader, _ = faulty_at(board, {step}, board.bus.refuse)
     scan = reader.scan()
-    faults = [sample.fault for sample in scan.samples]
     hit = step // TRANSFERS_OF_A_STATE
-    assert faults == [SampleFault.NOT_ACKNOWLEDGED if k == hit else SampleFault.NONE for k in range(6)]
+    assert faults(scan) == [SampleFault.NOT_ACKNOWLEDGED if k == hit else SampleFault.NONE for k in range(6)]
     assert (scan.samples[hit].msb, scan.samples[hit].lsb, scan.samples[hit].status) == (0, 0, 0)
     assert at_rest(board)
-    assert not any(sample.fault for sample in reader.scan().samples)
+    assert not any(faults(reader.scan()))
 
 
-def test_a_bus_timeout_has_its_own_number():
-    board = plain()
+def test_a_bus_timeout_has_its_own_number(board):
+    slow = [BusTimeout("held up")]
 
-    class Slow(Watched):
-        def read(self, register):
-            if register == 0x18 and slow:
-                slow.pop()
-                raise BusTimeout("held up")
-            return super().read(register)
+    def before(step):
+        if step == ("read", 0x18) and slow:
+            raise slow.pop()
 
-    slow = [True]
-    reader = reader_of(board, bus=Slow(board.bus, []))
-    reader.configure(quick_settings())
-    assert [sample.fault for sample in reader.scan().samples][:2] == [SampleFault.BUS_TIMEOUT, SampleFault.NONE]
+    reader = configured(watched(board, before)[0])
+    assert faults(reader.scan())[:2] == [SampleFault.BUS_TIMEOUT, SampleFault.NONE]
 
 
-def test_a_last_look_that_fails_leaves_no_measurement():
-    board = plain()
+def test_a_last_look_that_fails_leaves_no_measurement(board):
     reader, _ = faulty_at(board, {6 * TRANSFERS_OF_A_STATE}, board.bus.refuse)
-    assert {sample.fault for sample in reader.scan().samples} == {SampleFault.NOT_ACKNOWLEDGED}
-    assert not any(sample.fault for sample in reader.scan().samples)
+    assert set(faults(reader.scan())) == {SampleFault.NOT_ACKNOWLEDGED}
+    assert not any(faults(reader.scan()))
 
 
-def test_three_scans_running_with_a_fault_in_the_same_state_end_the_stream():
-    board = plain()
+def test_three_scans_running_with_a_fault_in_the_same_state_end_the_stream(board):
     reader, log = faulty_at(board, range(10**6), board.bus.refuse)
     stream = reader.scans()
     for _ in range(3):
-        assert {sample.fault for sample in next(stream).samples} == {SampleFault.NOT_ACKNOWLEDGED}
+        assert set(faults(next(stream))) == {SampleFault.NOT_ACKNOWLEDGED}
     assert ("clear",) in log
     with pytest.raises(BusFault, match=r"state coil1: the converter did not answer in 3 consecutive scans\."):
         next(stream)
@@ -413,184 +356,126 @@ def test_three_scans_running_with_a_fault_in_the_same_state_end_the_stream():
     assert board.chain.words == SAFE
 
 
-def test_faults_that_are_not_running_do_not_end_the_stream():
-    board = plain()
+def test_faults_that_are_not_running_do_not_end_the_stream(board):
     per_scan = 6 * TRANSFERS_OF_A_STATE + 1
     every_other = {2 * k * per_scan for k in range(5)}
     # a scan with a fault reads seven registers back instead of one and has one transfer that sleeps; the steps of
     # later faults shift, which does not matter as long as they are not in three scans running
     reader, _ = faulty_at(board, every_other, board.bus.refuse)
-    stream = reader.scans()
-    assert sum(any(sample.fault for sample in scan.samples) for scan in itertools.islice(stream, 12)) == 5
+    assert sum(any(faults(scan)) for scan in itertools.islice(reader.scans(), 12)) == 5
 
 
 @pytest.mark.parametrize("state", range(6))
-def test_a_converter_that_is_reset_in_a_scan_gives_no_value_of_it(state):
-    board = plain()
+def test_a_converter_that_is_reset_in_a_scan_gives_no_value_of_it(board, state):
     board.misuse.strict = False  # woken with dividers 0, as after any reset
     reader, _ = faulty_at(board, {state * TRANSFERS_OF_A_STATE + 3}, board.chip.brown_out)
     stream = reader.scans()
-    assert {sample.fault for sample in next(stream).samples} == {SampleFault.CONVERTER_RESET}
+    assert set(faults(next(stream))) == {SampleFault.CONVERTER_RESET}
     assert at_rest(board)
     with pytest.raises(BoardRestarted, match="lost its settings while it was measuring"):
         next(stream)
     with pytest.raises(BoardRestarted):
         reader.scan()
-    reader.configure(quick_settings())
-    assert not any(sample.fault for sample in reader.scan().samples)
+    assert not any(faults(configured(reader).scan()))
 
 
-def test_a_single_scan_with_a_reset_is_raised():
-    board = plain()
-    board.misuse.strict = False
-    reader, _ = faulty_at(board, {8}, board.chip.brown_out)
-    with pytest.raises(BoardRestarted):
-        reader.scan()
-
-
-@pytest.mark.parametrize("register", [0x08, 0x0C, 0x10, 0x19, 0x1B])
-def test_a_register_that_a_broken_transfer_changed_is_found(register):
-    board = plain()
+@pytest.mark.parametrize("register", [None, 0x08, 0x0C, 0x10, 0x19, 0x1B])
+def test_a_reset_or_a_register_that_a_broken_transfer_changed_is_found_by_a_single_scan(board, register):
     board.misuse.strict = False
 
     def spoil():
         board.bus.refuse()
         board.chip._registers[register] ^= 0x0004
 
-    reader, _ = faulty_at(board, {2}, spoil)
+    at, action = (8, board.chip.brown_out) if register is None else (2, spoil)
+    reader, _ = faulty_at(board, {at}, action)
     with pytest.raises(BoardRestarted):
         reader.scan()
 
 
-def test_a_sensor_that_gives_no_result_is_waited_for_so_long_and_no_longer():
-    board = plain()
-    reader = reader_of(board)
-    settings = quick_settings()
-    reader.configure(settings)
-
-    class Never(Watched):
-        def read(self, register):
-            return 0 if register == 0x18 else super().read(register)
-
-    reader = reader_of(board, bus=Never(board.bus, []))
-    reader.configure(settings)
+def test_a_sensor_that_gives_no_result_is_waited_for_so_long_and_no_longer(board):
+    reader = configured(watched(board, answer=lambda register, value: 0 if register == 0x18 else value)[0])
     start = board.clock.now()
-    assert {sample.fault for sample in reader.scan().samples} == {SampleFault.NO_RESULT}
+    assert set(faults(reader.scan())) == {SampleFault.NO_RESULT}
     # one look more than the time-out allows, a millisecond apart, and the transfers
-    assert board.clock.now() - start < 6 * (settings.timeout_us * 1e-6 + 2.5e-3)
+    assert board.clock.now() - start < 6 * (SETTINGS.timeout_us * 1e-6 + 2.5e-3)
     assert at_rest(board)
 
 
-def test_errors_of_every_look_at_status_are_kept():
-    board = plain()
+def test_errors_of_every_look_at_status_are_kept(board):
     looks = iter([0x0800, 0x0048] * 6)
-
-    class Frozen(Watched):
-        def read(self, register):
-            value = super().read(register)
-            return next(looks) if register == 0x18 else value
-
-    reader = reader_of(board, bus=Frozen(board.bus, []))
-    reader.configure(quick_settings())
-    sample = reader.scan().samples[0]
+    reader, _ = watched(board, answer=lambda register, value: next(looks) if register == 0x18 else value)
+    sample = configured(reader).scan().samples[0]
     assert sample.status == 0x0848
     assert judge(sample)[0] == "bad"
 
 
-def test_a_broken_data_line_of_the_switches_is_found_by_the_read_back():
-    board = plain()
-    reader = reader_of(board)
-    reader.configure(quick_settings())
+def test_a_broken_data_line_of_the_switches_is_found_by_the_read_back(board, reader):
     board.switches.broken = True
     stream = reader.scans()
     for _ in range(3):  # as the firmware does: `hardware/firmware/PROTOCOL.md`
-        assert SampleFault.SWITCHES_DIFFER in {sample.fault for sample in next(stream).samples}
+        assert SampleFault.SWITCHES_DIFFER in faults(next(stream))
     with pytest.raises(SwitchFault, match=r"returned other words than it was sent in 3 consecutive scans"):
         next(stream)
     assert board.chip.asleep
 
 
 @pytest.mark.parametrize("at", range(18))
-def test_one_wrong_shift_costs_one_state_and_no_other(at):
-    board = plain()
-    count = itertools.count()
+def test_one_wrong_shift_costs_one_state_and_no_other(board, reader, at):
+    shift, count = board.switches.shift, itertools.count()
 
-    class Slipping(Watched):
-        def shift(self, words):
-            if armed and next(count) == at:
-                words = bytes([words[0] ^ 0x10]) + words[1:]
-            return super().shift(words)
+    def slipping(words):
+        return shift(bytes([words[0] ^ 0x10]) + words[1:] if next(count) == at else words)
 
-    armed = []
-    reader = reader_of(board, switches=Slipping(board.switches, []))
-    reader.configure(quick_settings())
-    armed.append(True)
+    board.switches.shift = slipping
     scan = reader.scan()
     # the last words of a scan come back with the first of the next one
     if at == 17:
         scan = reader.scan()
-    assert [sample.fault for sample in scan.samples].count(SampleFault.SWITCHES_DIFFER) == 1
-    assert not any(sample.fault for sample in reader.scan().samples)
+    assert faults(scan).count(SampleFault.SWITCHES_DIFFER) == 1
+    assert not any(faults(reader.scan()))
 
 
-def test_after_a_transfer_that_was_cut_off_nothing_is_expected_back():
-    board = plain()
+def test_after_a_transfer_that_was_cut_off_nothing_is_expected_back(board, reader):
+    """Two transfers are cut off: one when the words are through, the next, of the rest after it, before."""
+    shift, cut = board.switches.shift, [SwitchFault("port busy"), SwitchFault("port still busy")]
 
-    class CutOff(Watched):
-        """Two transfers are cut off: one when the words are through, the next, of the rest after it, before."""
+    def cut_off(words):
+        if len(cut) == 1:
+            raise cut.pop()
+        returned = shift(words)
+        if cut:
+            raise cut.pop()
+        return returned
 
-        def shift(self, words):
-            if len(cut) == 1:
-                raise cut.pop()
-            returned = super().shift(words)
-            if cut:
-                raise cut.pop()
-            return returned
-
-    cut = []
-    reader = reader_of(board, switches=CutOff(board.switches, []))
-    reader.configure(quick_settings())
-    cut.extend([SwitchFault("port busy"), SwitchFault("port still busy")])
+    board.switches.shift = cut_off
     with pytest.raises(SwitchFault, match="port still busy"):
         reader.scan()
     assert cut == []
-    assert not any(sample.fault for sample in reader.scan().samples)
+    assert not any(faults(reader.scan()))
 
 
-def test_a_chain_that_is_not_wired_back_is_not_compared():
-    board = plain()
+def test_a_chain_that_is_not_wired_back_is_not_compared(board):
     board.chain.readback = False
     board.switches.broken = False
-    reader = reader_of(board)
-    reader.configure(quick_settings())
-    assert not any(sample.fault for sample in reader.scan().samples)
+    assert not any(faults(configured(reader_of(board)).scan()))
 
 
-def test_a_port_that_is_gone_is_told_and_the_other_bus_is_still_used():
-    board = plain()
+def test_a_port_that_is_gone_is_told_and_the_other_bus_is_still_used(board):
+    def gone(step):
+        if step == ("read", 0x01):
+            raise DeviceLost("unplugged")
 
-    class Gone(Watched):
-        def read(self, register):
-            if register == 0x01:
-                raise DeviceLost("unplugged")
-            return super().read(register)
-
-    reader = reader_of(board, bus=Gone(board.bus, []))
-    reader.configure(quick_settings())
+    reader = configured(watched(board, gone)[0])
     with pytest.raises(DeviceLost, match="unplugged"):
         reader.scan()
     assert at_rest(board)
 
 
-def test_rest_grounds_the_coils_although_the_converter_does_not_answer():
-    board = plain()
+def test_rest_grounds_the_coils_although_the_converter_does_not_answer(board):
     reader = reader_of(board)
     board.chain.transfer(b"\x22" * 6)
     board.bus.refuse(10**6)
     with pytest.raises(BusFault):
         reader.rest()
     assert board.chain.words == SAFE
-
-
-def test_peek_reads_a_register():
-    assert reader_of(plain()).peek(0x7E) == 0x5449

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from support.broken_drivers import RightDriver
-from support.quick_coils import plain_board
 
 from coilarray import load_design
 from coilarray.circuit.impedance import scan_design
@@ -37,9 +37,9 @@ PAPER = load_design("gast2020")
 WIRING = load_wiring()
 FIRST = ScanState("coil1", (("coil1", 1),))
 LONG = 0xFFFF
-# within one and a half coils, at the spacing of the whole table
+# within a coil, at the spacing of the whole table
 DEPTH = table_axes(PAPER)[0]
-X, Y = 1.2e-3 * np.arange(-9, 10), 1.2e-3 * np.arange(-4, 5)
+X, Y = 1.2e-3 * np.arange(-5, 6), 1.2e-3 * np.arange(-3, 4)
 
 
 @pytest.fixture(scope="module")
@@ -62,14 +62,10 @@ def make(network, table):
     """A board of the paper's design, with a small table."""
 
     def board(*, oscillator=None, drift=None, noise=0.0, seed=0, **world):
+        conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise)
+        world = SensorWorld(network, lambda: table, **world)
         return EmulatedBoard(
-            WIRING.coils,
-            WIRING.encode(),
-            SensorWorld(network, lambda: table, **world),
-            clock=VirtualClock(),
-            conditions=Conditions(oscillator or Oscillator(), drift or Drift(), noise),
-            strict=True,
-            seed=seed,
+            WIRING.coils, WIRING.encode(), world, clock=VirtualClock(), conditions=conditions, strict=True, seed=seed
         )
 
     return board
@@ -99,15 +95,12 @@ def frequencies(board, clock=43.4e6):
 STEP = 21.7e6 / 2**28  # of the code in Hz
 
 
-# ---------------------------------------------------------------------------------- untouched
-
-
 @pytest.fixture(scope="module")
 def scanned():
     return scan_design(PAPER, elastomer=False)
 
 
-def test_the_tank_of_an_untouched_board_is_that_of_the_scan(network, table, scanned):
+def test_the_tank_and_the_readings_of_an_untouched_board_are_those_of_the_scan(network, table, make, scanned):
     world = SensorWorld(network, lambda: table)
     for state in PAPER.plan:
         tank, expected = world.resonator(state, LIFTED, 25.0), scanned.sel(state=state.name)
@@ -115,9 +108,6 @@ def test_the_tank_of_an_untouched_board_is_that_of_the_scan(network, table, scan
         assert tank.frequency == pytest.approx(float(expected.frequency), rel=1e-12)
         assert tank.parallel_resistance == pytest.approx(float(expected.parallel_resistance), rel=1e-9)
         assert tank.quality_factor == pytest.approx(float(expected.loaded_quality_factor), rel=1e-6)
-
-
-def test_an_untouched_board_reads_what_the_scan_says(make, scanned):
     read = frequencies(make())
     assert np.abs(read - scanned.frequency.values).max() <= 0.5001 * STEP  # rounding to a code
 
@@ -131,41 +121,45 @@ def test_readings_scatter_as_stated(make, scanned):
     assert abs(np.mean(error)) < 4 * 1.4e-7 / math.sqrt(error.size)
 
 
-# ------------------------------------------------------------------------------------ pressed
+@pytest.fixture(scope="module")
+def mapped(network):
+    """The response map at positions between those of the table, in depths of 0.3 and 1 mm."""
+    random = np.random.default_rng(2)
+    x, y = (np.sort(random.uniform(axis[1], axis[-2], n)) for axis, n in ((X, 8), (Y, 5)))
+    return response_map(
+        PAPER, depths=[0.3e-3, 1.0e-3], x=x, y=y, network=network, inductance=lambda: network.inductance
+    )
 
 
-def test_a_pressed_board_reads_what_the_response_map_says(make, network, folder):
-    # where both solve the same positions and depths nothing is interpolated: what is left is half a code in each of
-    # two frequencies, of which L has twice the relative error
-    depth, y, x = DEPTH[[1, 3, 4]], Y[[2, 4, 5, 7]], X[[2, 5, 9, 12]]
-    known = {"network": network, "inductance": lambda: network.inductance}
-    expected = response_map(PAPER, depths=depth, x=x, y=y, **known)
+def test_a_pressed_board_reads_what_the_response_map_says(make, network, mapped):
+    # where both have the same changes of inductance what is left is half a code in each of two frequencies, of which L
+    # has twice the relative error
+    h, y, x = mapped.depth.values, mapped.y.values, mapped.x.values
+    places = ((2, 1, 0), (0, 4, 1))
+    pressed = {Place(x[i], y[j], h[k]): mapped.isel(x=i, y=j, depth=k) for i, j, k in places}
+    exact = SimpleNamespace(check=lambda place: None, at=lambda place: pressed[place].inductance_change.values)
     board = make()
     untouched = frequencies(board)
-    board.world = SensorWorld(network, lambda: response_table(PAPER, Store(folder), (depth, y, x)))
-    for h, j, i in ((1, 1, 2), (2, 3, 0)):
-        board.indenter.press(x[i], y[j], depth[h])
+    board.world = SensorWorld(network, lambda: exact)
+    for place, expected in pressed.items():
+        board.indenter.press(*place)
         delta = (untouched / frequencies(board)) ** 2 - 1
-        assert np.abs(delta - expected.delta.values[h, j, i]).max() < 2.01 * STEP / 1.77e6
+        assert np.abs(delta - expected.delta.values).max() < 2.01 * STEP / 1.77e6
     board.indenter.lift()
     assert np.array_equal(frequencies(board), untouched)
 
 
-def test_between_the_positions_of_the_table_it_is_as_wrong_as_stated(network, table):
-    random = np.random.default_rng(2)
-    x, y = (np.sort(random.uniform(axis[1], axis[-2], n)) for axis, n in ((X, 12), (Y, 6)))
-    depths = [0.3e-3, 1.0e-3]
-    known = {"network": network, "inductance": lambda: network.inductance}
-    expected = response_map(PAPER, depths=depths, x=x, y=y, **known)
-    L = expected.inductance.values.max()
+def test_between_the_positions_of_the_table_it_is_as_wrong_as_stated(table, mapped):
+    L = mapped.inductance.values.max()
+    x, y, depths = mapped.x.values, mapped.y.values, mapped.depth.values
     got = np.array([[[table.at(Place(a, b, h)) for a in x] for b in y] for h in depths])
-    error = np.abs(got - expected.inductance_change.values) / L
+    error = np.abs(got - mapped.inductance_change.values) / L
     # 2e-7 come from the solver itself, which takes other positions. Stated for 1 mm, where L changes by 8e-4: 2e-7
     # (root of the mean square of the diagonal) and 4e-6
     assert np.sqrt(np.mean(np.diagonal(error[1], axis1=-2, axis2=-1) ** 2)) < 2.5e-7
     assert error[1].max() < 4e-6
     assert error[0].max() < 1.5e-6
-    assert np.abs(expected.inductance_change.values[1]).max() / L > 5e-4
+    assert np.abs(mapped.inductance_change.values[1]).max() / L > 5e-4
 
 
 def test_the_table_is_exact_for_what_its_splines_can_be():
@@ -188,9 +182,7 @@ def test_the_whole_table_reaches_over_all_coils_and_the_design_s_own_map():
     assert depth[-1] == pytest.approx(1.7e-3)
     assert (x[0], x[-1]) == (pytest.approx(-26e-3), pytest.approx(53.12e-3 + 11.5e-3 * math.cos(math.pi / 6)))
     assert (y[0], y[-1]) == (pytest.approx(-11.5e-3), pytest.approx(11.5e-3))
-
-
-def test_a_sample_with_edges_is_not_left():
+    # a sample with edges is not left
     bounded = read("gast2020").replace(
         'origin = "coil2" ', 'sample_x_mm = [-30, 30]\nsample_y_mm = [-10, 10]\norigin = "coil2" '
     )
@@ -200,8 +192,7 @@ def test_a_sample_with_edges_is_not_left():
 
 def test_a_moving_indenter_is_averaged_over_a_conversion(make):
     board = make()
-    path = [(0.0, 0.0, 0.0, 0.5e-3), (1.0, 0.0, 0.0, 0.8e-3)]
-    board.indenter.follow(path)
+    board.indenter.follow([(0.0, 0.0, 0.0, 0.5e-3), (1.0, 0.0, 0.0, 0.8e-3)])
     driver = Scanner(board)
     driver.configure()
     driver.sleep()
@@ -211,7 +202,7 @@ def test_a_moving_indenter_is_averaged_over_a_conversion(make):
     driver.wake()
     moving = driver.result().frequency
     middle = woken + 16384 / 43.4e6 + 16 * 64 / 21.7e6 + 16 * LONG / 21.7e6 / 2
-    board.indenter.press(*Indenter.at(_followed(path), middle))
+    board.indenter.press(*board.indenter.at(middle))
     still = board.true_tank().frequency
     board.indenter.lift()
     # the middle of the path against the mean over it: second order in the 15 µm of depth it moves, 1e-8 of L
@@ -219,14 +210,9 @@ def test_a_moving_indenter_is_averaged_over_a_conversion(make):
     assert abs(still / board.true_tank().frequency - 1) > 1e-4
 
 
-def _followed(path):
-    indenter = Indenter()
-    indenter.follow(path)
-    return indenter
-
-
 def test_the_indenter_stands_before_and_after_its_path():
-    indenter = _followed([(1.0, 0.0, 0.0, 0.0), (2.0, 4e-3, -2e-3, 1e-3)])
+    indenter = Indenter()
+    indenter.follow([(1.0, 0.0, 0.0, 0.0), (2.0, 4e-3, -2e-3, 1e-3)])
     assert indenter.at(0.0) == Place(0.0, 0.0, 0.0)
     assert indenter.at(1.25) == pytest.approx((1e-3, -0.5e-3, 0.25e-3))
     assert indenter.at(9.0) == Place(4e-3, -2e-3, 1e-3)
@@ -236,13 +222,10 @@ def test_the_indenter_stands_before_and_after_its_path():
 
 @pytest.mark.parametrize(
     ("path", "said"),
-    [
-        ([], "at least one point"),
-        ([(0.0, math.nan, 0.0, 0.0)], "all finite"),
-        ([(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1e-3)], "times .* must rise"),
-        ([(0.0, 0.0, 0.0, -1e-3)], "must not be negative"),
-    ],
-)
+    [([], "at least one point"), ([(0.0, math.nan, 0.0, 0.0)], "all finite"),
+     ([(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1e-3)], "times .* must rise"),
+     ([(0.0, 0.0, 0.0, -1e-3)], "must not be negative")],
+)  # fmt: skip
 def test_paths_that_cannot_be(path, said):
     with pytest.raises(HardwareError, match=said):
         Indenter().follow(path)
@@ -250,7 +233,7 @@ def test_paths_that_cannot_be(path, said):
 
 @pytest.mark.parametrize(
     ("place", "said"),
-    [((0.1, 0.0, 1e-3), "x of the emulated indenter must be -10.8 to 10.8 mm; got 100 mm"),
+    [((0.1, 0.0, 1e-3), "x of the emulated indenter must be -6 to 6 mm; got 100 mm"),
      ((0.0, 0.1, 1e-3), "y of the emulated indenter"), ((0.0, 0.0, 2e-3), "depth .* must be 0 to 1.7 mm; got 2 mm")],
 )  # fmt: skip
 def test_places_that_the_table_does_not_reach(make, place, said):
@@ -259,9 +242,6 @@ def test_places_that_the_table_does_not_reach(make, place, said):
         board.indenter.press(*place)
     board.indenter.press(place[0], place[1], 0.0)  # above, it may go anywhere
     assert board.place().depth == 0
-
-
-# -------------------------------------------------------------------------- time and temperature
 
 
 def test_a_scan_takes_as_long_as_the_paper_s(make):
@@ -307,6 +287,8 @@ def test_warm_copper_lowers_the_frequency():
         omega = math.sqrt(1 / (50e-6 * 120e-12) - (r / 50e-6) ** 2)
         assert tank.frequency == pytest.approx(omega / (2 * math.pi), rel=1e-11)
         assert tank.parallel_resistance == pytest.approx(50e-6 / (r * 120e-12), rel=1e-6)
+    damped = replace(alone, resistance=lambda frequency: np.array([[1e5]]))
+    assert SensorWorld(damped, lambda: None).resonator(FIRST, LIFTED, 25.0) is None  # it cannot oscillate
 
 
 def test_a_capacitor_that_drifts_looks_like_inductance(make, network):
@@ -316,9 +298,6 @@ def test_a_capacitor_that_drifts_looks_like_inductance(make, network):
     share = 120e-12 / (120e-12 + network.winding_capacitance)
     # without what the coils have between them: some pF of 140
     assert (apparent(warm) / apparent(cold) - 1) / 20 == pytest.approx(30e-6 * share, rel=0.04)
-
-
-def test_temperature_over_time():
     drift = Drift(rate=0.01, sway=2.0, period=100.0, start=20.0)
     assert drift.at(0.0) == 20.0
     assert drift.at(25.0) == pytest.approx(20 + 0.25 + 2.0)
@@ -335,9 +314,6 @@ def test_a_stray_capacitance_of_one_coil_lowers_its_frequency(make):
         make(strays={"coil9": 1e-12})
 
 
-# ----------------------------------------------------------------------------- other circuits
-
-
 def test_two_coils_in_series_and_in_parallel_store_what_their_matrix_says(network, table):
     bare = replace(network, winding_capacitance=np.zeros(6), mutual_capacitance=np.zeros((6, 6)))
     world = SensorWorld(bare, lambda: table)
@@ -351,29 +327,15 @@ def test_two_coils_in_series_and_in_parallel_store_what_their_matrix_says(networ
         assert found == pytest.approx(expected, rel=1e-3)  # of two coils with different losses
 
 
-def test_what_cannot_oscillate_is_nothing():
-    L, C = np.array([[50e-6]]), np.zeros((1, 1))
-    damped = Network(("coil1",), L, lambda frequency: np.array([[1e5]]), C[0], C, Switches())
-    world = SensorWorld(damped, lambda: None)
-    assert world.resonator(FIRST, LIFTED, 25.0) is None
-
-
-def test_an_open_short_or_grounded_converter_has_no_tank(make):
+def test_an_open_short_or_grounded_converter_has_no_tank_and_only_the_first_channel_is_wired(make):
     board = make()
     assert board.true_tank() is None
     for words in (b"\x11\x11\x11\x11\x11\x66", b"\x11\x11\x11\x11\x11\x23"):
         board.switches.shift(words)
         assert board.true_tank() is None
-
-
-def test_only_the_first_channel_is_wired(make):
-    board = make()
     board.switches.shift(WIRING.words(FIRST))
     assert board.sensor(0, 0.0).frequency == pytest.approx(1.7747e6, rel=1e-3)
     assert board.sensor(1, 0.0) is None
-
-
-# ---------------------------------------------------------------------------- made once and kept
 
 
 def test_circuit_and_table_are_computed_once(folder, table, network, monkeypatch):
@@ -418,10 +380,3 @@ def test_a_whole_board_from_a_design(folder, monkeypatch):
     board.switches.shift(WIRING.words(paper_plan(WIRING.coils)[1]))
     assert (untouched / board.true_tank().frequency) ** 2 - 1 > 5e-4
     assert made == [PAPER]
-
-
-def test_a_plain_board_has_the_inductances_it_is_given():
-    board = plain_board(WIRING, {**dict.fromkeys(WIRING.coils, 50e-6), "coil2": 60e-6}, resistance=0.0)
-    for state, L in zip(paper_plan(WIRING.coils)[:2], (50e-6, 60e-6), strict=True):
-        board.switches.shift(WIRING.words(state))
-        assert board.true_tank().frequency == pytest.approx(1 / (2 * math.pi * math.sqrt(L * 120e-12)))

@@ -17,14 +17,15 @@ values. The numbers of the faults stand in `FAULTS`. Chips at register level are
 
 from __future__ import annotations
 
+import functools
 import itertools
 import sys
 import threading
 from contextlib import closing, suppress
 
 import pytest
-from support import line_faults
 from support.emulated_reader import quick_settings
+from support.line_faults import DAMAGES, FaultyLine, at_another_rate
 from support.scripted_board import sealed
 
 if sys.platform == "win32":
@@ -57,42 +58,17 @@ pytestmark = [needs_compiler, pytest.mark.usefixtures("patient_writing")]
 REVERSED = quick_settings(coils=COILS[::-1])
 FAULTS = {
     # lines of a stream
-    "flipped": 900,
-    "digit_changed": 900,
-    "dropped": 700,
-    "repeated": 700,
-    "inserted": 700,
-    "swapped": 700,
-    "begun": 600,
-    "ended": 600,
-    "missing": 400,
-    "twice": 500,
-    "late": 500,
-    "noisy": 500,
-    "endless": 200,
-    "other_rate": 400,
+    "flipped": 700, "digit_changed": 700, "dropped": 700, "repeated": 700, "inserted": 700, "swapped": 700,
+    "begun": 400, "ended": 500, "missing": 400, "twice": 500, "late": 500, "noisy": 500, "endless": 200,
+    "other_rate": 300,
     # commands and replies
-    "command": 150,
-    "reply": 150,
+    "command": 50, "reply": 50,
     # converter and switches
-    "result": 2000,
-    "transfer": 300,
-    "no result": 100,
-    "brown-out": 40,
-    "stuck switch": 48,
-    "broken chain": 30,
+    "result": 2000, "transfer": 300, "no result": 100, "brown-out": 20, "stuck switch": 48, "broken chain": 15,
     # board and port
-    "restart": 60,
-    "restart heard late": 20,
-    "unplugged": 50,
-    "stalled": 6,
-    "lease": 20,
-    "other version": 20,
-    "opened at another rate": 6,
-    "turned to another rate": 4,
-    "other program": 40,
-    "old session": 40,
-}
+    "restart": 30, "restart heard late": 8, "unplugged": 25, "stalled": 4, "lease": 10, "other version": 10,
+    "opened at another rate": 3, "turned to another rate": 2, "other program": 20, "old session": 20,
+}  # fmt: skip
 
 
 def test_there_are_ten_thousand():
@@ -108,6 +84,24 @@ def bench(request):
     assert bench.witness.accepted > 0
 
 
+ALTERNATING = (False, True)
+
+
+def interrupted(bench, kind, *, streams=(True,)):
+    """Yield, for each fault of a kind, its number and the call that is to meet it; afterwards reading must go on.
+
+    The call fetches the rest of a stream that is under way, or is a single scan; `streams` says which, in turn.
+    """
+    for number in range(FAULTS[kind]):
+        if not streams[number % len(streams)]:
+            yield number, bench.reader.scan
+            continue
+        stream = bench.reader.scans()
+        drained(itertools.islice(stream, bench.noise.randint(1, 4)), bench)
+        yield number, functools.partial(drained, stream, bench)
+    assert bench.goes_on()
+
+
 # lines from the board
 
 
@@ -116,7 +110,7 @@ LEAVES_BYTES = {"flipped", "digit_changed", "dropped", "repeated", "inserted", "
 
 def spoil(bench, kind, count):
     """Fetch a stream over a line that damages `count` scans; return the numbers that were fetched, and the line."""
-    line = line_faults.FaultyLine(getattr(line_faults, kind), count, bench.noise)
+    line = FaultyLine(DAMAGES[kind], count, bench.noise)
     bench.host.to_computer = line
     fetched = []
     stream = bench.reader.scans()
@@ -131,7 +125,7 @@ def spoil(bench, kind, count):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [kind for kind in FAULTS if hasattr(line_faults, kind)])
+@pytest.mark.parametrize("kind", [kind for kind in FAULTS if kind in DAMAGES])
 def test_lines_of_a_stream(bench, kind):
     fetched, line = spoil(bench, kind, FAULTS[kind])
     assert line.done == FAULTS[kind]
@@ -165,7 +159,7 @@ def test_lines_of_a_stream_without_the_checksum(monkeypatch):
 # commands and replies
 
 
-DAMAGES = [line_faults.flipped, line_faults.dropped, line_faults.inserted, line_faults.begun, line_faults.missing]
+OF_COMMANDS = [DAMAGES[kind] for kind in ("flipped", "dropped", "inserted", "begun", "missing")]
 
 
 def spoil_once(damage, noise, kind):
@@ -189,7 +183,7 @@ def spoil_once(damage, noise, kind):
 def test_commands(bench, direction):
     reader = bench.reader
     for number in range(FAULTS[direction]):
-        damage, before = DAMAGES[number % len(DAMAGES)], reader.counts.link.repeats
+        damage, before = OF_COMMANDS[number % len(OF_COMMANDS)], reader.counts.link.repeats
         following = (reader._session._number + 1) % 256  # not a repeat of the one before, which may be on its way
         sign, hook = (b">", "to_board") if direction == "command" else (b"<", "to_computer")
         with bench.host.paused():
@@ -208,12 +202,12 @@ def test_commands(bench, direction):
 @pytest.mark.slow
 def test_settings_over_a_bad_line(bench):
     """Every third command and reply is damaged: the settings arrive whole all the same."""
-    bench.host.to_board = lambda data: (
-        line_faults.flipped(data, bench.noise).data if bench.noise.random() < 0.15 else data
-    )
-    bench.host.to_computer = lambda data: (
-        line_faults.dropped(data, bench.noise).data if bench.noise.random() < 0.15 and data != b"\n" else data
-    )
+
+    def now_and_then(damage):
+        return lambda data: damage(data, bench.noise).data if bench.noise.random() < 0.15 and data != b"\n" else data
+
+    bench.host.to_board = now_and_then(DAMAGES["flipped"])
+    bench.host.to_computer = now_and_then(DAMAGES["dropped"])
     arrived = 0
     for _ in range(6):
         with suppress(NoAnswer), lasting(30 * COMMAND):
@@ -229,19 +223,12 @@ def test_settings_over_a_bad_line(bench):
 # converter and switches
 
 
-RESULTS = [
-    (0x8000, 0x2000, Reason.UNDER_RANGE),
-    (0x4000, 0x1000, Reason.OVER_RANGE),
-    (0x2000, 0x0800, Reason.WATCHDOG),
-    (0x1000, 0x0400, Reason.AMPLITUDE_HIGH),
-    (0x1000, 0x0200, Reason.AMPLITUDE_LOW),
-    (0x0000, 0x0100, Reason.ZERO_COUNT),
-    (0x1000, 0x0000, Reason.AMPLITUDE),
-    (0x8000, 0x0000, Reason.UNDER_RANGE),
-    (0x0000, 0x2000, Reason.UNDER_RANGE),
-    (0x0000, 0x4000, Reason.ANOTHER_CHANNEL),
-    (0x0000, 0x0080, Reason.IMPOSSIBLE),
-]
+RESULTS = [  # flags of the data, bits of STATUS
+    (0x8000, 0x2000, Reason.UNDER_RANGE), (0x8000, 0x0000, Reason.UNDER_RANGE), (0x0000, 0x2000, Reason.UNDER_RANGE),
+    (0x4000, 0x1000, Reason.OVER_RANGE), (0x2000, 0x0800, Reason.WATCHDOG), (0x0000, 0x0100, Reason.ZERO_COUNT),
+    (0x1000, 0x0400, Reason.AMPLITUDE_HIGH), (0x1000, 0x0200, Reason.AMPLITUDE_LOW), (0x1000, 0, Reason.AMPLITUDE),
+    (0x0000, 0x4000, Reason.ANOTHER_CHANNEL), (0x0000, 0x0080, Reason.IMPOSSIBLE),
+]  # fmt: skip
 
 
 @pytest.mark.slow
@@ -256,14 +243,13 @@ def test_results_with_errors(bench):
         return error
 
     bench.converter.errors = errors
-    stream = bench.reader.scans()
-    while sum(played.values()) < FAULTS["result"]:
-        bench.witness.look(next(stream))
-    for scan in itertools.islice(stream, 500):  # those that were under way: a busy system keeps many
-        bench.witness.look(scan)
-        if all(bench.witness.named[reason] >= count for reason, count in played.items()):
-            break
-    stream.close()
+    with closing(bench.reader.scans()) as stream:
+        while sum(played.values()) < FAULTS["result"]:
+            bench.witness.look(next(stream))
+        for scan in itertools.islice(stream, 500):  # those that were under way: a busy system keeps many
+            bench.witness.look(scan)
+            if all(bench.witness.named[reason] >= count for reason, count in played.items()):
+                break
     assert bench.reader.counts.scans.lost == 0
     for reason, count in played.items():
         assert bench.witness.named[reason] >= count > 0, reason
@@ -324,9 +310,7 @@ def test_a_dead_converter_ends_the_stream(bench):
 
 @pytest.mark.slow
 def test_brown_outs(bench):
-    for _ in range(FAULTS["brown-out"]):
-        stream = bench.reader.scans()
-        bench.witness.look(next(stream))
+    for _, call in interrupted(bench, "brown-out"):
         with bench.host.paused():
             at = bench.clock.now() + bench.noise.uniform(0, 5e-3)
 
@@ -336,9 +320,8 @@ def test_brown_outs(bench):
                 bench.converter.reset()
 
         bench.converter.fault = fault
-        assert meets(BoardRestarted, lambda stream=stream: drained(stream, bench), GAP + COMMAND, "converter was reset")
+        assert meets(BoardRestarted, call, GAP + COMMAND, "converter was reset")
         bench.reader.configure(SETTINGS)
-    assert bench.goes_on()
 
 
 @pytest.mark.slow
@@ -377,66 +360,48 @@ def test_stuck_switches(bench):
 
 
 def test_a_broken_chain_ends_the_stream(bench):
-    for _ in range(FAULTS["broken chain"]):
-        stream = bench.reader.scans()
-        bench.witness.look(next(stream))
+    for _, call in interrupted(bench, "broken chain"):
         with bench.host.paused():
             bench.chain.stuck = {(bench.noise.randrange(6), bench.noise.randrange(8)): bench.noise.randrange(2)}
             bench.chain.in_register = True
             if bench.chain._forced(SETTINGS.safe_words) == SETTINGS.safe_words:
                 bench.chain.stuck = {(5, 0): 0}
-        assert meets(SwitchFault, lambda stream=stream: drained(stream, bench), GAP + COMMAND)
+        assert meets(SwitchFault, call, GAP + COMMAND)
         with bench.host.paused():
             bench.chain.stuck = {}
         bench.reader.configure(SETTINGS)
     assert bench.witness.named[SampleFault.SWITCHES_DIFFER] > FAULTS["broken chain"]
-    assert bench.goes_on()
 
 
 # board and port
 
 
-def in_a_stream(bench):
-    stream = bench.reader.scans()
-    for scan in itertools.islice(stream, bench.noise.randint(1, 4)):
-        bench.witness.look(scan)
-    return stream
-
-
 @pytest.mark.slow
 def test_restarts(bench):
-    for _ in range(FAULTS["restart"]):
-        stream = in_a_stream(bench)
+    for _, call in interrupted(bench, "restart"):
         bench.host.reset()
-        assert meets(BoardRestarted, lambda stream=stream: drained(stream, bench), GAP + COMMAND, "has restarted")
+        assert meets(BoardRestarted, call, GAP + COMMAND, "has restarted")
         assert meets(BoardRestarted, bench.reader.scan, 0.0, "this session has ended")
         bench.renew()
-    assert bench.goes_on()
 
 
 @pytest.mark.slow
 def test_restarts_that_nobody_heard(bench):
     """The first heartbeat is lost: the refused command, or the silence, brings it out."""
-    for number in range(FAULTS["restart heard late"]):
-        stream = in_a_stream(bench) if number % 2 else None
+    for number, call in interrupted(bench, "restart heard late", streams=ALTERNATING):
         bench.host.to_computer = lambda line: b"" if line.startswith(b"H") else line
         bench.host.reset()
-        if stream is None:
-            assert meets(BoardRestarted, bench.reader.scan, 2 * COMMAND)
-        else:
-            assert meets((NoAnswer, BoardRestarted), lambda stream=stream: drained(stream, bench), GAP + COMMAND)
-            assert meets(BoardRestarted, bench.reader.scan, 2 * COMMAND)
+        if number % 2:
+            assert meets((NoAnswer, BoardRestarted), call, GAP + COMMAND)
+        assert meets(BoardRestarted, bench.reader.scan, 2 * COMMAND)
         bench.host.to_computer = lambda line: line
         bench.renew()
-    assert bench.goes_on()
 
 
 @pytest.mark.slow
 def test_unplugging(bench):
-    for number in range(FAULTS["unplugged"]):
-        stream = in_a_stream(bench) if number % 2 else None
+    for number, call in interrupted(bench, "unplugged", streams=ALTERNATING):
         bench.host.unplug()
-        call = bench.reader.scan if stream is None else lambda stream=stream: drained(stream, bench)
         assert meets(DeviceLost, call, GAP)
         assert meets(DeviceLost, bench.reader.scan, 0.0, "this session has ended")
         if number % 5 == 0:
@@ -449,15 +414,12 @@ def test_unplugging(bench):
         else:
             bench.host.replug()
             bench.renew()
-    assert bench.goes_on()
 
 
 @pytest.mark.slow
 def test_stalls(bench):
-    for number in range(FAULTS["stalled"]):
-        stream = in_a_stream(bench) if number % 2 else None
+    for _, call in interrupted(bench, "stalled", streams=ALTERNATING):
         bench.host.stall()
-        call = bench.reader.scan if stream is None else lambda stream=stream: drained(stream, bench)
         assert meets(NoAnswer, call, GAP + 2 * COMMAND)
         bench.host.stall(False)
         assert bench.goes_on()
@@ -465,11 +427,10 @@ def test_stalls(bench):
 
 @pytest.mark.slow
 def test_a_computer_that_is_away_too_long(bench):
-    for _ in range(FAULTS["lease"]):
-        stream = in_a_stream(bench)
+    for _, call in interrupted(bench, "lease"):
         with bench.host.paused():
             bench.clock.sleep(11.0)
-        assert meets(NoAnswer, lambda stream=stream: drained(stream, bench), GAP + COMMAND, "heard nothing")
+        assert meets(NoAnswer, call, GAP + COMMAND, "heard nothing")
         assert bench.goes_on()
 
 
@@ -491,22 +452,17 @@ def test_other_versions(bench):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["opened at another rate", "turned to another rate"])
 def test_other_rates(bench, kind):
-    for number in range(FAULTS[kind]):
-        ratio = [0.5, 2.0, 12.0, 0.25][number % 4]
-        stream = in_a_stream(bench) if kind == "turned to another rate" else None
+    opened = kind == "opened at another rate"
+    for number, rest in interrupted(bench, kind, streams=(not opened,)):
+        ratio, call = [0.5, 12.0, 2.0][number], bench.reader.reconnect if opened else rest
         with bench.host.paused():
-            bench.host.to_computer = lambda line, ratio=ratio: line_faults.at_another_rate(line, ratio)
-            bench.host.to_board = lambda data, ratio=ratio: line_faults.at_another_rate(data, 1 / ratio)
-        if stream is None:
-            with bench.host.paused():
-                bench.clock.sleep(1.0)  # a heartbeat is due
-            assert meets((NotABoard, NoAnswer), bench.reader.reconnect, OPENING)
-        else:
-            assert meets((NotABoard, NoAnswer), lambda stream=stream: drained(stream, bench), GAP + COMMAND)
+            bench.host.to_computer = lambda line, ratio=ratio: at_another_rate(line, ratio)
+            bench.host.to_board = lambda data, ratio=ratio: at_another_rate(data, 1 / ratio)
+            bench.clock.sleep(1.0 if opened else 0.0)  # a heartbeat is due
+        assert meets((NotABoard, NoAnswer), call, OPENING if opened else GAP + COMMAND)
         with bench.host.paused():
             bench.host.to_computer = bench.host.to_board = lambda data: data
         bench.renew()
-    assert bench.goes_on()
 
 
 def by_another_program(bench, settings, *, start=False):
@@ -521,15 +477,10 @@ def by_another_program(bench, settings, *, start=False):
 
 @pytest.mark.slow
 def test_another_program(bench):
-    for number in range(FAULTS["other program"]):
-        stream = in_a_stream(bench) if number % 2 else None
-        by_another_program(bench, REVERSED, start=stream is not None)
-        if stream is None:
-            assert meets(BoardRestarted, bench.reader.scan, COMMAND, "measures with the settings")
-        else:
-            assert meets(BoardRestarted, lambda stream=stream: drained(stream, bench), GAP + COMMAND)
+    for number, call in interrupted(bench, "other program", streams=ALTERNATING):
+        by_another_program(bench, REVERSED, start=bool(number % 2))
+        assert meets(BoardRestarted, call, GAP * (number % 2) + COMMAND, None if number % 2 else "with the settings")
         bench.reader.configure(SETTINGS)
-    assert bench.goes_on()
 
 
 def test_another_program_without_the_check_of_the_hash(monkeypatch):
@@ -561,10 +512,10 @@ def test_scans_of_an_old_session(bench):
         bench.host.to_computer = lambda line, old=old: line + (old if line.startswith(b"S") else b"")
         if restarted:
             assert meets(BoardRestarted, lambda: bench.scans(5), GAP + COMMAND)
-            bench.host.to_computer = lambda line: line
-            bench.renew()
         else:
             bench.scans(5)
             assert bench.reader.counts.scans.stale > stale
-            bench.host.to_computer = lambda line: line
+        bench.host.to_computer = lambda line: line
+        if restarted:
+            bench.renew()
     assert bench.goes_on()

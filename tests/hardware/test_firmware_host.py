@@ -12,8 +12,7 @@ import pytest
 import serial
 from support.emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of
 from support.firmware_chips import StubChain, StubConverter
-from support.firmware_host import Firmware, FirmwareHost, needs_compiler
-from support.firmware_lines import draft, intact, seal
+from support.firmware_host import Firmware, FirmwareHost, draft, intact, needs_compiler, seal
 from support.patience import PATIENCE, until
 
 from coilarray.hardware.emulator import VirtualClock
@@ -31,14 +30,13 @@ class Computer:
     def __init__(self, port, number=0):
         self.port = serial.Serial(port, 115200, timeout=0.05, exclusive=True)
         self.number, self.begun, self.lines = number, b"", []
-        self.strict = True  # every line must be intact
 
     def next_line(self):
         end = time.monotonic() + PATIENCE
         while not self.lines:
             assert time.monotonic() < end, "no line"
             *lines, self.begun = (self.begun + self.port.read(max(1, self.port.in_waiting))).split(b"\n")
-            self.lines += [intact(line) if self.strict else line.decode() for line in lines if line]
+            self.lines += [intact(line) for line in lines if line]
         return self.lines.pop(0)
 
     def ask(self, command):
@@ -97,59 +95,6 @@ def test_stream_through_the_port():
         assert at_rest(board)
 
 
-def test_reset_within_a_stream():
-    with hosted() as (board, host, computer):
-        computer.configure()
-        computer.ask("START,00000000")
-        computer.next_line()
-        computer.strict, boot = False, host.boot
-        host.reset()
-        assert host.boot != boot
-        lines = [computer.next_line()]
-        while not lines[-1].startswith("H"):
-            lines.append(computer.next_line())
-        assert all(line.startswith("S") for line in lines[:-1])
-        assert intact(lines[-1].encode()) == f"H{host.boot:08X},{lines[-1][10:18]},0000,u"
-        with host.paused():
-            assert board.chain.words == WIRING.safe_words
-            assert board.chip.asleep
-
-
-def read_on(port):
-    for _ in range(100):
-        port.write(b"\n")
-        port.read(100)
-
-
-def test_unplug_and_replug():
-    with hosted() as (board, host, computer):
-        computer.configure()
-        computer.ask("START,00000000")
-        host.unplug()
-        with pytest.raises((serial.SerialException, OSError)):
-            read_on(computer.port)
-        port = host.replug()
-        again = Computer(port)
-        assert again.ask("HELLO").startswith("OK,1.0,")
-        assert ",u," in again.ask("PING")
-        again.port.close()
-        with host.paused():
-            assert at_rest(board)
-
-
-def test_stall():
-    with hosted() as (_, host, computer):
-        computer.ask("HELLO")
-        host.stall()
-        sent_before = computer.port.in_waiting  # a heartbeat, where a second has gone by
-        computer.port.write(seal(">77,PING"))
-        time.sleep(0.05)
-        assert computer.port.in_waiting == sent_before
-        host.stall(False)
-        while not computer.next_line().startswith("<77,OK"):
-            pass
-
-
 def test_hooks_get_whole_lines_out_and_all_bytes_in():
     out, into = [], []
     with hosted() as (_, host, computer):
@@ -184,19 +129,6 @@ def test_dropped_lines_do_not_hold_time():
     assert dropped[end][1] < started + 10.1  # the lease, and the scan that was under way
     assert {kind[:1] for kind, _ in dropped[:end]} == {b"S"}
     assert {kind[:1] for kind, _ in dropped[end + 1 :]} == {b"H"}
-
-
-@pytest.mark.slow
-def test_pace():
-    with hosted(pace=20.0) as (board, host, computer):
-        computer.configure()
-        computer.ask("START,00000000")
-        real = time.monotonic()  # before the pause: what passes within it is made up for
-        with host.paused():
-            virtual = board.clock.now()
-        for _ in range(100):
-            computer.next_line()
-        assert board.clock.now() - virtual < 20.0 * (time.monotonic() - real) + 0.2  # a step and the unread bytes
 
 
 @pytest.mark.slow

@@ -7,8 +7,7 @@ import shutil
 
 import pytest
 from support.firmware_chips import StubChain, StubConverter
-from support.firmware_host import SKETCH, SUPPORT, compiled, logic_sources, needs_compiler
-from support.firmware_lines import draft, intact, seal
+from support.firmware_host import SKETCH, SUPPORT, compiled, draft, intact, logic_sources, needs_compiler, seal
 from support.firmware_pins import I2cSlave, ShiftRegisters
 
 from coilarray.hardware.emulator import VirtualClock
@@ -22,6 +21,7 @@ SCL, SDA, DIN, SCLK, SYNC, DOUT = 10, 11, 1, 2, 3, 0
 LOW_AT_FIRST, OPEN_DRAIN = (1, 3), 3  # modes of pins that drive
 SETTINGS = scan_settings(load_wiring(), rcount=900)
 CODE = 0x17982F3
+READ = [f"{CODE:08X}"] * 6
 CALL = 0.9e-6  # s, of a call that moves a pin; about that of the core on the XMC1100
 
 Mode = ctypes.CFUNCTYPE(None, ctypes.c_uint8, ctypes.c_uint8)
@@ -151,33 +151,34 @@ class Sketch:
     def configure(self):
         return [self.ask(command) for command in draft(SETTINGS)]
 
+    def scan(self):
+        return self.ask("SCAN").split(",")[-6:]
+
+
+@pytest.fixture
+def sketch(build):
+    return Sketch(build())
+
 
 @pytest.mark.slow
-def test_coils_are_grounded_before_the_port_is_opened(build):
-    sketch = Sketch(build())
+def test_coils_are_grounded_and_pins_at_rest_before_the_port_is_opened(sketch):
     assert sketch.chain.history[-1][0] == b"\x11" * 6
     assert ("write", 0x1A, 0x2801) in sketch.converter.log
     assert sketch.calls[-1] == ("open", 115200)
-
-
-def test_pins_reach_their_rest_without_a_start_or_stop(build):
-    sketch = Sketch(build())
-    # one stop of the bus clear, one of the transfer that puts the converter to sleep
+    # pins reach their rest without a start or stop: one is of the bus clear, one of what puts the converter to sleep
     assert sketch.i2c.stops == 2
     assert sketch.i2c.misuse == []
     assert sketch.modes[SCL] == sketch.modes[SDA] == OPEN_DRAIN
-    assert sketch.i2c.scl
-    assert sketch.i2c.sda
+    assert (sketch.i2c.scl, sketch.i2c.sda) == (True, True)
     assert sketch.spi.level == {"din": sketch.spi.level["din"], "sclk": False, "sync": True}
 
 
-def test_hello_and_scan_over_the_wires(build):
-    sketch = Sketch(build())
+def test_hello_and_scan_over_the_wires(sketch):
     assert ",5449,3055,32,16,-" in sketch.ask("HELLO")
     assert sketch.configure()[-1] == f"OK,{SETTINGS.hash:04X}"
     for address, value in SETTINGS.registers:
         assert sketch.converter.registers[address] == (value | 0x2000 if address == 0x1A else value)
-    assert sketch.ask("SCAN").split(",")[-6:] == [f"{CODE:08X}"] * 6
+    assert sketch.scan() == READ
     measured = {words for words, slept in sketch.chain.history}
     assert {state.words for state in SETTINGS.states} <= measured
     assert all(slept for _, slept in sketch.chain.history[1:])
@@ -185,9 +186,8 @@ def test_hello_and_scan_over_the_wires(build):
     assert set(sketch.spi.frames[1:]) == {48}
 
 
-def test_clock_keeps_the_limits_of_the_converter(build):
+def test_clock_keeps_the_limits_of_the_converter(sketch):
     """10 to 400 kHz, as the data sheet of the converter has it, with pin calls as fast as on the XMC1100."""
-    sketch = Sketch(build())
     sketch.edges.clear()
     sketch.ask("PEEK,7F")
     rises = [time for time, level in sketch.edges if level]
@@ -199,20 +199,19 @@ def test_clock_keeps_the_limits_of_the_converter(build):
     assert min(high) > 0.6e-6  # s, of the fast mode of the bus
 
 
-def test_no_acknowledgement_is_told_from_a_bus_that_is_held(build):
-    sketch = Sketch(build())
+def test_no_acknowledgement_is_told_from_a_bus_that_is_held(sketch):
     sketch.configure()
     sketch.converter.fault = lambda verb, register: (_ for _ in ()).throw(BusFault("gone"))
-    assert sketch.ask("SCAN").split(",")[-6:] == ["!1"] * 6
+    assert sketch.scan() == ["!1"] * 6
     sketch.converter.fault = lambda verb, register: None
-    assert sketch.ask("SCAN").split(",")[-6:] == [f"{CODE:08X}"] * 6
+    assert sketch.scan() == READ
     sketch.i2c.stuck_scl = True
     before = sketch.clock.now()
-    assert sketch.ask("SCAN").split(",")[-6:] == ["!2"] * 6
+    assert sketch.scan() == ["!2"] * 6
     assert sketch.clock.now() - before < 0.1  # s; the guard is 1 ms a transfer
     sketch.i2c.stuck_scl = False
     assert sketch.ask("STOP") == "OK"
-    assert sketch.ask("SCAN").split(",")[-6:] == [f"{CODE:08X}"] * 6
+    assert sketch.scan() == READ
 
 
 def test_a_converter_that_is_not_there(build):
@@ -222,9 +221,8 @@ def test_a_converter_that_is_not_there(build):
     assert sketch.chain.words == b"\x11" * 6
 
 
-def test_nine_clocks_free_a_bus_that_the_converter_holds(build):
+def test_nine_clocks_free_a_bus_that_the_converter_holds(sketch):
     """A reset of the microcontroller cuts a read off, and the slave waits in the middle of a zero for its clock."""
-    sketch = Sketch(build())
     sketch.i2c.holds_sda, sketch.i2c.sending, sketch.i2c.count = True, [0x00, 0xFF], 3
     sketch.i2c.receiving = sketch.i2c.acknowledging = False
     clocks = sketch.i2c.clocks
@@ -240,9 +238,9 @@ def test_chain_that_is_wired_back(build):
     assert sketch.ask("HELLO").endswith(",readback")
     assert sketch.configure()[-1].startswith("OK")
     assert sketch.ask("CHAIN") == "OK,same"
-    assert sketch.ask("SCAN").split(",")[-6:] == [f"{CODE:08X}"] * 6
+    assert sketch.scan() == READ
     sketch.spi.register[-1] ^= 1
-    assert sketch.ask("SCAN").split(",")[-6:] == ["!5", *[f"{CODE:08X}"] * 5]
+    assert sketch.scan() == ["!5", *READ[1:]]
 
 
 def test_boot_number_comes_from_the_noise_of_a_pin(build):

@@ -6,13 +6,16 @@ The engine below executes the commands of the chip's application note AN_108; on
 from __future__ import annotations
 
 import sys
+from types import SimpleNamespace
 
 import pytest
 from support.emulated_reader import WIRING
-from support.pin_level import Registers, SwitchRegister
+from support.firmware_chips import StubConverter
+from support.firmware_pins import I2cSlave, ShiftRegisters
 
 from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware.board.connect import open_board
+from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
 from coilarray.hardware.wire.ft232h import SwitchPins, ft232h_adapters, open_ft232h
@@ -79,7 +82,7 @@ class Engine(Ftdi):
         elif command == 0x81:
             self._answers.append(self._low[0] & ~4 | self._levels() << 2)
         elif command == 0x83:
-            back = self.bench.chain.dout << self.bench.pins.back
+            back = int(self.bench.chain.dout) << self.bench.pins.back
             self._answers.append(self._high[0] & self._high[1] & ~(1 << self.bench.pins.back) | back)
         elif command == 0x11:  # bytes out, at falling edges, highest bit first
             length = rest.pop(0) + (rest.pop(0) << 8) + 1
@@ -120,14 +123,16 @@ class Engine(Ftdi):
         level, driven = self._high
         assert not driven & ~pins.driven
         level |= ~driven  # pulled up
-        self.bench.chain.line(level >> pins.clock & 1, level >> pins.data & 1, level >> pins.sync & 1)
+        for wire, pin in (("sync", pins.sync), ("din", pins.data), ("sclk", pins.clock)):
+            self.bench.chain.drive(wire, bool(level >> pin & 1))
         return self.bench.chip.line(scl, sda)
 
 
 class Bench:
-    def __init__(self, devices=6):
-        self.chip = Registers(0x2A, {0x7E: 0x5449, 0x7F: 0x3055})
-        self.chain = SwitchRegister(devices)
+    def __init__(self):
+        converter, self.latched = StubConverter(VirtualClock()), []
+        self.registers, self.chip = converter.registers, I2cSlave(converter)
+        self.chain = ShiftRegisters(SimpleNamespace(shift=self.latched.append), 6)
         self.pins = PINS
         self.wide, self.unplugged, self.dumb, self.refuses = True, False, False, None
         self.writes, self.closed = 0, []
@@ -145,21 +150,12 @@ def opened(bench, **options):
     return open_ft232h(URL, 0x2A, **{"pins": bench.pins, **options})
 
 
-# ------------------------------------------------------------------------------------ registers
-
-
-def test_a_register_is_read_with_a_repeated_start_highest_byte_first(bench):
+def test_a_register_is_read_with_a_repeated_start_and_written_in_one_transfer_highest_byte_first(bench):
     bus, _ = opened(bench)
     assert bus.read(0x7E) == 0x5449
-    assert bench.chip.transfers == [[0x54, 0x7E], [0x55]]
-    assert bench.chip.stops == 1
-
-
-def test_a_register_is_written_in_one_transfer_highest_byte_first(bench):
-    bus, _ = opened(bench)
+    assert (bench.chip.transfers, bench.chip.stops) == ([[0x54, 0x7E], [0x55]], 1)
     bus.write(0x14, 0x1002)
-    assert bench.chip.transfers == [[0x54, 0x14, 0x10, 0x02]]
-    assert bench.chip.stops == 1
+    assert (bench.chip.transfers[2:], bench.chip.stops) == ([[0x54, 0x14, 0x10, 0x02]], 2)
     assert bus.read(0x14) == 0x1002
 
 
@@ -173,15 +169,11 @@ def test_a_chip_that_does_not_acknowledge_is_asked_once(bench):
         bus.write(0x08, 1)
 
 
-def test_usb_is_waited_for_half_a_second_at_most(bench):
-    bus, _ = opened(bench)
-    assert bus._controller.ftdi.timeouts == (500, 500)
-
-
-def test_the_other_address(bench):
+def test_the_other_address_and_that_usb_is_waited_for_half_a_second_at_most(bench):
     bench.chip.address = 0x2B
     bus, _ = open_ft232h(URL, 0x2B, pins=PINS)
     assert bus.read(0x7F) == 0x3055
+    assert bus._controller.ftdi.timeouts == (500, 500)
 
 
 def test_the_switches_do_not_move_while_the_bus_works(bench):
@@ -190,7 +182,7 @@ def test_the_switches_do_not_move_while_the_bus_works(bench):
     for register in range(5):
         bus.write(register, 0xA55A)
         bus.read(register)
-    assert bench.chain.latched == [bytes(range(6))]
+    assert bench.latched == [bytes(range(6))]
     assert bench.chain.clocks == 48
 
 
@@ -200,7 +192,7 @@ def test_clearing_the_bus_is_nine_clocks_and_a_stop(bench):
     line = bench.chip.line
 
     def watch(scl, sda):
-        if scl and not bench.chip._scl:
+        if scl and not bench.chip.scl:
             rises.append(sda)
         return line(scl, sda)
 
@@ -213,7 +205,7 @@ def test_clearing_the_bus_is_nine_clocks_and_a_stop(bench):
 
 def test_a_chip_that_was_cut_off_in_a_read_lets_go_after_the_clear(bench):
     bus, _ = opened(bench)
-    bench.chip.registers[0x08] = 0x0000  # zeros: the chip holds the data line down
+    bench.registers[0x08] = 0x0000  # zeros: the chip holds the data line down
     chip = bench.chip
     for scl, sda in ((1, 1), (1, 0), (0, 0)):
         chip.line(scl, sda)
@@ -226,54 +218,29 @@ def test_a_chip_that_was_cut_off_in_a_read_lets_go_after_the_clear(bench):
     assert bus.read(0x7F) == 0x3055
 
 
-# ------------------------------------------------------------------------------------ switches
-
-
-@pytest.mark.parametrize("mode", [1, 2])
-def test_words_arrive_bit_by_bit_and_are_latched_by_sync(bench, mode):
-    _, switches = opened(bench, settings=ShiftSettings(mode=mode))
-    assert switches.shift(b"\x01\x02\x04\x80\xa5\xff") is None
-    assert bench.chain.latched == [b"\x01\x02\x04\x80\xa5\xff"]
-    assert bench.chain.clocks == 48
-
-
-def test_a_transfer_is_one_message_to_the_adapter(bench):
-    _, switches = opened(bench, settings=ShiftSettings(readback=True))
-    before = bench.writes
-    switches.shift(bytes(6))
-    assert bench.writes - before == 1
-
-
-def test_a_mode_that_changes_data_after_the_edge_shifts_something_else(bench):
-    _, switches = opened(bench, settings=ShiftSettings(mode=0))
-    switches.shift(b"\x01\x02\x04\x80\xa5\xff")
-    assert len(bench.chain.latched) == 1
-    assert bench.chain.latched != [b"\x01\x02\x04\x80\xa5\xff"]
-
-
-def test_lowest_bit_first(bench):
-    _, switches = opened(bench, settings=ShiftSettings(least_significant_first=True))
-    switches.shift(b"\x01\x02\x04\x80\xa5\xff")
-    assert bench.chain.latched == [b"\x80\x40\x20\x01\xa5\xff"]
+WORDS, TURNED = b"\x01\x02\x04\x80\xa5\xff", b"\x80\x40\x20\x01\xa5\xff"
 
 
 @pytest.mark.parametrize("order", [False, True])
 @pytest.mark.parametrize("mode", [1, 2])
-def test_what_comes_back_is_what_was_sent_before(bench, mode, order):
-    _, switches = opened(bench, settings=ShiftSettings(mode=mode, readback=True, least_significant_first=order))
-    switches.shift(b"\x01\x02\x04\x80\xa5\xff")
-    assert switches.shift(bytes(6)) == b"\x01\x02\x04\x80\xa5\xff"
+def test_words_arrive_bit_by_bit_latched_by_sync_and_come_back_at_the_next_transfer(bench, mode, order):
+    settings = ShiftSettings(mode=mode, readback=True, least_significant_first=order)
+    _, switches = opened(bench, settings=settings)
+    # the clock idles where its mode has it from the beginning
+    assert (bench.chain.level["sclk"], bench.chain.level["sync"], bench.latched) == (mode == 2, True, [])
+    before = bench.writes
+    switches.shift(WORDS)
+    assert bench.writes - before == 1  # one message to the adapter
+    assert (bench.latched, bench.chain.clocks) == ([TURNED if order else WORDS], 48)
+    assert switches.shift(bytes(6)) == WORDS
     assert switches.shift(bytes(6)) == bytes(6)
 
 
-@pytest.mark.parametrize("mode", [1, 2])
-def test_the_clock_idles_where_its_mode_has_it_from_the_beginning(bench, mode):
-    opened(bench, settings=ShiftSettings(mode=mode))
-    assert (bench.chain.clock, bench.chain.sync) == (mode == 2, 1)
-    assert bench.chain.latched == []
-
-
-# ------------------------------------------------------------------------------------ what goes wrong
+def test_a_mode_that_changes_data_after_the_edge_shifts_something_else(bench):
+    _, switches = opened(bench, settings=ShiftSettings(mode=0))
+    assert switches.shift(WORDS) is None
+    assert len(bench.latched) == 1
+    assert bench.latched != [WORDS]
 
 
 def test_an_adapter_that_is_unplugged_is_lost(bench):
@@ -282,8 +249,9 @@ def test_an_adapter_that_is_unplugged_is_lost(bench):
     for step in (lambda: bus.read(0), lambda: bus.write(0, 0), bus.clear, lambda: switches.shift(bytes(6))):
         with pytest.raises(DeviceLost, match=r"the adapter ftdi://ftdi:232h/1 is gone: UsbError"):
             step()
-    bus.close()
-    switches.close()
+    for port in (bus, switches, bus):  # which leaves the pins as they are, and may be repeated
+        port.close()
+    assert set(bench.closed) == {True}
 
 
 def test_an_adapter_that_returns_nothing_is_told(bench):
@@ -295,21 +263,12 @@ def test_an_adapter_that_returns_nothing_is_told(bench):
         switches.shift(bytes(6))
 
 
-def test_closing_leaves_the_pins_as_they_are_and_may_be_repeated(bench):
-    bus, switches = opened(bench)
-    for port in (bus, switches, bus):
-        port.close()
-    assert set(bench.closed) == {True}
-
-
 @pytest.mark.parametrize(
     ("error", "message"),
-    [
-        (UsbToolsError("No USB device matches URL ftdi://ftdi:232h/1"), "No USB device matches URL"),
-        (ValueError("No backend available"), "No backend available"),
-        (OSError(13, "Access denied (insufficient permissions)"), "insufficient permissions"),
-    ],
-)
+    [(UsbToolsError("No USB device matches URL ftdi://ftdi:232h/1"), "No USB device matches URL"),
+     (ValueError("No backend available"), "No backend available"),
+     (OSError(13, "Access denied (insufficient permissions)"), "insufficient permissions")],
+)  # fmt: skip
 def test_an_adapter_that_cannot_be_opened_is_one_line(bench, error, message):
     bench.refuses = error
     with pytest.raises(HardwareError, match=rf"ftdi://ftdi:232h/1 cannot be opened: .*{message}"):
@@ -338,20 +297,20 @@ def test_a_missing_library_names_its_extra(monkeypatch):
 
 
 def test_adapters_are_listed_by_the_url_that_opens_them(monkeypatch):
-    from types import SimpleNamespace as Device
-
-    found = [(Device(pid=0x6014, sn="FT1"), 1), (Device(pid=0x6010, sn=None), 2), (Device(pid=0x6001, sn="A"), 1)]
+    adapters = ((0x6014, "FT1"), (0x6010, None), (0x6001, "A"))
+    found = [(SimpleNamespace(pid=pid, sn=number), 1) for pid, number in adapters]
     monkeypatch.setattr(Ftdi, "list_devices", classmethod(lambda cls: found))
     assert ft232h_adapters() == ("ftdi://ftdi:232h:FT1/1", "ftdi://ftdi:2232h/1")
 
 
 def test_a_board_at_the_adapter_is_opened_grounded_and_asleep(bench):
     bench.pins = SwitchPins()
+    bench.registers[0x1A] = 0x1401
     with open_board(f"{URL}?readback=yes") as board:
         assert board.line.startswith("ftdi://ftdi:232h/1?readback=yes: FT232H; LDC1614 (5449/3055); wiring six_coils;")
-        assert bench.chain.latched == [WIRING.safe_words]
-        assert bench.chip.registers[0x1A] == 0x2801
-        bench.chip.registers[0x1A] = 0x1401
-    assert bench.chip.registers[0x1A] == 0x2801
-    assert bench.chain.latched[-1] == WIRING.safe_words
+        assert bench.latched == [WIRING.safe_words]
+        assert bench.registers[0x1A] == 0x2801
+        bench.registers[0x1A] = 0x1401
+    assert bench.registers[0x1A] == 0x2801
+    assert bench.latched[-1] == WIRING.safe_words
     assert bench.closed == [True]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 
 import pytest
 from hypothesis import given
@@ -19,14 +20,7 @@ from coilarray.hardware import (
     inductance_from_frequency,
     settle_count,
 )
-from coilarray.hardware.chips.ldc1614 import (
-    bus_time,
-    conversion_time,
-    rcount_for,
-    settle_time,
-    state_time,
-    wake_time,
-)
+from coilarray.hardware.chips.ldc1614 import bus_time, conversion_time, rcount_for, settle_time, state_time, wake_time
 from coilarray.hardware.chips.ldc1614_limits import (
     AMPLITUDE,
     DRIVE_WINDOW,
@@ -42,6 +36,8 @@ def test_code_of_two_megahertz():
     # 2 MHz at f_ref 21.7 MHz: code 0x17982F3, one step 0.0808 Hz
     assert frequency_to_code(2e6, 21.7e6) == 0x17982F3
     assert code_to_frequency(2, 21.7e6) - code_to_frequency(1, 21.7e6) == pytest.approx(0.0808, rel=1e-3)
+    # one step of OFFSET is 4096 codes
+    assert code_to_frequency(5000, 20e6, offset=3) == pytest.approx(code_to_frequency(5000 + 3 * 4096, 20e6), rel=1e-15)
 
 
 @given(st.integers(1, (1 << 28) - 2), st.integers(1, 15), st.integers(0, 0xFFFF))
@@ -49,16 +45,6 @@ def test_there_and_back(code, divider, offset):
     # float64 holds 28 bits exactly
     f = code_to_frequency(code, 21.7e6, divider=divider, offset=offset)
     assert frequency_to_code(f, 21.7e6, divider=divider, offset=offset) == code
-
-
-def test_offset():
-    # one step of OFFSET is 4096 codes
-    assert code_to_frequency(5000, 20e6, offset=3) == pytest.approx(code_to_frequency(5000 + 3 * 4096, 20e6), rel=1e-15)
-
-
-def test_inductance():
-    # 120 pF and 2 MHz: 52.77 µH
-    assert inductance_from_frequency(2e6, 120e-12) == pytest.approx(52.77e-6, rel=1e-4)
 
 
 @pytest.mark.parametrize(("quality", "shift"), [(10, -0.81), (20, -0.28), (40, -0.11)])
@@ -83,11 +69,9 @@ def test_lossy_inductance_there_and_back(frequency, capacitance, quality):
 
 
 def test_no_losses_is_the_limit_of_few():
-    assert inductance_from_frequency(2e6, 120e-12, 1e12) == pytest.approx(
-        inductance_from_frequency(2e6, 120e-12),
-        rel=1e-13,  # first order in 1/Q: 5 ns·ω/Q = 6e-14
-    )
-    assert oscillation_frequency(inductance_from_frequency(2e6, 120e-12), 120e-12) == pytest.approx(2e6, rel=1e-14)
+    L = inductance_from_frequency(2e6, 120e-12)
+    assert inductance_from_frequency(2e6, 120e-12, 1e12) == pytest.approx(L, rel=1e-13)  # first order: 5 ns·ω/Q = 6e-14
+    assert oscillation_frequency(L, 120e-12) == pytest.approx(2e6, rel=1e-14)
 
 
 @given(st.floats(600, 88e3))  # above, the smallest current passes 1.8 V
@@ -98,15 +82,6 @@ def test_every_resistance_of_the_table_has_a_drive(R):
     assert drive.amplitude == pytest.approx(4 * R * drive.current / math.pi)
     # rows of the table are rounded to three digits: the lower end may be missed by that
     assert AMPLITUDE[0] * 0.99 <= drive.amplitude <= AMPLITUDE[1]
-
-
-def test_drive_prefers_the_larger_current():
-    # 33 kΩ fits the rows of 32 µA and 40 µA
-    drive = drive_for(33e3)
-    assert (drive.code, drive.current) == (6, pytest.approx(40e-6))
-    assert drive.amplitude == pytest.approx(4 * 33e3 * 40e-6 / math.pi)
-    assert drive_for(91e3) is None
-    assert drive_for(math.inf) is None
 
 
 # data sheet, table 42: IDRIVE, current in µA, smallest and largest R_p in kΩ
@@ -130,15 +105,9 @@ def test_drive_table():
         wanted = max((unclamped or rows), default=None)
         drive = drive_for(R)
         assert (None if drive is None else drive.code) == (None if wanted is None else wanted[0]), R
-
-
-def test_amplitude():
+    assert drive_for(math.inf) is None
     # equation 12: I = π V/(4 R_p)
-    drive = drive_of(18, 5.7e3)
-    assert math.pi * drive.amplitude / (4 * 5.7e3) == pytest.approx(212e-6, rel=1e-12)
-
-
-def test_drive_window_has_a_name():
+    assert math.pi * drive_of(18, 5.7e3).amplitude / (4 * 5.7e3) == pytest.approx(212e-6, rel=1e-12)
     (window,) = (limit for limit in check_channel(1.93e6, 33e3, 48) if limit.name == DRIVE_WINDOW)
     assert (window.value, window.low, window.high) == (33e3, 600, 90e3)
 
@@ -168,8 +137,7 @@ def test_clocks(clock, divider, given, broken):
 def test_reference_divider_is_the_least(clock, external):
     divider = reference_divider(clock, external=external)
     assert clock / divider <= 35e6
-    if divider > (1 if external else 2):
-        assert clock / (divider - 1) > 35e6
+    assert divider == (1 if external else 2) or clock / (divider - 1) > 35e6
 
 
 @given(st.floats(1e3, 10e6), st.floats(1e6, 35e6))
@@ -184,12 +152,9 @@ def test_input_divider_is_the_least(frequency, reference):
     assert divider == least or frequency / (divider - 1) >= reference / 4
 
 
-def test_input_filter():
-    # the lowest above the sensor
-    assert [deglitch_for(f) for f in (1e3, 0.99e6, 1e6, 3.29e6, 3.3e6, 9.99e6, 10e6)] == [1, 1, 4, 4, 5, 5, 7]
-
-
 def test_limits():
+    # the lowest input filter above the sensor
+    assert [deglitch_for(f) for f in (1e3, 0.99e6, 1e6, 3.29e6, 3.3e6, 9.99e6, 10e6)] == [1, 1, 4, 4, 5, 5, 7]
     kept = check_channel(1.93e6, 33e3, 48, 8e6)
     assert all(limit.kept for limit in kept)
     broken = {limit.name for limit in check_channel(6e6, 100.0, 0.5, 7e6) if not limit.kept}
@@ -218,27 +183,26 @@ def test_settle_count(quality, count):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: code_to_frequency(0, 21.7e6), "the ends mark a range error"),
-        (lambda: code_to_frequency((1 << 28) - 1, 21.7e6), "the ends mark a range error"),
+        *((partial(code_to_frequency, end, 21.7e6), "the ends mark a range error") for end in (0, (1 << 28) - 1)),
         (lambda: code_to_frequency(1, math.nan), "reference must be positive and finite"),
         (lambda: code_to_frequency(1, 1e6, divider=16), "divider must be 1 to 15; got 16"),
         (lambda: code_to_frequency(1, 1e6, offset=-1), "offset must be 0 to 65535; got -1"),
         (lambda: frequency_to_code(30e6, 21.7e6), "outside 1 to"),
         (lambda: inductance_from_frequency(0, 1e-12), "frequency must be positive and finite; got 0"),
         (lambda: inductance_from_frequency(1e6, -1), "capacitance must be positive and finite; got -1"),
-        (lambda: inductance_from_frequency(1e6, 1e-9, 1.0), "quality_factor must be above 1; got 1.0"),
-        (lambda: inductance_from_frequency(1e6, 1e-9, math.nan), "quality_factor must be above 1; got nan"),
+        *(
+            (partial(inductance_from_frequency, 1e6, 1e-9, Q), f"quality_factor must be above 1; got {Q}")
+            for Q in (1.0, math.nan)
+        ),
         (lambda: inductance_from_frequency(50e6, 1e-12, 1.2), "no inductance oscillates at 50000000.0 Hz"),
-        (lambda: drive_of(32, 1e3), "code must be 0 to 31; got 32"),
-        (lambda: drive_of(-1, 1e3), "code must be 0 to 31; got -1"),
+        *((partial(drive_of, code, 1e3), f"code must be 0 to 31; got {code}") for code in (32, -1)),
         (lambda: drive_of(0, math.nan), "parallel_resistance must be positive; got nan"),
         (lambda: check_clock(0.0, 2), "clock must be positive; got 0.0"),
         (lambda: check_clock(1e6, 0), "divider must be positive; got 0"),
         (lambda: reference_divider(-1.0), "clock must be positive; got -1.0"),
         (lambda: input_divider(0.0, 1e6), "frequency must be positive; got 0.0"),
         (lambda: input_divider(1e6, 0.0), "reference must be positive; got 0.0"),
-        (lambda: deglitch_for(999.0), "frequency must be 1000 to 1e"),
-        (lambda: deglitch_for(10.1e6), "frequency must be 1000 to 1e"),
+        *((partial(deglitch_for, f), "frequency must be 1000 to 1e") for f in (999.0, 10.1e6)),
         (lambda: drive_for(0), "parallel_resistance must be positive; got 0"),
         (lambda: check_channel(0, 1e3, 10), "frequency must be positive; got 0"),
         (lambda: settle_count(1e6, -1), "quality_factor must be positive; got -1"),
@@ -290,12 +254,6 @@ def test_settling(count, clocks):
     assert settle_time(count, REFERENCE) == pytest.approx(clocks / REFERENCE, rel=1e-12)
 
 
-@pytest.mark.slow
-@given(st.integers(5, 0xFFFF), references)
-def test_rcount_there_and_back(rcount, reference):
-    assert rcount_for(conversion_time(rcount, reference), reference) == rcount
-
-
 @given(st.floats(5e-6, 1.0), references)
 def test_the_largest_that_fits(duration, reference):
     if duration * reference < 84:
@@ -309,7 +267,8 @@ def test_the_largest_that_fits(duration, reference):
 
 
 @given(st.integers(5, 0xFFFF), st.integers(0, 0xFFFF), references)
-def test_state_is_its_parts(rcount, settle_count, reference):
+def test_state_is_its_parts_and_rcount_there_and_back(rcount, settle_count, reference):
+    assert rcount_for(conversion_time(rcount, reference), reference) == rcount
     parts = state_time(rcount, settle_count, reference)
     assert parts.total == pytest.approx(
         parts.wake + parts.settle + parts.conversion + parts.result + parts.control, rel=1e-12
@@ -320,14 +279,12 @@ def test_state_is_its_parts(rcount, settle_count, reference):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: conversion_time(4, 1e6), "RCOUNT must be 5 to 65535; got 4"),
-        (lambda: conversion_time(0x10000, 1e6), "RCOUNT must be 5 to 65535; got 65536"),
+        *((partial(conversion_time, n, 1e6), f"RCOUNT must be 5 to 65535; got {n}") for n in (4, 0x10000)),
         (lambda: conversion_time(5, 0.0), "a clock must be positive and finite; got 0.0 Hz"),
         (lambda: rcount_for(1.0, math.nan), "a clock must be positive and finite; got nan Hz"),
         (lambda: rcount_for(math.nan, 1e6), "a duration must be positive and finite; got nan s"),
         (lambda: rcount_for(1e-6, 1e6), "a conversion takes at least 84 µs; got 1 µs"),
-        (lambda: settle_time(-1, 1e6), "SETTLECOUNT must be 0 to 65535; got -1"),
-        (lambda: settle_time(0x10000, 1e6), "SETTLECOUNT must be 0 to 65535; got 65536"),
+        *((partial(settle_time, n, 1e6), f"SETTLECOUNT must be 0 to 65535; got {n}") for n in (-1, 0x10000)),
         (lambda: wake_time(-1.0), "a clock must be positive and finite; got -1.0 Hz"),
         (lambda: bus_time(reads=1, rate=0.0), "a clock must be positive and finite; got 0.0 Hz"),
         (lambda: state_time(5, 0, 1e6, bus_rate=0.0), "a clock must be positive and finite; got 0.0 Hz"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -30,13 +32,18 @@ ADDRESSES = {
     "CLOCK_DIVIDERS3": 0x17, "STATUS": 0x18, "ERROR_CONFIG": 0x19, "CONFIG": 0x1A, "MUX_CONFIG": 0x1B,
     "RESET_DEV": 0x1C, "DRIVE_CURRENT0": 0x1E, "DRIVE_CURRENT3": 0x21, "MANUFACTURER_ID": 0x7E, "DEVICE_ID": 0x7F,
 }  # fmt: skip
-WRITABLE = [name for name, entry in registers().items() if entry.writable]
+FIXED_DRIVE = {"RP_OVERRIDE_EN": 1, "SENSOR_ACTIVATE_SEL": 0, "AUTO_AMP_DIS": 1}
+WRITABLE = [name for name, entry in registers().items() if entry.writable_mask]
 
 
-def test_resets():
+def test_resets_and_what_can_be_written():
     # data sheet, pages 15 to 33
     assert {name: entry.reset for name, entry in registers().items()} == RESETS
     assert (register(0x7E).reset, register(0x7F).reset) == (MANUFACTURER, DEVICE)
+    # what can be written
+    assert set(WRITABLE) == set(RESETS) - {
+        *(f"DATA{k}_{part}" for k in range(4) for part in ("MSB", "LSB")), "STATUS", "MANUFACTURER_ID", "DEVICE_ID",
+    }  # fmt: skip
 
 
 def test_addresses():
@@ -56,12 +63,6 @@ def test_every_bit_once(name):
     assert all(field.reset <= field.largest for field in register(name).fields)
 
 
-def test_what_can_be_written():
-    assert set(WRITABLE) == set(RESETS) - {
-        *(f"DATA{k}_{part}" for k in range(4) for part in ("MSB", "LSB")), "STATUS", "MANUFACTURER_ID", "DEVICE_ID",
-    }  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("name", "fields", "value"),
     [
@@ -69,24 +70,12 @@ def test_what_can_be_written():
         ("RCOUNT0", {"RCOUNT0": 0x04D6}, 0x04D6),
         ("MUX_CONFIG", {"DEGLITCH": 4}, 0x020C),
         ("MUX_CONFIG", {"AUTOSCAN_EN": 1, "DEGLITCH": 4}, 0x820C),
-        ("DRIVE_CURRENT0", {"IDRIVE0": 18}, 0x9000),
-        ("DRIVE_CURRENT0", {"IDRIVE0": 31}, 0xF800),
-        ("DRIVE_CURRENT0", {"IDRIVE0": 19}, 0x9800),
-        (
-            "CONFIG",
-            {
-                "SLEEP_MODE_EN": 0,
-                "RP_OVERRIDE_EN": 1,
-                "SENSOR_ACTIVATE_SEL": 0,
-                "AUTO_AMP_DIS": 1,
-                "REF_CLK_SRC": 1,
-            },
-            0x1601,
-        ),
+        *(("DRIVE_CURRENT0", {"IDRIVE0": code}, word) for code, word in ((18, 0x9000), (31, 0xF800), (19, 0x9800))),
+        ("CONFIG", {"SLEEP_MODE_EN": 0, "REF_CLK_SRC": 1, **FIXED_DRIVE}, 0x1601),
         ("SETTLECOUNT0", {"SETTLECOUNT0": 0x0100}, 0x0100),
         # of the reference board
         ("CLOCK_DIVIDERS0", {"FIN_DIVIDER0": 1, "FREF_DIVIDER0": 2}, 0x1002),
-        ("CONFIG", {"RP_OVERRIDE_EN": 1, "SENSOR_ACTIVATE_SEL": 0, "AUTO_AMP_DIS": 1}, 0x3401),
+        ("CONFIG", FIXED_DRIVE, 0x3401),
         ("RESET_DEV", {"RESET_DEV": 1}, 0x8000),
         ("ERROR_CONFIG", {"DRDY_2INT": 1}, 0x0001),
     ],
@@ -152,21 +141,12 @@ def test_a_flipped_reserved_bit_is_refused(name, bit):
         assert decode(name, good ^ 1 << bit) != decode(name, good)
 
 
-@pytest.mark.parametrize("stuck", [0x0000, 0xFFFF])
-def test_a_stuck_bus_is_no_config(stuck):
-    with pytest.raises(HardwareError, match="CONFIG must read"):
-        decode("CONFIG", stuck)
-
-
-def test_reset_dividers_are_illegal():
-    # the reset value 0 is reserved in both fields, so the register must be programmed
-    with pytest.raises(HardwareError, match="FIN_DIVIDER0 must be 1 to 15; got 0"):
-        check_value("CLOCK_DIVIDERS0", register("CLOCK_DIVIDERS0").reset)
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
+        # a stuck bus is no CONFIG; the reset value of the dividers is reserved, so the register must be programmed
+        *((functools.partial(decode, "CONFIG", stuck), "CONFIG must read") for stuck in (0x0000, 0xFFFF)),
+        (lambda: check_value("CLOCK_DIVIDERS0", register(0x14).reset), "FIN_DIVIDER0 must be 1 to 15; got 0"),
         (lambda: register("RCOUNT4"), "no register 'RCOUNT4'"),
         (lambda: register(0x1D), "no register at the address 0x1d"),
         (lambda: encode("STATUS", {}), "STATUS is read-only"),

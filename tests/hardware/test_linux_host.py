@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -115,41 +116,28 @@ def spi(monkeypatch, devices):
     return lambda: SpiDev.instances[-1]
 
 
-# ------------------------------------------------------------------------------------ registers
+@pytest.fixture
+def bus(kernel):
+    return LinuxRegisterBus(1, 0x2A)
 
 
-def test_a_register_is_read_with_a_repeated_start_highest_byte_first(kernel):
-    bus = LinuxRegisterBus(1, 0x2A)
+def test_a_register_is_read_with_a_repeated_start_and_written_in_one_message_highest_byte_first(kernel, bus):
     assert bus.read(0x7E) == 0x5449
-    assert kernel.transfers == [[(0x2A, 0, b"\x7e"), (0x2A, READ, 2)]]
-
-
-def test_a_register_is_written_in_one_message_highest_byte_first(kernel):
-    bus = LinuxRegisterBus(1, 0x2A)
+    assert kernel.transfers.pop() == [(0x2A, 0, b"\x7e"), (0x2A, READ, 2)]
     bus.write(0x14, 0x1002)
-    assert kernel.transfers == [[(0x2A, 0, b"\x14\x10\x02")]]
+    assert kernel.transfers.pop() == [(0x2A, 0, b"\x14\x10\x02")]
     assert bus.read(0x14) == 0x1002
-
-
-def test_clearing_sends_nine_clocks_that_nobody_acknowledges(kernel):
-    LinuxRegisterBus(1, 0x2A).clear()
-    assert kernel.transfers == [[(0x00, READ, 1)]]
+    bus.clear()  # nine clocks that nobody acknowledges
+    assert kernel.transfers.pop() == [(0x00, READ, 1)]
 
 
 @pytest.mark.parametrize(
     ("number", "fault", "message"),
-    [
-        (errno.EREMOTEIO, BusFault, "does not answer"),
-        (errno.ENXIO, BusFault, "does not answer"),
-        (errno.EIO, BusFault, "does not answer"),
-        (errno.ETIMEDOUT, BusTimeout, "holds up the bus"),
-        (errno.EAGAIN, BusTimeout, "holds up the bus"),
-        (errno.EBUSY, BusTimeout, "holds up the bus"),
-        (errno.ENODEV, DeviceLost, "is gone"),
-    ],
-)
-def test_what_the_kernel_says_of_a_transfer_has_a_name(kernel, number, fault, message):
-    bus = LinuxRegisterBus(1, 0x2A)
+    [*((number, BusFault, "does not answer") for number in (errno.EREMOTEIO, errno.ENXIO, errno.EIO)),
+     *((number, BusTimeout, "holds up the bus") for number in (errno.ETIMEDOUT, errno.EAGAIN, errno.EBUSY)),
+     (errno.ENODEV, DeviceLost, "is gone")],
+)  # fmt: skip
+def test_what_the_kernel_says_of_a_transfer_has_a_name(kernel, bus, number, fault, message):
     kernel.fails = [number, number]
     for step in (lambda: bus.read(0), lambda: bus.write(0, 0)):
         with pytest.raises(HardwareError, match=rf"i2c-1 {message}: {os.strerror(number)}\.") as raised:
@@ -157,12 +145,11 @@ def test_what_the_kernel_says_of_a_transfer_has_a_name(kernel, number, fault, me
         assert type(raised.value) is fault
 
 
-def test_a_second_program_is_kept_away(kernel):
-    first = LinuxRegisterBus(1, 0x2A)
+def test_a_second_program_is_kept_away(kernel, bus):
     with pytest.raises(HardwareError, match=r"i2c-1 is used by another program\."):
         LinuxRegisterBus(1, 0x2A)
-    first.close()
-    first.close()
+    bus.close()
+    bus.close()
     LinuxRegisterBus(1, 0x2A).close()
 
 
@@ -175,14 +162,10 @@ def test_a_bus_that_only_knows_smbus_is_refused_and_closed(kernel, devices):
     assert os.path.realpath(devices / "i2c-1") not in held
 
 
-def test_a_bus_that_is_not_there_names_those_that_are(kernel):
-    with pytest.raises(
-        HardwareError, match=r"there is no \S*i2c-7; of its kind there are: i2c:1, i2c:20, spi:0\.0, spi"
-    ):
+def test_a_bus_that_is_not_there_names_those_that_are(kernel, devices):
+    assert linux_buses() == ("i2c:1", "i2c:20", "spi:0.0", "spi:0.1")
+    with pytest.raises(HardwareError, match=r"there is no \S*i2c-7; of its kind there are: i2c:1, i2c:20, spi:0\.0, "):
         LinuxRegisterBus(7, 0x2A)
-
-
-def test_a_computer_without_such_buses_says_so(kernel, devices):
     for path in devices.iterdir():
         path.unlink()
     with pytest.raises(HardwareError, match=r"there is no \S*i2c-1; of its kind there are: none at all\."):
@@ -194,19 +177,14 @@ def test_a_bus_that_may_not_be_opened_names_the_group(kernel, devices, monkeypat
         raise PermissionError(errno.EACCES, "Permission denied", path)
 
     monkeypatch.setattr(smbus2.smbus2.os, "open", refuse)
-    group = (devices / "i2c-1").group()
-    with pytest.raises(
-        HardwareError, match=rf"i2c-1 may not be opened by this user; add the user to the group {group}\."
-    ):
+    said = f"i2c-1 may not be opened by this user; add the user to the group {(devices / 'i2c-1').group()}."
+    with pytest.raises(HardwareError, match=re.escape(said)):
         LinuxRegisterBus(1, 0x2A)
 
 
 def test_a_file_that_is_no_bus_is_one_line(devices):
     with pytest.raises(HardwareError, match=r"i2c-1 cannot be used: Inappropriate ioctl for device\."):
         LinuxRegisterBus(1, 0x2A)
-
-
-# ------------------------------------------------------------------------------------ switches
 
 
 def test_words_go_out_in_one_transfer_in_the_mode_of_the_switches(spi, devices):
@@ -228,20 +206,19 @@ def test_mode_speed_order_and_read_back_may_be_others(spi):
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [
-        ({"mode": 4}, "mode of SPI must be 0 to 3; got 4"),
-        ({"speed": 0.0}, "must be positive and at most 3e[+]07 Hz; got 0.0 Hz"),
-        ({"speed": float("nan")}, "got nan Hz"),
-        ({"speed": 31e6}, "at most 3e[+]07 Hz; got 31000000.0 Hz"),
-    ],
-)
+    [({"mode": 4}, "mode of SPI must be 0 to 3; got 4"), ({"speed": float("nan")}, "got nan Hz"),
+     ({"speed": 0.0}, "must be positive and at most 3e[+]07 Hz; got 0.0 Hz"),
+     ({"speed": 31e6}, "at most 3e[+]07 Hz; got 31000000.0 Hz")],
+)  # fmt: skip
 def test_a_form_of_transfers_that_cannot_be_is_refused(change, message):
     with pytest.raises(HardwareError, match=message):
         ShiftSettings(**change)
 
 
 @pytest.mark.parametrize(("number", "fault"), [(errno.ENODEV, DeviceLost), (errno.EIO, SwitchFault)])
-def test_a_transfer_that_fails_has_a_name(spi, number, fault):
+def test_a_transfer_that_fails_has_a_name_and_a_port_that_is_not_there(spi, number, fault):
+    with pytest.raises(HardwareError, match=r"there is no \S*spidev3\.2; of its kind there are: i2c:1"):
+        SpiSwitchChain(3, 2, ShiftSettings())
     chain = SpiSwitchChain(0, 0, ShiftSettings())
     spi().fails = number
     with pytest.raises(fault, match=r"spidev0\.0"):
@@ -257,14 +234,6 @@ def test_a_mode_that_the_port_lacks_is_one_line_and_the_port_is_closed(spi, monk
     with pytest.raises(HardwareError, match=r"spidev0\.0 cannot be used: Invalid argument\."):
         SpiSwitchChain(0, 0, ShiftSettings())
     assert spi().closed == 1
-
-
-def test_a_port_that_is_not_there_is_one_line(spi):
-    with pytest.raises(HardwareError, match=r"there is no \S*spidev3\.2; of its kind there are: i2c:1"):
-        SpiSwitchChain(3, 2, ShiftSettings())
-
-
-# ------------------------------------------------------------------------------------ the board
 
 
 def test_a_board_is_opened_grounded_and_asleep_and_left_so(kernel, spi):
@@ -289,10 +258,6 @@ def test_a_missing_library_names_its_extra(kernel, spi, monkeypatch, module):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(MissingDependencyError, match=rf"boards on this computer's own buses need {module}"):
         open_board("i2c:1")
-
-
-def test_the_buses_of_this_computer_are_listed(devices):
-    assert linux_buses() == ("i2c:1", "i2c:20", "spi:0.0", "spi:0.1")
 
 
 @pytest.mark.hardware

@@ -32,11 +32,19 @@ def scan(number, delta=None, *, noise=None, boot=1, bad=(), sequence=None, names
     return ScanReading(number if sequence is None else sequence, 0.25 * number, 0.0, boot, states)
 
 
-def ready(tracker, **options):
-    """Feed the baseline and return the last reading."""
+def ready(**options):
+    """A tracker that has its baseline."""
+    tracker = LiveTracker(MODEL)
     for number in range(10):
-        reading = tracker.take(scan(number, **options))
-    return reading
+        tracker.take(scan(number, **options))
+    return tracker
+
+
+def deltas(reading):
+    return [state.delta for state in reading.states]
+
+
+PRESSED = bells(np.array(POINT), FIELD)
 
 
 def test_the_baseline_comes_first():
@@ -44,25 +52,23 @@ def test_the_baseline_comes_first():
     for number in range(9):
         reading = tracker.take(scan(number))
         assert reading.waiting == 9 - number
-        assert [state.delta for state in reading.states] == [None] * 5
+        assert deltas(reading) == [None] * 5
         assert (reading.location, reading.problem, reading.noise) == (None, "", None)
     reading = tracker.take(scan(9))
     assert reading.waiting == 0
-    np.testing.assert_allclose([state.delta for state in reading.states], 0.0, atol=1e-15)
+    np.testing.assert_allclose(deltas(reading), 0.0, atol=1e-15)
     assert reading.location.verdict == "nothing pressed"
 
 
 def test_delta_and_position_are_those_of_the_library():
-    tracker = LiveTracker(MODEL)
-    ready(tracker)
-    delta = bells(np.array(POINT), FIELD)
-    reading = tracker.take(scan(10, delta))
-    np.testing.assert_allclose([state.delta for state in reading.states], delta, atol=1e-15)
-    expected = locate(MODEL, dict(zip(NAMES, delta, strict=True)), noise=reading.noise)
+    tracker = ready()
+    reading = tracker.take(scan(10, PRESSED))
+    np.testing.assert_allclose(deltas(reading), PRESSED, atol=1e-15)
+    expected = locate(MODEL, dict(zip(NAMES, PRESSED, strict=True)), noise=reading.noise)
     assert reading.location.verdict == "found" == expected.verdict
     assert reading.location.best.x == pytest.approx(expected.best.x, abs=1e-9)
     assert reading.location.best.x == pytest.approx(POINT[0], abs=0.05e-3)
-    assert tracker.take(scan(11, delta), want_location=False).location is None
+    assert tracker.take(scan(11, PRESSED), want_location=False).location is None
 
 
 def test_noise_is_that_of_the_baseline_and_the_tables():
@@ -77,23 +83,20 @@ def test_noise_is_that_of_the_baseline_and_the_tables():
 
 
 def test_zero_anew():
-    tracker = LiveTracker(MODEL)
-    ready(tracker)
-    pressed = bells(np.array(POINT), FIELD)
-    assert tracker.take(scan(10, pressed)).location.verdict == "found"
+    tracker = ready()
+    assert tracker.take(scan(10, PRESSED)).location.verdict == "found"
     tracker.rezero()
     for number in range(11, 21):
-        reading = tracker.take(scan(number, pressed))
+        reading = tracker.take(scan(number, PRESSED))
         assert reading.waiting == max(20 - number, 0)
-    np.testing.assert_allclose([state.delta for state in reading.states], 0.0, atol=1e-15)
+    np.testing.assert_allclose(deltas(reading), 0.0, atol=1e-15)
 
 
 def test_scans_known_to_press_are_not_of_the_baseline():
     tracker = LiveTracker(MODEL, baseline_scans=3)
-    pressed = bells(np.array(POINT), FIELD)
     for number in range(6):
-        reading = tracker.take(scan(number, pressed if number % 2 else None), at_rest=number % 2 == 0)
-    np.testing.assert_allclose([state.delta for state in reading.states], pressed, atol=1e-15)
+        reading = tracker.take(scan(number, PRESSED if number % 2 else None), at_rest=number % 2 == 0)
+    np.testing.assert_allclose(deltas(reading), PRESSED, atol=1e-15)
 
 
 def test_a_silent_coil_is_left_out():
@@ -101,34 +104,26 @@ def test_a_silent_coil_is_left_out():
     for number in range(29):
         assert tracker.take(scan(number, bad=["coil2"])).waiting > 0
     tracker.take(scan(29, bad=["coil2"]))
-    delta = bells(np.array(POINT), FIELD)
-    reading = tracker.take(scan(30, delta, bad=["coil2"]))
-    assert reading.states[1].delta is None
-    assert reading.states[1].verdict == "bad"
+    reading = tracker.take(scan(30, PRESSED, bad=["coil2"]))
+    assert (reading.states[1].delta, reading.states[1].verdict) == (None, "bad")
     assert "does not oscillate" in reading.states[1].reasons[0]
-    others = {name: value for name, value in zip(NAMES, delta, strict=True) if name != "coil2"}
+    others = {name: value for name, value in zip(NAMES, PRESSED, strict=True) if name != "coil2"}
     expected = locate(MODEL.select(list(others)), others, noise=reading.noise)
     assert reading.location.best.x == pytest.approx(expected.best.x, abs=1e-9)
-    late = tracker.take(scan(31, delta))  # it speaks again, but has no baseline
+    late = tracker.take(scan(31, PRESSED))  # it speaks again, but has no baseline
     assert (late.states[1].delta, late.states[1].reasons) == (None, ("no baseline",))
 
 
 def test_too_few_coils_give_no_position():
-    tracker = LiveTracker(MODEL)
-    ready(tracker)
-    reading = tracker.take(scan(10, bad=NAMES[:3]))
+    reading = ready().take(scan(10, bad=NAMES[:3]))
     assert reading.location is None
     assert reading.problem == "2 states have a value that the table knows; 3 are needed"
-    unknown = LiveTracker(MODEL)
-    names = ["a", "b", "c", "d", "e"]
-    ready(unknown, names=names)
-    assert unknown.take(scan(10, names=names)).problem.startswith("0 states have a value that the table knows")
+    reading = ready(names="abcde").take(scan(10, names="abcde"))
+    assert reading.problem.startswith("0 states have a value that the table knows")
 
 
 def test_a_wild_value_is_not_located():
-    tracker = LiveTracker(MODEL)
-    ready(tracker)
-    reading = tracker.take(scan(10, [3.0, 0, 0, 0, 0]))
+    reading = ready().take(scan(10, [3.0, 0, 0, 0, 0]))
     assert reading.states[0].delta == pytest.approx(3.0)
     assert reading.location.verdict == "nothing pressed"  # of the other four
 

@@ -91,17 +91,20 @@ def test_a_restart_between_scans_ends_the_session(board, reader):
     board.restart()
     board.spoil = lambda line: b"" if line.startswith(b"H") else line
     board._going.clear()  # nobody heard the board start
-    board._do_scan = lambda: ["SCAN"]
     board.refuse["SCAN"] = (3, "not configured")
     with pytest.raises(BoardRestarted, match="has restarted"):
         reader.scan()
 
 
-def test_settings_lost_without_a_restart(board, reader):
+@pytest.mark.parametrize(
+    ("mode", "settings", "text"),
+    [("u", 0, "has lost its settings"), ("s", 0x1111, "measures with the settings 1111")],
+)
+def test_other_settings_or_none_without_a_restart(board, reader, mode, settings, text):
     stream = stream_of(reader)
-    board.mode, board.hash = "u", 0
+    board.mode, board.hash = mode, settings
     board.heartbeat()
-    with pytest.raises(BoardRestarted, match="has lost its settings"):
+    with pytest.raises(BoardRestarted, match=text):
         list(stream)
     reader.configure(SETTINGS)
     assert reader.scan().samples
@@ -114,13 +117,6 @@ def test_a_heartbeat_tells_of_an_end(board, reader):
     with Lasting(board) as it, pytest.raises(NoAnswer, match="its reason was lost"):
         next(stream)
     assert it.seconds < 1.1  # heartbeats are a second apart
-
-
-def test_other_settings_in_a_stream(board, reader):
-    stream = stream_of(reader)
-    board.hash = 0x1111
-    with pytest.raises(BoardRestarted, match="measures with the settings 1111"):
-        list(stream)
 
 
 def test_a_stalled_stream_is_no_answer_in_time(board, reader):
@@ -218,13 +214,11 @@ def test_a_silent_board_is_waited_for_once_after_an_interrupt(board, reader):
 def test_a_board_that_comes_back_is_stopped_at_the_end(board, reader):
     stream = stream_of(reader)
     board.deaf = True
-    with pytest.raises(NoAnswer):
-        reader.rest()
+    with pytest.raises(NoAnswer, match="did not answer STOP"):
+        stream.close()
     board.deaf = False
     reader.close()
-    assert board.sent[-1] == ("STOP",)
-    assert board.mode == "i"
-    stream.close()
+    assert (board.mode, board.sent[-1]) == ("i", ("STOP",))
 
 
 @pytest.mark.parametrize("state", ["deaf", "unplugged"])
@@ -247,13 +241,6 @@ def test_an_error_of_the_caller_stops_the_board(board, reader):
     assert board.mode == "i"
 
 
-def test_closing_a_stream_tells_when_the_board_does_not_stop(board, reader):
-    stream = stream_of(reader)
-    board.deaf = board.silent = True
-    with pytest.raises(NoAnswer, match="did not answer STOP"):
-        stream.close()
-
-
 def test_reconnecting_is_a_new_session_without_settings(board, reader):
     sessions = []
 
@@ -264,7 +251,6 @@ def test_reconnecting_is_a_new_session_without_settings(board, reader):
         board.closed = False
         return MicrocontrollerReader(board, clock=board.clock, reopen=reopen)
 
-    board.unplugged = False
     first = MicrocontrollerReader(board, clock=board.clock, reopen=reopen)
     board.restart()
     second = first.reconnect(patience=1.0)

@@ -16,7 +16,7 @@ import random
 from contextlib import suppress
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from support.scripted_board import crc16
 
@@ -25,21 +25,10 @@ from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BoardRestarted
 from coilarray.hardware.wire.protocol.lines import MAX_LINE, LineParser, command_line, draft_commands, seal
-from coilarray.hardware.wire.protocol.messages import (
-    Answer,
-    Greeting,
-    Heartbeat,
-    MessageError,
-    Mode,
-    Pong,
-    Refusal,
-    ScanMessage,
-    StreamEnd,
-    StreamEndReason,
-    parse_message,
-    read_greeting,
-    read_pong,
-    read_scan,
+
+from coilarray.hardware.wire.protocol.messages import (  # isort: skip
+    Answer, Greeting, Heartbeat, MessageError, Mode, Pong, Refusal, ScanMessage, StreamEnd, StreamEndReason,
+    parse_message, read_greeting, read_pong, read_scan,
 )  # fmt: skip
 from coilarray.hardware.wire.protocol.scan_stream import BoardTime, GateCounts, ScanGate
 
@@ -51,16 +40,11 @@ def lines_of(data):
     return LineParser().feed(data)
 
 
-# lines
-
-
-def test_checksum_is_that_of_the_catalogue():
-    assert seal("123456789") == b"123456789*29B1\n"
-
-
+@example("123456789")  # of the catalogue: 29B1
 @given(TEXTS)
 def test_checksum_is_the_division_bit_by_bit(text):
     assert seal(text) == text.encode() + b"*%04X\n" % crc16(text.encode())
+    assert crc16(b"123456789") == 0x29B1
 
 
 @pytest.mark.parametrize("text", ["", "a\n", "tab\t", "\x7f", "µ", "x" * (MAX_LINE - 4)])
@@ -80,6 +64,7 @@ def test_lines_come_out_however_the_bytes_are_cut(texts, cuts, carriage_return):
     assert (parser.counts.good, parser.counts.dropped) == (len(texts), 0)
 
 
+@settings(max_examples=40)
 @given(st.binary(max_size=4000), st.integers(1, 700))
 def test_any_bytes_are_counted_line_by_line_and_never_raise(data, size):
     parser = LineParser()
@@ -133,50 +118,31 @@ def test_a_scan_with_a_byte_dropped_repeated_or_swapped_is_no_scan():
             assert lines_of(damaged) == []
 
 
-# messages
-
-
 def test_a_scan_is_read():
-    scan = parse_message(SCAN)
-    assert scan == ScanMessage(
-        sequence=7,
-        time=1_000_000,
-        configuration=0xD9A4,
-        boot=0x1234ABCD,
-        samples=(
-            RawSample(0x0179, 0x8210, 0x0048),
-            RawSample(0x0179, 0x8211, 0x1048),
-            RawSample(0, 0, 0, SampleFault.NO_RESULT),
-            RawSample(0x0179, 0xFFFF, 0x0048),
-            RawSample(0x0179, 0x0000, 0x0048),
-            RawSample(0x0ABC, 0xDEF0, 0x0048),
-        ),
-    )
+    samples = (
+        RawSample(0x0179, 0x8210, 0x0048), RawSample(0x0179, 0x8211, 0x1048), RawSample(0, 0, 0, SampleFault.NO_RESULT),
+        RawSample(0x0179, 0xFFFF, 0x0048), RawSample(0x0179, 0x0000, 0x0048), RawSample(0x0ABC, 0xDEF0, 0x0048),
+    )  # fmt: skip
+    assert parse_message(SCAN) == ScanMessage(7, 1_000_000, 0xD9A4, 0x1234ABCD, samples)
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(
-    st.integers(0, 2**32 - 1),
-    st.integers(0, 2**32 - 1),
-    st.integers(0, 2**16 - 1),
-    st.integers(0, 2**32 - 1),
+    st.tuples(*(st.integers(0, 2**bits - 1) for bits in (32, 32, 16, 32))),
     st.lists(
-        st.one_of(
-            st.builds(RawSample, *[st.integers(0, 2**16 - 1)] * 3),
-            st.sampled_from(list(SampleFault)[1:]).map(lambda fault: RawSample(0, 0, 0, fault)),
-        ),
-        min_size=1,
-        max_size=30,
+        st.builds(RawSample, *[st.integers(0, 2**16 - 1)] * 3)
+        | st.sampled_from(list(SampleFault)[1:]).map(lambda fault: RawSample(0, 0, 0, fault)),
+        min_size=1, max_size=30,
     ),
-)
-def test_any_scan_comes_back(sequence, time, configuration, boot, samples):
+)  # fmt: skip
+def test_any_scan_comes_back(numbers, samples):
     words = [
         f"!{s.fault:X}" if s.fault else f"{s.msb:04X}{s.lsb:04X}" + ("" if s.status == 0x0048 else f".{s.status:04X}")
         for s in samples
     ]
-    text = f"S{sequence:08X},{time:08X},{configuration:04X},{boot:08X}," + ",".join(words)
-    assert parse_message(text) == ScanMessage(sequence, time, configuration, boot, tuple(samples))
-    assert read_scan(text[1:].split(",")) == parse_message(text)
+    text = "S{:08X},{:08X},{:04X},{:08X},".format(*numbers) + ",".join(words)
+    assert parse_message(text) == read_scan(text[1:].split(",")) == ScanMessage(*numbers, tuple(samples))
 
 
 @pytest.mark.parametrize(
@@ -197,35 +163,14 @@ def test_other_messages_are_read(text, message):
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "X00",
-        ">00,STOP",
-        "S",
-        SCAN.lower(),
-        SCAN.replace("S0", "S"),
-        SCAN[:33],
-        SCAN + ",",
-        SCAN.replace("!3", "!0"),
-        SCAN.replace("!3", "!6"),
-        SCAN.replace("!3", "!"),
-        SCAN.replace(".1048", "."),
-        SCAN.replace("0179FFFF", "0179FFF"),
-        SCAN.replace("0179FFFF", "0179 FFF"),
-        SCAN.replace("0179FFFF", "+179FFFF"),
-        "H1234ABCD,000F4240,0000,x",
-        "H1234ABCD,000F4240,0000",
-        "H1234ABCD,000F4240,0000,u,1",
-        "E0,D9A4,1234ABCD,",
-        "E5,D9A4,1234ABCD,",
-        "E2,D9A4,1234ABCD",
-        "<00",
-        "<0,OK",
-        "<00,ok",
-        "<00,ERR,4",
-        "<00,ERR,4,a,b",
-        "<00,ERR,44,a",
+        "", "X00", ">00,STOP", "S", SCAN.lower(), SCAN.replace("S0", "S"), SCAN[:33], SCAN + ",",
+        *(SCAN.replace("!3", fault) for fault in ("!0", "!6", "!")), SCAN.replace(".1048", "."),
+        *(SCAN.replace("0179FFFF", word) for word in ("0179FFF", "0179 FFF", "+179FFFF")),
+        "H1234ABCD,000F4240,0000,x", "H1234ABCD,000F4240,0000", "H1234ABCD,000F4240,0000,u,1",
+        "E0,D9A4,1234ABCD,", "E5,D9A4,1234ABCD,", "E2,D9A4,1234ABCD",
+        "<00", "<0,OK", "<00,ok", "<00,ERR,4", "<00,ERR,4,a,b", "<00,ERR,44,a",
     ],
-)
+)  # fmt: skip
 def test_another_form_is_refused(text):
     with pytest.raises(MessageError):
         parse_message(text)
@@ -237,40 +182,28 @@ def test_any_text_is_read_or_refused(text):
         assert parse_message(text) is not None
 
 
-# replies
-
-
 HELLO = ["1.0", "XMC 2Go 1", "1234ABCD", "5449", "3055", "16", "8", "readback+fast"]
 
 
-def test_a_greeting_is_read():
+def test_a_greeting_and_a_pong_are_read():
     assert read_greeting(HELLO) == Greeting(
         (1, 0), "XMC 2Go 1", 0x1234ABCD, 0x5449, 0x3055, 16, 8, frozenset({"readback", "fast"})
     )
     assert read_greeting([*HELLO[:7], "-", "later"]).capabilities == frozenset()
-
-
-def test_a_pong_is_read():
     assert read_pong(["1234ABCD", "000F4240", "i", "12"]) == Pong(0x1234ABCD, 1_000_000, Mode.IDLE, 12)
 
 
 @pytest.mark.parametrize(("place", "value"), [(0, "1"), (0, "1.x"), (0, "01.0"), (2, "1234"), (5, "1F"), (6, "-1")])
 def test_a_greeting_of_another_form_is_refused(place, value):
-    fields = list(HELLO)
-    fields[place] = value
-    with pytest.raises(MessageError):
-        read_greeting(fields)
-    with pytest.raises(MessageError):
-        read_greeting(HELLO[:7])
+    for fields in ([*HELLO[:place], value, *HELLO[place + 1 :]], HELLO[:7]):
+        with pytest.raises(MessageError):
+            read_greeting(fields)
 
 
 @pytest.mark.parametrize("fields", [[], ["1234ABCD"], ["1234ABCD", "000F4240", "x", "0"], ["1234ABCD", "0", "i", "0"]])
 def test_a_pong_of_another_form_is_refused(fields):
     with pytest.raises(MessageError):
         read_pong(fields)
-
-
-# commands
 
 
 def told(settings):
@@ -281,19 +214,10 @@ def told(settings):
     assert [c[0] for c in (commands[0], commands[-1])] == ["BEGIN", "COMMIT"]
     assert [int(index, 16) for index, _ in of["WIRE"]] == list(range(int(devices, 16)))
     assert [int(index, 16) for index, _, _ in of["STATE"]] == list(range(int(states, 16)))
-    text = "".join(
-        (
-            b"coilarray1".hex(),
-            devices,
-            *(digits for _, digits in of["WIRE"]),
-            of["SAFE"][0][0],
-            *(address + value for address, value in of["REG"]),
-            *of["WAIT"][0],
-            states,
-            *(words + drive for _, words, drive in of["STATE"]),
-        )
-    )
-    return bytes.fromhex(text), of["COMMIT"][0][0]
+    parts = [b"coilarray1".hex(), devices, *(digits for _, digits in of["WIRE"]), of["SAFE"][0][0]]
+    parts += [*(address + value for address, value in of["REG"]), *of["WAIT"][0], states]
+    parts += [words + drive for _, words, drive in of["STATE"]]
+    return bytes.fromhex("".join(parts)), of["COMMIT"][0][0]
 
 
 @pytest.mark.parametrize("wiring", ["six_coils", "six_coils_4"])
@@ -302,22 +226,14 @@ def test_the_commands_tell_all_that_the_hash_is_of(wiring):
     data, hashed = told(settings)
     assert data == settings.canonical
     assert int(hashed, 16) == crc16(data)
-
-
-def test_every_command_fits_its_line_and_goes_through_the_parser():
-    for number, command in enumerate(draft_commands(scan_settings(load_wiring()))):
+    for number, command in enumerate(draft_commands(settings)):  # each fits its line and goes through the parser
         assert lines_of(command_line(number, *command)) == [",".join((f">{number:02X}", *command))]
 
 
-# time
-
-
 @pytest.mark.slow
-@given(
-    st.integers(0, 2**33),
-    st.lists(st.tuples(st.floats(0, 2e5), st.booleans()), min_size=1, max_size=20),
-    st.floats(-0.01, 0.01),
-)
+@settings(max_examples=30)
+@given(st.integers(0, 2**33), st.lists(st.tuples(st.floats(0, 2e5), st.booleans()), min_size=1, max_size=20),
+       st.floats(-0.01, 0.01))  # fmt: skip
 def test_time_is_unwrapped_over_pauses_of_any_length(start, steps, skew):
     """Pauses to 55 hours: 1 % of that is the 33 minutes by which the clocks may part."""
     clock, board, now = BoardTime(), start, 0.0
@@ -336,15 +252,16 @@ def test_an_older_time_stays_older():
     assert clock.unwrap(6, 0.3) == 2**32 + 6
 
 
-# the gate
-
-
 def scan_of(sequence, *, configuration=0xD9A4, states=2):
     return ScanMessage(sequence, 0, configuration, 1, (RawSample(1, 2, 0x48),) * states)
 
 
-def test_scans_pass_once_and_in_order():
-    gate = ScanGate(configuration=0xD9A4, states=2, start=100)
+@pytest.fixture
+def gate():
+    return ScanGate(configuration=0xD9A4, states=2, start=100)
+
+
+def test_scans_pass_once_and_in_order(gate):
     passed = [
         gate.passes(scan_of(s), t) for s, t in [(0, 100), (1, 200), (1, 200), (0, 100), (4, 500), (3, 600), (5, 700)]
     ]
@@ -352,23 +269,14 @@ def test_scans_pass_once_and_in_order():
     assert gate.counts == GateCounts(passed=4, lost=2, repeated=2, stale=1)
 
 
-def test_scans_from_before_the_stream_do_not_pass():
-    gate = ScanGate(configuration=0xD9A4, states=2, start=100)
+def test_scans_from_before_the_stream_and_of_another_number_of_states_do_not_pass(gate):
     assert not gate.passes(scan_of(17, configuration=0x1111), 99)
     assert gate.counts == GateCounts(stale=1)
+    assert not gate.passes(scan_of(0, states=3), 101)
+    assert gate.counts == GateCounts(stale=1, misfit=1)
 
 
-def test_scans_of_another_number_of_states_do_not_pass():
-    gate = ScanGate(configuration=0xD9A4, states=2, start=0)
-    assert not gate.passes(scan_of(0, states=3), 1)
-    assert gate.counts == GateCounts(misfit=1)
-
-
-def test_scans_of_other_settings_end_it():
-    gate = ScanGate(configuration=0xD9A4, states=2, start=0)
+def test_scans_of_other_settings_end_it(gate):
     with pytest.raises(BoardRestarted, match="measures with the settings 1111, not with D9A4"):
-        gate.passes(scan_of(0, configuration=0x1111), 1)
-
-
-def test_counts_add_up():
+        gate.passes(scan_of(0, configuration=0x1111), 101)
     assert GateCounts(1, 2, 3, 4, 5) + GateCounts(10, 20, 30, 40, 50) == GateCounts(11, 22, 33, 44, 55)

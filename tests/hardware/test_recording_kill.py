@@ -43,31 +43,25 @@ from coilarray.hardware.record.stages import EmulatedStage
 DESIGN = two_coils()
 
 
-class Telling:
-    def __init__(self, reader, scans):
-        self.reader, self.left = reader, scans
-
-    def scan(self):
-        if self.left == 0:
-            signal.pause()
-        self.left -= 1
-        scan = self.reader.scan()
-        os.write(1, b".")
-        return scan
-
-    def __getattr__(self, name):
-        return getattr(self.reader, name)
-
-
-def campaign(path, text, scans, limit):
+def campaign(path, plan, left, limit):
     if limit:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-    plan = Campaign.from_json(text)
     with open_recorder(Path(path), resume=True) as recorder, quick_board(seed=3) as board:
+        scan = board.reader.scan
+
+        def telling():
+            nonlocal left
+            if left == 0:
+                signal.pause()
+            left -= 1
+            scanned = scan()
+            os.write(1, b".")
+            return scanned
+
+        board.reader.scan = telling
         recorder.start(session_of(board, configured(board), DESIGN), plan.to_json())
-        stage = EmulatedStage(board.emulator)
-        run_campaign(plan, Telling(board.reader, scans), stage, recorder, board.emulator.clock)
+        run_campaign(plan, board.reader, EmulatedStage(board.emulator), recorder, board.emulator.clock)
 
 
 for line in sys.stdin:
@@ -75,7 +69,7 @@ for line in sys.stdin:
     child = os.fork()
     if child == 0:
         try:
-            campaign(path, text, int(scans), int(limit))
+            campaign(path, Campaign.from_json(text), int(scans), int(limit))
             os.write(1, b"done")
         except CoilarrayError as error:
             os.write(1, f"error: {error}".encode())
@@ -93,14 +87,10 @@ class Runner:
     def __init__(self, folder):
         script = folder / "runner.py"
         script.write_text(SCRIPT)
-        self.process = subprocess.Popen(
-            [sys.executable, str(script), os.path.dirname(os.path.dirname(__file__))],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            bufsize=0,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        )
+        program = [sys.executable, str(script), os.path.dirname(os.path.dirname(__file__))]
+        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+        self.process = subprocess.Popen(program, bufsize=0, env=environment, **pipes)
 
     def run(self, path, plan=CAMPAIGN, kill=None, limit=0):
         """Run, killed a time in s after a number of scans, and return what was reported."""

@@ -71,9 +71,6 @@ def unplugged(terminal):
     terminal.near = terminal.far = -1
 
 
-# choosing
-
-
 def test_ports_of_known_boards_come_first(ports):
     ports += [entry("/dev/ttyS0", description="n/a"), entry("/dev/ttyACM1", 0x1366, "000123", "J-Link")]
     first, second = list_serial_ports()
@@ -81,20 +78,11 @@ def test_ports_of_known_boards_come_first(ports):
     assert (second.known, second.serial_number, str(second)) == (False, "", "/dev/ttyS0 (n/a)")
 
 
-def test_the_only_known_board_is_chosen(ports):
-    ports += [entry("/dev/ttyS0"), entry("COM5", 0x1366, "123", "J-Link"), entry("COM6", 0x2341, "9", "Arduino")]
-    assert choose_serial_port().name == "COM5"
-
-
-@pytest.mark.parametrize("name", ["usb:123", "usb:000123", "usb: 123"])
-def test_a_serial_number_chooses_whatever_the_name(ports, name):
-    ports += [entry("COM5", 0x1366, "0000123"), entry("COM6", 0x1366, "1234"), entry("COM7")]
+@pytest.mark.parametrize("name", [None, "usb:123", "usb:000123", "usb: 123"])
+def test_the_only_known_board_is_chosen_or_a_serial_number_whatever_the_name(ports, name):
+    ports += [entry("/dev/ttyS0"), entry("COM5", 0x1366, "0000123", "J-Link"), entry("COM6", 0x2341, "1234", "Arduino")]
     assert choose_serial_port(name).name == "COM5"
-
-
-def test_a_name_is_taken_as_it_is(ports):
-    ports += [entry("COM5", 0x1366, "123", "J-Link")]
-    assert choose_serial_port("COM5").serial_number == "123"
+    assert choose_serial_port("COM6").serial_number == "1234"  # a name is taken as it is
     assert choose_serial_port("/dev/pts/7").serial_number == ""
 
 
@@ -127,15 +115,9 @@ def test_a_missing_library_is_named(monkeypatch):
             call()
 
 
-# opening
-
-
-def test_a_port_that_is_not_there(tmp_path):
+def test_a_port_that_is_not_there_and_a_file(tmp_path):
     with pytest.raises(HardwareError, match=r"port .*ttyACM9 does not exist\."):
         open_serial_port(str(tmp_path / "ttyACM9"))
-
-
-def test_a_file_is_no_port(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(HardwareError, match=r"port .*file cannot be opened: "):
         open_serial_port(str(tmp_path / "file"))
@@ -161,9 +143,13 @@ def test_reasons_of_the_system_are_told(monkeypatch, error, message):
         open_serial_port("COM5")
 
 
+@pytest.fixture
+def port(terminal):
+    return open_serial_port(terminal.name)
+
+
 @needs_pty
-def test_a_port_is_opened_once(terminal):
-    port = open_serial_port(terminal.name)
+def test_a_port_is_opened_once(terminal, port):
     with pytest.raises(HardwareError, match="is used by another program"):
         open_serial_port(terminal.name)
     port.close()
@@ -183,8 +169,7 @@ def test_bytes_go_both_ways_and_old_ones_are_thrown_away(terminal):
 
 
 @needs_pty
-def test_a_read_is_bounded_in_time_and_size(terminal):
-    port = open_serial_port(terminal.name)
+def test_a_read_is_bounded_in_time_and_size(terminal, port):
     with lasting(1.0):
         assert port.read(10.0) == b""  # returns to be asked again
     os.set_blocking(terminal.near, False)
@@ -200,15 +185,11 @@ def test_a_port_that_takes_no_bytes_does_not_block(terminal, monkeypatch):
         port.write(b"x" * 1_000_000)
 
 
-# losing
-
-
 @needs_pty
 @pytest.mark.parametrize(
     "call", [lambda port: port.read(0.1), lambda port: port.read(0.0), lambda port: port.write(b"x")]
 )
-def test_a_port_that_is_unplugged_is_lost(terminal, call):
-    port = open_serial_port(terminal.name)
+def test_a_port_that_is_unplugged_is_lost(terminal, port, call):
     unplugged(terminal)
     for _ in range(3):
         with pytest.raises(DeviceLost, match=f"{terminal.name} is gone"):
@@ -218,8 +199,7 @@ def test_a_port_that_is_unplugged_is_lost(terminal, call):
 
 
 @needs_pty
-def test_a_port_that_is_unplugged_while_it_is_read_is_lost(terminal):
-    port = open_serial_port(terminal.name)
+def test_a_port_that_is_unplugged_while_it_is_read_is_lost(terminal, port):
     timer = threading.Timer(0.05, unplugged, [terminal])
     timer.start()
 
@@ -236,8 +216,7 @@ def test_a_port_that_is_unplugged_while_it_is_read_is_lost(terminal):
 
 
 @needs_pty
-def test_a_closed_port_is_lost(terminal):
-    port = open_serial_port(terminal.name)
+def test_a_closed_port_is_lost(port):
     port.close()
     for call in (lambda: port.read(0.0), lambda: port.write(b"x")):
         with pytest.raises(DeviceLost):
@@ -246,14 +225,13 @@ def test_a_closed_port_is_lost(terminal):
 
 @needs_pty
 @pytest.mark.parametrize("error", [OSError(5, "EIO"), serial.SerialException("gone"), TypeError("closed"), "termios"])
-def test_whatever_the_system_calls_it_is_one_loss(terminal, monkeypatch, error):
+def test_whatever_the_system_calls_it_is_one_loss(terminal, port, monkeypatch, error):
     if error == "termios":
         error = pytest.importorskip("termios").error(5, "EIO")
 
     def broken(*_):
         raise error
 
-    port = open_serial_port(terminal.name)
     monkeypatch.setattr(port._port, "read", broken)
     monkeypatch.setattr(port._port, "write", broken)
     os.write(terminal.near, b"x")
@@ -261,8 +239,6 @@ def test_whatever_the_system_calls_it_is_one_loss(terminal, monkeypatch, error):
         with pytest.raises(DeviceLost):
             call()
 
-
-# a board behind it
 
 SHORT = LinkTimes(reply=0.05, opening=0.1)
 

@@ -31,9 +31,8 @@ class Machine:
         self.lines, self.path, self.closed = [], [], False
         self._out, self._due = b"", []
         if greets:
-            self._due = [
-                (0.5, b"\r\nGrbl 1.1h ['$' for help]\r\n" if dialect == "grbl" else b"start\necho:Marlin 2.1\n")
-            ]
+            greeting = {"grbl": b"\r\nGrbl 1.1h ['$' for help]\r\n", "marlin": b"start\necho:Marlin 2.1\n"}
+            self._due = [(0.5, greeting[dialect])]
 
     def now(self):
         return self.time
@@ -81,8 +80,18 @@ class Machine:
         self.closed = True
 
 
-def stage_of(machine, **options):
-    return GcodeStage(machine, LIMITS, machine.dialect, now=machine.now, **options)
+def stage_of(machine):
+    return GcodeStage(machine, LIMITS, machine.dialect, now=machine.now)
+
+
+@pytest.fixture
+def machine():
+    return Machine()
+
+
+@pytest.fixture
+def stage(machine):
+    return stage_of(machine)
 
 
 @pytest.mark.parametrize("dialect", ["grbl", "marlin"])
@@ -107,9 +116,8 @@ def test_gcode(dialect, greets):
     assert {line.split()[0] for line in machine.lines} <= {"G21", "G90", "G0", "G1", "G4", "M400"}
 
 
-def test_the_last_tenth_of_a_micrometre():
-    machine = Machine()
-    stage_of(machine).move(-1.23456789e-3, 1e-12)
+def test_the_last_tenth_of_a_micrometre(machine, stage):
+    stage.move(-1.23456789e-3, 1e-12)
     assert machine.lines[-2] == "G0 X-1.2346 Y0.0000"
 
 
@@ -136,9 +144,8 @@ def test_what_a_machine_may_say(line, reply, message):
     assert "\n" not in str(caught.value)
 
 
-def test_a_machine_that_failed_is_not_moved_again():
-    machine = Machine(instead={"G1": b"ALARM:1\n"})
-    stage = stage_of(machine)
+def test_a_machine_that_failed_is_not_moved_again(machine, stage):
+    machine.instead = {"G1": b"ALARM:1\n"}
     stage.move(0.0, 0.0)
     with pytest.raises(HardwareError, match="ALARM"):
         stage.indent(1e-3, SPEED)
@@ -147,9 +154,7 @@ def test_a_machine_that_failed_is_not_moved_again():
     assert len(machine.lines) == sent
 
 
-def test_an_answer_that_has_come_counts_however_late_it_is_read():
-    machine = Machine()
-    stage = stage_of(machine)
+def test_an_answer_that_has_come_counts_however_late_it_is_read(machine, stage):
     read = machine.read
 
     def stopped(seconds):  # as by Ctrl-Z
@@ -162,17 +167,13 @@ def test_an_answer_that_has_come_counts_however_late_it_is_read():
     assert machine.at == {"X": 1.0, "Y": 0.0, "Z": 2.0}
 
 
-def test_retreat_never_raises():
-    machine = Machine()
-    stage = stage_of(machine)
+def test_retreat_never_raises(machine, stage):
     machine.instead = {"G": b""}
     stage.retreat()
     assert machine.lines[-1] == "G0 Z2.0000"
 
 
-def test_after_an_interrupt_no_answer_stands_for_that_of_the_next_line():
-    machine = Machine()
-    stage = stage_of(machine)
+def test_after_an_interrupt_no_answer_stands_for_that_of_the_next_line(machine, stage):
     read, interrupted = machine.read, []
 
     def read_until_the_indenter_moves(seconds):
@@ -194,9 +195,7 @@ def test_after_an_interrupt_no_answer_stands_for_that_of_the_next_line():
     "place",
     [(-31e-3, 0.0, 1e-3), (31e-3, 0.0, 1e-3), (0.0, 11e-3, 1e-3), (0.0, 0.0, 2.1e-3), (float("nan"), 0.0, 1e-3)],
 )
-def test_out_of_reach(place):
-    machine = Machine()
-    stage = stage_of(machine)
+def test_out_of_reach(machine, stage, place):
     x, y, depth = place
     inside = GridPlace(0, 0, 1e-3, 0.0, 0.0)
     with pytest.raises(HardwareError, match="the stage at a machine reaches x -30 to 30, y -10 to 10 mm and 2 mm deep"):
@@ -208,8 +207,7 @@ def test_out_of_reach(place):
 
 
 @pytest.mark.parametrize("speed", [0.0, -1e-3, float("nan"), float("inf")])
-def test_wrong_speeds(speed):
-    stage = stage_of(Machine())
+def test_wrong_speeds(stage, speed):
     with pytest.raises(HardwareError, match="speed of the stage must be positive"):
         stage.indent(1e-3, speed)
     with pytest.raises(HardwareError, match="speed of the stage must be positive"):
@@ -231,9 +229,9 @@ def test_wrong_reach(arguments, message):
         StageLimits(*arguments)
 
 
-def test_wrong_dialect():
+def test_wrong_dialect(machine):
     with pytest.raises(HardwareError, match="the stage must speak grbl or marlin; got 'klipper'"):
-        GcodeStage(Machine(), LIMITS, "klipper")
+        GcodeStage(machine, LIMITS, "klipper")
 
 
 @pytest.mark.slow
@@ -245,17 +243,11 @@ def test_gcode_over_a_real_port():
     lines = []
 
     def machine():
-        text = b""
-        while True:
-            try:
-                text += os.read(ours, 64)
-            except OSError:  # the other end is closed
-                return
-            while b"\n" in text:
-                line, _, text = text.partition(b"\n")
-                lines.append(line.decode())
+        with os.fdopen(ours, "rb", closefd=False) as sent:
+            for line in sent:
+                lines.append(line.decode().strip())
                 os.write(ours, b"ok\r\n")
-                if line == b"stop":
+                if line == b"stop\n":
                     return
 
     thread = threading.Thread(target=machine, daemon=True)

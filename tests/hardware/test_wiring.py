@@ -1,4 +1,4 @@
-"""Wirings: the words of every state, and that no words get through that join what must not be joined.
+"""Words of switches and wirings: those of every state, and that none get through that join what must not be joined.
 
 What words join is worked out here a second time, as a graph: every closed switch is an edge between an end of a coil
 and a net, and what hangs together is one node.
@@ -9,17 +9,17 @@ from __future__ import annotations
 import re
 import tomllib
 from dataclasses import replace
-from itertools import product
+from itertools import combinations, product
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.named_switching import check_words, nets_of
 
 from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.errors import HardwareError, NetworkError
-from coilarray.hardware.chips.adg739 import SWITCHES
+from coilarray.hardware.chips.adg739 import ALL_OPEN, SWITCHES, chain_bytes, switch_word
 from coilarray.hardware.scan import wirings
+from coilarray.hardware.scan.closure import check_switching
 from coilarray.hardware.scan.wiring import (
     Device,
     Switch,
@@ -34,6 +34,53 @@ SIX, FOUR = load_wiring("six_coils"), load_wiring("six_coils_4")
 BOTH = pytest.mark.parametrize("wiring", [SIX, FOUR], ids=["six", "four"])
 NETS = ("ground", "INA", "INB", "other")
 GROUNDED = {"ground": "ab", "ground one end": "a", "ground other end": "b", "open": ""}
+
+
+@pytest.mark.parametrize(
+    ("closed", "word"),
+    # facts: ground both, measure, measure reversed, float, ground one end
+    [(("S1A", "S1B"), 0x11), (("S2A", "S2B"), 0x22), (("S3A", "S3B"), 0x44), ((), ALL_OPEN), (("S1A",), 0x01),
+     (("S1B",), 0x10), (("S4B",), 0x80)],
+)  # fmt: skip
+def test_words_of_a_switch(closed, word):
+    assert switch_word(closed) == word
+
+
+@pytest.mark.slow
+@given(st.sets(st.sampled_from(SWITCHES)), st.permutations(SWITCHES))
+def test_each_switch_has_its_own_bit(closed, bits):
+    word = switch_word(closed, bits)
+    assert word.bit_count() == len(closed)
+    assert closed == {name for bit, name in enumerate(bits) if word >> bit & 1}
+
+
+@pytest.mark.slow
+@given(st.lists(st.integers(0, 0xFF), min_size=1, max_size=12))
+def test_chain_shifts_like_a_register(words):
+    """A chain of shift registers, bit by bit, most significant first: each device ends with its own word."""
+    held = [0] * len(words)  # the device next to the computer first
+    for byte in chain_bytes(words):
+        for bit in range(7, -1, -1):
+            carried = byte >> bit & 1
+            for k, value in enumerate(held):
+                held[k], carried = (value << 1 & 0xFF) | carried, value >> 7
+    assert held == words
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: switch_word(["S5A"]), "a switch must be one of S1A, .*; got 'S5A'"),
+        (lambda: switch_word([], SWITCHES[:7]), "bits must name each of .* once; got S1A, .*S3B"),
+        (lambda: switch_word([], ()), "got none"),
+        (lambda: switch_word([], ("S1A",) * 8), "bits must name each of S1A"),
+        (lambda: chain_bytes([]), "a chain must have at least one device; got none"),
+        (lambda: chain_bytes([0x11, 300]), "the word of a switch must be 0 to 255; got 300"),
+    ],
+)
+def test_refused_switches(call, message):
+    with pytest.raises(HardwareError, match=message):
+        call()
 
 
 def _two_coils(devices):
@@ -66,6 +113,13 @@ def _groups(wiring, words):
     return group, stray
 
 
+def nets_of(wiring, words):
+    """Nets that each end of each coil is joined to."""
+    group, stray = _groups(wiring, words)
+    assert not stray
+    return {end: tuple(net for net in NETS if net in group[end]) for end in wiring.terminals}
+
+
 def _is_legal(wiring, words):
     group, stray = _groups(wiring, words)
     on = {net: [node for node in group[net] if isinstance(node, Terminal)] for net in NETS}
@@ -77,51 +131,75 @@ def _is_legal(wiring, words):
     return len(on["INA"]) == len(on["INB"]) == 1 and measured[0].coil == measured[1].coil
 
 
-def _agrees(wiring, words):
-    if _is_legal(wiring, words):
-        check_words(wiring, words)
-        return
-    with pytest.raises(HardwareError):
-        check_words(wiring, words)
+def check(wiring, words, safe_words=None):
+    """Raise HardwareError where a state of these words is refused."""
+    check_switching(wiring.encode(), safe_words or wiring.safe_words, [("s", words)])
+
+
+def _is_let_through(wiring, words):
+    try:
+        check(wiring, words)
+    except HardwareError:
+        return False
+    return True
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("wiring", [TWO, TWO_ON_A_BUS], ids=["device a coil", "bus"])
 def test_every_word_of_two_coils(wiring):
-    """All 65,536 of them: whatever is let through measures one coil or none."""
+    """All that close wired switches: whatever is let through measures one coil or none."""
+    switches = [
+        (place, 1 << device.bits.index(switch.name))
+        for place, device in enumerate(reversed(wiring.devices))
+        for switch in device.switches
+    ]
     legal = 0
-    for words in map(bytes, product(range(256), repeat=2)):
-        try:
-            check_words(wiring, words)
-        except HardwareError:
-            assert not _is_legal(wiring, words)
-            continue
-        assert _is_legal(wiring, words)
-        legal += 1
+    for closed in product((0, 1), repeat=len(switches)):
+        words = bytearray(len(wiring.devices))
+        for (place, bit), is_closed in zip(switches, closed, strict=True):
+            words[place] |= bit * is_closed
+        assert _is_let_through(wiring, words) == _is_legal(wiring, words)
+        legal += _is_legal(wiring, words)
     # four ends, each to ground or nothing; or one coil on the bus (either way round), the other's ends likewise
     assert legal == (2**4 + 2 * 2 * 2**2 if wiring is TWO else 2**4 + 2 * 2**2)
 
 
-@st.composite
-def changed_words(draw):
-    """Words of a state with some bits turned over, or any words: legal and illegal ones about as often."""
-    wiring = draw(st.sampled_from([SIX, FOUR]))
-    state = draw(st.sampled_from(paper_plan(wiring.coils)))
-    words = bytearray(draw(st.sampled_from([wiring.words(state), wiring.safe_words, wiring.open_words])))
-    for device, bit in draw(st.lists(st.tuples(st.integers(0, len(words) - 1), st.integers(0, 7)), max_size=4)):
-        words[device] ^= 1 << bit
-    return wiring, bytes(words)
-
-
 @pytest.mark.slow
-@given(changed_words())
-def test_flipped_bits(case):
-    _agrees(*case)
+@given(st.sampled_from([SIX, FOUR]), st.data())
+def test_flipped_bits(wiring, data):
+    """Words between two legal ones with some bits turned over: legal and illegal ones about as often."""
+    known = [*map(wiring.words, paper_plan(wiring.coils)), wiring.safe_words, wiring.open_words]
+    pair = data.draw(st.sampled_from(known)), data.draw(st.sampled_from(known))
+    words = bytearray(data.draw(st.sampled_from(both)) for both in zip(*pair, strict=True))
+    for device, bit in data.draw(st.lists(st.tuples(st.integers(0, len(words) - 1), st.integers(0, 7)), max_size=4)):
+        words[device] ^= 1 << bit
+    assert _is_let_through(wiring, words) == _is_legal(wiring, words)
 
 
 @given(st.sampled_from([SIX, FOUR]), st.data())
 def test_any_words(wiring, data):
-    _agrees(wiring, data.draw(st.binary(min_size=len(wiring.devices), max_size=len(wiring.devices))))
+    words = data.draw(st.binary(min_size=len(wiring.devices), max_size=len(wiring.devices)))
+    assert _is_let_through(wiring, words) == _is_legal(wiring, words)
+
+
+@BOTH
+def test_two_coils_on_the_converter_are_refused(wiring):
+    # a coil that is measured instead of grounded changes the same bits whatever the others do
+    safe, plan = wiring.safe_words, paper_plan(wiring.coils)
+    changes = [bytes(a ^ b for a, b in zip(wiring.words(state), safe, strict=True)) for state in plan]
+    for pair in combinations(changes, 2):
+        with pytest.raises(HardwareError, match="to INA at once"):
+            check(wiring, bytes(s ^ a ^ b for s, a, b in zip(safe, *pair, strict=True)))
+
+
+@BOTH
+def test_no_other_safe_words_pass_that_differ_in_one_switch(wiring):
+    safe = wiring.safe_words
+    for device, bit in product(range(len(safe)), range(8)):
+        words = bytearray(safe)
+        words[device] ^= 1 << bit
+        with pytest.raises(HardwareError, match="the safe words"):
+            check(wiring, safe, words)
 
 
 @st.composite
@@ -173,8 +251,8 @@ def test_words_of_the_four(k):
 def test_safe_words(wiring):
     assert set(nets_of(wiring, wiring.safe_words).values()) == {("ground",)}
     assert not any(nets_of(wiring, wiring.open_words).values())
-    check_words(wiring, wiring.safe_words)
-    check_words(wiring, wiring.open_words)
+    for words in (wiring.safe_words, wiring.open_words):
+        check(wiring, words)
 
 
 @BOTH
@@ -188,9 +266,6 @@ def test_encoding(wiring):
             terminal = None if switch is None else 2 * file["coils"].index(switch["coil"]) + (switch["end"] == "b")
             codes.append(0xFF if switch is None else 4 * terminal + NETS.index(switch["net"]))
     assert list(wiring.encode()) == codes
-
-
-def test_encoding_by_hand():
     # U6 first: end a of coil 6 is 10, its end b is 11
     assert SIX.encode()[:8].hex(" ") == "28 29 2a ff 2c 2e 2d ff"
 
@@ -230,19 +305,18 @@ def test_one_device_a_coil_is_the_bundled_wiring_with_other_names():
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("111111111133", "join coil1.a to ground and INA at once"),
-        ("111111111102", "join coil1.a to INA and nothing to the other pin"),
-        ("111111112222", "join coil1.a and coil2.a to INA at once"),
-        ("111111112002", "join coil1.a to INA but coil2.b to INB"),
-        ("111111111142", "join coil1.a and coil1.b to INA at once"),
-        ("111111111166", "join coil1.a to INA and INB at once"),
-        ("111111111180", "word 0x80 closes S4B of U1, which is not wired"),
-        ("1111111111", "six_coils needs 6 words; got 5"),
+        ("111111111133", "state s joins end a of coil 1 to ground and INA at once"),
+        ("111111111102", "state s joins an end to one pin of the converter and nothing to the other"),
+        ("111111112222", "state s joins end a of coil 2 and end a of coil 1 to INA at once"),
+        ("111111112002", "state s joins end a of coil 1 to INA but end b of coil 2 to INB"),
+        ("111111111142", "state s joins end a of coil 1 and end b of coil 1 to INA at once"),
+        ("111111111166", "state s joins end a of coil 1 to INA and INB at once"),
+        ("111111111180", "state s: bit 7 of word 5 must be 0; its switch is not wired"),
     ],
 )
 def test_conflicts_are_named(words, message):
     with pytest.raises(HardwareError, match=re.escape(message)):
-        check_words(SIX, bytes.fromhex(words))
+        check(SIX, bytes.fromhex(words))
 
 
 @pytest.mark.parametrize(

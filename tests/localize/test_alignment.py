@@ -27,17 +27,17 @@ def grid(step=2e-3, half=10e-3):
     return np.column_stack((x.ravel(), y.ravel(), np.full(x.size, 1e-3)))
 
 
-def moved(places, shift):
+def moved(places, shift=(0.0, 0.0)):
     return bells(places - [*shift, 0.0], ROW[:1])[:, 0]
 
 
-@given(
-    scale=st.floats(0.2, 3.0),
-    shift=st.tuples(st.floats(-1.8e-3, 1.8e-3), st.floats(-1.8e-3, 1.8e-3)),
-)
+GRID = grid()
+
+
+@given(scale=st.floats(0.2, 3.0), shift=st.tuples(st.floats(-1.8e-3, 1.8e-3), st.floats(-1.8e-3, 1.8e-3)))
 @settings(max_examples=25)
 def test_scale_and_shift_are_found_again(scale, shift):
-    found = align(MODEL, grid(), scale * moved(grid(), shift), largest_shift=SHIFT)
+    found = align(MODEL, GRID, scale * moved(GRID, shift), largest_shift=SHIFT)
     # a cubic spline through positions 1 mm apart follows a bell of 8 mm to 1e-4 of its height
     assert found.scale == pytest.approx(scale, rel=3e-4)
     np.testing.assert_allclose(found.shift, shift, atol=2e-6)
@@ -46,8 +46,7 @@ def test_scale_and_shift_are_found_again(scale, shift):
 
 
 def test_the_same_map_has_scale_one_and_no_shift():
-    places = grid()
-    found = align(MODEL, places, values_at(MODEL, places)[0], largest_shift=SHIFT)
+    found = align(MODEL, GRID, values_at(MODEL, GRID)[0], largest_shift=SHIFT)
     assert found.scale == pytest.approx(1.0, abs=1e-14)  # rounding
     np.testing.assert_allclose(found.shift, 0.0, atol=1e-17)
     assert found.scatter < 1e-17
@@ -56,13 +55,9 @@ def test_the_same_map_has_scale_one_and_no_shift():
 @pytest.mark.slow
 def test_deviations_are_those_of_repeated_noisy_maps():
     """With noise that differs from place to place, against the scatter of 300 fits, which is known to 4 %."""
-    places, shift = grid(), (0.5e-3, -0.3e-3)
-    sigma = np.where(places[:, 0] > ROW[0][0], 3e-5, 1e-5)
-    truth, random = 1.2 * moved(places, shift), np.random.default_rng(0)
-    runs = [
-        align(MODEL, places, truth + sigma * random.standard_normal(len(sigma)), largest_shift=SHIFT, noise=sigma)
-        for _ in range(300)
-    ]
+    shift, sigma = (0.5e-3, -0.3e-3), np.where(GRID[:, 0] > ROW[0][0], 3e-5, 1e-5)
+    noisy = 1.2 * moved(GRID, shift) + sigma * np.random.default_rng(0).standard_normal((300, len(GRID)))
+    runs = [align(MODEL, GRID, values, largest_shift=SHIFT, noise=sigma) for values in noisy]
     unknowns = np.array([(run.scale, *run.shift) for run in runs])
     told = np.array([(run.scale_std, *run.shift_std) for run in runs]).mean(axis=0)
     np.testing.assert_allclose(unknowns.std(axis=0), told, rtol=0.16)  # four standard deviations of a scatter of 300
@@ -71,20 +66,19 @@ def test_deviations_are_those_of_repeated_noisy_maps():
 
 
 def test_without_noise_given_the_scatter_of_what_remains_counts():
-    places, random = grid(), np.random.default_rng(1)
-    values = moved(places, (0.0, 0.0)) + 2e-5 * random.standard_normal(len(places))
-    alone = align(MODEL, places, values, largest_shift=SHIFT)
-    given_noise = align(MODEL, places, values, largest_shift=SHIFT, noise=2e-5)
+    values = moved(GRID) + 2e-5 * np.random.default_rng(1).standard_normal(len(GRID))
+    alone, given_noise = (align(MODEL, GRID, values, largest_shift=SHIFT, noise=noise) for noise in (None, 2e-5))
     assert alone.scatter == pytest.approx(2e-5, rel=0.3)  # 121 places: 6 % is one standard deviation
     np.testing.assert_allclose(alone.scale_std / given_noise.scale_std, alone.scatter / 2e-5, rtol=1e-9)
     assert alone.scale == given_noise.scale
 
 
 def test_a_shift_beyond_the_reach_is_told():
-    found = align(MODEL, grid(), moved(grid(), (1e-3, 0.0)), largest_shift=(0.5e-3, 0.5e-3))
+    half = (0.5e-3, 0.5e-3)
+    found = align(MODEL, GRID, moved(GRID, (1e-3, 0.0)), largest_shift=half)
     assert found.at_limit
     assert found.shift[0] == pytest.approx(0.5e-3, rel=1e-2)
-    assert not align(MODEL, grid(), moved(grid(), (0.4e-3, 0.0)), largest_shift=(0.5e-3, 0.5e-3)).at_limit
+    assert not align(MODEL, GRID, moved(GRID, (0.4e-3, 0.0)), largest_shift=half).at_limit
 
 
 def test_nothing_is_extrapolated():
@@ -97,19 +91,16 @@ def test_nothing_is_extrapolated():
 
 
 def test_few_places_tell_the_scale_alone():
-    places = grid()[:7]
-    found = align(MODEL, places, 1.5 * moved(places, (0.0, 0.0)), largest_shift=SHIFT)
-    assert found.scale == pytest.approx(1.5, rel=1e-3)
-    assert np.isnan(found.shift).all()
-    assert found.used.all()
-    one = align(MODEL, places[:1], 1.5 * moved(places[:1], (0.0, 0.0)), largest_shift=SHIFT)
-    assert one.scale == pytest.approx(1.5, rel=1e-3)
+    few, one = (align(MODEL, GRID[:n], 1.5 * moved(GRID[:n]), largest_shift=SHIFT) for n in (7, 1))
+    assert [few.scale, one.scale] == pytest.approx([1.5, 1.5], rel=1e-3)
+    assert np.isnan(few.shift).all()
+    assert few.used.all()
     assert np.isnan([one.scale_std, one.scatter]).all()  # one place has no scatter
 
 
 def test_a_shift_that_the_noise_hides_is_not_told():
-    places, random = grid(), np.random.default_rng(2)
-    found = align(MODEL, places, 1e-2 * random.standard_normal(len(places)), largest_shift=SHIFT, noise=1e-2)
+    values = 1e-2 * np.random.default_rng(2).standard_normal(len(GRID))
+    found = align(MODEL, GRID, values, largest_shift=SHIFT, noise=1e-2)
     assert np.isnan(found.shift).all()
     assert found.scale_std > 0.5
     assert not found.at_limit
@@ -117,12 +108,12 @@ def test_a_shift_that_the_noise_hides_is_not_told():
 
 def test_flat_maps_tell_nothing():
     flat = forward_model(WIDE.assign(delta=0 * WIDE.delta))
-    found = align(flat, grid(), moved(grid(), (0.0, 0.0)), largest_shift=SHIFT)
+    found = align(flat, GRID, moved(GRID), largest_shift=SHIFT)
     assert np.isnan([found.scale, found.scale_std, *found.shift, *found.shift_std]).all()
-    zero = align(MODEL, grid(), np.zeros(len(grid())), largest_shift=SHIFT)
+    zero = align(MODEL, GRID, np.zeros(len(GRID)), largest_shift=SHIFT)
     assert zero.scale == 0
     assert np.isnan(zero.shift).all()
-    nowhere = align(MODEL, grid() + np.array([1.0, 0.0, 0.0]), moved(grid(), (0.0, 0.0)), largest_shift=SHIFT)
+    nowhere = align(MODEL, GRID + np.array([1.0, 0.0, 0.0]), moved(GRID), largest_shift=SHIFT)
     assert np.isnan(nowhere.scale)
     assert not nowhere.used.any()
 
@@ -132,10 +123,12 @@ def test_a_place_on_the_edge_but_for_rounding_is_inside():
     np.testing.assert_array_equal(inside(MODEL, edge), [True, False])
     np.testing.assert_array_equal(inside(MODEL, edge, (1e-3, 0.0)), [False, False])
     deep = forward_model(board(ROW[:1]))
-    np.testing.assert_array_equal(
-        inside(deep, np.array([[ROW[0][0], 0.0, 1.8e-3], [ROW[0][0], 0.0, 1.9e-3]])), [True, False]
-    )
+    lower = np.array([[ROW[0][0], 0.0, 1.8e-3], [ROW[0][0], 0.0, 1.9e-3]])
+    np.testing.assert_array_equal(inside(deep, lower), [True, False])
     assert np.isfinite(values_at(MODEL, edge[:1])[0]).all()
+
+
+BOTH = forward_model(xr.concat([WIDE, WIDE.assign_coords(state=["b"])], "state"))
 
 
 @pytest.mark.parametrize(
@@ -148,15 +141,10 @@ def test_a_place_on_the_edge_but_for_rounding_is_inside():
         ({"largest_shift": (np.inf, 0.0)}, "largest_shift must be two lengths"),
         ({"noise": np.ones(3)}, "noise must be one number or one for each place"),
         ({"noise": -1e-5}, "noise must be finite and not negative"),
+        ({"model": BOTH}, "by one state; the model has coil1, b"),
     ],
 )
 def test_bad_input(changes, words):
-    values = {"places": grid(), "measured": np.zeros(121), "largest_shift": SHIFT, "noise": 1e-5} | changes
+    values = {"model": MODEL, "places": GRID, "measured": np.zeros(121), "largest_shift": SHIFT, "noise": 1e-5}
     with pytest.raises(LocalizeError, match=words):
-        align(MODEL, **values)
-
-
-def test_one_state_alone():
-    both = forward_model(xr.concat([WIDE, WIDE.assign_coords(state=["b"])], "state"))
-    with pytest.raises(LocalizeError, match="by one state; the model has coil1, b"):
-        align(both, grid(), np.zeros(121), largest_shift=SHIFT)
+        align(**values | changes)

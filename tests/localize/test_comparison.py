@@ -43,11 +43,17 @@ def noisy(dataset, seed=0, noise=NOISE):
 
 WIDE = world(x=30e-3, y=12e-3, step=1e-3)
 """What is simulated: finer than what is measured, and larger by more than a shift."""
+NARROW = world(x=12e-3, states=["coil2"])
+
+
+def compared(measured, simulated=WIDE, **options):
+    """Comparison without the scatter of the ellipses, which takes longest."""
+    return compare_responses(measured, simulated, **{"replicates": 0, **options})
 
 
 def test_a_map_is_equal_to_itself():
     measured = published_map()
-    found = compare_responses(measured, measured)
+    found = compared(measured, measured)
     np.testing.assert_allclose(found.scale, 1.0, rtol=0, atol=1e-14)  # rounding of sums of 125 products
     np.testing.assert_allclose(found["shift"], 0.0, atol=1e-15)
     np.testing.assert_allclose(found.correlation_before, 1.0, atol=1e-14)
@@ -64,15 +70,10 @@ def test_a_map_is_equal_to_itself():
 @pytest.mark.parametrize("seed", range(4))
 def test_scale_and_shift_are_recovered_within_their_uncertainty(seed):
     scale, shift = 1.15, (0.45e-3, -0.3e-3)
-    found = compare_responses(noisy(world(scale, shift), seed), WIDE, replicates=0)
+    found = compared(noisy(world(scale, shift), seed))
     # 9 numbers of each of 4 seeds: beyond 3.9 standard deviations once in 300 runs of the test; seeds are fixed
-    away = np.stack(
-        [
-            (found.scale - scale) / found.scale_std,
-            *((found["shift"] - np.array(shift)) / found.shift_std).transpose("axis", ...),
-        ]
-    )
-    assert np.abs(away).max() < 3.9
+    assert (np.abs(found.scale - scale) / found.scale_std).max() < 3.9
+    assert (np.abs(found["shift"] - np.array(shift)) / found.shift_std).max() < 3.9
     assert (found.scale_std < 2e-3).all()
     assert (found.shift_std < 0.02e-3).all()
     # what remains is the noise: its mean square over 27·9 positions has a relative standard deviation of √(2/243)
@@ -84,20 +85,20 @@ def test_scale_and_shift_are_recovered_within_their_uncertainty(seed):
 
 
 def test_the_uncertainties_are_those_of_repeated_measurements(monkeypatch):
-    """Every figure's standard deviation against the scatter over 100 seeds, which is known to 7 %."""
-    monkeypatch.setattr(
-        coilarray.localize.comparison, "level_curves", lambda *_, **__: LevelCurves(*np.empty((2, 3, 0)))
-    )
-    runs = [compare_responses(noisy(world(1.1, (0.3e-3, 0.0)), seed), WIDE) for seed in range(100)]
+    """Every figure's standard deviation against the scatter over 60 seeds, which is known to 9 %."""
+    none = LevelCurves(*np.empty((2, 3, 0)))
+    monkeypatch.setattr(coilarray.localize.comparison, "level_curves", lambda *_, **__: none)
+    measured = world(1.1, (0.3e-3, 0.0))
+    runs = [compared(noisy(measured, seed)) for seed in range(60)]
     for name in (*FIGURES, "shift"):
         seen = np.std([run[name].values for run in runs], axis=0, ddof=1)
         told = np.mean([run[f"{name}_std"].values for run in runs], axis=0)
-        np.testing.assert_allclose(told, seen, rtol=0.28, err_msg=name)  # four of its standard deviations
+        np.testing.assert_allclose(told, seen, rtol=0.36, err_msg=name)  # four of its standard deviations
 
 
 def test_residuals_are_the_difference():
     measured = noisy(world(1.1))
-    found = compare_responses(measured, world(), replicates=0)
+    found = compared(measured, world())
     np.testing.assert_allclose(found.residual_before, measured.delta - world().delta, atol=1e-17)
     simulated = found.delta.sel(source="simulated")
     np.testing.assert_allclose(simulated, world().delta, atol=1e-17)
@@ -113,7 +114,7 @@ def test_residuals_are_the_difference():
 def test_simulated_positions_are_interpolated_never_extrapolated():
     fine = world(x=19e-3, y=20e-3, step=1.1e-3)
     measured = noisy(world())
-    found = compare_responses(measured, fine)
+    found = compared(measured, fine)
     outside = np.abs(measured.x.values) > 19e-3
     assert np.isnan(found.residual_before.values[:, :, outside]).all()
     assert np.isnan(found.delta.sel(source="simulated").values[:, :, outside]).all()
@@ -126,8 +127,7 @@ def test_simulated_positions_are_interpolated_never_extrapolated():
 
 
 def test_ellipses_of_both_are_side_by_side():
-    measured = noisy(world(1.0, (0.5e-3, 0.0)))
-    found = compare_responses(measured, WIDE, replicates=8)
+    found = compared(noisy(world(1.0, (0.5e-3, 0.0))), WIDE.sel(state=["coil2"]), replicates=8)
     of = found.sel(state="coil2").isel(depth=0)
     told = np.isfinite(of.x0).all("source") & (of.level < 9e-4) & (of.level > 2e-4)
     apart = (of.x0.sel(source="measured") - of.x0.sel(source="simulated"))[told.values]
@@ -143,15 +143,12 @@ def test_ellipses_of_both_are_side_by_side():
 
 def test_states_that_one_alone_has_are_named():
     first, second = world(), world().assign_coords(state=["coil2", "coil3", "coil9"])
-    found = compare_responses(first, second, replicates=0)
+    found = compared(first, second)
     assert found.state.values.tolist() == ["coil2", "coil3"]
     assert (found.attrs["only_measured"], found.attrs["only_simulated"]) == ("coil1", "coil9")
     with pytest.raises(LocalizeError, match="no state in common: measured coil1, coil2, coil3; simulated a, b, c"):
-        compare_responses(first, first.assign_coords(state=["a", "b", "c"]))
-
-
-def test_states_are_matched_by_name_not_by_place():
-    found = compare_responses(world(), world().isel(state=[2, 0, 1]), replicates=0)
+        compared(first, first.assign_coords(state=["a", "b", "c"]))
+    found = compared(first, first.isel(state=[2, 0, 1]))  # matched by name, not by place
     np.testing.assert_allclose(found.scale, 1.0, atol=1e-13)
 
 
@@ -159,45 +156,42 @@ def test_every_depth_has_its_own_figures():
     depths = [0.5e-3, 1e-3, 1.5e-3]
     simulated = world(depth=[0.5e-3, 0.75e-3, 1e-3, 1.25e-3])
     measured = world(1.2, depth=depths)
-    found = compare_responses(measured, simulated, replicates=0)
+    found = compared(measured, simulated)
     assert found.depth.values.tolist() == depths[:2]
     assert found.attrs["depths_left_out"] == "0.0015"
     assert found.scale.shape == (2, 3)
     np.testing.assert_allclose(found.scale, 1.2, atol=1e-12)
-    between = compare_responses(world(depth=[0.9e-3]), simulated, replicates=0)
+    between = compared(world(depth=[0.9e-3]), simulated)
     np.testing.assert_allclose(between.scale, 1.0, atol=1e-3)  # a cubic in depth through four planes and zero
     with pytest.raises(LocalizeError, match="no depth in common: measured 2 mm; simulated 1 mm"):
-        compare_responses(world(depth=[2e-3]), world())
+        compared(world(depth=[2e-3]), world())
 
 
 def test_gaps_of_a_measurement_are_left_out():
     measured = noisy(world(1.1))
     measured.delta[0, 3, 4, 0] = np.nan
     measured.delta_std[0, 3, 4, 0] = np.nan
-    found = compare_responses(measured, WIDE, replicates=0)
+    found = compared(measured)
     assert found.points.values.tolist() == [[242, 243, 243]]
     np.testing.assert_allclose(found.scale, 1.1, atol=0.01)
     assert found.ellipse_problem.sel(source="measured").values.tolist() == [["the map has gaps.", "", ""]]
     assert np.isnan(found.residual_after[0, 3, 4, 0])
     assert found.attrs["points_left_out"] == 0
-    empty = measured.assign(delta=measured.delta * np.nan)
     with pytest.raises(LocalizeError, match="no measured position is in the simulated map"):
-        compare_responses(empty, WIDE)
+        compared(measured.assign(delta=measured.delta * np.nan))
 
 
 def test_a_line_of_positions_tells_no_shift_across():
-    line = noisy(world()).sel(y=[0.0])
-    found = compare_responses(line, WIDE)
+    found = compared(noisy(world()).sel(y=[0.0]))
     assert np.isnan(found["shift"].sel(axis="y")).all()
     assert np.isfinite(found["shift"].sel(axis="x")).all()
-    assert all(
-        "at least 4 positions along y" in text for text in found.ellipse_problem.sel(source="measured").values.ravel()
-    )
+    problems = found.ellipse_problem.sel(source="measured").values.ravel()
+    assert all("at least 4 positions along y" in text for text in problems)
     np.testing.assert_allclose(found.scale, 1.0, atol=0.02)
 
 
 def test_two_measurements_share_their_noise():
-    found = compare_responses(noisy(world(), 1, 3e-5), noisy(world(), 2, 4e-5), replicates=0)
+    found = compared(noisy(world(), 1, 3e-5), noisy(world(), 2, 4e-5))
     np.testing.assert_allclose(found.noise, 5e-5, rtol=1e-12)
     np.testing.assert_allclose(found.rms_after, 5e-5, rtol=0.2)
     assert (np.abs(found.scale - 1) < 4 * found.scale_std).all()
@@ -206,31 +200,27 @@ def test_two_measurements_share_their_noise():
 def test_noise_that_some_positions_do_not_tell_is_that_of_the_others():
     measured = noisy(world())
     measured.delta_std[0, :4, :, 1] = np.nan
-    np.testing.assert_allclose(compare_responses(measured, WIDE, replicates=0).noise, NOISE, rtol=1e-12)
+    np.testing.assert_allclose(compared(measured).noise, NOISE, rtol=1e-12)
     measured.delta_std[:] = np.nan
-    assert compare_responses(measured, WIDE, replicates=0).attrs["noise_from"] == "residuals"
+    assert compared(measured).attrs["noise_from"] == "residuals"
     of_state = world().assign(delta_std=("state", [1e-5, 2e-5, 3e-5]))
-    np.testing.assert_allclose(compare_responses(of_state, WIDE, replicates=0).noise, [[1e-5, 2e-5, 3e-5]])
+    np.testing.assert_allclose(compared(of_state).noise, [[1e-5, 2e-5, 3e-5]])
 
 
 def test_inductances_stand_beside_each_other():
     first = world().assign(base_inductance=("state", [1e-6, 2e-6, 3e-6]))
     second = world().isel(state=[1, 2]).assign(base_inductance=("state", [4e-6, 5e-6]))
-    found = compare_responses(first, second, replicates=0)
+    found = compared(first, second)
     np.testing.assert_allclose(found.base_inductance, [[2e-6, 3e-6], [4e-6, 5e-6]])
-    assert "base_inductance" not in compare_responses(first, world(), replicates=0)
+    assert "base_inductance" not in compared(first, world())
 
 
-def test_a_comparison_goes_through_a_file(tmp_path):
-    found = compare_responses(noisy(world()), WIDE, replicates=2)
+def test_a_comparison_goes_through_a_file_and_tells_its_progress(tmp_path):
+    told = []
+    found = compared(noisy(NARROW), replicates=2, progress=lambda *counted: told.append(counted))
     save_dataset(found, tmp_path / "comparison.nc")
     xr.testing.assert_identical(load_part(tmp_path / "comparison.nc"), found)
-
-
-def test_progress_runs_to_its_end():
-    told = []
-    compare_responses(world(), WIDE, progress=lambda done, total: told.append((done, total)))
-    assert told == [(k + 1, 6) for k in range(6)]
+    assert told == [(1, 2), (2, 2)]
 
 
 @pytest.mark.parametrize(
@@ -242,16 +232,13 @@ def test_progress_runs_to_its_end():
         (lambda m, s: (m.assign(delta=m.delta / 0.0), s), "must not be infinite"),
         (lambda m, s: (m.assign_coords(state=["a", "a", "b"]), s), "must have different names; got a, a, b"),
         (lambda m, s: (m.isel(x=slice(None, None, -1)), s), "x of a measured response must be finite and rise"),
-        (lambda m, s: (m.isel(x=slice(0, 0)), s), "x of a measured response must be finite and rise"),
+        (lambda m, s: (m.isel(x=slice(0, 0)), s), "a measured response must have at least 1 positions along x; got 0"),
         (lambda m, s: (m, s.drop_vars("delta")), "a response must have the variable delta"),
         (lambda m, s: (m, s.drop_vars("state")), "a simulated response must have the coordinate state"),
         (lambda m, s: (m, s.isel(x=slice(3))), "at least 4 positions along x"),
         (lambda m, s: (m, s.assign(delta=s.delta * np.nan)), "delta of a response must be finite"),
-        (
-            lambda m, s: (m.assign(delta_std=m.delta * 0 - 1), s),
-            "delta_std of the measured response must be finite and",
-        ),
-        (lambda m, s: (m, s.assign(delta_std=s.delta / 0.0)), "delta_std of the simulated response must be finite and"),
+        (lambda m, s: (m.assign(delta_std=m.delta * 0 - 1), s), "delta_std of the measured response must be finite"),
+        (lambda m, s: (m, s.assign(delta_std=s.delta / 0.0)), "delta_std of the simulated response must be finite"),
         (lambda m, s: (m.assign(delta_std=("coil", [1.0])), s), "delta_std of the measured response must be over"),
         (lambda m, s: (m.assign_coords(x=m.x + 1.0), s), "no measured position is in the simulated map"),
     ],
@@ -259,17 +246,12 @@ def test_progress_runs_to_its_end():
 @pytest.mark.filterwarnings("ignore:divide by zero", "ignore:invalid value")
 def test_bad_responses(change, words):
     with pytest.raises(LocalizeError, match=words):
-        compare_responses(*change(world(), world()))
+        compared(*change(world(), world()))
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"largest_shift": -1e-3}, "largest_shift must be finite and not negative"),
-        ({"largest_shift": np.nan}, "largest_shift must be finite and not negative"),
-        ({"replicates": -1}, "replicates must not be negative"),
-    ],
-)
-def test_bad_options(options, words):
-    with pytest.raises(LocalizeError, match=words):
-        compare_responses(world(), world(), **options)
+def test_bad_options():
+    for shift in (-1e-3, np.nan):
+        with pytest.raises(LocalizeError, match="largest_shift must be finite and not negative"):
+            compared(NARROW, NARROW, largest_shift=shift)
+    with pytest.raises(LocalizeError, match="replicates must not be negative"):
+        compared(NARROW, NARROW, replicates=-1)

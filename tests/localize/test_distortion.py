@@ -7,9 +7,11 @@ the published ellipses come back from a map made of them; a calibration finds th
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from support.contacts import coarse_maps, first_coils_design
 
 import coilarray.localize.calibration as calibration_module
 import coilarray.localize.distortion as distortion_module
@@ -18,7 +20,7 @@ from coilarray.errors import ElastomerError, LocalizeError
 from coilarray.localize.calibration import UNKNOWNS, Unknown, apply, calibrate
 from coilarray.localize.distortion import distortion, ellipse_curves
 from coilarray.localize.published import published_map, published_model
-from coilarray.response.map import Imperfections, inductance_changes, response_map
+from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
 from coilarray.response.setup import map_axes
 
 pytestmark = pytest.mark.slow
@@ -29,14 +31,20 @@ LEVELS = np.array([1e-4, 3e-4, 5e-4])
 
 @pytest.fixture(scope="module")
 def split():
-    return distortion(PAPER, ("coil1", "coil2"), LEVELS)
+    """On a coarse mesh in the ideal circuit, with a margin that is a few steps of the grid."""
+    with coarse_maps(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(distortion_module, "response_map", partial(response_map, ideal=True))
+        patch.setattr(distortion_module, "respond", partial(respond, ideal=True))
+        patch.setattr(distortion_module, "_WIDE", (6e-3, 4e-3))
+        patch.setattr(distortion_module, "_SEEDS", 3)
+        return distortion(first_coils_design(3), ("coil1", "coil2"), LEVELS)
 
 
 def test_neighbours_move_x0_by_little(split):
-    """The estimate of the physics notes: +0.05 mm for coil 1, nothing for coil 2."""
-    assert split.effect.sel(cause="all neighbours", state="coil1").values == pytest.approx(0.05e-3, abs=0.01e-3)
+    """The estimate of the physics notes: +0.05 mm for coil 1, nothing for coil 2; a little less without losses."""
+    assert split.effect.sel(cause="all neighbours", state="coil1").values == pytest.approx(0.045e-3, abs=0.01e-3)
     assert np.abs(split.effect.sel(cause="all neighbours", state="coil2").values).max() < 0.01e-3
-    single = split.effect.sel(cause=[f"neighbour coil{k}" for k in range(1, 7)])
+    single = split.effect.sel(cause=[f"neighbour coil{k}" for k in range(1, 4)])
     # first order in k²: the single effects add up to all of them, to a tenth of a step of the refinement (0.1 mm)
     assert single.sum("cause").values == pytest.approx(split.effect.sel(cause="all neighbours").values, abs=0.01e-3)
 
@@ -54,30 +62,20 @@ def test_nothing_explains_the_published_x0(split):
     assert split.published_x0.sel(state="coil1").values[0] == pytest.approx(-16.01e-3, abs=0.01e-3)
 
 
-def test_levels_above_the_peak_are_missing(split):
-    high = distortion_module.ellipse_curves
-    curves = high(published_map(np.arange(-26, 27, 2) * 1e-3, np.arange(-6, 7, 2) * 1e-3), ("coil2",), np.array([9e-3]))
-    assert np.isnan(curves.x0).all()
-
-
 def test_published_ellipses_come_back():
-    response = published_map(np.arange(-26, 27, 2) * 1e-3, np.arange(-6, 7, 2) * 1e-3)
-    curves = ellipse_curves(response, ("coil2",), LEVELS)
+    curves = ellipse_curves(published_map(), ("coil2",), np.append(LEVELS, 9e-3))
     expected = np.polyval(published_model()["coil2"].x0, LEVELS)
-    # 0.05 mm: the paper's levels are ±2e-5 wide and its grid 2 mm
-    assert curves.x0[0] == pytest.approx(expected, abs=0.05e-3)
+    # 0.05 mm: the paper's levels are ±2e-5 wide and its grid 2 mm; the last level is above the peak
+    assert curves.x0[0] == pytest.approx(np.append(expected, np.nan), abs=0.05e-3, nan_ok=True)
 
 
 def test_other_paths_meet_the_same_tilted_sample():
     given = Imperfections(tilt=(0.001, 0.0), depth_error=0.05e-3, offset=(0.2e-3, 0.0))
-    response = response_map(PAPER, x=[-5e-3, 3e-3], y=[0.0], imperfections=given)
-    change = inductance_changes(PAPER, map_axes(PAPER, None, response.x, response.y), imperfections=given)
+    pair = first_coils_design(2)
+    with coarse_maps():
+        response = response_map(pair, x=[-5e-3, 3e-3], y=[0.0], imperfections=given, ideal=True)
+        change = inductance_changes(pair, map_axes(pair, None, response.x, response.y), imperfections=given)
     assert change == pytest.approx(response.inductance_change.values, rel=1e-12)
-
-
-def test_unknown_states_are_refused():
-    with pytest.raises(LocalizeError, match="got 'coil9'"):
-        distortion(PAPER, ("coil9",))
 
 
 def _fake_map(design, **_):
@@ -130,16 +128,15 @@ def test_values_enter_the_design():
         ({"unknowns": []}, "at least one unknown"),
         ({"states": ("coil5",)}, "published"),
         ({"base": "glued"}, "bonded or frictionless"),
+        ({"design": replace(PAPER, indentation=None)}, r"no \[indenter\]"),
+        ({"design": replace(PAPER, sheets=PAPER.sheets[:1])}, "exactly one magnetic sheet"),
     ],
 )
 def test_bad_input_of_the_calibration(arguments, message):
-    with pytest.raises(LocalizeError, match=message):
-        calibrate(PAPER, **{"states": ("coil2",), "unknowns": UNKNOWNS, **arguments})
+    with pytest.raises((LocalizeError, ElastomerError), match=message):
+        calibrate(**{"design": PAPER, "states": ("coil2",), "unknowns": UNKNOWNS, **arguments})
 
 
-def test_calibration_needs_an_indentation_and_one_magnetic_sheet():
-    with pytest.raises(ElastomerError, match=r"no \[indenter\]"):
-        calibrate(replace(PAPER, indentation=None))
-    plain = replace(PAPER, sheets=PAPER.sheets[:1])
-    with pytest.raises(LocalizeError, match="exactly one magnetic sheet"):
-        calibrate(plain)
+def test_unknown_states_are_refused():
+    with pytest.raises(LocalizeError, match="got 'coil9'"):
+        distortion(PAPER, ("coil9",))

@@ -35,6 +35,10 @@ def inside(model, count, seed=0):
     return np.random.default_rng(seed).uniform(model.lower, model.upper, (count, 3))
 
 
+TABLE = board(FIELD, 2e-3)
+MODEL = forward_model(TABLE)
+
+
 @pytest.mark.parametrize(("depths", "degree_h"), [(H, 3), (H[:3], 3), (H[:2], 2)])
 def test_polynomials_are_exact(depths, degree_h):
     """Cubic in x and y; in depth cubic from four planes on, with three planes and δ(0) = 0 a cubic as well."""
@@ -59,23 +63,22 @@ def test_derivatives_of_polynomials_are_exact():
 
 
 def test_derivatives_follow_the_values():
-    model = forward_model(board(FIELD, 2e-3))
-    points = inside(model, 100) * 0.99
+    points = inside(MODEL, 100) * 0.99
     points[:, 2] += 1e-5
-    jacobian = model.jacobian(points)
+    jacobian = MODEL.jacobian(points)
     for axis, step in enumerate((1e-6, 1e-6, 1e-7)):
         shift = step * np.eye(3)[axis]
-        difference = (model.delta(points + shift) - model.delta(points - shift)) / (2 * step)
+        difference = (MODEL.delta(points + shift) - MODEL.delta(points - shift)) / (2 * step)
         # third derivative of δ of 1e-2 over 7 mm and step² , and rounding of 1e-18 over the step
         assert jacobian[..., axis] == pytest.approx(difference, abs=1e-5 * np.abs(jacobian[..., axis]).max())
 
 
 def test_nodes_are_kept():
-    table = board(FIELD, 2e-3)
-    model = forward_model(table)
-    points = np.stack(np.meshgrid(table.depth, table.y, table.x, indexing="ij")[::-1], axis=-1)
+    points = np.stack(np.meshgrid(TABLE.depth, TABLE.y, TABLE.x, indexing="ij")[::-1], axis=-1)
     # rounding of δ of 1e-2
-    assert model.delta(points) == pytest.approx(table.delta.values, abs=1e-16)
+    assert MODEL.delta(points) == pytest.approx(TABLE.delta.values, abs=1e-16)
+    turned = forward_model(TABLE.transpose("state", "x", "depth", "y"))
+    assert (turned.delta(points) == MODEL.delta(points)).all()
 
 
 def test_error_falls_with_the_fourth_power_of_the_spacing():
@@ -89,16 +92,8 @@ def test_error_falls_with_the_fourth_power_of_the_spacing():
     assert errors[0] > 14 * errors[1]
 
 
-def test_dimensions_may_stand_in_any_order():
-    table = board(FIELD, 2e-3)
-    points = inside(forward_model(table), 5)
-    turned = forward_model(table.transpose("state", "x", "depth", "y"))
-    assert (turned.delta(points) == forward_model(table).delta(points)).all()
-
-
 def test_one_depth_is_known():
-    table = board(FIELD, 2e-3, depth=[1e-3])
-    model = forward_model(table)
+    model = forward_model(board(FIELD, 2e-3, depth=[1e-3]))
     assert model.unknowns == 2
     assert model.jacobian([0, 0, 1e-3]).shape == (5, 2)
     # δ of the formula at the known depth, whatever is asked; the error of the spline as above
@@ -106,43 +101,41 @@ def test_one_depth_is_known():
 
 
 def test_zero_plane_is_a_choice():
-    assert forward_model(board(FIELD, 2e-3), zero_plane=False).lower[2] == 0.2e-3
-    assert forward_model(board(FIELD, 2e-3), zero_plane=True).lower[2] == 0
-    assert np.abs(forward_model(board(FIELD, 2e-3)).delta([1e-3, 2e-3, 0.0])).max() == 0
-    given = board(FIELD, 2e-3, depth=[0.0, 0.5e-3, 1e-3])
-    assert len(forward_model(given).depth) == 3
+    assert forward_model(TABLE, zero_plane=False).lower[2] == 0.2e-3
+    assert MODEL.lower[2] == 0
+    assert np.abs(MODEL.delta([1e-3, 2e-3, 0.0])).max() == 0
+    assert len(forward_model(board(FIELD, 2e-3, depth=[0.0, 0.5e-3, 1e-3])).depth) == 3
 
 
 def test_some_states():
-    model = forward_model(board(FIELD, 2e-3))
-    points = inside(model, 4)
-    some = model.select(["coil4", "coil1"])
+    points = inside(MODEL, 4)
+    some = MODEL.select(["coil4", "coil1"])
     assert some.states == ("coil4", "coil1")
-    assert (some.delta(points) == model.delta(points)[:, [3, 0]]).all()
-    assert (some.jacobian(points) == model.jacobian(points)[:, [3, 0]]).all()
-    with pytest.raises(LocalizeError, match=r"no state 'coil9'; there are coil1, coil2"):
-        model.select(["coil9"])
-    for names in ([], ["coil1", "coil1"]):
-        with pytest.raises(LocalizeError, match=r"named once each"):
-            model.select(names)
+    assert (some.delta(points) == MODEL.delta(points)[:, [3, 0]]).all()
+    assert (some.jacobian(points) == MODEL.jacobian(points)[:, [3, 0]]).all()
+    for noise in (2e-5, [2e-5] * 5):
+        assert checked_noise(MODEL, noise).tolist() == [2e-5] * 5
 
 
-def test_points_outside_are_refused():
-    model = forward_model(board(FIELD, 2e-3))
-    with pytest.raises(LocalizeError, match=r"y of a point must be in the table, -0\.01 to 0\.01 m; got 0\.02 m"):
-        model.delta([[0, 0, 1e-3], [0, 0.02, 1e-3]])
-    with pytest.raises(LocalizeError, match=r"depth of a point"):
-        model.jacobian([0, 0, 5e-3])
-    with pytest.raises(LocalizeError, match=r"x of a point"):
-        model.delta([np.nan, 0, 1e-3])
-    for points in (1.0, [1.0, 2.0]):
-        with pytest.raises(LocalizeError, match=r"last axis; got shape"):
-            model.delta(points)
-
-
-def spoilt(table, **changes):
-    """Copy with one coordinate replaced."""
-    return table.assign_coords(changes)
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: MODEL.select(["coil9"]), r"no state 'coil9'; there are coil1, coil2"),
+        (lambda: MODEL.select([]), r"named once each"),
+        (lambda: MODEL.select(["coil1", "coil1"]), r"named once each"),
+        (lambda: MODEL.delta([[0, 0, 1e-3], [0, 0.02, 1e-3]]), r"y of a point .* -0\.01 to 0\.01 m; got 0\.02 m"),
+        (lambda: MODEL.jacobian([0, 0, 5e-3]), r"depth of a point"),
+        (lambda: MODEL.delta([np.nan, 0, 1e-3]), r"x of a point"),
+        (lambda: MODEL.delta(1.0), r"last axis; got shape"),
+        (lambda: MODEL.delta([1.0, 2.0]), r"last axis; got shape"),
+        *[(lambda bad=bad: checked_noise(MODEL, bad), r"noise must be positive and finite")
+          for bad in (0, -1e-5, np.nan, np.inf, [1e-5] * 4 + [0])],
+        (lambda: checked_noise(MODEL, [1e-5] * 4), r"one for each of the 5 states; got shape \(4,\)"),
+    ],
+)  # fmt: skip
+def test_bad_arguments(call, message):
+    with pytest.raises(LocalizeError, match=message):
+        call()
 
 
 GOOD = board(FIELD, 4e-3)
@@ -159,24 +152,13 @@ GOOD = board(FIELD, 4e-3)
         (GOOD.isel(state=slice(0)), r"must be finite everywhere"),
         (GOOD.where(GOOD.x > -0.01), r"must be finite everywhere"),
         (GOOD.isel(x=slice(None, None, -1)), r"x of a response must be finite and rise"),
-        (spoilt(GOOD, depth=GOOD.depth - 1e-3), r"depth of a response must not be negative; got -0\.0008"),
-        (spoilt(GOOD, state=list("aabcd")), r"different names; got a, a, b"),
+        (GOOD.assign_coords(depth=GOOD.depth - 1e-3), r"depth of a response must not be negative; got -0\.0008"),
+        (GOOD.assign_coords(state=list("aabcd")), r"different names; got a, a, b"),
     ],
 )
 def test_bad_tables(table, message):
     with pytest.raises(LocalizeError, match=message):
         forward_model(table)
-
-
-def test_noise_of_states():
-    model = forward_model(GOOD)
-    assert (checked_noise(model, 2e-5) == [2e-5] * 5).all()
-    assert (checked_noise(model, [1e-5] * 5) == [1e-5] * 5).all()
-    for noise in (0, -1e-5, np.nan, np.inf, [1e-5] * 4 + [0]):
-        with pytest.raises(LocalizeError, match=r"noise must be positive and finite"):
-            checked_noise(model, noise)
-    with pytest.raises(LocalizeError, match=r"one for each of the 5 states; got shape \(4,\)"):
-        checked_noise(model, [1e-5] * 4)
 
 
 def test_table_covers_the_coils():
@@ -198,20 +180,16 @@ def test_table_covers_the_coils():
 def test_table_is_the_response_on_its_grid(monkeypatch):
     monkeypatch.setattr("coilarray.localize.forward.response_map", lambda design, **asked: asked)
     design = load_design("gast2020")
-    asked = table_for(design, spacing=3e-3, deepest=1.2e-3)
-    for name, axis in zip(("depths", "x", "y"), table_grid(design, spacing=3e-3, deepest=1.2e-3), strict=True):
+    asked = table_for(design)
+    for name, axis in zip(("depths", "x", "y"), table_grid(design), strict=True):
         assert (asked[name] == axis).all()
 
 
 @pytest.mark.parametrize("value", [0.0, -1e-3, np.nan, np.inf])
 def test_bad_spacings(value):
     design = load_design("gast_fem")
-    with pytest.raises(LocalizeError, match=r"spacing of a table must be positive and finite"):
-        table_grid(design, spacing=value)
-    with pytest.raises(LocalizeError, match=r"deepest of a table must be positive and finite"):
-        table_grid(design, deepest=value)
-
-
-def test_design_without_indentation():
+    for name in ("spacing", "deepest"):
+        with pytest.raises(LocalizeError, match=f"{name} of a table must be positive and finite"):
+            table_grid(design, **{name: value})
     with pytest.raises(ElastomerError, match=r"gast_fem has no \[indenter\]"):
-        table_grid(replace(load_design("gast_fem"), indentation=None))
+        table_grid(replace(design, indentation=None))

@@ -72,8 +72,7 @@ def test_covariance_is_the_inverse():
 
 
 @pytest.mark.parametrize(
-    "information",
-    [np.zeros((3, 3)), np.diag([1.0, 0.0, 1.0]), np.ones((3, 3)), np.outer([1, 2, 3], [1, 2, 3]) * 1e8],
+    "information", [np.zeros((3, 3)), np.diag([1.0, 0.0, 1.0]), np.ones((3, 3)), np.outer([1, 2, 3], [1, 2, 3]) * 1e8]
 )
 def test_singular_information_bounds_nothing(information):
     covariance = covariance_of(information)
@@ -88,20 +87,17 @@ def test_middle_line_of_a_symmetric_board_is_singular(row):
     assert np.isfinite(board_map.sigma_y.values[[0, 2]]).all()
     # both sides alike, to the rounding of the spline times the condition
     assert board_map.sigma_y.values[0] == pytest.approx(board_map.sigma_y.values[2], rel=1e-6)
-
-
-def test_far_from_all_coils_nothing_is_told(row):
+    # far from all coils nothing is told
     near, far = (identifiability(row, 1e-3, x=[x], y=[4e-3]).sigma_x.item() for x in (-4e-3, -20.9e-3))
     assert far > 20 * near
 
 
-def test_one_depth_leaves_two_unknowns():
-    known = forward_model(board(FIELD, depth=[1e-3]))
-    board_map = identifiability(known, 1e-3, x=[1e-3], y=[2e-3])
-    assert "sigma_h" not in board_map
-    unknown = identifiability(forward_model(board(FIELD)), 1e-3, x=[1e-3], y=[2e-3])
+def test_one_depth_leaves_two_unknowns(field):
+    models = (forward_model(board(FIELD, depth=[1e-3])), field)
+    known, unknown = (identifiability(model, 1e-3, x=[1e-3], y=[2e-3]) for model in models)
+    assert "sigma_h" not in known
     # the same x block of the information; one more unknown never helps
-    assert board_map.sigma_x.item() <= unknown.sigma_x.item()
+    assert known.sigma_x.item() <= unknown.sigma_x.item()
 
 
 @settings(max_examples=20)
@@ -128,12 +124,11 @@ def test_solutions_scatter_as_the_bound_says(field):
 
 
 def test_bad_input(field):
-    with pytest.raises(LocalizeError, match=r"depth of a point must be in the table"):
-        identifiability(field, 5e-3)
-    with pytest.raises(LocalizeError, match=r"x of a point must be in the table"):
-        identifiability(field, 1e-3, x=[1.0])
-    with pytest.raises(LocalizeError, match=r"rows of positions; got shapes \(1, 2\)"):
-        identifiability(field, 1e-3, x=[[0.0, 1e-3]])
-    for noise in (0.0, -1.0, np.nan):
-        with pytest.raises(LocalizeError, match=r"noise must be positive"):
-            identifiability(field, 1e-3, noise=noise)
+    for depth, wrong, message in (
+        (5e-3, {}, r"depth of a point must be in the table"),
+        (1e-3, {"x": [1.0]}, r"x of a point must be in the table"),
+        (1e-3, {"x": [[0.0, 1e-3]]}, r"rows of positions; got shapes \(1, 2\)"),
+        *((1e-3, {"noise": noise}, r"noise must be positive") for noise in (0.0, -1.0, np.nan)),
+    ):
+        with pytest.raises(LocalizeError, match=message):
+            identifiability(field, depth, **wrong)

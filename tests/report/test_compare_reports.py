@@ -36,25 +36,22 @@ def old(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("changes", "lines"),
-    [
-        ({}, []),
-        # rounding: of each number, and around zero of the largest one of its array
-        ({"rows": ROWS.replace("2e-06", "2.000000000000001e-06"), "values": (1.0, 1e-13, float("nan"))}, []),
-        # the order of rows and columns does not matter
-        ({"rows": "inductance_H,coil,kept\n2e-06,b,False\n1e-06,a,True\n"}, []),
-        ({"rows": ROWS.replace("2e-06", "2.2e-06")}, ["inductance_H [b, False #1]: 2e-06 → 2.2e-06 (+0.0909)"]),
-        ({"rows": ROWS.replace(",inductance_H", ",L_H")}, ["missing column inductance_H", "new column L_H"]),
-        ({"rows": ROWS + "c,3e-06,True\n"}, ["[c, True #1]"] * 3),
-        ({"data": {"limits": [0.5, {"low": 1.1}]}}, ["limits.1.low: 1 → 1.1 (+0.0909)"]),
-        ({"data": {"coils": [{"coil": "a", "M_H": 6e-6}]}}, ["coils.M_H [a #1]: 3e-06 → 6e-06 (+0.5)"]),
-        ({"data": {"title": "new"}}, ["new entry title"]),
-        ({"values": (2.0, 0.0, float("nan"))}, ["field.nc: B [0 of 3]: 1 → 2 (+0.5)"]),
-        ({"values": (1.0, 0.0, 1.0)}, ["field.nc: B [2 of 3]: nan → 1"]),
-        ({"name": "H"}, ["missing variable B", "new variable H"]),
-    ],
-)
+@pytest.mark.parametrize(("changes", "lines"), [
+    ({}, []),
+    # rounding: of each number, and around zero of the largest one of its array
+    ({"rows": ROWS.replace("2e-06", "2.000000000000001e-06"), "values": (1.0, 1e-13, float("nan"))}, []),
+    # the order of rows and columns does not matter
+    ({"rows": "inductance_H,coil,kept\n2e-06,b,False\n1e-06,a,True\n"}, []),
+    ({"rows": ROWS.replace("2e-06", "2.2e-06")}, ["inductance_H [b, False #1]: 2e-06 → 2.2e-06 (+0.0909)"]),
+    ({"rows": ROWS.replace(",inductance_H", ",L_H")}, ["missing column inductance_H", "new column L_H"]),
+    ({"rows": ROWS + "c,3e-06,True\n"}, ["[c, True #1]"] * 3),
+    ({"data": {"limits": [0.5, {"low": 1.1}]}}, ["limits.1.low: 1 → 1.1 (+0.0909)"]),
+    ({"data": {"coils": [{"coil": "a", "M_H": 6e-6}]}}, ["coils.M_H [a #1]: 3e-06 → 6e-06 (+0.5)"]),
+    ({"data": {"title": "new"}}, ["new entry title"]),
+    ({"values": (2.0, 0.0, float("nan"))}, ["field.nc: B [0 of 3]: 1 → 2 (+0.5)"]),
+    ({"values": (1.0, 0.0, 1.0)}, ["field.nc: B [2 of 3]: nan → 1"]),
+    ({"name": "H"}, ["missing variable B", "new variable H"]),
+])  # fmt: skip
 def test_every_change_is_one_line(tmp_path, old, capsys, changes, lines):
     code = compare_reports.main([str(old), str(folder(tmp_path / "new", **changes))])
     *printed, last = capsys.readouterr().out.splitlines()

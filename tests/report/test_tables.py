@@ -11,19 +11,14 @@ from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_un
 from coilarray.report.tables import dataset_table
 
 
-@pytest.mark.parametrize(
-    ("unit", "numbers", "texts"),
-    [
-        (display_unit("H"), [58.0294e-6, -3e-12], ["58.0294", "0.0000"]),  # no minus zero
-        (display_unit("Hz"), [1.9072405e6], ["1.9072"]),
-        (display_unit("Pa"), [101325.5], ["101326"]),
-        (display_unit(""), [12.0, 3.0], ["12", "3"]),
-        (display_unit("1"), [0.05132, -0.00123, float("nan")], ["0.05132", "−0.00123", "nan"]),
-        (display_unit("1"), [0.0], ["0"]),
-        (PER_MILLION, [7.862349e-4], ["786.23"]),
-        (DisplayUnit(digits=3, significant=True), [1.23456e-7, 98765.0], ["1.23e−07", "9.88e+04"]),
-    ],
-)
+@pytest.mark.parametrize(("unit", "numbers", "texts"), [
+    (display_unit("H"), [58.0294e-6, -3e-12], ["58.0294", "0.0000"]),  # no minus zero
+    (display_unit("Hz"), [1.9072405e6], ["1.9072"]), (display_unit("Pa"), [101325.5], ["101326"]),
+    (display_unit(""), [12.0, 3.0], ["12", "3"]),
+    (display_unit("1"), [0.05132, -0.00123, float("nan")], ["0.05132", "−0.00123", "nan"]),
+    (display_unit("1"), [0.0], ["0"]), (PER_MILLION, [7.862349e-4], ["786.23"]),
+    (DisplayUnit(digits=3, significant=True), [1.23456e-7, 98765.0], ["1.23e−07", "9.88e+04"]),
+])  # fmt: skip
 def test_numbers_have_as_many_digits_as_people_need(unit, numbers, texts):
     assert unit.texts(numbers) == texts
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from support.contacts import MESH
 from support.lattices import hexagonal
 
 import coilarray.response.map as map_module
@@ -23,25 +24,24 @@ from coilarray.compute.memory import MemoryLimitError
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design
 from coilarray.design.scan_states import ScanState
-from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
-from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import ElastomerError, NetworkError
 from coilarray.response.map import Imperfections, respond, response_map
+from coilarray.response.setup import contact_at
+
+pytestmark = pytest.mark.slow
 
 PAPER = load_design("gast2020")
 ROW = {"x": np.linspace(-26e-3, 26e-3, 9), "y": np.linspace(-6e-3, 6e-3, 3)}
 LATTICE = {"x": np.linspace(-7e-3, 7e-3, 5), "y": np.linspace(-7e-3, 7e-3, 5)}
-
-
-MESH = LayerMesh(harmonics=6, width=0.5, rows=3)  # coarse, and the same for both
+FIELD = hexagonal(4, 4)
 
 
 def quick(matrix):
-    """Known inductances, so that only what depends on the dent is computed, on a coarse mesh."""
-    return {"inductance": lambda: matrix.inductance.values, "mesh": MESH}
+    """Known inductances and the ideal circuit, so that only what depends on the dent is computed, on a coarse mesh."""
+    return {"inductance": lambda: matrix.inductance.values, "mesh": MESH, "ideal": True}
 
 
 def largest(a, b):
@@ -51,26 +51,19 @@ def largest(a, b):
 
 @pytest.fixture(scope="module")
 def row():
-    return response_map(PAPER, depths=[0.0, 0.5e-3, 1e-3], mesh=MESH, **ROW)
+    return response_map(PAPER, depths=[0.0, 0.5e-3, 1e-3], mesh=MESH, ideal=True, **ROW)
 
 
 @pytest.fixture(scope="module")
 def field():
-    return response_map(hexagonal(4, 4), mesh=MESH, **LATTICE)
+    return response_map(FIELD, mesh=MESH, ideal=True, **LATTICE)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("error", [1e-2, 1e-3])
 def test_a_row_answers_as_when_all_is_solved(row, error):
     seen = []
-    near = response_map(
-        PAPER,
-        depths=[0.0, 0.5e-3, 1e-3],
-        reach=error,
-        progress=lambda done, total: seen.append((done, total)),
-        **ROW,
-        **quick(row),
-    )
+    given = {"depths": [0.0, 0.5e-3, 1e-3], **ROW, **quick(row)}
+    near = response_map(PAPER, reach=error, progress=lambda *counted: seen.append(counted), **given)
     assert seen[-1] == (2, 2)  # one step for each depth above 0
     assert largest(near, row) < error
     for depth in (1, 2):  # each depth by its own peak, for the cut-off is that of the deepest
@@ -90,15 +83,13 @@ def test_a_row_answers_as_when_all_is_solved(row, error):
         respond(PAPER, near)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("error", [1e-2, 1e-3])
 def test_a_lattice_answers_as_when_all_is_solved(field, error):
-    near = response_map(hexagonal(4, 4), reach=error, **LATTICE, **quick(field))
+    near = response_map(FIELD, reach=error, **LATTICE, **quick(field))
     assert largest(near, field) < error
     assert (near.delta.values != 0).all(axis=-1).any() == (error == 1e-3)  # somewhere every state is near
 
 
-@pytest.mark.slow
 def test_imperfections_count_with_near_coils_too():
     given = Imperfections(
         tilt=(0.01, 0.0), offset=(1e-3, -0.5e-3), depth_error=0.1e-3, thickness_errors={"base": 0.2e-3},
@@ -111,32 +102,28 @@ def test_imperfections_count_with_near_coils_too():
     assert near.inductance.values == pytest.approx(full.inductance.values, rel=1e-12)
 
 
-@pytest.mark.slow
 def test_the_automatic_choice_goes_by_the_size_of_the_map(row, monkeypatch):
-    few = {"x": [0.0], "y": [0.0], **quick(row)}
-    assert response_map(PAPER, reach="auto", **few).attrs["error_of_peak"] == 0
+    def error(**given):
+        return response_map(PAPER, x=[0.0], y=[0.0], **quick(row), **given).attrs["error_of_peak"]
+
+    assert error(reach="auto") == 0
     monkeypatch.setattr(map_module, "_AUTO_VALUES", 35)  # below the 36 pairs of coils
-    large = response_map(PAPER, reach="auto", **few)
-    assert large.attrs["error_of_peak"] == 1e-3
-    assert "inductance_change" not in large
-    assert response_map(PAPER, reach=None, **few).attrs["error_of_peak"] == 0
-    assert response_map(PAPER, reach="auto", dielectric=True, **few).attrs["error_of_peak"] == 0
+    assert error(reach="auto") == 1e-3
+    assert error(reach=None) == error(reach="auto", dielectric=True) == 0
     with pytest.raises(ElastomerError, match="dielectric is for reach=None"):
-        response_map(PAPER, reach=1e-3, dielectric=True, **few)
+        error(reach=1e-3, dielectric=True)
 
 
-@pytest.mark.slow
 def test_to_be_linear_leaves_out_little(row):
-    network = replace(design_circuit(PAPER), inductance=row.inductance.values)
+    network = replace(design_circuit(PAPER, ideal=True), inductance=row.inductance.values)
     states = state_sensitivity(network, PAPER.plan)
     linear = row.assign(delta=(row.delta.dims, states.delta(row.inductance_change.values)))
     # second order in ΔL/L of 8e-4, for a part of ΔL that neighbours pass on; measured 1.4e-5
     assert largest(linear, row) < 3e-5
 
 
-@pytest.mark.slow
 def test_states_beyond_the_cut_off_are_zero(field):
-    near = response_map(hexagonal(4, 4), reach=0.05, **LATTICE, **quick(field))
+    near = response_map(FIELD, reach=0.05, **LATTICE, **quick(field))
     x, y = np.meshgrid(near.x, near.y)
     distance = np.hypot(x[..., None] - near.coil_x.values, y[..., None] - near.coil_y.values)
     cutoff, delta = near.attrs["state_cutoff_m"], near.delta.values[0]
@@ -146,15 +133,13 @@ def test_states_beyond_the_cut_off_are_zero(field):
     assert (delta == 0).any()
 
 
-@pytest.mark.slow
 def test_large_boards_answer_as_all_their_coils_together():
     """Currents of 64 coils and all inductance changes, in place of a whole map."""
-    design = hexagonal(8, 8, turns=10)
+    design = hexagonal(8, 8, turns=5)
     setup = design.indentation
     L, R = design_inductance(design)[0], dc_resistance(design.array.conductors(), design.circuit.resistivity)
-    contact = indent(design.sheets, setup.indenter, [1e-3], base=setup.base)
-    x = design.array.centres[27, 0] + [0.0, 5e-3]
-    y = design.array.centres[27, 1]
+    contact = contact_at(setup, design.sheets, np.array([1e-3]))
+    x, y = design.array.centres[27, 0] + [0.0, 5e-3], design.array.centres[27, 1]
     dent = dent_of(contact.isel(depth=0), design.sheets)
     change = dent_inductance(design.array, [dent], np.column_stack((x, [y, y])), MESH)[0]
     states = state_sensitivity(design_circuit(design, ideal=True), design.plan)
@@ -170,13 +155,12 @@ def test_large_boards_answer_as_all_their_coils_together():
     assert full[0, middle] == pytest.approx(plain, rel=5e-3)
 
 
-@pytest.mark.slow
 def test_tables_give_what_single_offsets_give(row, monkeypatch):
     few = response_map(PAPER, reach=0.02, x=[-26e-3, 0.0, 26e-3], y=[-6e-3, 0.0], **quick(row))
     tables = []
     whole = near_module.amplitude_table
     monkeypatch.setattr(near_module, "amplitude_table", lambda *a: tables.append(a) or whole(*a))
-    x, y = np.linspace(-26e-3, 26e-3, 131), np.linspace(-6e-3, 6e-3, 17)
+    x, y = np.linspace(-26e-3, 26e-3, 105), np.linspace(-6e-3, 6e-3, 13)
     many = response_map(PAPER, reach=0.02, x=x, y=y, **quick(row))
     assert tables
     picked = many.sel(x=few.x, y=few.y, method="nearest")
@@ -184,13 +168,11 @@ def test_tables_give_what_single_offsets_give(row, monkeypatch):
     assert largest(picked, few) < 0.02 * 0.3
 
 
-@pytest.mark.slow
 def test_open_neighbours_carry_nothing(row):
-    text = read("gast2020").replace('default_termination = "short" ', 'default_termination = "open" ')
-    opened = parse_design(text)
+    opened = parse_design(read("gast2020").replace('default_termination = "short" ', 'default_termination = "open" '))
     places = {"x": [-13.28e-3, -6e-3, 2e-3], "y": [0.0]}
     local = response_map(opened, reach=1e-3, **places, **quick(row))
-    assert largest(local, response_map(opened, mesh=MESH, **places)) < 1e-3
+    assert largest(local, response_map(opened, mesh=MESH, ideal=True, **places)) < 1e-3
 
 
 @pytest.mark.parametrize("reach", [1e-5, np.nan, 0.5, "all"])
@@ -199,7 +181,6 @@ def test_bad_errors(reach):
         response_map(PAPER, reach=reach)
 
 
-@pytest.mark.slow
 def test_designs_that_cannot_be_treated(row, monkeypatch):
     pair = ScanState("pair", (("coil1", 1), ("coil2", 1)))
     both = replace(PAPER, circuit=replace(PAPER.circuit, scan=(pair,)))
@@ -210,7 +191,6 @@ def test_designs_that_cannot_be_treated(row, monkeypatch):
     assert response_map(both, reach="auto", **few).attrs["error_of_peak"] == 0.0  # every coil in its place
 
 
-@pytest.mark.slow
 def test_memory_is_checked_before_it_is_taken(row, monkeypatch):
     monkeypatch.setenv("COILARRAY_MEMORY_GB", "0.05")
     across = {"x": np.linspace(-26e-3, 26e-3, 10000), "y": np.linspace(-6e-3, 6e-3, 110)}

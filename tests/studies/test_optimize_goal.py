@@ -31,11 +31,6 @@ def goal_of(*parts, head="schema = 1\n") -> Goal:
     return parse_goal(head + "\n".join(parts))
 
 
-@pytest.fixture(scope="module")
-def design():
-    return load_design("gast2020")
-
-
 def test_defaults_and_words():
     goal = goal_of(PITCH, LEAST, '[[constraint]]\nquantity = "span_mm"\nat_least = 80\nat_most = 90.5')
     assert [objective.wish for objective in goal.objectives] == ["minimize rms_k"]
@@ -68,11 +63,7 @@ def test_scores_and_violations():
     values = {"q": 28.0, "rms_k": 0.25, "span_mm": 70.0, "fab_margin_mm": -0.5}
     assert goal.scores(values) == (2.0, 0.25)
     # relative to a bound that is not zero, so that mm and µH add up
-    assert goal.violations(values) == {
-        "span_mm >= 80.0": 0.125,
-        "span_mm <= 100.0": -0.3,
-        "fab_margin_mm >= 0.0": 0.5,
-    }
+    assert goal.violations(values) == {"span_mm >= 80.0": 0.125, "span_mm <= 100.0": -0.3, "fab_margin_mm >= 0.0": 0.5}
     touching = {**values, "span_mm": math.nextafter(80.0, 0.0), "fab_margin_mm": 0.0}
     assert max(goal.violations(touching).values()) <= 0.0  # a rounded sum breaks no bound
 
@@ -98,59 +89,45 @@ def test_what_tells_studies_apart(design):
     assert len({plain, *others}) == len(others) + 1
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "goal: schema is missing."),
-        ("schema = 2", "schema must be at most 1; got 2"),
-        ("schema = 1", "variable is missing"),
-        ("schema = 1\nvariable = []\n" + LEAST, "variable must have at least 1 entries"),
-        ("schema = 1\n" + PITCH, "objective is missing"),
-        ("schema = 1\nvariables = []", "the file has no key 'variables'; did you mean variable?"),
-        ("schema = 1\n" + PITCH + "hihg = 2\n" + LEAST, "variable.0 has no key 'hihg'; did you mean high?"),
-        ("schema = 1\n" + PITCH.replace("14", '"14"') + LEAST, "variable.0.high must be a number; got '14'"),
-        ("schema = 1\n" + PITCH.replace("14", "11") + LEAST, "variable.0 needs low below high; got 11 and 11"),
-        ("schema = 1\n" + PITCH.replace("high = 14", "") + LEAST, "variable.0 needs low and high, or choices"),
-        ("schema = 1\n" + PITCH + "choices = [12, 13]\n" + LEAST, "variable.0 needs either low and high or choices"),
-        ("schema = 1\n" + PITCH + "step = 0.7\n" + LEAST, "variable.0 needs a whole number of steps of 0.7"),
-        ("schema = 1\n" + PITCH + "step = 5e-324\n" + LEAST, "variable.0 needs at most 1e+09 steps from low to high"),
-        ("schema = 1\n" + PITCH + "step = 1e-9\n" + LEAST, "variable.0 needs at most 1e+09 steps from low to high"),
-        ("schema = 1\n" + PITCH + "step = 0.5\nlog = true\n" + LEAST, "variable.0 may have step or log, not both"),
-        ("schema = 1\n" + PITCH.replace("11", "0") + "log = true\n" + LEAST, "variable.0 needs low above 0"),
-        ("schema = 1\n" + PITCH + PITCH + LEAST, "the goal names the entry array.pitch_mm in more than one variable"),
-        ("schema = 1\n" + PITCH + LEAST + LEAST, "the goal needs objectives of different quantities"),
-        ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1]\n" + LEAST, "variable.0.choices must have at least 2"),
-        ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1, 1]\n" + LEAST, "variable.0 needs choices that differ"),
-        (
-            "schema = 1\n[[variable]]\nentry = 'a'\nchoices = [12, 12.0]\n" + LEAST,
-            "variable.0 needs choices that differ",
-        ),
-        ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [[1], [1.0]]\n" + LEAST, "needs choices that differ"),
-        ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1, 1979-05-27]\n" + LEAST, "choices that are numbers"),
-        (
-            "schema = 1\n" + PITCH + LEAST.replace("rms_k", "rms_q"),
-            "objective.0.quantity cannot be: there is no quantity 'rms_q'; did you mean rms_k?",
-        ),
-        ("schema = 1\n" + PITCH + LEAST.replace('"rms_k"', "7"), "objective.0.quantity cannot be: a quantity must be"),
-        ("schema = 1\n" + PITCH + LEAST.replace('"rms_k"', '"k"'), "objective.0.quantity cannot be: k needs the"),
-        ("schema = 1\n" + PITCH + LEAST + "target = 1\n", "objective.0 needs exactly one of direction"),
-        ("schema = 1\n" + PITCH + LEAST.replace("minimize", "least"), "direction must be 'minimize' or 'maximize'"),
-        ("schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity = 'q'", "constraint.0 needs at_least, at_most"),
-        (
-            "schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity = 'q'\nat_least = 2\nat_most = 1",
-            "constraint.0 needs at_least up to at_most; got 2 and 1",
-        ),
-        ("schema = 1\n" + PITCH + LEAST + "[search]\ntrials = 0", "search.trials must be at least 1; got 0"),
-        ("schema = 1\n" + PITCH + LEAST + "[search]\nseed = -1", "search.seed must be at least 0; got -1"),
-        ("schema = 1\n" + PITCH + LEAST + "[search]\nsampler = 'best'", "search.sampler must be 'tpe', 'nsga2'"),
-        (
-            "schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity='q'\nat_least=1\n[search]\nsampler = 'cmaes'",
-            "the goal has the sampler cmaes, which takes one objective and no constraints",
-        ),
-        ("schema = ", "goal: not valid TOML"),
-        ("schema = 1\nx = " + "[" * 5000, "goal: not valid TOML"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("", "goal: schema is missing."), ("schema = 2", "schema must be at most 1; got 2"),
+    ("schema = 1", "variable is missing"),
+    ("schema = 1\nvariable = []\n" + LEAST, "variable must have at least 1 entries"),
+    ("schema = 1\n" + PITCH, "objective is missing"),
+    ("schema = 1\nvariables = []", "the file has no key 'variables'; did you mean variable?"),
+    ("schema = 1\n" + PITCH + "hihg = 2\n" + LEAST, "variable.0 has no key 'hihg'; did you mean high?"),
+    ("schema = 1\n" + PITCH.replace("14", '"14"') + LEAST, "variable.0.high must be a number; got '14'"),
+    ("schema = 1\n" + PITCH.replace("14", "11") + LEAST, "variable.0 needs low below high; got 11 and 11"),
+    ("schema = 1\n" + PITCH.replace("high = 14", "") + LEAST, "variable.0 needs low and high, or choices"),
+    ("schema = 1\n" + PITCH + "choices = [12, 13]\n" + LEAST, "variable.0 needs either low and high or choices"),
+    ("schema = 1\n" + PITCH + "step = 0.7\n" + LEAST, "variable.0 needs a whole number of steps of 0.7"),
+    ("schema = 1\n" + PITCH + "step = 5e-324\n" + LEAST, "variable.0 needs at most 1e+09 steps from low to high"),
+    ("schema = 1\n" + PITCH + "step = 1e-9\n" + LEAST, "variable.0 needs at most 1e+09 steps from low to high"),
+    ("schema = 1\n" + PITCH + "step = 0.5\nlog = true\n" + LEAST, "variable.0 may have step or log, not both"),
+    ("schema = 1\n" + PITCH.replace("11", "0") + "log = true\n" + LEAST, "variable.0 needs low above 0"),
+    ("schema = 1\n" + PITCH + PITCH + LEAST, "the goal names the entry array.pitch_mm in more than one variable"),
+    ("schema = 1\n" + PITCH + LEAST + LEAST, "the goal needs objectives of different quantities"),
+    ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1]\n" + LEAST, "variable.0.choices must have at least 2"),
+    ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1, 1]\n" + LEAST, "variable.0 needs choices that differ"),
+    ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [12, 12.0]\n" + LEAST, "variable.0 needs choices that differ"),
+    ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [[1], [1.0]]\n" + LEAST, "needs choices that differ"),
+    ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1, 1979-05-27]\n" + LEAST, "choices that are numbers"),
+    ("schema = 1\n" + PITCH + LEAST.replace("rms_k", "rms_q"),
+     "objective.0.quantity cannot be: there is no quantity 'rms_q'; did you mean rms_k?"),
+    ("schema = 1\n" + PITCH + LEAST.replace('"rms_k"', "7"), "objective.0.quantity cannot be: a quantity must be"),
+    ("schema = 1\n" + PITCH + LEAST.replace('"rms_k"', '"k"'), "objective.0.quantity cannot be: k needs the"),
+    ("schema = 1\n" + PITCH + LEAST + "target = 1\n", "objective.0 needs exactly one of direction"),
+    ("schema = 1\n" + PITCH + LEAST.replace("minimize", "least"), "direction must be 'minimize' or 'maximize'"),
+    ("schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity = 'q'", "constraint.0 needs at_least, at_most"),
+    ("schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity = 'q'\nat_least = 2\nat_most = 1",
+     "constraint.0 needs at_least up to at_most; got 2 and 1"),
+    ("schema = 1\n" + PITCH + LEAST + "[search]\ntrials = 0", "search.trials must be at least 1; got 0"),
+    ("schema = 1\n" + PITCH + LEAST + "[search]\nseed = -1", "search.seed must be at least 0; got -1"),
+    ("schema = 1\n" + PITCH + LEAST + "[search]\nsampler = 'best'", "search.sampler must be 'tpe', 'nsga2'"),
+    ("schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity='q'\nat_least=1\n[search]\nsampler = 'cmaes'",
+     "the goal has the sampler cmaes, which takes one objective and no constraints"),
+    ("schema = ", "goal: not valid TOML"), ("schema = 1\nx = " + "[" * 5000, "goal: not valid TOML"),
+])  # fmt: skip
 def test_mistakes(text, message):
     with pytest.raises(GoalError) as caught:
         parse_goal(text)
@@ -165,17 +142,10 @@ def test_files(tmp_path):
     with pytest.raises(KeyError):
         goals.read("nothing")
     copy = tmp_path / "goal.toml"
-    copy.write_text(goals.read("worst_k"), encoding="utf-8-sig")
+    copy.write_text(goals.read("worst_k"), encoding="utf-8")
     assert load_goal(copy) == load_goal("worst_k")
-    copy.write_bytes(b"\xff\xfe\x00")
-    for wrong, message in (
-        (copy, "not a text file in UTF-8"),
-        (tmp_path, "cannot read"),
-        ("none.toml", "there is no goal file none.toml, nor a bundled goal of that name"),
-        ("a\0b", "cannot read"),
-    ):
-        with pytest.raises(GoalError, match=message):
-            load_goal(wrong)
+    with pytest.raises(GoalError, match=r"there is no goal file none\.toml, nor a bundled goal of that name"):
+        load_goal("none.toml")  # the others are those of any design file
 
 
 def test_axes_know_the_design(design):
@@ -208,20 +178,17 @@ def test_axes_know_the_design(design):
     }
 
 
-@pytest.mark.parametrize(
-    ("variable", "message"),
-    [
-        ('entry = "array.pitch"\nlow = 1\nhigh = 2', "variable.0.low: array has no key 'pitch'; did you mean pitch_mm"),
-        ('entry = "array.pitch_mm"\nlow = -1\nhigh = 2', "variable.0.low: array.pitch_mm must be greater than 0; got"),
-        ('entry = "array.columns"\nlow = 1.5\nhigh = 3', "variable.0.low: array.columns must be a whole number"),
-        ('entry = "array.columns"\nlow = 2\nhigh = 4\nstep = 0.5', "variable.0.step must be a whole number, as array."),
-        ('entry = "array.lattice"\nchoices = ["linear", "round"]', "variable.0.choices: array.lattice must be"),
-        ('entry = "array"\nchoices = [1, 2]', "variable.0.choices: array is a table"),
-        ('entry = "coils.octagon.turns_per_layer"\nlow = 1\nhigh = 2', "variable.0.low: coils.octagon"),
-        ('entry = "stackup.dielectric_thickness_mm.7"\nlow = 1\nhigh = 2', "must have a number from 0 to 2"),
-        ('entry = "array.lattice"\nlow = 1\nhigh = 2', "variable.0.low: array.lattice must be 'linear', 'square'"),
-    ],
-)
+@pytest.mark.parametrize(("variable", "message"), [
+    ('entry = "array.pitch"\nlow = 1\nhigh = 2', "variable.0.low: array has no key 'pitch'; did you mean pitch_mm"),
+    ('entry = "array.pitch_mm"\nlow = -1\nhigh = 2', "variable.0.low: array.pitch_mm must be greater than 0; got"),
+    ('entry = "array.columns"\nlow = 1.5\nhigh = 3', "variable.0.low: array.columns must be a whole number"),
+    ('entry = "array.columns"\nlow = 2\nhigh = 4\nstep = 0.5', "variable.0.step must be a whole number, as array."),
+    ('entry = "array.lattice"\nchoices = ["linear", "round"]', "variable.0.choices: array.lattice must be"),
+    ('entry = "array"\nchoices = [1, 2]', "variable.0.choices: array is a table"),
+    ('entry = "coils.octagon.turns_per_layer"\nlow = 1\nhigh = 2', "variable.0.low: coils.octagon"),
+    ('entry = "stackup.dielectric_thickness_mm.7"\nlow = 1\nhigh = 2', "must have a number from 0 to 2"),
+    ('entry = "array.lattice"\nlow = 1\nhigh = 2', "variable.0.low: array.lattice must be 'linear', 'square'"),
+])  # fmt: skip
 def test_variables_that_do_not_fit(design, variable, message):
     with pytest.raises(GoalError) as caught:
         axes_of(goal_of(f"[[variable]]\n{variable}\n", LEAST), design)

@@ -12,14 +12,15 @@ from __future__ import annotations
 import json
 import sqlite3
 import threading
+from functools import partial
 
 import optuna
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.optimize_points import StandIn
 from support.patience import PATIENCE
 
-from coilarray import load_design
 from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal
 from coilarray.studies.optimize.study_file import FILE, open_study, points_found, study_name
@@ -60,13 +61,9 @@ MOST = '[[objective]]\nquantity = "span_mm"\ndirection = "maximize"\n'
 BOUND = '[[constraint]]\nquantity = "rms_k"\nat_most = 1.0\n'
 
 
-def goal_of(wanted=LEAST, sampler="tpe", trials=20, batch=4, watch=""):
-    return parse_goal(GOAL.format(wanted=wanted, sampler=sampler, trials=trials, batch=batch, watch=watch))
-
-
-@pytest.fixture(scope="module")
-def design():
-    return load_design("gast2020")
+def goal_of(wanted=LEAST, sampler="tpe", trials=20, batch=4, watch="", replaced=("", "")):
+    text = GOAL.format(wanted=wanted, sampler=sampler, trials=trials, batch=batch, watch=watch)
+    return parse_goal(text.replace(*replaced))
 
 
 def quantities(changes):
@@ -77,29 +74,12 @@ def quantities(changes):
     termination = changes.get("circuit.default_termination", "short")
     if pitch > 15:
         return "the coils do not touch."
-    return {
-        "worst_k": (pitch - 12.5) ** 2
-        + 0.05 * (base - 8) ** 2
-        + 0.3 * (columns - 6) ** 2
-        + 0.5 * (termination == "open"),
-        "span_mm": pitch * columns,
-        "rms_k": base / 12,
-        "board_area_mm2": columns * base,
-    }
+    bowl = (pitch - 12.5) ** 2 + 0.05 * (base - 8) ** 2 + 0.3 * (columns - 6) ** 2
+    others = {"span_mm": pitch * columns, "rms_k": base / 12, "board_area_mm2": columns * base}
+    return {"worst_k": bowl + 0.5 * (termination == "open"), **others}
 
 
-class Points:
-    """A stand-in for workers: outcomes in any order, a count of what was asked for, and an end after so many."""
-
-    def __init__(self, order=lambda indices: indices, end=None):
-        self.order, self.end, self.asked = order, end, []
-
-    def __call__(self, changes, accuracy="full"):
-        for index in self.order(range(len(changes))):
-            if self.end is not None and len(self.asked) > self.end:
-                raise KeyboardInterrupt
-            self.asked.append(changes[index])
-            yield index, quantities(changes[index])
+Points = partial(StandIn, quantities)
 
 
 def points_of(result):
@@ -135,10 +115,7 @@ def test_start_comes_first_where_it_lies_inside(design, tmp_path):
     }
     assert first.quantities == result.start.quantities
     assert len(points.asked) == 4  # the start once, for both
-    outside = parse_goal(GOAL.replace("high = 16", "high = 13").format(
-        wanted=LEAST, sampler="tpe", trials=4, batch=4, watch="")
-    )  # fmt: skip
-    other = optimize_with(design, outside, tmp_path, Points())
+    other = optimize_with(design, goal_of(trials=4, replaced=("high = 16", "high = 13")), tmp_path, Points())
     assert not other.start_inside
     assert other.start.changes == {}
     assert all(trial.changes["array.pitch_mm"] <= 13 for trial in other.trials)
@@ -177,9 +154,7 @@ def test_fewer_points_than_are_known(design, tmp_path):
 
 
 def test_other_seeds_give_other_points(design, tmp_path):
-    goals = [parse_goal(GOAL.replace("seed = 3", f"seed = {seed}").format(
-        wanted=LEAST, sampler="tpe", trials=3, batch=4, watch="")) for seed in (3, 4)
-    ]  # fmt: skip
+    goals = [goal_of(trials=3, replaced=("seed = 3", f"seed = {seed}")) for seed in (3, 4)]
     one, other = (optimize_with(design, goal, tmp_path, Points()) for goal in goals)
     assert points_of(one)[0] == points_of(other)[0]
     assert points_of(one)[1] != points_of(other)[1]
@@ -192,12 +167,8 @@ def test_bounds_and_impossible_points(design, tmp_path):
     assert impossible
     for trial in impossible:
         assert trial.changes["array.pitch_mm"] > 15
-        assert (trial.reason, trial.quantities, trial.scores, trial.feasible) == (
-            "the coils do not touch.",
-            {},
-            (),
-            False,
-        )
+        found = (trial.reason, trial.quantities, trial.scores, trial.feasible)
+        assert found == ("the coils do not touch.", {}, (), False)
     # least at pitch 15 with 6 columns is 6.25, at 7 columns with a pitch of 12.86 it is 0.3 + 0.13
     assert result.best.changes["array.columns"] == 7
     assert result.best.quantities["span_mm"] >= 90
@@ -210,9 +181,7 @@ def test_nothing_keeps_the_bounds(design, tmp_path):
     goal = goal_of(LEAST + '[[constraint]]\nquantity = "span_mm"\nat_least = 1000\n', trials=5)
     result = optimize_with(design, goal, tmp_path, Points())
     assert (result.best, result.front, result.designs()) == (None, (), ())
-    everything_fails = optimize_with(design, goal_of(trials=5), tmp_path, lambda changes, accuracy: (
-        (k, "no.") for k in range(len(changes)))
-    )  # fmt: skip
+    everything_fails = optimize_with(design, goal_of(trials=5), tmp_path, StandIn(lambda change: "no."))
     assert everything_fails.start.reason == "no."
     assert everything_fails.front == ()
 
@@ -253,12 +222,8 @@ def test_screened_points_are_confirmed(design, tmp_path):
                 outcome = {**outcome, "worst_k": 0.9 * outcome["worst_k"], "span_mm": outcome["span_mm"] + 4.0}
             yield index, outcome
 
-    goal = parse_goal(
-        GOAL.replace("polish = 0", 'polish = 0\naccuracy = "screen"').format(
-            wanted=LEAST + '[[constraint]]\nquantity = "span_mm"\nat_least = 76\n',
-            sampler="tpe", trials=40, batch=8, watch="",
-        )
-    )  # fmt: skip
+    wanted = LEAST + '[[constraint]]\nquantity = "span_mm"\nat_least = 76\n'
+    goal = goal_of(wanted, trials=40, batch=8, replaced=("polish = 0", 'polish = 0\naccuracy = "screen"'))
     result = optimize_with(design, goal, tmp_path, screened)
     assert {trial.accuracy for trial in result.trials} == {"screen", "full"}
     assert {trial.accuracy for trial in result.front} == {result.start.accuracy} == {"full"}

@@ -17,6 +17,7 @@ import re
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
+from support.optimize_points import StandIn
 
 from coilarray import load_design
 from coilarray.design.model import build_design_file, load_design_file, parse_design_file
@@ -72,25 +73,16 @@ def quantities(change):
     }
 
 
-def stand_in(changes, accuracy):
-    return ((k, quantities(change)) for k, change in enumerate(changes))
-
-
 @pytest.fixture(scope="module")
-def design():
-    return load_design("starter")
-
-
-@pytest.fixture(scope="module")
-def single(design, tmp_path_factory):
+def single(starter, tmp_path_factory):
     goal = parse_goal(GOAL.format(second="", trials=48))
-    return optimize_with(design, goal, tmp_path_factory.mktemp("single"), stand_in)
+    return optimize_with(starter, goal, tmp_path_factory.mktemp("single"), StandIn(quantities))
 
 
 @pytest.fixture(scope="module")
-def double(design, tmp_path_factory):
+def double(starter, tmp_path_factory):
     goal = parse_goal(GOAL.format(second=SECOND, trials=48).replace("polish = 6", ""))
-    return optimize_with(design, goal, tmp_path_factory.mktemp("double"), stand_in)
+    return optimize_with(starter, goal, tmp_path_factory.mktemp("double"), StandIn(quantities))
 
 
 def table(text):
@@ -224,10 +216,10 @@ def test_page(single, double, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_page_where_nothing_is_found(design, tmp_path, monkeypatch):
+def test_page_where_nothing_is_found(starter, tmp_path, monkeypatch):
     monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))
     goal = parse_goal(GOAL.format(second="", trials=4).replace("at_least = 30", "at_least = 4000"))
-    result = optimize_with(design, goal, tmp_path, stand_in)
+    result = optimize_with(starter, goal, tmp_path, StandIn(quantities))
     page = write_optimization_report(result, tmp_path).read_text(encoding="utf-8")
     assert "No point keeps all bounds. Neither does the design as it was" in page
     assert "Too few points" in page
@@ -272,13 +264,13 @@ def test_front_picture():
         plot_front(points, [True], [], labels=("a", "b"))
 
 
-def test_importance_and_board_pictures(design):
+def test_importance_and_board_pictures(starter):
     ax = plot_importance({"pitch": 0.75, "columns": 0.25}, title="what")
     assert [bar.get_width() for bar in ax.patches] == [75, 25]
     assert [text.get_text() for text in ax.texts] == ["75 %", "25 %"]
     few = load_design("gast_fem")
-    figure = boards_figure({"one": design.array, "other": few.array})
+    figure = boards_figure({"one": starter.array, "other": few.array})
     upper, lower = figure.axes
     assert (upper.get_title(loc="left"), lower.get_title(loc="left")) == ("one", "other")
     assert upper.get_xlim() == lower.get_xlim()  # one scale
-    assert upper.get_xlim()[1] > design.array.bounds[2] * 1e3
+    assert upper.get_xlim()[1] > starter.array.bounds[2] * 1e3

@@ -79,25 +79,19 @@ def test_the_catalogue_says_what_everything_is():
             assert option.must_be
 
 
-@pytest.mark.parametrize(
-    ("asked", "key"),
-    [
-        ("rms_k", "rms_k"),
-        (" rms_k ", "rms_k"),
-        ("rms_k[]", None),
-        ({"quantity": "rms_k"}, "rms_k"),
-        ({"quantity": "k", "coils": ["coil1", "coil2"]}, "k[coil1,coil2]"),
-        ({"quantity": "k", "coils": ("coil2", "coil1")}, "k[coil2,coil1]"),
-        ("k[ coil1 , coil2 ]", "k[coil1,coil2]"),
-        ("q[coil=coil1]", "q[coil1]"),
-        ("fab_margin_mm[ hole spacing ]", "fab_margin_mm[hole spacing]"),
-        ("peak_delta[depth_mm=0.50,coil2]", "peak_delta[coil2,depth_mm=0.5]"),
-        ({"quantity": "peak_delta", "depth_mm": 1, "coil": "coil2"}, "peak_delta[coil2,depth_mm=1]"),
-        ("position_error_mm[noise=0.00001,depth_mm=1.0]", "position_error_mm[depth_mm=1,noise=1e-05]"),
-        ({"quantity": "depth_error_mm", "region_mm": [-20, 20.5, -5, 5]}, "depth_error_mm[region_mm=-20:20.5:-5:5]"),
-        ("depth_error_mm[region_mm=-20:20.5:-5:5]", "depth_error_mm[region_mm=-20:20.5:-5:5]"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("asked", "key"), [
+    ("rms_k", "rms_k"), (" rms_k ", "rms_k"), ("rms_k[]", None), ({"quantity": "rms_k"}, "rms_k"),
+    ({"quantity": "k", "coils": ["coil1", "coil2"]}, "k[coil1,coil2]"),
+    ({"quantity": "k", "coils": ("coil2", "coil1")}, "k[coil2,coil1]"),
+    ("k[ coil1 , coil2 ]", "k[coil1,coil2]"),
+    ("q[coil=coil1]", "q[coil1]"),
+    ("fab_margin_mm[ hole spacing ]", "fab_margin_mm[hole spacing]"),
+    ("peak_delta[depth_mm=0.50,coil2]", "peak_delta[coil2,depth_mm=0.5]"),
+    ({"quantity": "peak_delta", "depth_mm": 1, "coil": "coil2"}, "peak_delta[coil2,depth_mm=1]"),
+    ("position_error_mm[noise=0.00001,depth_mm=1.0]", "position_error_mm[depth_mm=1,noise=1e-05]"),
+    ({"quantity": "depth_error_mm", "region_mm": [-20, 20.5, -5, 5]}, "depth_error_mm[region_mm=-20:20.5:-5:5]"),
+    ("depth_error_mm[region_mm=-20:20.5:-5:5]", "depth_error_mm[region_mm=-20:20.5:-5:5]"),
+])  # fmt: skip
 def test_canonical_text_and_back(asked, key):
     if key is None:
         with pytest.raises(GoalError):
@@ -277,16 +271,10 @@ def test_one_coil_couples_with_none():
     assert value(alone, "inductance_uH[coil1]") > 0
 
 
-@pytest.mark.parametrize(
-    "asked",
-    [
-        "k[coil1,coil9]",
-        "inductance_uH[coil9]",
-        "peak_delta[coil9]",
-        "response_width_mm[coil9]",
-        "x0_distortion_mm[coil9]",
-    ],
-)
+@pytest.mark.parametrize("asked", [
+    "k[coil1,coil9]", "inductance_uH[coil9]", "peak_delta[coil9]", "response_width_mm[coil9]",
+    "x0_distortion_mm[coil9]",
+])  # fmt: skip
 def test_unknown_coils(asked, monkeypatch):
     monkeypatch.setattr(evaluation, "response_map", lambda *_, **__: pytest.fail("computed"))
     with pytest.raises(GoalError, match=r"the design starter has no coil 'coil9'; there are coil1, coil2, coil3\."):

@@ -23,49 +23,32 @@ PITCH_MM = 11.0  # of the starter
 PITCH, COLUMNS, LAYERS = "array.pitch_mm", "array.columns", "array.layers"
 
 
-@pytest.fixture(scope="module")
-def starter():
-    return load_design("starter")
-
-
 def swept(design, axes, quantities=("span_mm",), **options):
     with workers() as pool:
         return run_sweep(plan_sweep(design, axes, quantities, **options), pool)
 
 
-@pytest.mark.parametrize(
-    ("text", "key", "values"),
-    [
-        ("array.pitch_mm=10:15:3", PITCH, (10.0, 12.5, 15.0)),
-        ("array.pitch_mm=15:10:3", PITCH, (15.0, 12.5, 10.0)),
-        ("array.pitch_mm = 0.1:0.4:4", PITCH, (0.1, 0.2, 0.3, 0.4)),  # not 0.30000000000000004
-        ("array.pitch_mm=-1e-3:1e-3:3", PITCH, (-1e-3, 0.0, 1e-3)),
-        ("array.pitch_mm=12", PITCH, (12,)),
-        ("array.pitch_mm=12, 13.5", PITCH, (12, 13.5)),
-        ("circuit.terminations.coil2=short,open", "circuit.terminations.coil2", ("short", "open")),
-        ('circuit.tank="coil", "converter"', "circuit.tank", ("coil", "converter")),
-        ("board.through_holes=true,false", "board.through_holes", (True, False)),
-        ('array.layers=[["L1"],["L2"]],[["L1","L2"]]', LAYERS, ([["L1"], ["L2"]], [["L1", "L2"]])),
-        ("title=2020-01-01,12:30:00", "title", ("2020-01-01", "12:30:00")),  # a design file has neither
-        ("title=a=b", "title", ("a=b",)),
-    ],
-)
+@pytest.mark.parametrize(("text", "key", "values"), [
+    ("array.pitch_mm=10:15:3", PITCH, (10.0, 12.5, 15.0)), ("array.pitch_mm=15:10:3", PITCH, (15.0, 12.5, 10.0)),
+    ("array.pitch_mm = 0.1:0.4:4", PITCH, (0.1, 0.2, 0.3, 0.4)),  # not 0.30000000000000004
+    ("array.pitch_mm=-1e-3:1e-3:3", PITCH, (-1e-3, 0.0, 1e-3)), ("array.pitch_mm=12", PITCH, (12,)),
+    ("array.pitch_mm=12, 13.5", PITCH, (12, 13.5)),
+    ("circuit.terminations.coil2=short,open", "circuit.terminations.coil2", ("short", "open")),
+    ('circuit.tank="coil", "converter"', "circuit.tank", ("coil", "converter")),
+    ("board.through_holes=true,false", "board.through_holes", (True, False)),
+    ('array.layers=[["L1"],["L2"]],[["L1","L2"]]', LAYERS, ([["L1"], ["L2"]], [["L1", "L2"]])),
+    ("title=2020-01-01,12:30:00", "title", ("2020-01-01", "12:30:00")),  # a design file has neither
+    ("title=a=b", "title", ("a=b",)),
+])  # fmt: skip
 def test_an_axis_is_read_from_text(text, key, values):
+    assert parse_axis("array.pitch_mm=10:15") == Axis(PITCH, (10.0, 15.0), interval=True)  # for samples
     axis = parse_axis(text)
     assert (axis.key, axis.values, axis.interval) == (key, values, False)
     assert [type(value) for value in axis.values] == [type(value) for value in values]
 
 
-def test_an_interval_is_for_samples():
-    assert parse_axis("array.pitch_mm=10:15") == Axis(PITCH, (10.0, 15.0), interval=True)
-
-
 @pytest.mark.slow
-@given(
-    start=st.floats(-1e6, 1e6),
-    step=st.floats(1e-3, 1e3),
-    count=st.integers(2, 200),
-)
+@given(start=st.floats(-1e6, 1e6), step=st.floats(1e-3, 1e3), count=st.integers(2, 200))
 def test_a_range_has_its_ends_and_even_steps(start, step, count):
     stop = start + step * (count - 1)
     values = np.array(parse_axis(f"a={start!r}:{stop!r}:{count}").values)
@@ -75,30 +58,22 @@ def test_a_range_has_its_ends_and_even_steps(start, step, count):
     np.testing.assert_allclose(values, start + step * np.arange(count), rtol=0, atol=tolerance + 1e-12 * step * count)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("array.pitch_mm", "--vary must be KEY=START:STOP:COUNT or KEY=A,B,…; got 'array.pitch_mm'"),
-        ("=1,2", "--vary must be KEY="),
-        ("", "--vary must be KEY="),
-        ("a=", "a must have at least one value"),
-        ("a=,", "a must have at least one value"),
-        ("a=1:x:3", "a must be a range of numbers, as START:STOP:COUNT; got '1:x:3'"),
-        ("a=1:2:2.5", "a must be a range of numbers"),
-        ("a=1:2:1", f"a must have a range of 2 to {MOST_POINTS} different values; got '1:2:1'"),
-        ("a=1:2:0", "a must have a range of 2"),
-        ("a=1:1:5", "a must have a range of 2"),
-        ("a=1:inf:5", "a must have a range of 2"),
-        ("a=1:2:100001", "a must have a range of 2"),
-        ("a=nan:2:5", "a must have a range of 2"),
-        ("a=1e308:-1e308:3", "a must have a range of finite length; got '1e308:-1e308:3'"),
-        ("a=1,nan", "a must have finite values; got nan"),
-        ("a=1,2,1", "a must have each value once; got 1 again"),
-        ("a=open,open", "a must have each value once; got open again"),
-        ("a=5:1", "a must have an interval from low to high; got 5.0, 1.0"),
-        ("a=1:nan", "a must have finite values"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("array.pitch_mm", "--vary must be KEY=START:STOP:COUNT or KEY=A,B,…; got 'array.pitch_mm'"),
+    ("=1,2", "--vary must be KEY="), ("", "--vary must be KEY="), ("a=", "a must have at least one value"),
+    ("a=,", "a must have at least one value"),
+    ("a=1:x:3", "a must be a range of numbers, as START:STOP:COUNT; got '1:x:3'"),
+    ("a=1:2:2.5", "a must be a range of numbers"),
+    ("a=1:2:1", f"a must have a range of 2 to {MOST_POINTS} different values; got '1:2:1'"),
+    ("a=1:2:0", "a must have a range of 2"), ("a=1:1:5", "a must have a range of 2"),
+    ("a=1:inf:5", "a must have a range of 2"), ("a=1:2:100001", "a must have a range of 2"),
+    ("a=nan:2:5", "a must have a range of 2"),
+    ("a=1e308:-1e308:3", "a must have a range of finite length; got '1e308:-1e308:3'"),
+    ("a=1,nan", "a must have finite values; got nan"), ("a=1,2,1", "a must have each value once; got 1 again"),
+    ("a=open,open", "a must have each value once; got open again"),
+    ("a=5:1", "a must have an interval from low to high; got 5.0, 1.0"),
+    ("a=1:nan", "a must have finite values"),
+])  # fmt: skip
 def test_what_is_no_axis_is_refused(text, message):
     with pytest.raises(GoalError) as caught:
         parse_axis(text)
@@ -126,11 +101,7 @@ def test_a_grid_has_every_number_at_its_place(starter):
 def test_the_dataset_says_what_it_is(starter):
     result = swept(starter, [Axis(PITCH, (12, 13.5)), Axis("circuit.tank", ("coil", "converter"))])
     assert result.span_mm.attrs == {"units": "mm", "long_name": "extent of the windings' outlines along x"}
-    assert result[PITCH].attrs == {
-        "long_name": PITCH,
-        "units": "mm",
-        "design_value": PITCH_MM,
-    }
+    assert result[PITCH].attrs == {"long_name": PITCH, "units": "mm", "design_value": PITCH_MM}
     assert result["circuit.tank"].attrs == {"long_name": "circuit.tank", "design_value": "converter"}
     assert result["circuit.tank"].values.tolist() == ["coil", "converter"]
     assert result.attrs["design_hash"] == starter.digest
@@ -138,19 +109,13 @@ def test_the_dataset_says_what_it_is(starter):
     assert (result.attrs["sampling"], result.attrs["accuracy"]) == ("grid", "full")
 
 
-@pytest.mark.parametrize(
-    ("key", "values", "unit"),
-    [
-        ("stackup.copper_thickness_um", ([35, 35, 35, 35],), None),  # no numbers
-        ("circuit.capacitance_pF", (100, 200), "pF"),
-        ("circuit.resistivity_ohm_m", (1.7e-8, 1.8e-8), "ohm m"),
-        ("circuit.short_resistance_ohm", (1, 5), "ohm"),
-        ("array.direction_deg", (0, 30), "deg"),
-        ("elastomer.0.youngs_modulus_kPa", (50, 60), "kPa"),
-        ("coils.hexagon.turns_per_layer", (10, 11), "1"),
-        ("coils.hexagon.via.plating_um", (20, 25), "µm"),
-    ],
-)
+@pytest.mark.parametrize(("key", "values", "unit"), [
+    ("stackup.copper_thickness_um", ([35, 35, 35, 35],), None),  # no numbers
+    ("circuit.capacitance_pF", (100, 200), "pF"), ("circuit.resistivity_ohm_m", (1.7e-8, 1.8e-8), "ohm m"),
+    ("circuit.short_resistance_ohm", (1, 5), "ohm"), ("array.direction_deg", (0, 30), "deg"),
+    ("elastomer.0.youngs_modulus_kPa", (50, 60), "kPa"), ("coils.hexagon.turns_per_layer", (10, 11), "1"),
+    ("coils.hexagon.via.plating_um", (20, 25), "µm"),
+])  # fmt: skip
 def test_units_are_those_of_the_keys(key, values, unit):
     design = load_design("gast2020")
     result = swept(design, [Axis(key, values)], ["board_area_mm2"])
@@ -226,14 +191,6 @@ def test_sampled_numbers_stand_beside_their_entries(starter):
     assert result[PITCH].attrs["units"] == "mm"
 
 
-def test_progress_counts_to_the_end(starter):
-    told = []
-    with workers() as pool:
-        plan = plan_sweep(starter, [Axis(PITCH, (12, 13, 14))], ["span_mm"])
-        run_sweep(plan, pool, progress=lambda done, total: told.append((done, total)))
-    assert told == [(1, 3), (2, 3), (3, 3)]
-
-
 GOOD, GOOD_TOO = Axis(PITCH, (12, 13)), Axis(COLUMNS, (2, 3))
 
 
@@ -243,28 +200,25 @@ BETWEEN = Axis(COLUMNS, (2.2, 2.8), interval=True)
 NO_COIL = "no design of the sweep has a coil"
 
 
-@pytest.mark.parametrize(
-    ("axes", "quantity", "options", "message"),
-    [
-        ([], "span_mm", {}, "a sweep must have at least one entry to vary."),
-        ([GOOD], None, {}, "a sweep must have at least one quantity."),
-        ([GOOD, GOOD], "span_mm", {}, "a sweep must vary each entry once; got array.pitch_mm, array.pitch_mm."),
-        ([GOOD], "span", {}, "there is no quantity 'span'; did you mean span_mm?"),
-        ([GOOD], "k", {}, "k needs the option coils"),
-        ([GOOD], "k[coil1,coil9]", {}, f"k[coil1,coil9]: {NO_COIL} 'coil9'; there are coil1,"),
-        ([GOOD], "inductance_uH[9]", {}, f"inductance_uH[9]: {NO_COIL} '9'; there are coil1,"),
-        ([Axis("array.pich_mm", (1, 2))], "span_mm", {}, f"{NO_DESIGN}array has no key 'pich_mm'; did you mean"),
-        ([Axis(PITCH, ("wide",)), GOOD_TOO], "span_mm", {}, f"{NO_DESIGN}array.pitch_mm must be a number; got 'wide'."),
-        ([Axis("name", ("a", "b"))], "span_mm", {}, f"{NO_DESIGN}name is no entry: it names the design"),
-        ([Axis("schema", (1, 2))], "span_mm", {}, f"{NO_DESIGN}schema is no entry: it says how the file"),
-        (MANY, "span_mm", {}, "a sweep must have 1 to 100000 points; got 101000."),
-        ([Axis(PITCH, (1, 2), interval=True)], "span_mm", {}, "array.pitch_mm must have a count of values, as START:"),
-        ([GOOD], "span_mm", {"samples": 0}, "a sweep must have 1 to 100000 points; got 0."),
-        ([GOOD], "span_mm", {"samples": 100_001}, "a sweep must have 1 to 100000 points; got 100001."),
-        ([GOOD], "span_mm", {"samples": 3, "seed": -1}, "the seed must not be negative; got -1."),
-        ([BETWEEN], "span_mm", {"samples": 3}, "array.columns takes whole numbers; there is none from 2.2 to 2.8."),
-    ],
-)
+@pytest.mark.parametrize(("axes", "quantity", "options", "message"), [
+    ([], "span_mm", {}, "a sweep must have at least one entry to vary."),
+    ([GOOD], None, {}, "a sweep must have at least one quantity."),
+    ([GOOD, GOOD], "span_mm", {}, "a sweep must vary each entry once; got array.pitch_mm, array.pitch_mm."),
+    ([GOOD], "span", {}, "there is no quantity 'span'; did you mean span_mm?"),
+    ([GOOD], "k", {}, "k needs the option coils"),
+    ([GOOD], "k[coil1,coil9]", {}, f"k[coil1,coil9]: {NO_COIL} 'coil9'; there are coil1,"),
+    ([GOOD], "inductance_uH[9]", {}, f"inductance_uH[9]: {NO_COIL} '9'; there are coil1,"),
+    ([Axis("array.pich_mm", (1, 2))], "span_mm", {}, f"{NO_DESIGN}array has no key 'pich_mm'; did you mean"),
+    ([Axis(PITCH, ("wide",)), GOOD_TOO], "span_mm", {}, f"{NO_DESIGN}array.pitch_mm must be a number; got 'wide'."),
+    ([Axis("name", ("a", "b"))], "span_mm", {}, f"{NO_DESIGN}name is no entry: it names the design"),
+    ([Axis("schema", (1, 2))], "span_mm", {}, f"{NO_DESIGN}schema is no entry: it says how the file"),
+    (MANY, "span_mm", {}, "a sweep must have 1 to 100000 points; got 101000."),
+    ([Axis(PITCH, (1, 2), interval=True)], "span_mm", {}, "array.pitch_mm must have a count of values, as START:"),
+    ([GOOD], "span_mm", {"samples": 0}, "a sweep must have 1 to 100000 points; got 0."),
+    ([GOOD], "span_mm", {"samples": 100_001}, "a sweep must have 1 to 100000 points; got 100001."),
+    ([GOOD], "span_mm", {"samples": 3, "seed": -1}, "the seed must not be negative; got -1."),
+    ([BETWEEN], "span_mm", {"samples": 3}, "array.columns takes whole numbers; there is none from 2.2 to 2.8."),
+])  # fmt: skip
 def test_a_wrong_sweep_is_refused_before_the_work(starter, axes, quantity, options, message):
     with pytest.raises(GoalError) as caught:
         plan_sweep(starter, axes, [] if quantity is None else [quantity], **options)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -62,7 +61,7 @@ def of(result, output, contributor):
 @pytest.fixture(scope="module")
 def small():
     """Errors so small that nothing bends, of loops side by side so that registration counts."""
-    return analyse(loops(4.0), SMALL, samples=256, seed=1, accuracy="full")
+    return analyse(loops(4.0), SMALL, samples=64, seed=1, accuracy="full")
 
 
 def test_the_distance_of_coaxial_loops_acts_as_maxwell_says():
@@ -114,15 +113,15 @@ def test_the_drawn_spread_is_the_linear_one(small):
     off = (small.ratio - 1) / small.ratio_error
     # three outputs; Sobol points lie closer than the error of independent ones
     assert (abs(off) < 3).all()
-    assert (small.ratio_error < 0.06).all()
+    assert (small.ratio_error < 0.12).all()
     np.testing.assert_allclose(small.sample_mean, small.nominal, atol=float(small.linear_deviation.max()) / 4)
     low, high = small.percentiles.values
-    # 256 boards have six beyond each end; the quantile is known to a tenth of the spread or so
-    np.testing.assert_allclose(high - low, 2 * 1.96 * small.linear_deviation, rtol=0.15)
+    # 64 boards have one or two beyond each end; the quantile is known to a fifth of the spread or so
+    np.testing.assert_allclose(high - low, 2 * 1.96 * small.linear_deviation, rtol=0.3)
 
 
 def test_independent_samples_agree_too():
-    result = analyse(loops(4.0), SMALL, samples=200, seed=3, sampling="random", quantities=[K], accuracy="full")
+    result = analyse(loops(4.0), SMALL, samples=64, seed=3, sampling="random", quantities=[K], accuracy="full")
     assert abs(float(result.ratio[0]) - 1) < 3 * float(result.ratio_error[0])  # one output, three standard errors
 
 
@@ -172,11 +171,11 @@ def test_the_yield_of_a_normal_output_is_known():
     )
     known = [0.9, 0.75, 1.0, 0.65]
     result = analyse(
-        design, replace(Tolerances({"dielectric": Spread(board=sigma)}), limits=limits), samples=256, quantities=[K]
+        design, replace(Tolerances({"dielectric": Spread(board=sigma)}), limits=limits), samples=64, quantities=[K]
     )
     np.testing.assert_allclose(result.linear_yield, known, atol=1e-3)  # 65536 even points in one dimension
-    # Sobol points in one dimension: one of 256 at each quantile
-    np.testing.assert_allclose(result.sample_yield, known, atol=2 / 256)
+    # Sobol points in one dimension: one of 64 at each quantile
+    np.testing.assert_allclose(result.sample_yield, known, atol=2 / 64)
     assert (result.sample_yield_low <= known).all()
     assert (result.sample_yield_high >= known).all()
     assert result.limit.values[-1] == "all limits"
@@ -184,6 +183,7 @@ def test_the_yield_of_a_normal_output_is_known():
 
 def test_limits_add_their_quantity_to_the_outputs():
     limits = (Limit("inductance_uH[ upper ]", at_most=1.0),)
+    assert limits[0].text == "inductance_uH[ upper ] ≤ 1"
     result = analyse(loops(), Tolerances(SMALL.spreads, limits=limits), samples=0, quantities=[K])
     assert result.output.values.tolist() == [K, "inductance_uH[upper]"]
     assert result.linear_yield.values.tolist() == [1.0, 1.0]
@@ -192,9 +192,9 @@ def test_limits_add_their_quantity_to_the_outputs():
 def test_boards_that_fail_are_counted_with_the_reason():
     """Traces of 20 µm with an etch of 12 µm: P(z < −20/12) = 4.8 % have no trace left."""
     hard = Tolerances({"etch": Spread(board=12e-6)}, limits=(Limit(K, at_most=1.0),))
-    result = analyse(loops(), hard, samples=256, quantities=[K])
+    result = analyse(loops(), hard, samples=64, quantities=[K])
     failed = result.failure.values != ""
-    assert failed.sum() == pytest.approx(0.0478 * 256, abs=1)  # Sobol points in one dimension
+    assert failed.sum() == pytest.approx(0.0478 * 64, abs=1)  # Sobol points in one dimension
     assert all("leave no board: trace_width must be positive" in reason for reason in result.failure.values[failed])
     np.testing.assert_array_equal(np.isnan(result.value.values[:, 0]), failed)
     np.testing.assert_array_equal(result.error.values[failed, 0] <= -20e-6, True)
@@ -208,8 +208,10 @@ def test_a_board_next_to_the_nominal_one_must_be_possible():
 
 
 def test_seeds_and_workers_repeat_to_the_last_digit(tmp_path):
+    few = Tolerances({"dielectric": Spread(board=1e-4), "copper": Spread("uniform", board=1e-3)})
+
     def run(seed, pool=None, cache=None):
-        return analyse(loops(), SMALL, samples=16, seed=seed, quantities=[K], pool=pool, cache=cache)
+        return analyse(loops(), few, samples=8, seed=seed, quantities=[K], pool=pool, cache=cache)
 
     one, other = run(1), run(2)
     xr.testing.assert_identical(run(1), one)
@@ -262,31 +264,21 @@ def test_the_spread_of_screened_inductances_is_right_to_a_hundredth():
     np.testing.assert_allclose(changes["screen"] / spread, changes["full"] / spread, atol=0.01)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"samples": 7}, "samples must be 0 or at least 8; got 7"),
-        ({"samples": -8}, "samples must be 0 to"),
-        ({"seed": -1}, "seed must not be negative"),
-        ({"quantities": ["worst"]}, "no quantity 'worst'"),
-        ({"quantities": ["k[upper,nobody]"]}, "no coil 'nobody'"),
-        ({"quantities": ["peak_delta"]}, "no \\[indenter\\]"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"samples": 7}, "samples must be 0 or at least 8; got 7"), ({"samples": -8}, "samples must be 0 to"),
+    ({"seed": -1}, "seed must not be negative"), ({"quantities": ["worst"]}, "no quantity 'worst'"),
+    ({"quantities": ["k[upper,nobody]"]}, "no coil 'nobody'"), ({"quantities": ["peak_delta"]}, "no \\[indenter\\]"),
+])  # fmt: skip
 def test_bad_arguments_are_refused(arguments, message):
     with pytest.raises(GoalError, match=message):
         analyse(loops(), SMALL, **{"samples": 0, **arguments})
 
 
-@pytest.mark.parametrize(
-    ("place", "message"),
-    [
-        (Positions((0.0, 0.09), (0.0,), 1e-3), "x must be -19 to 19 mm, in the table of starter; got 90"),
-        (Positions((0.0,), (0.09,), 1e-3), "y must be "),
-        (Positions((0.0,), (0.0,), 1.0), "depth must be "),
-        (Positions((0.0,), (0.0,), 1e-3), "3 unknowns need at least as many states; the scan has coil1, coil2"),
-    ],
-)
+@pytest.mark.parametrize(("place", "message"), [
+    (Positions((0.0, 0.09), (0.0,), 1e-3), "x must be -19 to 19 mm, in the table of starter; got 90"),
+    (Positions((0.0,), (0.09,), 1e-3), "y must be "), (Positions((0.0,), (0.0,), 1.0), "depth must be "),
+    (Positions((0.0,), (0.0,), 1e-3), "3 unknowns need at least as many states; the scan has coil1, coil2"),
+])  # fmt: skip
 def test_positions_are_refused_before_the_table_is_computed(monkeypatch, place, message):
     def compute(*_, **__):
         raise AssertionError("the table must come last")
@@ -318,8 +310,3 @@ def test_too_few_boards_have_no_spread():
     hard = Tolerances({"dielectric": Spread(board=0.99)})
     with pytest.raises(GoalError, match=r"fewer than 8 of 8 boards have k\[upper,lower\]: these errors leave no board"):
         analyse(loops(), hard, samples=8, quantities=[K])
-
-
-def test_a_quantity_of_infinite_limit_text_is_short():
-    assert Limit("rms_k", at_most=0.5).text == "rms_k ≤ 0.5"
-    assert Limit("rms_k", 0.1, math.inf).text == "0.1 ≤ rms_k"

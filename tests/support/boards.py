@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import shapely
 
 from coilarray.geometry import (
     Coil,
@@ -14,6 +19,7 @@ from coilarray.geometry import (
     Spiral,
     Stackup,
     apothem_from_size,
+    drills,
     lattice,
     spiral_coil,
 )
@@ -34,6 +40,47 @@ def one_coil(coil: Coil, *, rotation: float = 0.0, through_holes: bool = True) -
     """Board of just this coil on as many layers as it has."""
     stackup = many_layers(len(coil.lines))
     return CoilArray(stackup, (Placement("A", coil, stackup.names, 0, 0, rotation),), through_holes=through_holes)
+
+
+def wound_board(sides: int, layers: int, rotation: float = 0.0, *, through_holes: bool = True) -> CoilArray:
+    """Board of one coil of six turns with leads; a circle where it has more than eight sides."""
+    spiral = Spiral(sides, 6e-3, 6, 0.15e-3, 0.15e-3, circular=sides > 8)
+    return one_coil(spiral_coil(spiral, layers, VIA, LEADS), rotation=rotation, through_holes=through_holes)
+
+
+WOUND = {
+    "triangle": wound_board(3, 2, 0.4),
+    "four layers, blind holes": wound_board(4, 4, 1.0, through_holes=False),
+    "circle": wound_board(32, 2, -2.0),
+}
+SMALL = spiral_coil(Spiral(6, 3e-3, 4, 0.2e-3, 0.2e-3), 2, VIA, LEADS)
+
+
+def small_board(**changes: object) -> CoilArray:
+    """Two small coils on the upper and on the lower two of four layers, one of them turned."""
+    first = Placement("A", SMALL, ("L1", "L2"), -5e-3, 1e-3)
+    return replace(CoilArray(FOUR_LAYERS, (first, Placement("B", SMALL, ("L3", "L4"), 5e-3, -1e-3, 0.4))), **changes)
+
+
+def stroked(array: CoilArray, layer: str) -> list[shapely.Geometry]:
+    """What round apertures draw on a layer: a piece for each segment and pad, in m."""
+    pieces = [shapely.Point(h.x, h.y).buffer(h.pad / 2, quad_segs=32) for h in drills(array) if layer in h.layers]
+    for placement in array.placements:
+        for points, widths, on in placement.traces():
+            if on == layer:
+                ends = shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1))
+                pieces += list(shapely.buffer(ends, widths / 2, quad_segs=32))
+    return pieces
+
+
+def drawn_copper(file: Any) -> shapely.Geometry:
+    """What the objects of a Gerber file that gerbonara has read cover, in m."""
+    shapes = []
+    for item in file.objects:
+        places = [(item.x, item.y)] if hasattr(item, "x") else [(item.x1, item.y1), (item.x2, item.y2)]
+        way = shapely.Point(places[0]) if len(places) == 1 else shapely.LineString(places)
+        shapes.append(way.buffer(item.aperture.equivalent_width("mm") / 2, quad_segs=32))
+    return shapely.affinity.scale(shapely.union_all(shapes), 1e-3, 1e-3, origin=(0, 0))
 
 
 def reference_board(*, count: int = 6, turns: int = 30, through_holes: bool = True) -> CoilArray:

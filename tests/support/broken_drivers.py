@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, OpenPoints, Oscillator, VirtualClock
@@ -51,12 +52,8 @@ class RightDriver:
     """Six coils in turn on channel 0, the others grounded; the converter sleeps while the switches move."""
 
     clock = 43.4e6
-    offset = 0
-    errors = 0xF8FD
-    settle = 64
-    mux = 0x020C
-    dividers = 0x1002
-    awake = 0x1401
+    offset, settle = 0, 64
+    errors, mux, dividers, awake = 0xF8FD, 0x020C, 0x1002, 0x1401
 
     def __init__(self, board: EmulatedBoard, clock: float = 43.4e6) -> None:
         self.board = board
@@ -75,12 +72,8 @@ class RightDriver:
             self.write(register, value)
 
     def registers(self) -> Iterator[tuple[int, int]]:
-        yield 0x08, RCOUNT
-        yield 0x0C, self.offset
-        yield 0x10, self.settle
-        yield 0x14, self.dividers
-        yield 0x19, self.errors
-        yield 0x1B, self.mux
+        values = (RCOUNT, self.offset, self.settle, self.dividers, self.errors, self.mux)
+        yield from zip((0x08, 0x0C, 0x10, 0x14, 0x19, 0x1B), values, strict=True)
 
     def scan(self) -> dict[str, Reading]:
         found = {}
@@ -180,84 +173,52 @@ def single_precision(driver, msb, lsb):
 
 
 OFF = "sound: coil. is off by"
-broken(
-    "Registers read as SMBus words, least significant byte first", "sound: coil. is refused: no result",
-    read=lambda self, register: swapped(RightDriver.read(self, register)),
-)  # fmt: skip
-broken(
-    "Registers written as SMBus words", "sound: CONFIG was written with 0x0128: reserved bits",
-    write=lambda self, register, value: RightDriver.write(self, register, swapped(value)),
-)  # fmt: skip
+broken("Registers read as SMBus words, least significant byte first", "sound: coil. is refused: no result",
+       read=lambda self, register: swapped(RightDriver.read(self, register)))  # fmt: skip
+broken("Registers written as SMBus words", "sound: CONFIG was written with 0x0128: reserved bits",
+       write=lambda self, register, value: RightDriver.write(self, register, swapped(value)))  # fmt: skip
 broken("LSB taken for MSB", OFF, code=lambda self, msb, lsb: lsb << 16 & 0xFFFFFFF | msb)
 broken("Halves joined as if they were bytes", OFF, code=lambda self, msb, lsb: (msb & 0x0FFF) << 8 | lsb)
-broken(
-    "The four flags taken for a part of the number", r"a weak oscillation: [\d.e+]+ Hz",
-    code=lambda self, msb, lsb: msb << 16 | lsb,
-)  # fmt: skip
+broken("The four flags taken for a part of the number", r"a weak oscillation: [\d.e+]+ Hz",
+       code=lambda self, msb, lsb: msb << 16 | lsb)  # fmt: skip
 broken("Flags expected that were never switched on", "a weak oscillation: not named", errors=0x0001)
-broken(
-    "LSB read before MSB, which latches it", "sound: DATA0_LSB was read without DATA0_MSB",
-    data=lambda self: (self.read(0x01), self.read(0x00))[::-1],
-)  # fmt: skip
-broken(
-    "CLOCK_DIVIDERS not written, whose reset value is reserved", "sound: CLOCK_DIVIDERS0 holds a divider 0",
-    registers=lambda self: (pair for pair in RightDriver.registers(self) if pair[0] != 0x14),
-)  # fmt: skip
-broken(
-    "IDRIVE of the first coil for every coil", "sound: coil[4-6] is doubted: amplitude",
-    drive=lambda self, coil: DRIVES[COILS[0]],
-)  # fmt: skip
+broken("LSB read before MSB, which latches it", "sound: DATA0_LSB was read without DATA0_MSB",
+       data=lambda self: (self.read(0x01), self.read(0x00))[::-1])  # fmt: skip
+broken("CLOCK_DIVIDERS not written, whose reset value is reserved", "sound: CLOCK_DIVIDERS0 holds a divider 0",
+       registers=lambda self: (pair for pair in RightDriver.registers(self) if pair[0] != 0x14))  # fmt: skip
+broken("IDRIVE of the first coil for every coil", "sound: coil[4-6] is doubted: amplitude",
+       drive=lambda self, coil: DRIVES[COILS[0]])  # fmt: skip
 broken("40 MHz whatever the chip has", OFF, reference=20e6)
-broken(
-    "The typical frequency taken for every chip's", "slow clock: coil. is off by",
-    frequency=lambda self, code: 21.7e6 * code / 2**28,
-)  # fmt: skip
+broken("The typical frequency taken for every chip's", "slow clock: coil. is off by",
+       frequency=lambda self, code: 21.7e6 * code / 2**28)  # fmt: skip
 broken(
     "All four channels configured because the identity is that of a chip with four; others have it too",
     "two channels: .* not documented",
     registers=lambda self: (*RightDriver.registers(self), *((0x08 + channel, RCOUNT) for channel in range(4))),
 )
 broken("28 bits in a float of 24", OFF, code=single_precision)
-broken(
-    "OFFSET used and not added again", OFF,
-    offset=0x0100, frequency=lambda self, code: self.reference * code / 2**28,
-)  # fmt: skip
-broken(
-    "OFFSET multiplied by the reference twice", OFF, offset=0x0100,
-    frequency=lambda self, code: self.reference * (code / 2**28 + self.offset * self.reference / 2**16),
-)  # fmt: skip
-broken(
-    "A fixed settling time that knows nothing of Q", "sound: SETTLECOUNT0 is 4; this sensor needs", settle=4
-)  # fmt: skip
-broken(
-    "The nearest input filter in place of the next higher one", "sound: coil. is refused: .*no edges", mux=0x0209
-)  # fmt: skip
-broken(
-    "CONFIG put together from its named fields alone", "sound: CONFIG was written with 0x1400: reserved bits",
-    awake=0x1400,
-)  # fmt: skip
-broken(
-    "The chip put to sleep before the data is fetched, which sleep clears",
-    "sound: DATA0_MSB was read while the chip slept",
-    data=lambda self: (self.sleep(), RightDriver.data(self))[1],
-)
+broken("OFFSET used and not added again", OFF,
+       offset=0x0100, frequency=lambda self, code: self.reference * code / 2**28)  # fmt: skip
+broken("OFFSET multiplied by the reference twice", OFF, offset=0x0100,
+       frequency=lambda self, code: self.reference * (code / 2**28 + self.offset * self.reference / 2**16))  # fmt: skip
+broken("A fixed settling time that knows nothing of Q", "sound: SETTLECOUNT0 is 4; this sensor needs", settle=4)
+broken("The nearest input filter in place of the next higher one", "sound: coil. is refused: .*no edges", mux=0x0209)
+broken("CONFIG put together from its named fields alone", "sound: CONFIG was written with 0x1400: reserved bits",
+       awake=0x1400)  # fmt: skip
+broken("The chip put to sleep before the data is fetched, which sleep clears",
+       "sound: DATA0_MSB was read while the chip slept",
+       data=lambda self: (self.sleep(), RightDriver.data(self))[1])  # fmt: skip
 broken("Converter and switches left as they are", "sound: not left at rest", rest=lambda self: None)
-broken(
-    "The next coil is joined before the last one is disconnected", "sound: coil[2-6] is refused",
-    switch=lambda self, coil: shift_words(self, (coil, COILS[max(COILS.index(coil) - 1, 0)])),
-)  # fmt: skip
-broken(
-    "The ground of the measured coil stays closed", "sound: the words .* make a circuit that is short",
-    switch=lambda self, coil: shift_words(self, (coil,), 0x33),
-)  # fmt: skip
+broken("The next coil is joined before the last one is disconnected", "sound: coil[2-6] is refused",
+       switch=lambda self, coil: shift_words(self, (coil, COILS[max(COILS.index(coil) - 1, 0)])))  # fmt: skip
+broken("The ground of the measured coil stays closed", "sound: the words .* make a circuit that is short",
+       switch=lambda self, coil: shift_words(self, (coil,), 0x33))  # fmt: skip
 broken(
     "The first byte taken for the nearest device", OFF,
     switch=lambda self, coil: (self.board.switches.shift(bytes(6)), shift_words(self, (coil,), order=COILS)),
 )  # fmt: skip
-broken(
-    "The internal clock undivided, which one channel does not allow", "sound: the reference of channel 0 is",
-    dividers=0x1001, reference=property(lambda self: self.true_clock),
-)  # fmt: skip
+broken("The internal clock undivided, which one channel does not allow", "sound: the reference of channel 0 is",
+       dividers=0x1001, reference=property(lambda self: self.true_clock))  # fmt: skip
 
 
 def found_as(finding: str) -> Callable[[type[RightDriver]], type[RightDriver]]:
@@ -291,9 +252,7 @@ class StatusReadTwice(RightDriver):
         while not self.read(0x18) & 0x40:
             self.board.clock.sleep(50e-6)
         status = self.read(0x18)
-        if not status & 0x08:
-            return Reading(None, frozenset({"nothing unread"}))
-        return self.convert(status, *self.data())
+        return self.convert(status, *self.data()) if status & 0x08 else Reading(None, frozenset({"nothing unread"}))
 
 
 @found_as("sound: coil[2-6] is off by")
@@ -324,29 +283,27 @@ class NeverLooksWhetherReady(RightDriver):
 
 
 @found_as("not acknowledged: not named")
-class SwallowsBusErrors(RightDriver):
-    """A read that fails gives the last value."""
-
-    last = 0
+class BusErrorsAsNumbers(RightDriver):
+    """A read that fails gives an error code in place of the value."""
 
     def read(self, register):
         try:
             self.last = super().read(register)
         except BusFault:
             self.board.bus.clear()
+            return self.failed()
         return self.last
+
+    def failed(self):
+        return 0x0123
 
 
 @found_as("not acknowledged: not named")
-class BusErrorsAsNumbers(RightDriver):
-    """A read that fails gives an error code in place of the value."""
+class SwallowsBusErrors(BusErrorsAsNumbers):
+    """A read that fails gives the last value."""
 
-    def read(self, register):
-        try:
-            return super().read(register)
-        except BusFault:
-            self.board.bus.clear()
-            return 0x0123
+    def failed(self):
+        return getattr(self, "last", 0)
 
 
 @found_as("sound: coil. is refused")
@@ -370,18 +327,13 @@ def wrong_values(driver: RightDriver, scan: dict[str, Reading]) -> Iterator[str]
     """Readings that are not the true frequency to a code, or not called good."""
     step = driver.true_clock / 2 / 2**28
     for coil, reading in scan.items():
-        true = TwoSizes().resonator(_Only(coil), None, 25.0).frequency
+        true = TwoSizes().resonator(SimpleNamespace(measured=((coil, 1),)), None, 25.0).frequency
         if reading.frequency is None:
             yield f"{coil} is refused: {', '.join(sorted(reading.reasons))}"
         elif abs(reading.frequency - true) > 0.500001 * step:
             yield f"{coil} is off by {(reading.frequency - true) / step:.3g} codes"
         elif reading.reasons:
             yield f"{coil} is doubted: {', '.join(sorted(reading.reasons))}"
-
-
-class _Only:
-    def __init__(self, coil: str) -> None:
-        self.measured = ((coil, 1),)
 
 
 def findings(kind: type[RightDriver]) -> list[str]:

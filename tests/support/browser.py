@@ -1,12 +1,11 @@
 """A real browser on a studio that is served by a process of its own; as a script, that process.
 
 The studio's page is the package's own. What would take long beside it is replaced by quick stand-ins: a response of
-smooth bells, a report of one line, a board that reads the same again and again.
+smooth bells, a report of one line, a board that reads the same again and again, a circuit without losses and strays.
 """
 
-from __future__ import annotations
-
 import argparse
+import importlib.util
 import os
 import re
 import shutil
@@ -20,8 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from coilarray.design.model import build_design, load_design_file
-from coilarray.geometry.extras import import_extra
+from coilarray.errors import MissingDependencyError
 from coilarray.localize.forward import table_grid
+from coilarray.viz.studio.server import check_studio
 from support.patience import PATIENCE, until
 
 HERE = Path(__file__).parent
@@ -36,27 +36,17 @@ _TIMEOUT = 120_000  # ms that the browser may take for anything; the machine may
 _SIZE = {"width": 1280, "height": 760}
 
 
-# ------------------------------------------------------------------------ what is there
-
-
 def missing():
     """Say why there can be no browser test here, or None."""
-    try:
-        import playwright.sync_api  # noqa: F401
-    except ImportError:
+    if importlib.util.find_spec("playwright") is None:
         return "Playwright is not installed"
-    if chromium() is None:
-        return "there is no chromium"
-    return missing_studio()
+    return "there is no chromium" if chromium() is None else missing_studio()
 
 
 def missing_studio():
     """Say why there can be no studio here, or None."""
-    from coilarray.errors import MissingDependencyError
-
     try:
-        for module in ("trame.app", "trame.ui.vuetify3", "trame_vtk.modules.vtk", "aiohttp"):
-            import_extra(module, "tests", package=module, extra="studio")
+        check_studio()
     except MissingDependencyError as error:
         return str(error)
     return None
@@ -66,9 +56,6 @@ def chromium():
     """Path of the system's chromium, or None."""
     names = ("chromium", "chromium-browser", "google-chrome")
     return next((path for path in map(shutil.which, names) if path is not None), None)
-
-
-# ------------------------------------------------------------------------ the studio's process
 
 
 class Served:
@@ -87,8 +74,7 @@ class Served:
 
     def children(self):
         """Processes that it has started and that are still there."""
-        ours = str(self.process.pid)
-        command = ["ps", "-ww", "-o", "pid=,stat=,args=", "--ppid", ours]
+        command = ["ps", "-ww", "-o", "pid=,stat=,args=", "--ppid", str(self.process.pid)]
         listed = subprocess.run(command, check=False, capture_output=True, text=True).stdout.splitlines()
         there = [line.split(maxsplit=2) for line in listed]
         # multiprocessing's own helper stays as long as the studio
@@ -111,22 +97,15 @@ class Served:
         return "".join(self.lines) + rest
 
 
-def _python_path():
-    """Let the programs that are started find this package too."""
-    return os.pathsep.join((str(HERE.parent), os.environ.get("PYTHONPATH", "")))
-
-
 @contextmanager
 def served(*arguments, program=False, cwd=None, **environment):
     """Serve a studio with stand-ins, or the whole program."""
-    command = [
-        sys.executable,
-        *(["-c", "from coilarray.cli.main import run; run()", "studio"] if program else ["-m", "support.browser"]),
-    ]
+    what = ["-c", "from coilarray.cli.main import run; run()", "studio"] if program else ["-m", "support.browser"]
+    path = os.pathsep.join((str(HERE.parent), os.environ.get("PYTHONPATH", "")))  # on which they find this package too
     process = subprocess.Popen(
-        [*command, "--port", "0", "--no-browser", *map(str, arguments)],
+        [sys.executable, *what, "--port", "0", "--no-browser", *map(str, arguments)],
         cwd=cwd, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": _python_path(), **environment},
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": path, **environment},
         start_new_session=True,  # an interrupt of the tests is none of the studio
     )  # fmt: skip
     try:
@@ -145,20 +124,15 @@ def wait_until_gone(pids):
     until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids))
 
 
-# ------------------------------------------------------------------------ the browser
-
-
 @contextmanager
-def launched():
-    """Open a browser that finds no host but this computer."""
+def launched(*options):
+    """Open a browser that finds no host but this computer; without `options` it draws nothing in three dimensions."""
     from playwright.sync_api import sync_playwright
 
+    always = ("--no-sandbox", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1")
+    options = [*always, *(options or ["--disable-gpu"])]
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=chromium(),
-            args=["--no-sandbox", "--disable-gpu", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"],
-            timeout=_TIMEOUT,
-        )
+        browser = playwright.chromium.launch(executable_path=chromium(), args=options, timeout=_TIMEOUT)
         try:
             yield browser
         finally:
@@ -179,29 +153,21 @@ class Opened:
         self.context = profile(browser, viewport=_SIZE, reduced_motion="reduce")
         self.page = self.context.new_page()
         self.wrong, self._host = [], url.split("/")[2]
-        self.page.on("request", self._asked)
-        self.page.on("pageerror", self._failed)
-        self.page.on("response", self._answered)
-        self.page.on("console", self._said)
+        self._listen("request", self._elsewhere, lambda request: f"asked {request.url}")
+        # "Object" is what trame's client has on its way when its page is loaded again
+        self._listen("pageerror", lambda error: str(error) != "Object", lambda error: f"error {error}")
+        self._listen("response", lambda one: one.status >= 400, lambda one: f"{one.status} {one.url}")
+        # the last words of a page that is loaded again find no connection
+        late = "connection not open"
+        self._listen("console", lambda said: said.type == "error" and late not in said.text, lambda said: said.text)
         self.page.goto(url)
 
-    def _asked(self, request):
+    def _listen(self, event, wrong, text):
+        self.page.on(event, lambda what: self.wrong.append(text(what)) if wrong(what) else None)
+
+    def _elsewhere(self, request):
         scheme, _, rest = request.url.partition(":")
-        if scheme not in ("data", "blob") and rest.split("/")[2] != self._host:
-            self.wrong.append(f"asked {request.url}")
-
-    def _failed(self, error):
-        if str(error) != "Object":  # what trame's client has on its way when its page is loaded again
-            self.wrong.append(f"error {error}")
-
-    def _answered(self, response):
-        if response.status >= 400:
-            self.wrong.append(f"{response.status} {response.url}")
-
-    def _said(self, message):
-        # the last words of a page that is loaded again find no connection
-        if message.type == "error" and "connection not open" not in message.text:
-            self.wrong.append(f"console {message.text}")
+        return scheme not in ("data", "blob") and rest.split("/")[2] != self._host
 
 
 @contextmanager
@@ -253,18 +219,14 @@ def redrawn(page, before):
     A new scene is made beside the page, so that for a while the one before is at rest still.
     """
 
-    def another():
-        now = drawn(page)
-        return now if now != before else None
-
-    return until(another)
+    return until(lambda: now if (now := drawn(page)) != before else None)
 
 
-def picture(page, name):
+def picture(page, name, rests=True):
     """Keep a screenshot where the environment says a folder."""
     folder = os.environ.get(ARTIFACTS)
     if folder:
-        if not page.query_selector("#scene-problem"):
+        if rests and not page.query_selector("#scene-problem"):
             drawn(page)
         Path(folder).mkdir(parents=True, exist_ok=True)
         page.screenshot(path=str(Path(folder, f"studio_{name}.png")))
@@ -289,10 +251,7 @@ def matrix(page):
     return np.reshape(values, (round(len(values) ** 0.5),) * 2)
 
 
-# ------------------------------------------------------------------------ stand-ins
-
-
-def bells(document, name, progress):
+def bells(document, name, progress=lambda done, total: None):
     """A response of one bell for each coil, quick and smooth."""
     import xarray as xr
 
@@ -312,28 +271,20 @@ def bells(document, name, progress):
     )
 
 
+def ideal_circuit(design):
+    """The circuit without losses at alternating current and strays, which take seconds for every change."""
+    from coilarray.circuit.coupling import couple_design, design_circuit
+    from coilarray.viz.studio.numbers import Circuit
+
+    return Circuit(design_circuit(design, ideal=True), couple_design(design, ideal=True))
+
+
 GOAL = """
 schema = 1
-[[variable]]
-entry = "array.pitch_mm"
-low = 9.0
-high = 13.0
-[[variable]]
-entry = "array.columns"
-low = 2
-high = 4
-[[objective]]
-quantity = "board_area_mm2"
-direction = "minimize"
-[[objective]]
-quantity = "span_mm"
-direction = "maximize"
-[[constraint]]
-quantity = "covered_mm2"
-at_least = 500
-[search]
-trials = 12
-batch = 6
+variable = [{entry = "array.pitch_mm", low = 9.0, high = 13.0}, {entry = "array.columns", low = 2, high = 4}]
+objective = [{quantity = "board_area_mm2", direction = "minimize"}, {quantity = "span_mm", direction = "maximize"}]
+constraint = [{quantity = "covered_mm2", at_least = 500}]
+search = {trials = 12, batch = 6}
 """
 
 
@@ -368,7 +319,7 @@ def steady_board(request, send, stopped):
     from coilarray.viz.studio import BoardFrame
 
     design = build_design(request.document, request.name)
-    model = forward_model(bells(request.document, request.name, lambda done, total: None))
+    model = forward_model(bells(request.document, request.name))
     delta = model.delta([2e-3, 1e-3, model.depth[2]])
     location = locate(model, delta)
     for k in range(1_000_000):
@@ -387,7 +338,7 @@ def steady_board(request, send, stopped):
 
 def main():
     """Serve a studio with the stand-ins."""
-    from coilarray.viz.studio import server
+    from coilarray.viz.studio import numbers_panel, server, view
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, new_token, serve
     from coilarray.viz.studio.services import Services
     from coilarray.viz.studio.shelf import Shelf
@@ -399,6 +350,7 @@ def main():
     parser.add_argument("--port", type=int)
     parser.add_argument("--no-browser", action="store_true")
     parser.add_argument("--host")
+    parser.add_argument("--pages", type=int, default=12)
     parser.add_argument("--linger", type=float, default=0.0)
     given = parser.parse_args()
     # functions of this module by its name, under which other processes import it too
@@ -406,6 +358,9 @@ def main():
 
     # on a busy machine pages may be slow to connect and to answer, and are there all the same
     server._UNUSED = server._HEARTBEAT = 3600.0  # s
+    server._MOST_PAGES = given.pages
+    view._SAMPLES = 2  # pictures at rest cost as many times the processor
+    numbers_panel.circuit_of = browser.ideal_circuit
 
     services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator")
     address = Address(given.host or LOOPBACK, given.port, new_token() if given.host else "")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -41,3 +43,37 @@ def runner(*first):
         return line
 
     return run, refused
+
+
+def successes(*first):
+    """Return `good` and `answer` for command lines that begin with the given arguments and succeed in silence."""
+    run, _ = runner(*first)
+
+    def good(capsys, *arguments):
+        """Run and return standard output."""
+        code, out, err = run(capsys, *arguments)
+        assert (code, err) == (0, "")
+        return out
+
+    def answer(capsys, *arguments):
+        """Run and return what is printed as JSON."""
+        return json.loads(good(capsys, *arguments, "--json"))
+
+    return good, answer
+
+
+def _files():
+    return sorted(path for path in Path().rglob("*") if path.is_file())
+
+
+def mistakes(refused, *cases):
+    """Return a test that each of (arguments, words of the error) is refused in one line and leaves no file."""
+
+    @pytest.mark.usefixtures("own_folder")
+    @pytest.mark.parametrize(("arguments", "words"), cases)
+    def test(capsys, arguments, words):
+        before = _files()
+        assert words in refused(capsys, *arguments)
+        assert _files() == before
+
+    return test

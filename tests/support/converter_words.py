@@ -11,7 +11,6 @@ def oscillation_frequency(inductance, capacitance, quality=math.inf):
     return math.sqrt(1 - 1 / quality**2 - 5e-9 / (quality * period)) / (2 * math.pi * period)
 
 
-def result_words(result):
-    """DATA0_MSB and DATA0_LSB of a result."""
-    flags = (result.under_range, result.over_range, result.watchdog, result.amplitude)
-    return sum(flag << 15 - k for k, flag in enumerate(flags)) | result.code >> 16, result.code & 0xFFFF
+def result_words(code, flags=0):
+    """DATA0_MSB and DATA0_LSB of a result; the flags are under-range, over-range, watchdog and amplitude."""
+    return flags << 12 | code >> 16, code & 0xFFFF

@@ -13,14 +13,8 @@ WIRING = load_wiring()
 
 def reader_of(board, *, bus=None, switches=None, clock=None, wiring=WIRING):
     """Return the driver of an emulated board; its buses may be wrapped."""
-    return DirectReader(
-        bus or board.bus,
-        switches or board.switches,
-        clock or board.clock,
-        wiring.safe_words,
-        kind="emulator",
-        emulated=True,
-    )
+    buses = bus or board.bus, switches or board.switches, clock or board.clock
+    return DirectReader(*buses, wiring.safe_words, kind="emulator", emulated=True)
 
 
 def quick_settings(wiring=WIRING, *, coils=None, **options):

@@ -18,12 +18,9 @@ class StubConverter:
         self.clock, self.code, self.conversion = clock, code, conversion
         self.registers = dict(RESETS)
         self.fault: Callable[[str, int], None] = lambda verb, register: None  # raises what a transfer should raise
-        self.extra_status = 0  # error bits that the next conversions bring
-        self.converts = True
-        self.cleared = 0
-        self.log: list[tuple[str, int, int]] = []
-        self._ready = None
-        self._lsb = 0
+        self.extra_status, self.converts = 0, True  # error bits that the next conversions bring
+        self.cleared, self.log = 0, []
+        self._ready, self._lsb = None, 0
 
     @property
     def asleep(self) -> bool:
@@ -48,9 +45,7 @@ class StubConverter:
         if register == 0x00:
             self._lsb = self.code() & 0xFFFF
             return self.code() >> 16
-        if register == 0x01:
-            return self._lsb
-        return self.registers.get(register, 0)
+        return self._lsb if register == 0x01 else self.registers.get(register, 0)
 
     def write(self, register: int, value: int) -> None:
         self.clock.sleep(TRANSFER)
@@ -65,9 +60,6 @@ class StubConverter:
 
     def clear(self) -> None:
         self.cleared += 1
-
-    def close(self) -> None:
-        pass
 
 
 class StubChain:
@@ -84,6 +76,3 @@ class StubChain:
         before, self.words = self.words, bytes(words)
         self.history.append((self.words, self.converter.asleep))
         return self.corrupt(before) if self.wired_back else None
-
-    def close(self) -> None:
-        pass

@@ -6,12 +6,14 @@ pseudo-terminal, which pyserial opens as if it were the board.
 
 from __future__ import annotations
 
+import binascii
 import contextlib
 import ctypes
 import fcntl
 import functools
 import itertools
 import os
+import re
 import select
 import shutil
 import struct
@@ -23,11 +25,13 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from coilarray.hardware.wire.buses import Clock, ComputerClock, RegisterBus, SwitchChain
 from coilarray.hardware.wire.faults import BusFault, BusTimeout
+from coilarray.hardware.wire.protocol.lines import draft_commands
 
 SKETCH = Path(__file__).parents[2] / "hardware" / "firmware" / "coilarray_reader"
 SUPPORT = Path(__file__).parent / "firmware"
@@ -37,6 +41,7 @@ COMPILER = shutil.which("g++")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="g++ is not installed")
 BYTE_TIME = 10 / 115200  # s; a start bit, eight bits and a stop bit
 SAFE_WORDS = b"\x11" * 6
+_UNREAD = 256  # bytes that may wait at the computer's end before time stands still
 
 
 def logic_sources() -> list[Path]:
@@ -70,6 +75,24 @@ def _library() -> ctypes.CDLL:
     return library
 
 
+def seal(text):
+    """A text with its checksum and line feed."""
+    return b"%b*%04X\n" % (text.encode(), binascii.crc_hqx(text.encode(), 0xFFFF))
+
+
+def intact(line):
+    """The text of a whole line without its line feed, which must be as the protocol has it."""
+    assert 6 <= len(line) <= 512
+    assert re.fullmatch(rb"[\x20-\x7E]*\*[0-9A-F]{4}", line)
+    assert int(line[-4:], 16) == binascii.crc_hqx(line[:-5], 0xFFFF)
+    return line[:-5].decode()
+
+
+def draft(settings):
+    """Commands from BEGIN to COMMIT that tell a board its settings; test_protocol.py holds them against the hash."""
+    return [",".join(command) for command in draft_commands(settings)]
+
+
 _Now = ctypes.CFUNCTYPE(ctypes.c_double)
 _Sleep = ctypes.CFUNCTYPE(None, ctypes.c_double)
 _Read = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_uint8, ctypes.POINTER(ctypes.c_uint16))
@@ -89,28 +112,17 @@ _boots = itertools.count(1)
 
 
 class Firmware:
-    """The firmware on chips that are Python objects. A `BusTimeout` is the guard of its bus, any other `BusFault` a
-    missing acknowledgement; any other exception of a chip is raised again out of the call that ran the firmware.
+    """The firmware on chips that are Python objects, with the time of all of them: it waits by `clock.sleep`.
 
-    Parameters
-    ----------
-    bus, switches, clock
-        The chips, and the time of all of them: the firmware waits by `clock.sleep`.
-    safe_words : bytes
-        Compiled in, for the switches at start-up.
-    byte_time : float
-        In s, of each byte it sends.
+    A `BusTimeout` is the guard of its bus, any other `BusFault` a missing acknowledgement; another exception of a chip
+    is raised again out of the call that ran the firmware. `safe_words` are compiled in, for the switches at start-up;
+    each byte that it sends takes `byte_time` in s.
     """
 
     def __init__(
-        self,
-        bus: RegisterBus,
-        switches: SwitchChain,
-        clock: Clock,
-        *,
-        safe_words: bytes = SAFE_WORDS,
-        byte_time: float = BYTE_TIME,
-    ) -> None:
+        self, bus: RegisterBus, switches: SwitchChain, clock: Clock, *,
+        safe_words: bytes = SAFE_WORDS, byte_time: float = BYTE_TIME,
+    ) -> None:  # fmt: skip
         self.bus, self.switches, self.clock = bus, switches, clock
         self.safe_words, self.byte_time = safe_words, byte_time
         self.boot = 0
@@ -225,51 +237,20 @@ class Firmware:
 
 
 class FirmwareHost:
-    """The firmware in a thread, behind a pseudo-terminal.
+    """The firmware in a thread, behind a pseudo-terminal: `port`, for pyserial; another one after `replug`.
 
     Its time is that of `clock`. A virtual one jumps to the firmware's next moment while a scan or a stream is under
-    way, but never runs ahead of the computer by more than `unread` bytes that nobody has read yet, and passes as real
-    time does while the firmware is idle. A `ComputerClock` is real time throughout.
+    way, but never runs ahead of the computer by more than 256 bytes that nobody has read yet, and passes as real time
+    does while the firmware is idle. A `ComputerClock` is real time throughout. The `options` are those of `Firmware`.
 
-    Parameters
-    ----------
-    bus, switches, clock, safe_words, byte_time
-        As for `Firmware`.
-    unread : int
-        Bytes that may wait at the computer's end before time stands still.
-    pace : float, optional
-        Seconds of a virtual clock that pass at most in one real second while a stream is under way; no limit by
-        default.
-
-    Attributes
-    ----------
-    port : str
-        Name of the pseudo-terminal, for pyserial; another one after `replug`.
-    to_computer, to_board : callable
-        From bytes to bytes, for faults on the line. `to_computer` gets one whole line with its line feed at a time
-        (less only when the board is reset within it), `to_board` whatever piece the computer wrote. Called in the
-        thread.
-
-    Examples
-    --------
-    >>> with FirmwareHost(bus, switches, clock) as host:        # doctest: +SKIP
-    ...     serial.Serial(host.port, 115200)
+    `to_computer` and `to_board` are for faults on the line, from bytes to bytes, called in the thread. The first gets a
+    whole line with its line feed at a time (less only when the board is reset within it), the second whatever piece the
+    computer wrote.
     """
 
-    def __init__(
-        self,
-        bus: RegisterBus,
-        switches: SwitchChain,
-        clock: Clock,
-        *,
-        safe_words: bytes = SAFE_WORDS,
-        byte_time: float = BYTE_TIME,
-        unread: int = 256,
-        pace: float | None = None,
-    ) -> None:
-        self.firmware = Firmware(bus, switches, clock, safe_words=safe_words, byte_time=byte_time)
+    def __init__(self, bus: RegisterBus, switches: SwitchChain, clock: Clock, **options: Any) -> None:
+        self.firmware = Firmware(bus, switches, clock, **options)
         self.clock = clock
-        self.unread, self.pace = unread, pace
         self.to_computer: Callable[[bytes], bytes] = lambda line: line
         self.to_board: Callable[[bytes], bytes] = lambda data: data
         self.port = ""
@@ -282,7 +263,6 @@ class FirmwareHost:
         self._condition = threading.Condition()
         self._pauses, self._resting, self._ended = 0, False, False
         self._error: BaseException | None = None
-        self._started = (time.monotonic(), clock.now())
         self._plug()
         self._thread = threading.Thread(target=self._main, name="firmware", daemon=True)
         self._thread.start()
@@ -401,7 +381,7 @@ class FirmwareHost:
             self._wait(None, port=False)
             return
         self._flush()
-        if self._waiting() > self.unread:
+        if self._waiting() > _UNREAD:
             self._wait(0.5e-3, port=False)
             return
         busy = self.firmware.busy
@@ -411,23 +391,12 @@ class FirmwareHost:
             self._receive()
             if idle > 0:
                 self.clock.sleep(idle)
-            self._keep_pace()
             return
         before = time.monotonic()
         self._wait(idle)
         self._receive()
         if self._virtual:
             self.clock.sleep(min(time.monotonic() - before, idle))
-
-    def _keep_pace(self) -> None:
-        if self.pace is None:
-            return
-        real, virtual = self._started
-        ahead = (self.clock.now() - virtual) / self.pace - (time.monotonic() - real)
-        if ahead > 0:
-            self._wait(ahead)
-        else:
-            self._started = (time.monotonic(), self.clock.now())  # time that was lost is not caught up
 
     def _wait(self, seconds: float | None, *, port: bool = True) -> None:
         """Until the computer writes, something is wanted of the thread, or the time is over."""

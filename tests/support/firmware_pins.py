@@ -6,7 +6,10 @@ from coilarray.hardware.wire.faults import BusFault
 
 
 class I2cSlave:
-    """A slave with 16-bit registers on two open-drain wires; notes everything that the converter does not allow."""
+    """A slave with 16-bit registers on two open-drain wires; notes everything that the converter does not allow.
+
+    `transfers` has one entry for each start: the address byte, then the bytes that the master sent.
+    """
 
     def __init__(self, bus, address: int = 0x2A) -> None:
         self.bus, self.address = bus, address
@@ -15,6 +18,7 @@ class I2cSlave:
         self.stuck_scl = False
         self.clocks = 0
         self.misuse: list[str] = []
+        self.transfers: list[list[int]] = []
         self.stops = 0
         self._idle()
 
@@ -44,11 +48,19 @@ class I2cSlave:
         elif scl and not self.scl:
             self._fall()
 
+    def line(self, scl: int, sda: int) -> int:
+        """The master drives both wires at once; return the level of SDA."""
+        levels = {"sda": bool(sda), "scl": bool(scl)}
+        for wire in ("sda", "scl") if scl else ("scl", "sda"):  # a change of SDA at an edge is no start or stop
+            self.drive(wire, levels[wire])
+        return int(self.sda)
+
     def _start(self) -> None:
         if not self.done and not (len(self.bytes) == 2 and self.count <= 1):  # a repeated one after the pointer
             self.misuse.append("start within a transfer")
         self.pointer = self.bytes[1] if len(self.bytes) == 2 else None
         self._idle()
+        self.transfers.append([])
         self.receiving, self.done = True, False
 
     def _stop(self) -> None:
@@ -66,6 +78,8 @@ class I2cSlave:
             self.sending.pop(0)
             if self.sda != (not self.sending):
                 self.misuse.append("wrong acknowledgement")
+            if self.sda:  # the master has enough
+                self.sending.clear()
             self.count, self.done = -1, not self.sending
 
     def _fall(self) -> None:
@@ -87,6 +101,7 @@ class I2cSlave:
 
     def _take(self, byte: int) -> None:
         self.bytes.append(byte)
+        self.transfers[-1].append(byte)
         self.bits = self.count = 0
         if len(self.bytes) == 1 and byte >> 1 != self.address:
             self.receiving, self.done = False, True

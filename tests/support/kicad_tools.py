@@ -15,21 +15,6 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
-
-
-class Kicad(Protocol):
-    """A KiCad that is installed."""
-
-    version: str
-
-    def findings(self, board: Path) -> list[str]:
-        """Return what the design rule check finds, errors and warnings at the project's severities: "kind: text"."""
-        ...
-
-    def plot(self, board: Path, folder: Path) -> None:
-        """Plot Gerber files and their job file into a new folder, from the drill origin."""
-        ...
 
 
 def find_kicad() -> Kicad | str:
@@ -63,6 +48,8 @@ def gerbers(kicad: Kicad, board: Path) -> dict[str, Path]:
 
 @dataclass(frozen=True)
 class _Cli:
+    """A kicad-cli: the design rule check finds "kind: text", errors and warnings at the project's severities."""
+
     program: str
     version: str
 
@@ -74,6 +61,7 @@ class _Cli:
         return [f"{one['type']}: {one['description']}" for kind in kinds for one in found[kind]]
 
     def plot(self, board: Path, folder: Path) -> None:
+        """Plot Gerber files and their job file into a new folder, from the drill origin."""
         options = ("--use-drill-file-origin", "--no-protel-ext", "-o", f"{folder}/")
         _output(self.program, "pcb", "export", "gerbers", *options, str(board))
 
@@ -93,6 +81,10 @@ class _Pcbnew:
 
     def plot(self, board: Path, folder: Path) -> None:
         _output(self.python, __file__, "plot", str(board), str(folder))
+
+
+Kicad = _Cli | _Pcbnew
+"""A KiCad that is installed."""
 
 
 def _output(*command: str) -> str:

@@ -58,18 +58,12 @@ def digit_changed(line: bytes, noise: random.Random) -> Damaged:
     return Damaged(line[:place] + bytes([digit]) + line[place + 1 :])
 
 
-def dropped(line: bytes, noise: random.Random) -> Damaged:
-    """One to four bytes are missing."""
+def _moved(line: bytes, noise: random.Random, sign: int) -> Damaged:
+    """A line that goes on one to four bytes later or earlier than it was left."""
     count = noise.randint(1, 4)
     place = noise.randrange(len(line) - 1 - count)
-    return Damaged(line[:place] + line[place + count :])
-
-
-def repeated(line: bytes, noise: random.Random) -> Damaged:
-    """One to four bytes come twice."""
-    count = noise.randint(1, 4)
-    place = noise.randrange(len(line) - 1 - count)
-    return Damaged(line[: place + count] + line[place:])
+    left, on = (place, place + count) if sign > 0 else (place + count, place)
+    return Damaged(line[:left] + line[on:])
 
 
 def inserted(line: bytes, noise: random.Random) -> Damaged:
@@ -89,65 +83,40 @@ def swapped(line: bytes, noise: random.Random) -> Damaged:
     return Damaged(bytes(data))
 
 
-def begun(line: bytes, noise: random.Random) -> Damaged:
-    """Only the beginning arrives; what follows runs into it."""
-    return Damaged(line[: noise.randrange(1, len(line) - 1)], next_too=True)
-
-
-def ended(line: bytes, noise: random.Random) -> Damaged:
-    """Only the end arrives."""
-    return Damaged(line[noise.randrange(1, len(line) - 1) :])
-
-
-def missing(line: bytes, noise: random.Random) -> Damaged:
-    """Nothing arrives."""
-    return Damaged(b"")
-
-
-def twice(line: bytes, noise: random.Random) -> Damaged:
-    """The whole line arrives twice."""
-    return Damaged(line + line, lost=False)
-
-
-def late(line: bytes, noise: random.Random) -> Damaged:
-    """The line arrives after the one that follows it."""
-    return Damaged(b"", later=line)
-
-
 def noisy(line: bytes, noise: random.Random) -> Damaged:
     """Any bytes come before the line, and it runs into them."""
     garbage = bytes(noise.choice([byte for byte in range(256) if byte != 10]) for _ in range(noise.randint(1, 40)))
     return Damaged(garbage + line)
 
 
-def endless(line: bytes, noise: random.Random) -> Damaged:
-    """A line without end comes before the line."""
-    return Damaged(b"S" * noise.randint(513, 3000) + line)
-
-
-def other_rate(line: bytes, noise: random.Random) -> Damaged:
-    """The line arrives at another rate than it was sent at."""
-    return Damaged(at_another_rate(line, noise.choice([0.5, 2.0, 12.0, 1.2, 0.8])), next_too=True)
+DAMAGES: dict[str, Damage] = {
+    "flipped": flipped, "digit_changed": digit_changed, "inserted": inserted, "swapped": swapped, "noisy": noisy,
+    # one to four bytes are missing, or come twice
+    "dropped": lambda line, noise: _moved(line, noise, 1),
+    "repeated": lambda line, noise: _moved(line, noise, -1),
+    # only the beginning arrives, and what follows runs into it; only the end does; nothing does
+    "begun": lambda line, noise: Damaged(line[: noise.randrange(1, len(line) - 1)], next_too=True),
+    "ended": lambda line, noise: Damaged(line[noise.randrange(1, len(line) - 1) :]),
+    "missing": lambda line, noise: Damaged(b""),
+    # the whole line arrives twice, or after the one that follows it
+    "twice": lambda line, noise: Damaged(line + line, lost=False),
+    "late": lambda line, noise: Damaged(b"", later=line),
+    # a line without end comes before it
+    "endless": lambda line, noise: Damaged(b"S" * noise.randint(513, 3000) + line),
+    # it arrives at another rate than it was sent at
+    "other_rate": lambda line, noise: Damaged(
+        at_another_rate(line, noise.choice([0.5, 2.0, 12.0, 1.2, 0.8])), next_too=True
+    ),
+}  # fmt: skip
 
 
 @dataclass
 class FaultyLine:
-    """The line from board to computer, which damages every second or third scan of a stream.
-
-    Parameters
-    ----------
-    damage : Damage
-    faults : int
-        After so many it is sound again.
-    noise : random.Random
-    kind : bytes
-        First character of the lines that are damaged.
-    """
+    """The line from board to computer, which damages every second or third scan of a stream, then none."""
 
     damage: Damage
     faults: int
     noise: random.Random
-    kind: bytes = b"S"
     done: int = 0
     lost: set[int] = field(default_factory=set)
     perhaps: set[int] = field(default_factory=set)
@@ -156,7 +125,7 @@ class FaultyLine:
 
     def __call__(self, line: bytes) -> bytes:
         """The hook `to_computer` of the firmware's host."""
-        if not line.startswith(self.kind):
+        if not line.startswith(b"S"):
             return line
         number = int(line[1:9], 16)
         later, self.later = self.later, b""

@@ -8,6 +8,7 @@ import numpy as np
 
 from coilarray import inductance_matrix, load_design, magnetic_field, vector_potential
 from coilarray.circuit.impedance import sweep_design
+from coilarray.design.vary import vary
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.response.map import response_map
 
@@ -17,12 +18,12 @@ MESH = LayerMesh(harmonics=4, width=0.7, rows=2)
 
 def results():
     """Everything that computes, on small problems: B, A, L, impedances, and a response."""
-    design = load_design("starter")
+    design = vary(load_design("starter"), {"coils.hexagon.turns_per_layer": 4, "array.columns": 2})
     sweep = sweep_design(design, [1e6, 3e6])
     response = response_map(design, x=[-5e-3, 0.0], y=[0.0], mesh=MESH)
     return {
-        "B": magnetic_field(design.array, POINTS, [1.0, 2.0, -1.0]),
-        "A": vector_potential(design.array, POINTS, [1.0, 2.0, -1.0]),
+        "B": magnetic_field(design.array, POINTS, [1.0, 2.0]),
+        "A": vector_potential(design.array, POINTS, [1.0, 2.0]),
         "L": inductance_matrix(design.array),
         "Z": np.stack((sweep.impedance_real.values, sweep.impedance_imag.values)),
         "response": response.delta.values,

@@ -48,12 +48,6 @@ def interlayer_capacitance(width, gap, height, epsilon_r, thickness=0.0, *, offs
         conductors = [0, 0, 1, 1]
     n = len(conductors)
     C = strip_capacitance(
-        medium,
-        range(n),
-        offset * np.array(conductors),
-        np.full(n, width),
-        conductors,
-        period=width + gap,
-        basis=basis,
+        medium, range(n), offset * np.array(conductors), np.full(n, width), conductors, period=width + gap, basis=basis
     )
     return float(-C[0, 1])

@@ -1,7 +1,5 @@
 """Small results of known numbers for the tests of the plots: of every kind one, made up but of the real shape."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np
@@ -22,16 +20,8 @@ NAMES = ["coil1", "coil2", "coil3"]
 GOAL = """
 schema = 1
 title = "small and far apart"
-[[variable]]
-entry = "array.pitch_mm"
-low = 8
-high = 13
-[[objective]]
-quantity = "worst_k"
-direction = "minimize"
-[[objective]]
-quantity = "span_mm"
-direction = "maximize"
+variable = [{entry = "array.pitch_mm", low = 8, high = 13}]
+objective = [{quantity = "worst_k", direction = "minimize"}, {quantity = "span_mm", direction = "maximize"}]
 """
 
 
@@ -84,12 +74,21 @@ def frequency_sweep():
     )
 
 
-def response(depths=(0.5e-3, 1e-3), width=8e-3):
-    """Bells of the height of their depth, over coils at x = ±6 mm, y = 0, which are samples."""
-    x, y, centres = np.linspace(-20e-3, 20e-3, 21), np.linspace(-6e-3, 6e-3, 7), np.array([-6e-3, 6e-3])
-    bells = np.exp(-((x[:, None] - centres) ** 2 + y[:, None, None] ** 2) / width**2)
+def response(delta=None, depths=(0.5e-3, 1e-3), *, x=None, y=None, centre=6e-3, width=8e-3):
+    """Map of two coils at x = ±centre: delta(x, y, state, depth) in SI, by default bells of the height of their depth.
+
+    The centres are samples.
+    """
+    x = np.linspace(-20e-3, 20e-3, 21) if x is None else np.asarray(x)
+    y = np.linspace(-6e-3, 6e-3, 7) if y is None else np.asarray(y)
+    centres = np.array([-centre, centre])
+    depth, Y, X, state = np.meshgrid(depths, y, x, np.arange(2), indexing="ij")
+    if delta is None:
+        values = depth * np.exp(-((X - centres[state]) ** 2 + Y**2) / width**2)
+    else:
+        values = delta(X, Y, state, depth)
     return xr.Dataset(
-        {"delta": (("depth", "y", "x", "state"), np.array(depths)[:, None, None, None] * bells)},
+        {"delta": (("depth", "y", "x", "state"), values)},
         {
             "depth": np.array(depths), "y": y, "x": x, "state": NAMES[:2], "coil": NAMES[:2],
             "coil_x": ("coil", centres), "coil_y": ("coil", [0.0, 0.0]),
@@ -97,19 +96,31 @@ def response(depths=(0.5e-3, 1e-3), width=8e-3):
     )  # fmt: skip
 
 
-def indentation():
-    """Two depths of a stack of two sheets, a bell-shaped dent."""
-    r, depth, height = np.linspace(0.0, 30e-3, 61), np.array([0.5e-3, 1e-3]), np.array([0.0, 6e-3, 8e-3])
-    down = -depth[:, None, None] * (height / height[-1])[:, None] * np.exp(-((r / 5e-3) ** 2))
+def flat(r):
+    return np.zeros_like(r)
+
+
+DENT = 3e-3  # m; width of a dent
+
+
+def bell(r):
+    return -np.exp(-((r / DENT) ** 2))
+
+
+def dents(depths=(0.5e-3, 1e-3), rise=bell, stretch=flat, symmetry="axial", end=80e-3):
+    """Dents whose interfaces are displaced in proportion to their height, by rise(r) and stretch(r) times the depth."""
+    r = np.r_[0.0, np.geomspace(2e-5, end, 400)]
+    depth, height = np.array(depths), np.array([0.0, 6e-3, 8e-3])
+    share = depth[:, None, None] * (height / height[-1])[None, :, None]
     return xr.Dataset(
         {
-            "displacement_r": (("depth", "interface", "r"), 0 * down),
-            "displacement_z": (("depth", "interface", "r"), down),
-            "force": ("depth", 5e3 * depth**1.5, {"units": "N"}),
+            "displacement_r": (("depth", "interface", "r"), share * stretch(r)),
+            "displacement_z": (("depth", "interface", "r"), share * rise(r)),
+            "force": ("depth", 5e3 * depth**1.5, {"units": "N" if symmetry == "axial" else "N/m"}),
             "contact_radius": ("depth", np.sqrt(2e-3 * depth)),
         },
         {"depth": depth, "r": r, "interface": ["board", "base", "magnetic"], "height": ("interface", height)},
-        {"symmetry": "axial", "base": "bonded"},
+        {"symmetry": symmetry, "base": "bonded"},
     )
 
 
@@ -141,20 +152,19 @@ def comparison(states=2, y=(-1e-3, 0.0, 1e-3)):
 
 
 def distortion():
-    """x0 of one coil over three δ, and three causes of it."""
-    x0 = np.array([[[1.0, 2.0, 3.0]], [[1.5, 2.5, 3.5]]]) * 1e-3
-    effect = np.array([0.2, 0.1, 0.4])[:, None, None] * np.ones((3, 1, 3)) * 1e-3
+    """x0 of two coils over three δ, the second one not published, and four causes of it."""
+    causes = ["all neighbours", "neighbour coil2", "neighbour coil6", "noise"]
+    x0 = np.array([[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], [[1.5, 2.5, 3.5], [4.5, 5.5, 6.5]]]) * 1e-3
+    effect = np.array([0.2, 0.1, 0.001, 0.4])[:, None, None] * np.ones((4, 2, 3)) * 1e-3
     return xr.Dataset(
         {
             "x0": (("neighbours", "state", "delta"), x0),
-            "published_x0": (("state", "delta"), [[0.5e-3, 1e-3, 1.5e-3]]),
-            "effect": (("cause", "state", "delta"), effect),
-            "rms": (("cause", "state"), effect[..., 0]),
-            "centre": ("state", [0.0]),
+            "published_x0": (("state", "delta"), [[0.5e-3, 1e-3, 1.5e-3], [np.nan] * 3]),
+            "effect": (("cause", "state", "delta"), effect), "rms": (("cause", "state"), effect[..., 0]),
+            "centre": ("state", [0.0, 4e-3]),
         },
         {
-            "neighbours": ["grounded", "open"], "state": ["coil1"], "delta": [1e-4, 5e-4, 1e-3],
-            "cause": ["all neighbours", "neighbour coil2", "noise"],
+            "neighbours": ["grounded", "open"], "state": NAMES[:2], "delta": [1e-4, 5e-4, 1e-3], "cause": causes,
         },
     )  # fmt: skip
 
@@ -215,17 +225,8 @@ def optimization(scores=((0.3, 40.0), (0.2, 30.0), (0.4, 35.0), (0.25, 50.0))):
     ]
     trials.append(Trial("search", len(trials), {}, {}, (), {}, "no board"))
     start = Trial("start", 0, {}, {"worst_k": 0.35, "span_mm": 20.0}, (0.35, 20.0), {})
-    return Optimization(
-        load_design_file("starter"),
-        goal,
-        (),
-        start,
-        False,
-        tuple(trials),
-        front_of(trials, goal),
-        0,
-        "several objectives",
-    )
+    found = (tuple(trials), front_of(trials, goal), 0, "several objectives")
+    return Optimization(load_design_file("starter"), goal, (), start, False, *found)
 
 
 def tolerances():

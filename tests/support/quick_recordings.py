@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+
 import numpy as np
 import xarray as xr
 
@@ -18,25 +20,28 @@ GRID = Campaign(
 """Over both coils; the largest δ of each is well inside."""
 
 
-def campaign_file(path, campaign=GRID, *, oscillator=None, settings=None, **board):
-    """Record a campaign on a quick board."""
+@contextmanager
+def _recorded(path, campaign, oscillator, settings, board):
+    """A quick board and its recorder, which has begun."""
     with open_recorder(path) as recorder, quick_board(**board) as opened:
         if oscillator is not None:
             opened.emulator.conditions.oscillator = oscillator
-        recorder.start(session_of(opened, configured(opened, **(settings or {})), DESIGN), campaign.to_json())
-        stage = EmulatedStage(opened.emulator)
-        run_campaign(campaign, opened.reader, stage, recorder, opened.emulator.clock)
+        recorder.start(session_of(opened, configured(opened, **(settings or {})), DESIGN), *campaign)
+        yield opened, recorder
+
+
+def campaign_file(path, campaign=GRID, *, oscillator=None, settings=None, **board):
+    """Record a campaign on a quick board."""
+    with _recorded(path, [campaign.to_json()], oscillator, settings, board) as (opened, recorder):
+        run_campaign(campaign, opened.reader, EmulatedStage(opened.emulator), recorder, opened.emulator.clock)
     return path
 
 
 def stream_file(path, scans, *, oscillator=None, settings=None, path_of_finger=None, **board):
     """Record a stream of a quick board."""
-    with open_recorder(path) as recorder, quick_board(**board) as opened:
-        if oscillator is not None:
-            opened.emulator.conditions.oscillator = oscillator
+    with _recorded(path, [], oscillator, settings, board) as (opened, recorder):
         if path_of_finger is not None:
             opened.emulator.indenter.follow(path_of_finger)
-        recorder.start(session_of(opened, configured(opened, **(settings or {})), DESIGN))
         record_stream(opened.reader, recorder, scans=scans)
     return path
 

@@ -9,11 +9,11 @@ import tomli_w
 
 from coilarray.design.model import build_design, load_design_file
 from coilarray.hardware.board.connect import Board
-from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, VirtualClock
 from coilarray.hardware.record.recorder import begin_session
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import parse_wiring
+from support.emulated_reader import reader_of
 from support.quick_coils import FixedCoils, series_tank
 
 _DEVICE = """
@@ -55,15 +55,22 @@ def two_coils():
 
 
 @pytest.fixture(scope="module")
-def board(tmp_path_factory):
-    """Arguments of a command for the small board, whose physics is computed once."""
-    folder = tmp_path_factory.mktemp("board")
-    design, wiring = folder / "two_coils.toml", folder / "wiring.toml"
-    design.write_text(tomli_w.dumps(two_coils_document()))
-    wiring.write_text(WIRING_TEXT)
+def kept(tmp_path_factory):
+    """A folder where the physics of the small board is kept for all modules."""
+    folder = tmp_path_factory.getbasetemp() / "two_coils"
+    folder.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COILARRAY_CACHE", str(folder / "cache"))
-        yield (design, "--wiring", wiring)
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def board(kept):
+    """Arguments of a command for the small board."""
+    design, wiring = kept / "two_coils.toml", kept / "wiring.toml"
+    design.write_text(tomli_w.dumps(two_coils_document()))
+    wiring.write_text(WIRING_TEXT)
+    return (design, "--wiring", wiring)
 
 
 def two_coil_wiring():
@@ -95,18 +102,9 @@ def quick_board(*, noise=0.0, seed=0, drift=None, world=None, clock=None):
     """An emulated board of two coils with quick physics, as `open_board` returns one."""
     wiring = two_coil_wiring()
     conditions = Conditions(noise=noise) if drift is None else Conditions(noise=noise, drift=drift)
-    emulator = EmulatedBoard(
-        wiring.coils,
-        wiring.encode(),
-        world or QuickWorld(),
-        clock=clock or VirtualClock(),
-        conditions=conditions,
-        seed=seed,
-    )
-    reader = DirectReader(
-        emulator.bus, emulator.switches, emulator.clock, wiring.safe_words, kind="emulator", emulated=True
-    )
-    return Board(reader, "emulator", wiring, emulator)
+    world, clock = world or QuickWorld(), clock or VirtualClock()
+    emulator = EmulatedBoard(wiring.coils, wiring.encode(), world, clock=clock, conditions=conditions, seed=seed)
+    return Board(reader_of(emulator, wiring=wiring), "emulator", wiring, emulator)
 
 
 def configured(board, **options):
@@ -116,5 +114,4 @@ def configured(board, **options):
     return settings
 
 
-def session_of(board, settings, design):
-    return begin_session(board.identity, board.port, settings, board.wiring.name, design)
+session_of = begin_session

@@ -46,10 +46,8 @@ class ScriptedBoard:
         self.boot, self.version, self.capabilities = 0x1234ABCD, "1.0", "-"
         self.greeting_tail = "5449,3055,64,8"
         self.skew = 0  # µs of the board's clock at the start of the computer's
-        self.hash, self.draft, self.mode = 0, [], "u"
-        self.sent, self.dropped = [], 0
-        self.spoil = lambda line: line
-        self.refuse = {}  # verb: (code, text)
+        self.hash, self.draft, self.mode, self.sent, self.dropped = 0, [], "u", [], 0
+        self.spoil, self.refuse = lambda line: line, {}  # verb: (code, text)
         self.deaf = self.silent = self.unplugged = self.closed = False
         self.words = lambda number: ["0179%04X" % (number & 0xFFFF)] * 6
         self.scan_time = SCAN_TIME
@@ -170,7 +168,7 @@ class ScriptedBoard:
         return "ERR,1,unknown" if known is None else ",".join(("OK", *known(*arguments)))
 
     def _do_hello(self):
-        self.mode = "i" if self.hash else "u"
+        self._do_stop()
         return [self.version, "scripted 1", f"{self.boot:08X}", self.greeting_tail, self.capabilities]
 
     def _do_stop(self):

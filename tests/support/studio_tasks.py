@@ -1,7 +1,5 @@
 """Tasks for the tests of jobs; they run in other processes, which find them in this module."""
 
-from __future__ import annotations
-
 import os
 import time
 from pathlib import Path
@@ -29,8 +27,7 @@ def wait_for_the_word(item, tell, stopped):
     tell(os.getpid())
     while not stopped():
         time.sleep(0.05)
-    if item is not None:
-        Path(item).write_text("at rest", encoding="utf-8")
+    Path(item).write_text("at rest", encoding="utf-8")
 
 
 def never_listen(item, tell, stopped):

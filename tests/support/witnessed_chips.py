@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, namedtuple
 from typing import NamedTuple
 
 from coilarray.hardware.scan.reader import SampleFault
@@ -18,15 +18,8 @@ _PINS = (1, 2)  # nets INA and INB of a switch's code, 4·terminal + net
 _CODES = 0x1000000  # the smallest code; a quarter of the reference is at 0x4000000
 
 
-class Held(NamedTuple):
-    """One result: state it was measured in, its time, the registers, and the error that was played."""
-
-    state: int
-    time: float
-    msb: int
-    lsb: int
-    status: int
-    error: Reason | None
+Held = namedtuple("Held", "state time msb lsb status error")
+"""One result: state it was measured in, its time, the registers, and the error that was played or None."""
 
 
 class _Needed(NamedTuple):
@@ -80,10 +73,8 @@ class WitnessedConverter(StubConverter):
                 self._convert()
                 return self._now.status
             return status
-        if register == 0x00:
-            return self._now.msb
-        if register == 0x01:
-            return self._now.lsb
+        if register in (0x00, 0x01):
+            return self._now.lsb if register else self._now.msb
         return super()._value(register)
 
     def state_of(self, words):

@@ -1,7 +1,5 @@
 """The picture of a check: one panel a layer, and a circle with the right number wherever a margin says."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -11,8 +9,8 @@ from matplotlib.figure import Figure
 from support.boards import reference_board
 
 from coilarray.geometry import FabRules, Margin, check_rules
+from coilarray.viz import check_figure
 from coilarray.viz.palette import INK
-from coilarray.viz.plots.check import check_figure
 
 pytestmark = pytest.mark.slow
 
@@ -21,7 +19,7 @@ RULES = FabRules(min_trace=0.12e-3, max_layers=2, max_inner_copper=20e-6)
 
 @pytest.fixture(scope="module")
 def array():
-    return reference_board()
+    return reference_board(count=2, turns=5)
 
 
 def at(x, y, layer="L1", *, margin=-0.02e-3, unit="m"):
@@ -30,15 +28,11 @@ def at(x, y, layer="L1", *, margin=-0.02e-3, unit="m"):
 
 def panels(figure):
     """The panel of each layer by its name, without the enlarged places."""
-    return {ax.get_title(loc="left").removeprefix("Copper "): ax for ax in figure.axes if _whole(ax)}
+    return {ax.get_title(loc="left").removeprefix("Copper "): ax for ax in figure.axes if ax not in details(figure)}
 
 
 def details(figure):
-    return [ax for ax in figure.axes if not _whole(ax)]
-
-
-def _whole(ax):
-    return ax.get_title(loc="left").startswith("Copper ")
+    return [ax for ax in figure.axes if not ax.get_title(loc="left").startswith("Copper ")]
 
 
 def marks(ax):
@@ -85,15 +79,12 @@ def test_one_panel_a_layer_and_every_place_is_marked_on_its_own(array):
     assert len(marked) < len(margins)  # layers and copper have no place
 
 
-def test_broken_places_are_red_and_kept_ones_are_not(array):
+def test_broken_places_are_red_and_close_ones_share_a_circle(array):
     figure = check_figure(array, [at(0, 0), at(20e-3, 0, margin=0.0), at(-20e-3, 0, margin=1e-3)])
     (_, _, broken), (_, _, touching), (_, _, kept) = marks(panels(figure)["L1"])
     assert touching == kept == to_rgb(INK)
     red, green, blue = broken
     assert red > 3 * max(green, blue)
-
-
-def test_places_close_together_share_a_circle(array):
     x_min, y_min, x_max, y_max = array.bounds
     step = 0.02 * math.hypot(x_max - x_min, y_max - y_min)  # below the 0.025 at which places part
     places = [at(0, 0), at(step, 0), at(0, step), at(3 * step, 0), at(0, -step), at(0, 0, "L2")]
@@ -114,17 +105,11 @@ def test_the_first_place_of_a_layer_is_enlarged(array):
         # ten times the 0.12 mm of the limit
         assert right - left == pytest.approx(top - bottom) == pytest.approx(1.2)
         assert ax.get_title(loc="left") == f"{number}: trace width of C1,\n0.1 mm, limit 0.12 mm"
-
-
-def test_a_ratio_is_enlarged_without_a_length(array):
     worst = replace(at(0, 0, unit=""), rule="aspect ratio", value=3.925, limit=2.0, margin=-1.925)
     (detail,) = details(check_figure(array, [worst]))
     assert detail.get_title(loc="left") == "1: aspect ratio of C1,\n3.925, limit 2"
     left, right = detail.get_xlim()
     assert right - left == pytest.approx(1.0)
-
-
-def test_an_overlap_has_a_true_minus_sign(array):
     (detail,) = details(check_figure(array, [at(0, 0, margin=-0.2e-3)]))
     assert "−0.08 mm" in detail.get_title(loc="left")
 
@@ -137,9 +122,8 @@ def test_nothing_to_mark(array, margins):
     assert [marks(ax) for ax in panels(figure).values()] == [[]] * 4
 
 
-@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
-def test_it_is_written_in_every_format(array, tmp_path, suffix):
-    path = tmp_path / f"check{suffix}"
-    check_figure(array, check_rules(array, RULES)[:5]).savefig(path)
-    beginnings = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
-    assert path.read_bytes().startswith(beginnings[suffix])
+def test_it_is_written_in_every_format(tmp_path):
+    figure = check_figure(reference_board(count=1, turns=2), [at(0, 0)])
+    for suffix, beginning in ((".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")):
+        figure.savefig(tmp_path / f"check{suffix}")
+        assert (tmp_path / f"check{suffix}").read_bytes().startswith(beginning)

@@ -1,7 +1,5 @@
 """Pictures of a comparison: that maps, dots and curves are those of the dataset, which is made up."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
@@ -34,7 +32,7 @@ def test_a_residual_map_is_the_datasets(stage):
     assert ("as simulated" if stage == "before" else "scaled and shifted") in ax.get_title(loc="left")
 
 
-def test_readings_are_dots_about_the_line_of_equality():
+def test_readings_are_dots_about_equality_and_centres_have_a_band():
     data = comparison()
     ax = plot_readings(data)
     dots = {line.get_label(): line for line in ax.lines if not line.get_label().startswith("_")}
@@ -44,9 +42,6 @@ def test_readings_are_dots_about_the_line_of_equality():
     (equal,) = [line for line in ax.lines if line.get_label().startswith("_")]
     np.testing.assert_array_equal(equal.get_xdata(), equal.get_ydata())
     assert len(plot_readings(comparison(8)).lines) == 9
-
-
-def test_centres_of_both_with_a_band():
     data = comparison()
     ax = plot_centres(data, "coil1")
     lines = {line.get_label(): line for line in ax.lines}

@@ -1,7 +1,5 @@
 """Datasets are checked as arrays: where they lie, how large they are, which coil they belong to."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -36,13 +34,10 @@ def test_copper_has_the_volume_of_its_outline(board, parts):
     assert mesh.is_manifold
 
 
-def test_copper_lies_on_its_layer_in_mm(board, parts):
+def test_copper_lies_on_its_layer_and_says_which_coil_it_is(board, parts):
     for layer in board.stackup.names:
         z_min, z_max = copper_mesh(parts, board.names, layer).bounds[4:]
         assert (z_min, z_max) == pytest.approx(np.multiply(board.stackup.span(layer), 1e3), abs=1e-6)
-
-
-def test_copper_says_which_coil_it_is(board, parts):
     mesh = copper_mesh(parts, board.names, "L3")
     coil = mesh.cell_data["coil"]
     centres = mesh.cell_centers().points[:, 0]
@@ -50,14 +45,11 @@ def test_copper_says_which_coil_it_is(board, parts):
     middle = board.placements[1].x * 1e3
     assert (np.abs(centres[coil == 1] - middle) < 11.6).all()
     assert (centres[coil == 0] < middle).all()
-
-
-def test_a_layer_without_copper_is_empty(board, parts):
     assert copper_mesh(parts, board.names, "L9").n_cells == 0
     assert board_mesh({}).n_cells == 0
 
 
-def test_barrels_are_as_many_and_as_large_as_the_holes(board, parts):
+def test_barrels_are_those_of_the_holes_and_of_their_coils(board, parts):
     mesh = barrel_mesh(parts, board.names)
     bodies = mesh.split_bodies()
     assert len(bodies) == len(drills(board)) == 9
@@ -65,17 +57,22 @@ def test_barrels_are_as_many_and_as_large_as_the_holes(board, parts):
     # a circle of 64 corners or more misses at most 2e-3 of its area
     assert mesh.volume * 1e-9 == pytest.approx(area * board.stackup.thickness, rel=3e-3)
     assert np.bincount(np.unique(mesh.cell_data["coil"])).tolist() == [1, 1, 1]
-
-
-def test_names_that_begin_alike_are_kept_apart(parts):
     box = parts["board"]
     mesh = barrel_mesh({"barrel/C1/0": box, "barrel/C11/0": box, "barrel/C1/1": box}, ["C1", "C11"])
     assert np.bincount(mesh.cell_data["coil"]).tolist() == [2 * len(box.faces), len(box.faces)]
 
 
-def test_the_board_fills_its_outline(board, parts):
+def test_the_board_fills_its_outline_and_paths_are_the_conductors(board, parts):
     x_min, x_max, y_min, y_max, *_ = board_mesh(parts).bounds
     assert (x_min, y_min, x_max, y_max) == pytest.approx(np.multiply(board.bounds, 1e3))
+    conductors = board.conductors()
+    mesh = path_lines(conductors)
+    assert mesh.n_lines == 3
+    assert mesh.cell_data["coil"].tolist() == [0, 1, 2]
+    lengths = mesh.compute_cell_sizes(length=True, area=False, volume=False).cell_data["Length"]
+    np.testing.assert_allclose(lengths, [1e3 * conductor.lengths.sum() for conductor in conductors], rtol=1e-9)
+    start = mesh.get_cell(1).points[0]
+    np.testing.assert_allclose(start, 1e3 * conductors[1].vertices[0], rtol=1e-9)
 
 
 @pytest.mark.parametrize(("lift", "spread"), [(0.0, 0.0), (20e-3, 5e-3)])
@@ -85,17 +82,6 @@ def test_sheets_lie_on_each_other_or_are_lifted(parts, lift, spread):
     assert meshes["base"].bounds[4:] == pytest.approx((1e3 * lift, 1e3 * lift + 6))
     bottom = 1e3 * (lift + spread) + 6
     assert meshes["magnetic"].bounds[4:] == pytest.approx((bottom, bottom + 2))
-
-
-def test_paths_are_the_conductors(board):
-    conductors = board.conductors()
-    mesh = path_lines(conductors)
-    assert mesh.n_lines == 3
-    assert mesh.cell_data["coil"].tolist() == [0, 1, 2]
-    lengths = mesh.compute_cell_sizes(length=True, area=False, volume=False).cell_data["Length"]
-    np.testing.assert_allclose(lengths, [1e3 * conductor.lengths.sum() for conductor in conductors], rtol=1e-9)
-    start = mesh.get_cell(1).points[0]
-    np.testing.assert_allclose(start, 1e3 * conductors[1].vertices[0], rtol=1e-9)
 
 
 @pytest.mark.parametrize("z", [[2e-3], [2e-3, 3e-3, 5e-3]])

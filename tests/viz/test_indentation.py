@@ -3,70 +3,27 @@
 Dents here are made up, so that areas, volumes and heights are known in closed form.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
-import xarray as xr
 from matplotlib.image import imread
 from matplotlib.patches import Polygon
 from support.boards import SHEETS, reference_board
-from support.plot_results import curves
+from support.plot_results import DENT, curves, dents, flat
 
-from coilarray.errors import MissingDependencyError
+from coilarray import viz
 from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid
-from coilarray.viz import (
-    dent_scene,
-    dented_sheet_meshes,
-    indentation_figure,
-    indenter_mesh,
-    plot_dent,
-    plot_force_depth,
-    save_dent_picture,
-)
 from coilarray.viz.datasets.elastomer import indenter_outline
-from coilarray.viz.offscreen import NO_RENDERING
 
 HEIGHTS = np.array([0.0, 6e-3, 8e-3])
-WIDTH = 3e-3  # of the dents
 EXTENT = (-20e-3, -12e-3, 25e-3, 14e-3)
 CENTRE = (2e-3, -1e-3)
 
 
-def flat(r):
-    return np.zeros_like(r)
-
-
-def bell(r):
-    return -np.exp(-((r / WIDTH) ** 2))
-
-
-def dents(depths=(0.5e-3, 1e-3), rise=bell, stretch=flat, symmetry="axial", end=80e-3):
-    """Dents whose interfaces are displaced in proportion to their height, by rise(r) and stretch(r) times the depth."""
-    r = np.r_[0.0, np.geomspace(2e-5, end, 400)]
-    depth = np.array(depths)
-    share = depth[:, None, None] * (HEIGHTS / HEIGHTS[-1])[None, :, None]
-    return xr.Dataset(
-        {
-            "displacement_r": (("depth", "interface", "r"), share * stretch(r)),
-            "displacement_z": (("depth", "interface", "r"), share * rise(r)),
-            "force": ("depth", 5e3 * depth**1.5, {"units": "N" if symmetry == "axial" else "N/m"}),
-            "contact_radius": ("depth", np.sqrt(2e-3 * depth)),
-        },
-        {"depth": depth, "r": r, "interface": ["board", "base", "magnetic"], "height": ("interface", HEIGHTS)},
-        {"symmetry": symmetry, "base": "bonded"},
-    )
-
-
-def faces_of(mesh):
-    return mesh.faces.reshape(-1, 4)[:, 1:]
-
-
 def volume(mesh):
     """Volume in m³ from the outward triangles, by the divergence theorem; negative where they face inwards."""
-    a, b, c = (mesh.points[faces_of(mesh)[:, k]] for k in range(3))
+    a, b, c = (mesh.points[mesh.faces.reshape(-1, 4)[:, k]] for k in (1, 2, 3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6) * 1e-9
 
 
@@ -76,13 +33,10 @@ def kept_area():
     return (x_max - x_min) * (y_max - y_min) - (x - x_min) * (y - y_min)
 
 
-# force and dent
-
-
 @pytest.mark.parametrize(("symmetry", "unit", "radius"), [("axial", "mN", "contact"), ("plane", "mN/m", "half width")])
 def test_force_and_contact_over_depth(symmetry, unit, radius):
     data = dents(symmetry=symmetry)
-    ax = plot_force_depth(data)
+    ax = viz.plot_force_depth(data)
     (force,) = curves(ax).values()
     np.testing.assert_allclose(force.get_xdata(), [0.5, 1.0])
     np.testing.assert_allclose(force.get_ydata(), data.force * 1e3)
@@ -97,8 +51,8 @@ def test_force_and_contact_over_depth(symmetry, unit, radius):
 
 
 def test_a_dent_is_the_deformed_interfaces_on_both_sides():
-    data = dents(stretch=lambda r: 0.2 * (r / WIDTH) * np.exp(-((r / WIDTH) ** 2)))
-    ax = plot_dent(data, Hemisphere(2.5e-3))
+    data = dents(stretch=lambda r: 0.2 * (r / DENT) * np.exp(-((r / DENT) ** 2)))
+    ax = viz.plot_dent(data, Hemisphere(2.5e-3))
     at = data.isel(depth=-1)
     for line, k in zip(ax.lines, (1, 2), strict=True):
         x, z = line.get_data()
@@ -112,13 +66,13 @@ def test_a_dent_is_the_deformed_interfaces_on_both_sides():
     assert ax.get_ylim()[0] < 0 < 8 < ax.get_ylim()[1]
     assert ax.get_aspect() == 1.0
     assert ax.get_title(loc="left") == "1 mm deep: 158 mN, contact radius 1.41 mm"
-    assert plot_dent(data, Hemisphere(2.5e-3), 0).get_title(loc="left").startswith("0.5 mm deep")
+    assert viz.plot_dent(data, Hemisphere(2.5e-3), 0).get_title(loc="left").startswith("0.5 mm deep")
 
 
 def test_sheets_in_section_have_their_area():
     # width of the sample times thickness, for a dent that only stretches
     data = dents(rise=flat, stretch=lambda r: r / 10, end=12e-3)
-    ax = plot_dent(data, Paraboloid(2.5e-3))
+    ax = viz.plot_dent(data, Paraboloid(2.5e-3))
     patches = {patch.get_label(): patch for patch in ax.patches if isinstance(patch, Polygon)}
     for name, k in (("base", 0), ("magnetic", 1)):
         x, y = patches[name].get_xy().T
@@ -134,7 +88,7 @@ def test_sheets_in_section_have_their_area():
 )
 def test_the_indenter_touches_the_bottom_of_the_dent(indenter):
     symmetry = indenter.symmetry
-    ax = plot_dent(dents(symmetry=symmetry), indenter)
+    ax = viz.plot_dent(dents(symmetry=symmetry), indenter)
     (body,) = [patch for patch in ax.patches if patch.get_label() == indenter.name]
     x, z = body.get_xy().T
     assert z.min() == pytest.approx(7.0)  # 8 mm less the depth
@@ -145,25 +99,19 @@ def test_the_indenter_touches_the_bottom_of_the_dent(indenter):
     assert ax.get_xlabel() == ("r (mm)" if symmetry == "axial" else "x (mm)")
 
 
-def test_an_outline_goes_on_as_a_rod():
+def test_the_indenter_goes_on_as_a_rod_and_the_force_needs_depths():
     r, z = indenter_outline(Hemisphere(1e-3), 3e-3)
     assert (r[0], z[0]) == (0.0, 0.0)
     assert z[-1] == pytest.approx(3e-3)
     np.testing.assert_allclose(r[z > 1e-3], 1e-3)
-
-
-def test_a_figure_has_the_force_only_where_there_are_depths():
-    assert len(indentation_figure(dents(), Hemisphere(2.5e-3)).axes) == 3  # dent, force, contact radius
-    assert len(indentation_figure(dents(depths=[1e-3]), Hemisphere(2.5e-3)).axes) == 1
+    assert len(viz.indentation_figure(dents(), Hemisphere(2.5e-3)).axes) == 3  # dent, force, contact radius
+    assert len(viz.indentation_figure(dents(depths=[1e-3]), Hemisphere(2.5e-3)).axes) == 1
     with pytest.raises(ValueError, match="depth must be the position of one of 2 depths; got 5"):
-        plot_dent(dents(), Hemisphere(2.5e-3), 5)
-
-
-# bodies
+        viz.plot_dent(dents(), Hemisphere(2.5e-3), 5)
 
 
 def bodies(data, depth=-1):
-    return dented_sheet_meshes(data.isel(depth=depth), SHEETS, CENTRE, EXTENT)
+    return viz.dented_sheet_meshes(data.isel(depth=depth), SHEETS, CENTRE, EXTENT)
 
 
 @pytest.mark.parametrize("symmetry", ["axial", "plane"])
@@ -184,45 +132,35 @@ def test_flat_sheets_are_boxes_less_a_quarter(symmetry):
         assert not ((x < -1e-9) & (y < -1e-9)).any()  # the quarter that is cut out
 
 
-def test_a_dent_takes_its_volume_from_the_sheets():
+@pytest.mark.slow
+def test_dents_and_grooves_take_their_volume_from_sheets_that_share_their_interface():
     meshes = bodies(dents())
     depth = 1e-3
     for sheet, below, above in zip(SHEETS, HEIGHTS, HEIGHTS[1:], strict=False):
-        taken = 0.75 * math.pi * WIDTH**2 * depth * (above - below) / HEIGHTS[-1]
+        taken = 0.75 * math.pi * DENT**2 * depth * (above - below) / HEIGHTS[-1]
         # the bell is 1e-6 of its depth at the nearest edge; chords between circles miss about 1e-3 of it
         assert kept_area() * sheet.thickness - volume(meshes[sheet.name]) == pytest.approx(taken, rel=2e-3)
         assert meshes[sheet.name].is_manifold
     assert meshes["magnetic"].points[:, 2].max() <= 8.0
     axis = np.hypot(*(meshes["magnetic"].points[:, :2] - np.multiply(CENTRE, 1e3)).T) < 1e-9
     assert sorted(meshes["magnetic"].points[axis, 2].tolist()) == pytest.approx([6 - 0.75, 7.0])
-
-
-def test_a_groove_takes_its_volume_from_the_sheets():
+    upper = {tuple(point) for point in np.round(meshes["base"].points, 9).tolist() if point[2] > 4.5}
+    lower = {tuple(point) for point in np.round(meshes["magnetic"].points, 9).tolist() if point[2] <= 6.0}
+    assert upper <= lower
     meshes = bodies(dents(symmetry="plane"))
     length = EXTENT[3] - CENTRE[1] + (CENTRE[1] - EXTENT[1]) / 2  # half of the groove is cut out below the centre
-    taken = math.sqrt(math.pi) * WIDTH * length * 1e-3 * 2e-3 / HEIGHTS[-1]
+    taken = math.sqrt(math.pi) * DENT * length * 1e-3 * 2e-3 / HEIGHTS[-1]
     # rays are 0.3 mm apart at the ends of the groove: chords of a bell 3 mm wide miss about (0.3/3)²/12 of it
     assert kept_area() * 2e-3 - volume(meshes["magnetic"]) == pytest.approx(taken, rel=1e-3)
 
 
-def test_a_stretched_sheet_grows_in_both_directions():
+def test_a_stretched_or_finite_sheet_ends_where_it_ends():
     # u_r = e r of the upper face alone: a frustum, thickness/3 (A + A' + sqrt(A A')) of similar faces
     data = dents(depths=[1.0], rise=flat, stretch=lambda r: 0.1 * r)
     data["displacement_r"] = data.displacement_r.where(data.interface == "magnetic", 0.0)
     mesh = bodies(data)["magnetic"]
     area, wide = kept_area(), kept_area() * 1.1**2
     assert volume(mesh) == pytest.approx(2e-3 / 3 * (area + wide + math.sqrt(area * wide)), rel=1e-9)
-
-
-@pytest.mark.slow
-def test_neighbours_share_their_interface():
-    meshes = bodies(dents())
-    upper = {tuple(point) for point in np.round(meshes["base"].points, 9).tolist() if point[2] > 4.5}
-    lower = {tuple(point) for point in np.round(meshes["magnetic"].points, 9).tolist() if point[2] <= 6.0}
-    assert upper <= lower
-
-
-def test_a_finite_sample_ends_where_it_ends():
     mesh = bodies(dents(rise=flat, end=8e-3))["base"]
     x_min, x_max, y_min, y_max, *_ = mesh.bounds
     assert (x_min, x_max, y_min, y_max) == pytest.approx((-6, 10, -9, 7))
@@ -240,33 +178,27 @@ def test_a_finite_sample_ends_where_it_ends():
     ],
 )
 def test_an_indenter_has_its_volume(indenter, whole):
-    mesh = indenter_mesh(indenter, 7e-3, CENTRE, EXTENT, 3e-3)
+    mesh = viz.indenter_mesh(indenter, 7e-3, CENTRE, EXTENT, 3e-3)
     assert mesh.is_manifold
     # polygons of 360 sides miss 5e-5 of a circle, chords of 95 circles about as much of a ball
     assert volume(mesh) == pytest.approx(0.75 * whole * 1e-9, rel=2e-4)
     assert mesh.bounds[4:] == pytest.approx((7, 10))
 
 
-def test_a_cylinder_lies_along_y():
-    mesh = indenter_mesh(CylinderEdge(2e-3), 7e-3, CENTRE, EXTENT, 3e-3)
+def test_a_cylinder_lies_along_y_and_bodies_that_do_not_fit_are_refused():
+    mesh = viz.indenter_mesh(CylinderEdge(2e-3), 7e-3, CENTRE, EXTENT, 3e-3)
     assert mesh.bounds == pytest.approx((0, 4, -12, 14, 7, 10))
     length = EXTENT[3] - CENTRE[1] + (CENTRE[1] - EXTENT[1]) / 2
     section = (math.pi / 2 * 2**2 + 4 * 1) * 1e-6
     # its round bottom has sides of about 0.25 mm where the rays of 1° end: they miss (0.25/2)²/12 of a circle of 2 mm
     assert volume(mesh) == pytest.approx(section * length, rel=1.5e-3)
-
-
-def test_bodies_that_do_not_fit_are_refused():
     at = dents().isel(depth=0)
     with pytest.raises(ValueError, match="1 sheets must have 2 interfaces; got 3"):
-        dented_sheet_meshes(at, SHEETS[:1], CENTRE, EXTENT)
+        viz.dented_sheet_meshes(at, SHEETS[:1], CENTRE, EXTENT)
     with pytest.raises(ValueError, match=r"centre must be inside the extent .*; got \(0.03, 0\)"):
-        dented_sheet_meshes(at, SHEETS, (0.03, 0), EXTENT)
+        viz.dented_sheet_meshes(at, SHEETS, (0.03, 0), EXTENT)
     with pytest.raises(ValueError, match="centre must be inside"):
-        indenter_mesh(Hemisphere(1e-3), 0.0, (0, 0.014), EXTENT, 1e-3)
-
-
-# scenes
+        viz.indenter_mesh(Hemisphere(1e-3), 0.0, (0, 0.014), EXTENT, 1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -276,7 +208,7 @@ def board():
 
 @pytest.mark.slow
 def test_a_scene_holds_board_sheets_and_indenter(board, plotter):
-    dent_scene(board, SHEETS, dents(), Hemisphere(2.5e-3), plotter=plotter, centre=(-19.92e-3, 0.0))
+    viz.dent_scene(board, SHEETS, dents(), Hemisphere(2.5e-3), plotter=plotter, centre=(-19.92e-3, 0.0))
     assert {"indenter", "sheet base", "sheet magnetic", "copper L1", "copper L3", "board"} <= set(plotter.actors)
     assert {"legend hemisphere, 1 mm deep", "legend magnetic 2 mm", "legend base 6 mm"} <= set(plotter.actors)
     # two and a half thicknesses of the stack on each side, cut to the board
@@ -285,17 +217,17 @@ def test_a_scene_holds_board_sheets_and_indenter(board, plotter):
     assert z_max == pytest.approx(7 + 0.7 * 8)
 
 
-def test_a_scene_off_the_board_is_refused(board, plotter):
+def test_scenes_that_cannot_be_are_refused(board, plotter):
     with pytest.raises(ValueError, match="centre must be on the board"):
-        dent_scene(board, SHEETS, dents(), Hemisphere(2.5e-3), plotter=plotter, centre=(1.0, 0.0))
+        viz.dent_scene(board, SHEETS, dents(), Hemisphere(2.5e-3), plotter=plotter, centre=(1.0, 0.0))
     with pytest.raises(ValueError, match="depth must be the position of one of 2 depths; got 2"):
-        dent_scene(board, SHEETS, dents(), Hemisphere(2.5e-3), plotter=plotter, depth=2)
+        viz.dent_scene(board, SHEETS, dents(), Hemisphere(2.5e-3), plotter=plotter, depth=2)
 
 
 @pytest.mark.slow
 def test_a_picture_shows_the_sheets(board, plotter, tmp_path):
     path = tmp_path / "dent.png"
-    save_dent_picture(board, path, SHEETS, dents(), Hemisphere(2.5e-3), size=(400, 225))
+    viz.save_dent_picture(board, path, SHEETS, dents(), Hemisphere(2.5e-3), size=(400, 225))
     picture = imread(path)[..., :3]
     assert picture.shape == (225, 400, 3)
     red, green, blue = np.moveaxis(picture, -1, 0)
@@ -303,10 +235,3 @@ def test_a_picture_shows_the_sheets(board, plotter, tmp_path):
     assert ((red > blue + 0.2) & (red > green + 0.1)).sum() > 50  # copper in the quarter that is cut out
     assert (picture.min(axis=-1) > 0.99).mean() > 0.2  # white paper around it
     assert [entry.name for entry in tmp_path.iterdir()] == ["dent.png"]
-
-
-def test_without_rendering_a_picture_is_refused_in_one_line(board, tmp_path, monkeypatch):
-    monkeypatch.setenv(NO_RENDERING, "1")
-    with pytest.raises(MissingDependencyError, match=NO_RENDERING):
-        save_dent_picture(board, tmp_path / "dent.png", SHEETS, dents(), Hemisphere(2.5e-3))
-    assert not list(tmp_path.iterdir())

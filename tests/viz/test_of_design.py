@@ -1,7 +1,5 @@
 """Scenes of a design: that they show what the library computes, where the design says, and refuse what cannot be."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -37,26 +35,20 @@ def coupling(design):
 def table(design):
     """Response at few places: enough for a position."""
     x, y = np.linspace(-14e-3, 14e-3, 11), np.linspace(-5e-3, 5e-3, 5)
-    return response_map(design, depths=[0.3e-3, 0.6e-3], x=x, y=y)
+    return response_map(design, depths=[0.3e-3, 0.6e-3], x=x, y=y, ideal=True)
 
 
 def parts_of(scene):
     return {part.name: part for part in scene.parts}
 
 
-# the board
-
-
-def test_by_default_the_sheets_are_lifted_off_the_board(design):
+def test_sheets_are_lifted_off_the_board_unless_other_things_are_shown(design):
     parts = parts_of(scene_of_design(design))
     assert {"board", "barrels", "risers", "sheet base", "sheet magnetic"} <= set(parts)
     assert parts["sheet base"].mesh.bounds[4] > 5.0
     assert set(parts_of(scene_of_design(design, View(show=("board",))))) == set(parts) - {
         "risers", "sheet base", "sheet magnetic", "edges of sheet base", "edges of sheet magnetic",
     }  # fmt: skip
-
-
-def test_beside_other_things_the_sheets_lie_where_they_lie(design):
     parts = parts_of(scene_of_design(design, View(show=("board", "elastomer"), layers=("L1",))))
     assert parts["sheet base"].mesh.bounds[4:] == pytest.approx((0.0, 3.0))
     assert "copper L1" in parts
@@ -77,9 +69,6 @@ def test_a_dent_takes_the_place_of_the_sheets(design):
     heights = {text.text: text.position[2] for text in scene.texts if text.text in design.array.names}
     for name, centre in zip(design.array.names, design.array.centres, strict=True):
         assert heights[name] == pytest.approx(0.0 if (centre < at).all() else thickness * 1e3)
-
-
-# coupling and currents
 
 
 @pytest.mark.slow
@@ -111,22 +100,18 @@ def test_copper_is_coloured_by_the_currents_of_the_circuit(design, coupling):
             np.testing.assert_allclose(value[coil > 0], solved.currents.real[coil[coil > 0]], rtol=1e-9)
             seen |= set(coil.tolist())
     assert seen == {0, 1, 2}
+    (scale,) = scene.scales
+    assert (-scale.low, scale.high) == pytest.approx([np.abs(solved.currents.real[1:]).max()] * 2, rel=1e-9)
     # (R + Z + jωL) i = −jωM i_1: without strays the currents of that network solve the passive loops
     ideal = resonate(design_circuit(design, ideal=True), design.plan[0])
     L, R, omega = coupling.inductance.values, coupling.resistance.values, 2j * np.pi * ideal.frequency
     Z = np.diag(R[1:] + design.circuit.short_resistance) + omega * L[1:, 1:]
     np.testing.assert_allclose(ideal.currents[1:], np.linalg.solve(Z, -omega * L[1:, 0]), rtol=1e-9)
     np.testing.assert_allclose(solved.currents[1:], ideal.currents[1:], atol=0.02 * abs(ideal.currents[1]))
-
-
-def test_open_coils_carry_nothing(design):
     scene = scene_of_design(design, View(show=("currents",), coil="coil2", others_open=True))
     values = np.concatenate([part.mesh.cell_data[CURRENT] for part in scene.parts if part.name.startswith("copper")])
     assert set(values[np.isfinite(values)]) == {0.0}
     assert any("the others open" in note for note in scene.notes)
-
-
-# the field
 
 
 def test_planes_show_the_field_of_the_library(design, coupling):
@@ -147,16 +132,13 @@ def test_planes_show_the_field_of_the_library(design, coupling):
 
 
 @pytest.mark.slow
-def test_lines_and_surfaces_share_one_scale(design):
+def test_lines_and_surfaces_share_one_scale_and_a_box_off_the_copper(design):
     scene = scene_of_design(design, View(show=("lines", "surfaces"), spacing=2e-3))
     assert set(parts_of(scene)) == {"field lines", "field surfaces"}
     (scale,) = scene.scales
     surfaces = parts_of(scene)["field surfaces"].mesh.point_data[AMOUNT]
     ratios = np.log10(np.unique(np.round(surfaces / scale.high, 6)))
     np.testing.assert_allclose(ratios, [-1.35, -0.85, -0.35], atol=1e-4)
-
-
-def test_a_box_keeps_off_the_copper(design):
     box = field_box(design, "coil2", 1e-3)
     x, y, z = points_of_box(design, box)
     assert len(x) * len(y) * (len(z) + 2) >= count_of([box]) >= len(x) * len(y) * (len(z) - 2)
@@ -176,9 +158,6 @@ def test_a_field_that_is_too_large_is_refused_before_anything_is_computed(design
         scene_of_design(design, View(show=show, spacing=2e-6))
 
 
-# maps and positions
-
-
 @pytest.mark.slow
 def test_a_map_lies_over_its_place_on_the_board(design, table):
     scene = scene_of_design(design, View(show=("response",), coil="coil3", response=table, depth=0.6e-3))
@@ -195,7 +174,7 @@ def test_a_map_lies_over_its_place_on_the_board(design, table):
     assert np.linalg.norm(design.array.centres - peak, axis=1).argmin() == 2
 
 
-def test_the_pin_stands_where_the_reading_is_located(design, table):
+def test_the_pin_stands_where_the_reading_or_the_indenter_is_located(design, table):
     reading = forward_model(table).delta([3e-3, 2.5e-3, 0.6e-3])
     found = locate(forward_model(table), reading, noise=1e-6)
     names = [str(name) for name in table.state.values]
@@ -214,6 +193,13 @@ def test_the_pin_stands_where_the_reading_is_located(design, table):
     ring = (np.asarray(parts["ellipse 0"].mesh.points)[:, :2] - pin[0, :2]) * 1e-3 / factor
     distance = np.einsum("ni,ij,nj->n", ring, np.linalg.inv(found.best.covariance[:2, :2]), ring)
     np.testing.assert_allclose(distance, 5.9915, rtol=2e-2)  # χ² of two degrees of freedom at 95 %; single precision
+    view = View(show=("location",), table=table, at=(-2e-3, 4e-3), depth=0.5e-3, noise=1e-6)
+    scene = scene_of_design(design, view)
+    parts = parts_of(scene)
+    cross = np.asarray(parts["truth"].mesh.points)[:, :2].mean(axis=0)
+    pins = [np.asarray(part.mesh.points)[0, :2] for name, part in parts.items() if name.startswith("pin")]
+    # a reading without errors: the solver stops within a fraction of the noise it was told, in mm
+    assert min(np.linalg.norm(pin - cross) for pin in pins) < 0.01
 
 
 def test_ellipses_longer_than_the_board_are_not_drawn(table):
@@ -226,19 +212,6 @@ def test_ellipses_longer_than_the_board_are_not_drawn(table):
         assert "pin 0" in parts_of(scene)
         assert any(part.name.startswith("ellipse") for part in scene.parts) == drawn
         assert (told in scene.notes) != drawn
-
-
-def test_the_indenter_is_located_where_it_is(design, table):
-    view = View(show=("location",), table=table, at=(-2e-3, 4e-3), depth=0.5e-3, noise=1e-6)
-    scene = scene_of_design(design, view)
-    parts = parts_of(scene)
-    cross = np.asarray(parts["truth"].mesh.points)[:, :2].mean(axis=0)
-    pins = [np.asarray(part.mesh.points)[0, :2] for name, part in parts.items() if name.startswith("pin")]
-    # a reading without errors: the solver stops within a fraction of the noise it was told, in mm
-    assert min(np.linalg.norm(pin - cross) for pin in pins) < 0.01
-
-
-# what cannot be
 
 
 @pytest.mark.slow
@@ -262,7 +235,8 @@ def test_mistakes_are_one_line(design, view, error, message):
     assert "\n" not in str(caught.value)
 
 
-def test_maps_that_do_not_fit_are_refused(design, table):
+@pytest.mark.slow
+def test_maps_and_designs_that_do_not_fit_are_refused(design, table):
     with pytest.raises(LocalizeError, match=r"no depth of 0.5 mm; there are 0.3, 0.6 mm"):
         scene_of_design(design, View(show=("response",), response=table, depth=0.5e-3))
     with pytest.raises(LocalizeError, match="no state that measures coil3; there are coil1"):
@@ -271,17 +245,10 @@ def test_maps_that_do_not_fit_are_refused(design, table):
         scene_of_design(design, View(show=("response",), response=table.isel(y=[0])))
     with pytest.raises(LocalizeError, match="coil2 is missing"):
         scene_of_design(design, View(show=("location",), table=table, reading={"coil1": 1e-4}))
-
-
-def test_a_bare_board_has_no_dent():
     bare = replace(load_design("starter"), indentation=None)
     for show in ("dent", "response"):
         with pytest.raises(CoilarrayError, match=r"has no \[indenter\] and \[indentation\]"):
             scene_of_design(bare, View(show=(show,)))
-
-
-@pytest.mark.slow
-def test_one_coil_has_no_coupling_to_see():
     with pytest.raises(GeometryError, match="nothing to see of coupling: There is one coil, which couples with none"):
         scene_of_design(load_design("gast_fem"), View(show=("coupling",)))
 

@@ -1,7 +1,5 @@
 """Whether the answer about rendering is right, cheap to ask again, and never fatal."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -11,7 +9,8 @@ import pytest
 
 from coilarray.viz import offscreen
 
-WORKS = offscreen._Answer(None, "vtkEGLRenderWindow")
+EGL = "vtkEGLRenderWindow"
+WORKS = offscreen._Answer(None, EGL)
 ASK = "from coilarray.viz import rendering_problem; print(rendering_problem())"
 
 
@@ -19,7 +18,8 @@ ASK = "from coilarray.viz import rendering_problem; print(rendering_problem())"
 def fresh(monkeypatch):
     """A process that has not probed yet, with no screen and no choice of the user."""
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "VTK_DEFAULT_OPENGL_WINDOW", offscreen.NO_RENDERING):
-        monkeypatch.delenv(name, raising=False)
+        monkeypatch.setenv(name, "")  # so that what a probe sets is taken back
+        monkeypatch.delenv(name)
     offscreen._probe.cache_clear()
     yield monkeypatch
     offscreen._probe.cache_clear()
@@ -58,24 +58,18 @@ def test_threads_share_one_probe(fresh):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux has machines without a screen")
-@pytest.mark.parametrize(("works", "chosen"), [(True, "vtkEGLRenderWindow"), (False, None)])
-def test_without_a_screen_a_working_probe_chooses_egl_here_too(fresh, works, chosen):
-    fresh.setenv("VTK_DEFAULT_OPENGL_WINDOW", "")  # so that the fixture takes back what the probe sets
-    del os.environ["VTK_DEFAULT_OPENGL_WINDOW"]
+@pytest.mark.parametrize(
+    ("before", "works", "after"), [(None, True, EGL), (None, False, None), ("vtkOSOpenGLRenderWindow", True, None)]
+)
+def test_without_a_screen_a_working_probe_chooses_egl_here_too_unless_the_user_has_chosen(fresh, before, works, after):
+    if before is not None:
+        fresh.setenv("VTK_DEFAULT_OPENGL_WINDOW", before)
     tried = []
     answer = WORKS if works else offscreen._Answer("no")
     fresh.setattr(offscreen, "_run_probe", lambda environment: tried.append(environment) or answer)
     offscreen.rendering_problem()
-    assert tried[0]["VTK_DEFAULT_OPENGL_WINDOW"] == "vtkEGLRenderWindow"
-    assert os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") == chosen
-
-
-def test_the_choice_of_the_user_is_kept(fresh):
-    fresh.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
-    tried = []
-    fresh.setattr(offscreen, "_run_probe", lambda environment: tried.append(environment) or WORKS)
-    offscreen.rendering_problem()
-    assert tried[0]["VTK_DEFAULT_OPENGL_WINDOW"] == "vtkOSOpenGLRenderWindow"
+    assert tried[0]["VTK_DEFAULT_OPENGL_WINDOW"] == (before or EGL)
+    assert os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") == (before or after)
 
 
 @pytest.mark.slow
@@ -95,40 +89,25 @@ def test_every_way_a_probe_fails_is_told(fresh, probe, timeout, reason):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux has machines without a screen")
 @pytest.mark.parametrize(
-    ("display", "window", "chosen", "told"),
+    ("display", "wayland", "window", "chosen", "told"),
     [
-        (None, "vtkEGLRenderWindow", None, "neither DISPLAY nor WAYLAND_DISPLAY is set"),
-        (":7", "vtkEGLRenderWindow", None, "DISPLAY=:7 does not answer"),
-        (":7", "vtkOSOpenGLRenderWindow", None, "DISPLAY=:7 does not answer"),
-        (
-            ":7",
-            "vtkEGLRenderWindow",
-            "vtkEGLRenderWindow",
-            "VTK_DEFAULT_OPENGL_WINDOW=vtkEGLRenderWindow renders without",
-        ),
-        (":7", "vtkXOpenGLRenderWindow", None, None),
+        (None, None, EGL, None, "neither DISPLAY nor WAYLAND_DISPLAY is set"),
+        (None, "wayland-0", EGL, None, "there is no X server (DISPLAY is not set)"),
+        (":7", None, EGL, None, "DISPLAY=:7 does not answer"),
+        (":7", None, "vtkOSOpenGLRenderWindow", None, "DISPLAY=:7 does not answer"),
+        (":7", None, EGL, EGL, "VTK_DEFAULT_OPENGL_WINDOW=vtkEGLRenderWindow renders without"),
+        (":7", None, "vtkXOpenGLRenderWindow", None, None),
     ],
 )
-def test_a_window_needs_a_screen_that_answers(fresh, display, window, chosen, told):
-    fresh.setenv("VTK_DEFAULT_OPENGL_WINDOW", chosen or "")  # so that the fixture takes back what the probe sets
-    if chosen is None:
-        del os.environ["VTK_DEFAULT_OPENGL_WINDOW"]
-    if display is not None:
-        fresh.setenv("DISPLAY", display)
+def test_a_window_needs_a_screen_that_answers(fresh, display, wayland, window, chosen, told):
+    for name, value in (("VTK_DEFAULT_OPENGL_WINDOW", chosen), ("DISPLAY", display), ("WAYLAND_DISPLAY", wayland)):
+        if value is not None:
+            fresh.setenv(name, value)
     fresh.setattr(offscreen, "_run_probe", lambda environment: offscreen._Answer(None, window))
     problem = offscreen.window_problem()
     assert (told is None) == (problem is None)
     assert told is None or told in problem
     assert offscreen.window_problem() == problem
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux has machines without a screen")
-def test_wayland_alone_has_no_window(fresh):
-    fresh.setenv("VTK_DEFAULT_OPENGL_WINDOW", "")
-    del os.environ["VTK_DEFAULT_OPENGL_WINDOW"]
-    fresh.setenv("WAYLAND_DISPLAY", "wayland-0")
-    fresh.setattr(offscreen, "_run_probe", lambda environment: offscreen._Answer(None, "vtkEGLRenderWindow"))
-    assert "there is no X server (DISPLAY is not set)" in offscreen.window_problem()
 
 
 @pytest.mark.slow
@@ -151,14 +130,11 @@ plotter.screenshot(return_img=True)
     assert child.stderr == ""
 
 
-def test_importing_the_package_loads_neither_vtk_nor_matplotlib():
+def test_importing_the_package_loads_neither_vtk_nor_matplotlib_and_every_name_is_there():
     code = "import sys, coilarray.viz as v; print([m for m in sys.modules if m.split('.')[0] in %r])"
     heavy = ("vtk", "vtkmodules", "pyvista", "matplotlib")
     child = subprocess.run([sys.executable, "-c", code % (heavy,)], capture_output=True, text=True, check=True)
     assert child.stdout.strip() == "[]"
-
-
-def test_every_public_name_is_there():
     import coilarray.viz as viz
 
     assert all(callable(getattr(viz, name)) for name in viz.__all__)

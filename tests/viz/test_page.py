@@ -1,10 +1,7 @@
 """The web page of a scene: what Chromium shows of it without a network is what the scene holds, where it holds it."""
 
-from __future__ import annotations
-
 import io
 import re
-import shutil
 import sys
 from pathlib import Path
 
@@ -12,6 +9,7 @@ import numpy as np
 import pytest
 import pyvista
 from PIL import Image
+from support import browser
 
 from coilarray.errors import MissingDependencyError
 from coilarray.viz.offscreen import NO_RENDERING
@@ -22,10 +20,7 @@ pytestmark = pytest.mark.slow
 
 pytest.importorskip("trame_vtk", reason="trame-vtk is not installed")
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 WIDTH, HEIGHT = 900, 600
-TIMEOUT = 120_000  # ms; the machine may be busy
 GREEN, RED, BLUE = [0, 158, 0], [213, 0, 0], [0, 0, 178]
 
 
@@ -54,25 +49,21 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def browser():
-    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
-    if CHROMIUM is None:
-        pytest.skip("Chromium is not installed")
-    with playwright.sync_playwright() as driver:
-        # the software renderer: test machines have no graphics card
-        arguments = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
-        chromium = driver.chromium.launch(executable_path=CHROMIUM, args=arguments, timeout=TIMEOUT)
-        yield chromium
-        chromium.close()
+def chromium():
+    if (problem := browser.missing()) is not None:
+        pytest.skip(problem)
+    # the software renderer: test machines have no graphics card
+    options = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+    with browser.launched(*options) as started:
+        yield started
 
 
 @pytest.fixture(scope="module")
-def opened(browser, tmp_path_factory):
+def opened(chromium, tmp_path_factory):
     """The page in a browser without a network, and what it asked for and complained of."""
     path = tmp_path_factory.mktemp("page") / "scene.html"
     save_page(scene(), path, title="six <coils>", side="top")
-    context = browser.new_context(offline=True, viewport={"width": WIDTH, "height": HEIGHT})
-    context.set_default_timeout(TIMEOUT)
+    context = browser.profile(chromium, offline=True, viewport={"width": WIDTH, "height": HEIGHT})
     page = context.new_page()
     asked, complaints = [], []
     page.on("request", lambda request: asked.append(request.url))
@@ -82,6 +73,11 @@ def opened(browser, tmp_path_factory):
     page.wait_for_selector("body[data-ready=yes]")
     yield page, asked, complaints, path
     context.close()
+
+
+@pytest.fixture
+def page(opened):
+    return opened[0]
 
 
 def pixels(page):
@@ -115,8 +111,7 @@ def test_it_asks_no_host_for_anything(opened):
     assert not re.search(r"""(src|href)\s*=\s*["']?https?:""", text)
 
 
-def test_every_mesh_is_where_it_belongs_in_its_colour(opened):
-    page, *_ = opened
+def test_every_mesh_is_where_it_belongs_in_its_colour(page):
     for point, colour in (((3, 2), GREEN), ((15, 5), RED), ((5, 5), BLUE), ((5, 5.1), BLUE)):
         assert np.abs(np.subtract(colour_at(page, point), colour)).max() <= 3, point
     assert colour_at(page, (21, 5)) == [255, 255, 255]
@@ -126,8 +121,7 @@ def test_every_mesh_is_where_it_belongs_in_its_colour(opened):
     assert (canvas.std(axis=2) > 20).mean() > 0.05  # the plates fill a seventh of what legend and bar leave
 
 
-def test_words_stand_over_their_places(opened):
-    page, *_ = opened
+def test_words_stand_over_their_places_and_on_no_others(page):
     for text, point in (("left", (0, 0)), ("right & up", (20, 10))):
         box = page.locator(".words span", has_text=text).bounding_box()
         middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
@@ -139,10 +133,6 @@ def test_words_stand_over_their_places(opened):
     page.click("button[data-side=top]")
     settled(page)
     assert page.locator(".words span", has_text="left").bounding_box() != away
-
-
-def test_words_that_would_lie_on_others_are_left_out(opened):
-    page, *_ = opened
     seen = {}
     for side in ("front", "right", "top"):
         page.click(f"button[data-side={side}]")
@@ -154,8 +144,7 @@ def test_words_that_would_lie_on_others_are_left_out(opened):
     assert "above" in seen["right"]
 
 
-def test_switches_hide_and_show_their_group(opened):
-    page, *_ = opened
+def test_switches_hide_and_show_their_group(page):
     box = page.get_by_label("upper <b>")
     box.uncheck()
     settled(page)
@@ -169,8 +158,7 @@ def test_switches_hide_and_show_their_group(opened):
     assert page.locator(".words span", has_text="right & up").is_visible()
 
 
-def test_legend_bar_and_notes_say_what_is_seen(opened):
-    page, *_ = opened
+def test_legend_bar_and_notes_say_what_is_seen_beside_all_of_it(page):
     assert page.title() == "six <coils>"
     assert page.locator(".panel h1").inner_text() == "six <coils>"
     assert [one.strip() for one in page.locator(".panel label").all_inner_texts()] == ["plate", "upper <b>"]
@@ -181,25 +169,13 @@ def test_legend_bar_and_notes_say_what_is_seen(opened):
     assert page.locator(".notes").inner_text().splitlines() == ["first note", "a < b"]
     for selector in (".panel", ".bars", ".notes"):
         box = page.locator(selector).bounding_box()
-        assert box["x"] >= 0
-        assert box["y"] >= 0
-        assert box["x"] + box["width"] <= WIDTH
-        assert box["y"] + box["height"] <= HEIGHT
-
-
-def test_all_of_it_is_seen_beside_legend_and_bar(opened):
-    page, *_ = opened
+        assert min(box["x"], box["y"]) >= 0
+        assert (box["x"] + box["width"] <= WIDTH, box["y"] + box["height"] <= HEIGHT) == (True, True)
     panel, bars = page.locator(".panel").bounding_box(), page.locator(".bars").bounding_box()
     left, _ = where(page, (0, 0))
     right, _ = where(page, (30, 10))
     assert panel["x"] + panel["width"] < left
     assert right < bars["x"]
-
-
-def test_it_is_made_without_a_graphics_driver(tmp_path, monkeypatch):
-    monkeypatch.setenv(NO_RENDERING, "1")
-    save_page(scene(), tmp_path / "scene.html")
-    assert [entry.name for entry in tmp_path.iterdir()] == ["scene.html"]
 
 
 def test_without_trame_vtk_it_is_refused_in_one_line(tmp_path, monkeypatch):
@@ -211,7 +187,10 @@ def test_without_trame_vtk_it_is_refused_in_one_line(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_viewer_that_is_not_known_is_refused(tmp_path, monkeypatch):
+def test_it_is_made_without_a_graphics_driver_and_not_with_an_unknown_viewer(tmp_path, monkeypatch):
+    monkeypatch.setenv(NO_RENDERING, "1")
+    save_page(scene(), tmp_path / "scene.html")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["scene.html"]
     other = tmp_path / "viewer.html"
     other.write_text("<html><body></body></html>", encoding="utf-8")
     monkeypatch.setattr("trame_vtk.tools.vtksz2html.HTML_VIEWER_PATH", Path(other))

@@ -1,7 +1,5 @@
 """Files for ParaView: read back they are the parts of the scene with all their arrays, and they replace as a whole."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import pyvista
@@ -29,7 +27,7 @@ def same(found, part):
             np.testing.assert_array_equal(mine[name], theirs[name])
 
 
-def test_blocks_are_the_parts(tmp_path):
+def test_blocks_or_files_are_the_parts(tmp_path):
     written = save_vtk(scene(), tmp_path / "board.vtm")
     assert set(written) == {tmp_path / "board.vtm", tmp_path / "board"}
     blocks = pyvista.read(tmp_path / "board.vtm")
@@ -37,25 +35,19 @@ def test_blocks_are_the_parts(tmp_path):
     for part in scene().parts:
         same(blocks[part.name], part)
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["board", "board.vtm"]
-
-
-def test_a_folder_has_a_file_for_each_part(tmp_path):
-    written = save_vtk(scene(), tmp_path / "board")
+    written = save_vtk(scene(), tmp_path / "parts")
     assert [path.name for path in written] == ["copper_L1.vtp", "B_box.vtr", "cut.vtp"]
     for path, part in zip(written, scene().parts, strict=True):
         same(pyvista.read(path), part)
-    assert sorted(entry.name for entry in (tmp_path / "board").iterdir()) == sorted(path.name for path in written)
+    assert sorted(entry.name for entry in (tmp_path / "parts").iterdir()) == sorted(path.name for path in written)
 
 
-def test_written_again_it_is_the_new_scene(tmp_path):
+def test_written_again_it_is_the_new_scene_and_names_are_kept_apart(tmp_path):
     for name in ("board.vtm", "parts"):
         save_vtk(scene(), tmp_path / name)
         save_vtk(scene(top=5.0), tmp_path / name)
     assert pyvista.read(tmp_path / "board.vtm")["copper L1"].bounds[5] == 5.0
     assert pyvista.read(tmp_path / "parts" / "copper_L1.vtp").bounds[5] == 5.0
-
-
-def test_names_that_differ_in_signs_alone_are_kept_apart(tmp_path):
     both = Scene((Part("a b", pyvista.Box()), Part("a/b", pyvista.Box((0, 1, 0, 1, 0, 7)))))
     written = save_vtk(both, tmp_path / "parts")
     assert len(set(written)) == 2

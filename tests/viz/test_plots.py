@@ -1,31 +1,21 @@
 """Plots: what is drawn, where, and that the numbers written are the numbers given."""
 
-from __future__ import annotations
+import itertools
 
-import matplotlib
 import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.collections import LineCollection, PathCollection, QuadMesh
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from support import plot_results as results
 from support.boards import reference_board
 from support.plot_results import legend
 
+from coilarray import viz
 from coilarray.errors import GeometryError
 from coilarray.geometry.copper import copper_features, drills
 from coilarray.viz.palette import COILS
-from coilarray.viz.plots.board import plot_board, plot_copper
-from coilarray.viz.plots.coupling import (
-    plot_coupling,
-    plot_currents,
-    plot_effective_inductance,
-    plot_inductance,
-    plot_matrix,
-)
-from coilarray.viz.plots.field import plot_field_lines, plot_field_map
 
 NAMES = ("C1", "C2", "C3")
 
@@ -33,11 +23,6 @@ NAMES = ("C1", "C2", "C3")
 @pytest.fixture(scope="module")
 def board():
     return reference_board(count=3, turns=5)
-
-
-@pytest.fixture
-def ax():
-    return Figure().add_subplot()
 
 
 def texts(ax):
@@ -50,8 +35,8 @@ def area(patch):
     return abs(sum(0.5 * np.sum(p[:-1, 0] * p[1:, 1] - p[1:, 0] * p[:-1, 1]) for p in patch.get_path().to_polygons()))
 
 
-def test_copper_is_one_patch_a_feature_and_the_edge(board, ax):
-    assert plot_copper(board, "L1", ax) is ax
+def test_boards_are_drawn_whole_with_one_patch_a_feature(board):
+    ax = viz.plot_copper(board, "L1")
     features = [feature for feature in copper_features(board) if feature.layer == "L1"]
     patches = [patch for patch in ax.patches if isinstance(patch, PathPatch)]
     assert len(patches) == len(features) + 1
@@ -61,10 +46,7 @@ def test_copper_is_one_patch_a_feature_and_the_edge(board, ax):
     (holes,) = ax.collections
     assert len(holes.get_paths()) == len(drills(board))
     assert legend(ax) == ["C1", "C3"]  # C2 has nothing but pads here
-
-
-def test_a_board_is_drawn_whole_in_mm_with_equal_scales(board):
-    ax = plot_board(board)
+    ax = viz.plot_board(board)
     x_min, y_min, x_max, y_max = np.multiply(board.bounds, 1e3)
     assert ax.get_xlim()[0] < x_min < x_max < ax.get_xlim()[1]
     assert ax.get_ylim()[0] < y_min < y_max < ax.get_ylim()[1]
@@ -76,78 +58,60 @@ def test_a_board_is_drawn_whole_in_mm_with_equal_scales(board):
     assert legend(ax) == [f"copper L{k}" for k in (1, 2, 3, 4)]
 
 
-def test_a_layer_that_is_not_there_is_refused(board):
+def test_what_does_not_fit_a_plot_is_refused(board):
     with pytest.raises(GeometryError, match="no copper layer 'L9'"):
-        plot_copper(board, "L9")
+        viz.plot_copper(board, "L9")
+    with pytest.raises(ValueError, match=r"3 coils must have shape \(3, 3\); got \(2, 2\)"):
+        viz.plot_matrix(np.eye(2), NAMES, title="")
+    with pytest.raises(ValueError, match="scale must be"):
+        viz.plot_matrix(np.eye(3), NAMES, title="", scale="rainbow")
+    with pytest.raises(ValueError, match="one or more; got none"):
+        viz.plot_field_lines({})
+    with pytest.raises(ValueError, match=r"line along x, one y and one z; plane has .*'y': 2"):
+        viz.plot_field_lines({"plane": results.field([0.0, 1e-3], [0.0, 1e-3])})
+    with pytest.raises(ValueError, match="of a plane, two x and y or more"):
+        viz.plot_field_map(results.field([0.0, 1e-3], [0.0]))
 
 
-def test_matrix_numbers_carry_the_prefix_of_the_largest(ax):
+def test_a_matrix_carries_the_prefix_of_the_largest_and_leaves_a_masked_diagonal_out():
     matrix = np.array([[19.5e-6, -0.75e-6, -1e-9], [-0.75e-6, 19.4e-6, 0], [-1e-9, 0, 19.6e-6]])
-    assert plot_matrix(matrix, NAMES, title="L", unit="H", digits=2, ax=ax) is ax
-    assert texts(ax)[0, 0] == "19.50"
-    assert texts(ax)[1, 0] == "−0.75"
-    assert texts(ax)[0, 2] == "0.00"  # and no minus before it
+    ax = viz.plot_matrix(matrix, NAMES, title="L", unit="H", digits=2)
+    # no minus before a zero
+    assert (texts(ax)[0, 0], texts(ax)[1, 0], texts(ax)[0, 2]) == ("19.50", "−0.75", "0.00")
     assert ax.child_axes[0].get_ylabel() == "µH"
     assert [label.get_text() for label in ax.get_yticklabels()] == list(NAMES)
-
-
-def test_a_masked_diagonal_is_not_written_and_sets_no_colour(ax):
     k = np.array([[1, -0.04, 0.002], [-0.04, 1, -0.04], [0.002, -0.04, 1]])
-    plot_matrix(k, NAMES, title="k", scale="diverging", digits=4, mask_diagonal=True, ax=ax)
+    ax = viz.plot_matrix(k, NAMES, title="k", scale="diverging", digits=4, mask_diagonal=True)
     assert len(ax.texts) == 6
     assert texts(ax)[0, 2] == "0.0020"
     assert ax.images[0].get_clim() == (-0.04, 0.04)
+    alone = results.coupling().isel(coil=[0], other=[0])
+    assert not viz.plot_currents(alone).texts
+    assert not viz.plot_coupling(alone).texts
+    axes = viz.plot_matrix([[1.0]], ["C1"], title="k", scale="diverging", mask_diagonal=True)
+    axes.figure.draw_without_rendering()
+    assert not axes.texts
 
 
-def test_numbers_are_dark_on_light_and_light_on_dark(ax):
-    plot_matrix(np.array([[0.0, 1.0], [1.0, 0.0]]), NAMES[:2], title="", ax=ax)
-    colours = {text.get_text(): text.get_color() for text in ax.texts}
-    assert colours == {"0.000": "white", "1.000": "black"}  # viridis: dark blue and yellow
-
-
-@pytest.mark.parametrize(
-    ("largest", "unit"),
-    [(0.0, "H"), (1e-6, "µH"), (999e-9, "nH"), (1e-3, "mH"), (2.0, "H"), (5e3, "kH")],
-)
-def test_the_prefix_puts_the_largest_between_1_and_1000(ax, largest, unit):
-    plot_matrix([[largest]], ["C1"], title="", unit="H", ax=ax)
-    assert ax.child_axes[0].get_ylabel() == unit
-    number = float(ax.texts[0].get_text())
-    assert number == 0.0 or 1.0 <= number < 1000.0
-
-
-def test_a_matrix_that_does_not_fit_is_refused(ax):
-    with pytest.raises(ValueError, match=r"3 coils must have shape \(3, 3\); got \(2, 2\)"):
-        plot_matrix(np.eye(2), NAMES, title="")
-    with pytest.raises(ValueError, match="scale must be"):
-        plot_matrix(np.eye(3), NAMES, title="", scale="rainbow")
-
-
-def test_k_is_drawn_pair_by_pair_and_inductance_with_its_diagonal(ax):
+def test_k_is_drawn_pair_by_pair_and_inductance_with_its_diagonal():
     coupling = results.coupling()
-    assert plot_coupling(coupling, ax) is ax
+    ax = viz.plot_coupling(coupling)
     k = coupling.coupling.values
-    assert {place: float(text.replace("−", "-")) for place, text in texts(ax).items()} == {
-        (i, j): pytest.approx(k[i, j], abs=5e-4)
-        for i in range(3)
-        for j in range(3)
-        if i != j  # three digits
-    }
+    written = {place: float(text.replace("−", "-")) for place, text in texts(ax).items()}
+    assert written == {place: pytest.approx(k[place], abs=5e-4) for place in itertools.permutations(range(3), 2)}
     assert ax.images[0].get_clim() == pytest.approx((-0.05, 0.05))
     assert ax.child_axes[0].get_ylabel() == "k"
-    L = plot_inductance(coupling)
-    assert texts(L)[0, 0] == "20.000"
-    assert texts(L)[0, 1] == "−1.000"
-    assert texts(L)[0, 2] == "0.200"
+    L = viz.plot_inductance(coupling)
+    assert [texts(L)[0, k] for k in range(3)] == ["20.000", "−1.000", "0.200"]
     assert L.child_axes[0].get_ylabel() == "L, M (µH)"
 
 
-def test_effective_inductance_shows_both_values_and_the_change(ax):
+def test_effective_inductance_shows_both_values_and_the_change():
     before, after = np.array([20e-6, 20e-6, 25e-6]), np.array([19e-6, 18e-6, 25.5e-6])
     single, changes = ("coil",), {"termination": ("coil", ["short", "short", "short"])}
     changes |= {"open_effective_inductance": (single, before, {"units": "H"}), "effective_inductance": (single, after)}
     coupling = xr.Dataset(changes, {"coil": list(NAMES)})
-    assert plot_effective_inductance(coupling, ax) is ax
+    ax = viz.plot_effective_inductance(coupling)
     dots = [c.get_offsets() for c in ax.collections if isinstance(c, PathCollection)]
     np.testing.assert_allclose(dots[0], np.column_stack((before * 1e6, range(3))))
     np.testing.assert_allclose(dots[1], np.column_stack((after * 1e6, range(3))))
@@ -157,16 +121,11 @@ def test_effective_inductance_shows_both_values_and_the_change(ax):
     assert "not start at zero" in ax.get_xlabel()
     low, high = ax.get_xlim()
     assert 0 < low < 18 < 25.5 < high
+    for others, text in ((None, "others grounded"), (["short", "short", "open"], "others as terminated")):
+        assert legend(viz.plot_effective_inductance(results.coupling(others))) == ["others open", text]
 
 
-@pytest.mark.parametrize(
-    ("terminations", "text"), [(None, "others grounded"), (["short", "short", "open"], "others as terminated")]
-)
-def test_the_legend_says_how_the_others_are_closed(terminations, text):
-    assert legend(plot_effective_inductance(results.coupling(terminations))) == ["others open", text]
-
-
-def test_currents_are_written_as_magnitude_and_phase(ax):
+def test_currents_are_written_as_magnitude_and_phase():
     """The column is the active coil, which is the first dimension of the dataset."""
     currents = np.eye(3, dtype=complex)
     currents[0, 1] = 0.0382 * np.exp(1j * np.radians(-170))  # in coil 2 while coil 1 is active
@@ -176,27 +135,16 @@ def test_currents_are_written_as_magnitude_and_phase(ax):
         {"current_real": (dims, currents.real), "current_imag": (dims, currents.imag)},
         {"coil": list(NAMES), "other": list(NAMES)},
     )
-    assert plot_currents(coupling, ax) is ax
-    assert texts(ax)[1, 0] == "38.2\n−170°"
-    assert texts(ax)[0, 1] == "10\n90°"
-    assert (0, 0) not in texts(ax)
+    ax = viz.plot_currents(coupling)
+    assert (texts(ax)[1, 0], texts(ax)[0, 1], texts(ax).get((0, 0))) == ("38.2\n−170°", "10\n90°", None)
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("active coil", "passive coil")
     assert ax.child_axes[0].get_ylabel() == "current (mA per A)"
 
 
-def test_a_single_coil_has_no_neighbours_to_write(ax):
-    alone = results.coupling().isel(coil=[0], other=[0])
-    assert not plot_currents(alone, ax).texts
-    assert not plot_coupling(alone).texts
-    axes = plot_matrix([[1.0]], ["C1"], title="k", scale="diverging", mask_diagonal=True)
-    axes.figure.draw_without_rendering()
-    assert not axes.texts
-
-
-def test_field_lines_are_per_ampere_with_the_coil_shaded(ax):
+def test_field_lines_are_per_ampere_with_the_coil_shaded():
     x = np.linspace(-20e-3, 20e-3, 41)
     fields = {"all": results.field(x, [0.0]), "half a turn": results.field(x, [0.0], current=0.5, peak=1e-3)}
-    assert plot_field_lines(fields, ax, coil=(-9e-3, 11e-3)) is ax
+    ax = viz.plot_field_lines(fields, coil=(-9e-3, 11e-3))
     assert ax.get_ylabel() == "$B_z$ (mT per A)"
     for label, peak in (("all", 2.0), ("half a turn", 1.0)):  # mT, whatever the current
         curve = next(line for line in ax.lines if line.get_label() == label)
@@ -208,31 +156,14 @@ def test_field_lines_are_per_ampere_with_the_coil_shaded(ax):
     assert ax.get_title(loc="left") == "$B_z$ of coil1, 1 mm above the board"
 
 
-def test_fields_that_are_no_line_or_plane_are_refused():
-    with pytest.raises(ValueError, match="one or more; got none"):
-        plot_field_lines({})
-    with pytest.raises(ValueError, match=r"line along x, one y and one z; plane has .*'y': 2"):
-        plot_field_lines({"plane": results.field([0.0, 1e-3], [0.0, 1e-3])})
-    with pytest.raises(ValueError, match="of a plane, two x and y or more"):
-        plot_field_map(results.field([0.0, 1e-3], [0.0]))
-
-
-def test_a_field_map_stands_the_right_way_round(ax):
+def test_a_field_map_stands_the_right_way_round():
     field = results.field([0.0, 1e-3, 2e-3], [0.0, 1e-3], current=2.0)
     field.B[:, :, 0, 2] = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, -6.0]]) * 2e-6
     outline = np.array([[0, 0], [2e-3, 0], [1e-3, 1e-3]])
-    assert plot_field_map(field, ax, [outline]) is ax
+    ax = viz.plot_field_map(field, outlines=[outline])
     (mesh,) = (c for c in ax.collections if isinstance(c, QuadMesh))
     np.testing.assert_allclose(mesh.get_array(), [[1, 3, 5], [2, 4, -6]])  # rows are y, µT per A
     assert mesh.get_clim() == pytest.approx((-6, 6))
     assert area(ax.patches[0]) == pytest.approx(1.0)  # mm²
     assert ax.child_axes[0].get_ylabel() == "$B_z$ (µT per A)"
     assert ax.get_title(loc="left") == "$B_z$ of coil1, 1 mm above the board; others open"
-
-
-def test_plots_leave_no_global_state(board, tmp_path):
-    before = dict(matplotlib.rcParams)
-    ax = plot_board(board)
-    ax.figure.savefig(tmp_path / "board.svg")
-    assert dict(matplotlib.rcParams) == before
-    assert (tmp_path / "board.svg").read_text().count("<path") > 20

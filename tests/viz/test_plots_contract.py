@@ -1,8 +1,5 @@
 """What every flat plot keeps: a result and an optional axis in, the axis out, units on it, and nothing left behind."""
 
-from __future__ import annotations
-
-import functools
 import importlib
 import inspect
 import itertools
@@ -13,7 +10,6 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib import pyplot
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from support import plot_results as results
@@ -25,64 +21,39 @@ from coilarray.localize.ellipse import Ellipse
 LINE, PLANE = np.linspace(-20e-3, 20e-3, 9), np.linspace(-10e-3, 10e-3, 5)
 
 
-def modules():
-    """Every module of flat figures."""
-    found = pkgutil.iter_modules(coilarray.viz.plots.__path__, "coilarray.viz.plots.")
-    return [importlib.import_module(module.name) for module in found]
-
-
-def public(prefix):
-    """Every public function of these modules whose name begins so, by its name."""
-    return {
-        name: function
-        for module in modules()
-        for name, function in inspect.getmembers(module, inspect.isfunction)
-        if name.startswith(prefix) and function.__module__ == module.__name__
-    }
-
-
-PLOTS = public("plot_")
-
-
-def draw(name):
-    """Return how to draw a plot of results of known numbers, with an axis or without."""
-    plot = PLOTS[name]
-    arguments = {
-        "plot_bell_curve": lambda: (results.response(),),
-        "plot_board": lambda: (results.board(),),
-        "plot_boards": lambda: (results.tolerances(), "worst_k"),
-        "plot_causes": lambda: (results.distortion(), "coil1"),
-        "plot_centres": lambda: (results.comparison(), "coil1"),
-        "plot_copper": lambda: (results.board(), "L1"),
-        "plot_coupling": lambda: (results.coupling(),),
-        "plot_coupling_sweep": lambda: (results.pitch_sweep(),),
-        "plot_currents": lambda: (results.coupling(),),
-        "plot_dent": lambda: (results.indentation(), Hemisphere(2.5e-3)),
-        "plot_distortion": lambda: (results.distortion(), "coil1"),
-        "plot_effective_inductance": lambda: (results.coupling(),),
-        "plot_ellipse_parameters": lambda: (*results.ellipses(), "coil1"),
-        "plot_ellipses": lambda: ({"coil1": Ellipse(0.0, 8e-3, 6e-3), "coil2": Ellipse(9e-3, 8e-3, 6e-3)},),
-        "plot_field_lines": lambda: ({"open": results.field(LINE, [0.0])},),
-        "plot_field_map": lambda: (results.field(LINE, PLANE),),
-        "plot_force_depth": lambda: (results.indentation(),),
-        "plot_frequency_sweep": lambda: (results.frequency_sweep(),),
-        "plot_identifiability": lambda: (results.bounds(),),
-        "plot_inductance": lambda: (results.coupling(),),
-        "plot_pareto": lambda: (results.optimization(),),
-        "plot_readings": lambda: (results.comparison(),),
-        "plot_residual": lambda: (results.comparison(), "coil1"),
-        "plot_response": lambda: (results.response(), "coil1"),
-        "plot_response_profile": lambda: (results.response(),),
-        "plot_search": lambda: (results.optimization(),),
-        "plot_shares": lambda: (results.tolerances(),),
-        "plot_sweep_lines": lambda: (results.pitch_sweep(), "worst_k"),
-        "plot_sweep_map": lambda: (results.grid_sweep(), "span_mm"),
-        "plot_sweep_points": lambda: (results.grid_sweep(), "span_mm", "array.pitch_mm"),
-        "plot_x_error": lambda: (results.x_error(),),
-    }
-    given = arguments[name]()
-    return lambda **axis: plot(*given, **axis)
-
+MODULES = [
+    importlib.import_module(module.name)
+    for module in pkgutil.iter_modules(coilarray.viz.plots.__path__, "coilarray.viz.plots.")
+]
+PUBLIC = {
+    name: function
+    for module in MODULES
+    for name, function in inspect.getmembers(module, inspect.isfunction)
+    if not name.startswith("_") and function.__module__ == module.__name__
+}
+PLOTS = {name: function for name, function in PUBLIC.items() if name.startswith("plot_")}
+BELLS = {"coil1": Ellipse(0.0, 8e-3, 6e-3), "coil2": Ellipse(9e-3, 8e-3, 6e-3)}
+ARGUMENTS = {
+    "plot_bell_curve": lambda: (results.response(),), "plot_board": lambda: (results.board(),),
+    "plot_boards": lambda: (results.tolerances(), "worst_k"), "plot_causes": lambda: (results.distortion(), "coil1"),
+    "plot_centres": lambda: (results.comparison(), "coil1"), "plot_copper": lambda: (results.board(), "L1"),
+    "plot_coupling": lambda: (results.coupling(),), "plot_coupling_sweep": lambda: (results.pitch_sweep(),),
+    "plot_currents": lambda: (results.coupling(),), "plot_dent": lambda: (results.dents(), Hemisphere(2.5e-3)),
+    "plot_distortion": lambda: (results.distortion(), "coil1"),
+    "plot_effective_inductance": lambda: (results.coupling(),),
+    "plot_ellipse_parameters": lambda: (*results.ellipses(), "coil1"), "plot_ellipses": lambda: (BELLS,),
+    "plot_field_lines": lambda: ({"open": results.field(LINE, [0.0])},),
+    "plot_field_map": lambda: (results.field(LINE, PLANE),), "plot_force_depth": lambda: (results.dents(),),
+    "plot_frequency_sweep": lambda: (results.frequency_sweep(),), "plot_identifiability": lambda: (results.bounds(),),
+    "plot_inductance": lambda: (results.coupling(),), "plot_pareto": lambda: (results.optimization(),),
+    "plot_readings": lambda: (results.comparison(),), "plot_residual": lambda: (results.comparison(), "coil1"),
+    "plot_response": lambda: (results.response(), "coil1"), "plot_response_profile": lambda: (results.response(),),
+    "plot_search": lambda: (results.optimization(),), "plot_shares": lambda: (results.tolerances(),),
+    "plot_sweep_lines": lambda: (results.pitch_sweep(), "worst_k"),
+    "plot_sweep_map": lambda: (results.grid_sweep(), "span_mm"),
+    "plot_sweep_points": lambda: (results.grid_sweep(), "span_mm", "array.pitch_mm"),
+    "plot_x_error": lambda: (results.x_error(),),
+}  # fmt: skip
 
 # these take numbers of no particular result, and are tested with what they draw
 PLAIN_NUMBERS = {"plot_matrix", "plot_convergence", "plot_front", "plot_importance"}
@@ -95,68 +66,45 @@ NO_UNIT = {
 
 
 @pytest.mark.parametrize("name", sorted(PLOTS))
-def test_a_plot_takes_an_optional_axis_and_returns_one(name):
-    signature = inspect.signature(PLOTS[name])
+def test_a_plot_takes_an_optional_axis_returns_one_and_has_an_example(name):
+    signature, text = inspect.signature(PLOTS[name]), inspect.getdoc(PLOTS[name])
     assert signature.parameters["ax"].annotation == "Axes | None"
     assert signature.parameters["ax"].default is None
     assert signature.return_annotation == "Axes"
-    assert "ax : Axes, optional" in inspect.getdoc(PLOTS[name])
+    assert "ax : Axes, optional" in text
+    assert name in PLAIN_NUMBERS or (">>> " in text and f"{name}(" in text)  # it runs in tests/test_examples.py
 
 
 @pytest.mark.parametrize("name", DRAWN)
-def test_a_plot_has_an_example(name):
-    """It runs in tests/test_examples.py."""
-    assert ">>> " in inspect.getdoc(PLOTS[name])
-    assert f"{name}(" in inspect.getdoc(PLOTS[name])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", DRAWN)
-def test_a_plot_draws_into_the_axis_that_is_given(name):
-    figure = Figure(figsize=(6.0, 4.0))
-    left, right = figure.subplots(1, 2)
+def test_a_plot_draws_into_the_axis_that_is_given_and_leaves_nothing_behind(name):
+    windows, settings = pyplot.get_fignums(), dict(matplotlib.rcParams)
+    left, right = Figure(figsize=(6.0, 4.0)).subplots(1, 2)
     left.plot([0, 1], [0, 1])
     before = [len(ax.get_children()) for ax in (left, right)]
-    assert draw(name)(ax=right) is right
+    assert PLOTS[name](*ARGUMENTS[name](), ax=right) is right
     assert len(left.get_children()) == before[0]
     assert len(right.get_children()) > before[1]
-    figure.draw_without_rendering()
-
-
-@functools.cache
-def drawn(name):
-    """Return the axis of a plot in its own figure, laid out."""
-    ax = draw(name)()
-    ax.figure.draw_without_rendering()
-    return ax
-
-
-@pytest.mark.parametrize("name", DRAWN)
-def test_a_plot_leaves_no_window_and_no_settings_behind(name):
-    windows, settings = pyplot.get_fignums(), dict(matplotlib.rcParams)
-    assert isinstance(draw(name)(), Axes)
     assert pyplot.get_fignums() == windows
     assert dict(matplotlib.rcParams) == settings
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", DRAWN)
-def test_labels_carry_units(name):
-    ax = drawn(name)
-    texts = [text for axis in (ax, *ax.child_axes) for text in (axis.get_xlabel(), axis.get_ylabel())]
-    assert any(texts) or name == "plot_coupling"
-    for text in texts:
+def test_a_plot_of_its_own_has_units_and_nothing_is_cut_off(name, monkeypatch):
+    """Titles, labels, legends and numbers lie on the figure, also where the machine is slow.
+
+    Matplotlib warns where it took a second to find the best place of a legend, unless "best" was asked for.
+    """
+    ax = PLOTS[name](*ARGUMENTS[name]())
+    monkeypatch.setattr("matplotlib.legend.time.perf_counter", itertools.count(0.0, 10.0).__next__)
+    ax.figure.draw_without_rendering()
+    labels = [text for axis in (ax, *ax.child_axes) for text in (axis.get_xlabel(), axis.get_ylabel())]
+    assert any(labels) or name == "plot_coupling"
+    for text in labels:
         assert text in NO_UNIT or re.search(r"\((mm|µH|MHz|Ω|A|mT per A|mA per A|mN|%|10⁻[³⁶])\)", text), text
-
-
-@pytest.mark.parametrize("name", DRAWN)
-def test_nothing_is_cut_off(name):
-    """Titles, labels, legends and numbers lie on the figure."""
-    figure = drawn(name).figure
-    page = figure.bbox
-    for ax in [*figure.axes, *(child for one in figure.axes for child in one.child_axes)]:
-        texts = [text for text in ax.get_children() if isinstance(text, Text)]
-        texts += [ax.xaxis.label, ax.yaxis.label, *(ax.get_legend().get_texts() if ax.get_legend() else ())]
+    page = ax.figure.bbox
+    for one in itertools.chain.from_iterable((whole, *whole.child_axes) for whole in ax.figure.axes):
+        texts = [text for text in one.get_children() if isinstance(text, Text)]
+        texts += [one.xaxis.label, one.yaxis.label, *(one.get_legend().get_texts() if one.get_legend() else ())]
         for text in texts:
             if text.get_text() and text.get_visible():
                 box = text.get_window_extent()
@@ -165,18 +113,8 @@ def test_nothing_is_cut_off(name):
                 assert min(inside) >= -1, text.get_text()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", DRAWN)
-def test_a_machine_that_is_slow_is_no_warning(name, monkeypatch):
-    """Matplotlib warns where it took a second to find the best place of a legend, unless "best" was asked for."""
-    ax = draw(name)()
-    monkeypatch.setattr("matplotlib.legend.time.perf_counter", itertools.count(0.0, 10.0).__next__)
-    ax.figure.draw_without_rendering()
-
-
 def test_every_figure_is_of_plots():
     """A function that composes axes is named after what it returns."""
-    returned = {name: inspect.signature(function).return_annotation for name, function in public("").items()}
-    figures = [name for name, kind in returned.items() if kind == "Figure" and not name.startswith("_")]
+    figures = [name for name, one in PUBLIC.items() if inspect.signature(one).return_annotation == "Figure"]
     assert figures
     assert all(name.endswith("_figure") for name in figures)

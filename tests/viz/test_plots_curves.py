@@ -1,7 +1,5 @@
 """Curves over frequency, pitch and place: every number at its place, and zeros, peaks and widths where they are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -10,18 +8,11 @@ from hypothesis import strategies as st
 from support import plot_results as results
 from support.plot_results import curves, legend
 
-from coilarray.viz.plots.axis_units import MM, PLAIN, AxisUnit, axis_unit
-from coilarray.viz.plots.frequency import plot_frequency_sweep
+from coilarray.compute.display_units import DisplayUnit
+from coilarray.viz.plots import sweep_grid as sweeps
 from coilarray.viz.plots.optimize import plot_pareto, plot_search
 from coilarray.viz.plots.response import plot_bell_curve, plot_response
-from coilarray.viz.plots.sweep_grid import (
-    plot_coupling_sweep,
-    plot_sweep_lines,
-    plot_sweep_map,
-    sweep_figure,
-    zero_crossings,
-)
-from coilarray.viz.plots.tolerance import plot_boards, plot_shares
+from coilarray.viz.plots.style import axis_unit
 
 
 @given(st.floats(1e-22, 1e22), st.sampled_from(["H", "ohm", "T", "Hz", "N"]))
@@ -31,13 +22,16 @@ def test_a_prefix_brings_the_largest_between_1_and_1000(largest, unit):
     assert shown.symbol.endswith("Ω" if unit == "ohm" else unit)
 
 
-def test_units_of_axes():
-    assert axis_unit([2.2e-6], "H") == AxisUnit(1e6, "µH")
+def test_units_of_axes_and_a_map_with_gaps():
+    assert axis_unit([2.2e-6], "H") == DisplayUnit("µH", 1e6)
     assert axis_unit([2.2e-6], "1").symbol == "10⁻⁶"
-    assert axis_unit([2.2], "1") == AxisUnit(1.0, "")
-    assert axis_unit([0.0, np.nan], "H") == AxisUnit(1.0, "H")
-    assert PLAIN.label("k") == "k"
-    np.testing.assert_allclose(MM.of([1e-3, 0.25]), [1.0, 250.0])
+    assert axis_unit([2.2], "1") == DisplayUnit()
+    assert axis_unit([0.0, np.nan], "H") == DisplayUnit("H")
+    response = results.response()
+    response.delta[1, 2, 3] = np.nan
+    ax = plot_response(response, "coil2", 1)
+    ax.figure.draw_without_rendering()
+    assert ax.child_axes[0].get_ylabel() == "δ (10⁻³)"
 
 
 @pytest.mark.slow
@@ -51,7 +45,7 @@ def test_units_of_axes():
 )
 def test_curves_over_frequency_are_the_sweeps(quantity, label, factor):
     sweep = results.frequency_sweep()
-    ax = plot_frequency_sweep(sweep, quantity)
+    ax = sweeps.plot_frequency_sweep(sweep, quantity)
     assert ax.get_xscale() == "log"
     assert list(curves(ax)) == ["a", "b"]
     for name, line in curves(ax).items():
@@ -65,19 +59,19 @@ def test_curves_over_frequency_are_the_sweeps(quantity, label, factor):
 
 def test_a_pole_is_cut_off_at_four_times_the_first_value():
     sweep = results.frequency_sweep()
-    assert plot_frequency_sweep(sweep).get_ylim() == (0, pytest.approx(4 * 60))  # µH
-    assert plot_frequency_sweep(sweep, "quality_factor").get_ylim() == (0, pytest.approx(1.08 * 37.5))
+    assert sweeps.plot_frequency_sweep(sweep).get_ylim() == (0, pytest.approx(4 * 60))  # µH
+    assert sweeps.plot_frequency_sweep(sweep, "quality_factor").get_ylim() == (0, pytest.approx(1.08 * 37.5))
     flat = sweep.isel(state=[0])
-    assert plot_frequency_sweep(flat).get_ylim() == (0, pytest.approx(1.08 * 50))
-    single = plot_frequency_sweep(sweep.isel(frequency=[0]))
+    assert sweeps.plot_frequency_sweep(flat).get_ylim() == (0, pytest.approx(1.08 * 50))
+    single = sweeps.plot_frequency_sweep(sweep.isel(frequency=[0]))
     assert all(line.get_marker() == "o" for line in single.lines)
     with pytest.raises(ValueError, match=r"quantity must be one of apparent_inductance, .*; got 'Q'"):
-        plot_frequency_sweep(sweep, "Q")
+        sweeps.plot_frequency_sweep(sweep, "Q")
 
 
 def test_coupling_over_pitch_has_its_zeros():
     sweep = results.pitch_sweep()
-    ax = plot_coupling_sweep(sweep.isel({"array.pitch_mm": [2, 0, 3, 1]}))  # in any order
+    ax = sweeps.plot_coupling_sweep(sweep.isel({"array.pitch_mm": [2, 0, 3, 1]}))  # in any order
     assert legend(ax) == ["k[coil1,coil2] = 0 at 13.5 mm", "k[coil1,coil3]"]
     lines = curves(ax)
     for name in ("k[coil1,coil2]", "k[coil1,coil3]"):
@@ -91,47 +85,42 @@ def test_coupling_over_pitch_has_its_zeros():
     assert own.get_color() != zeros.get_markeredgecolor()
 
 
-def test_coupling_that_is_not_over_one_number_is_refused():
-    texts = results.pitch_sweep().assign_coords({"array.pitch_mm": list("abcd")})
-    for wrong in (results.grid_sweep(), results.pitch_sweep()[["worst_k"]], texts):
-        with pytest.raises(ValueError, match="must be over one entry with numbers and have k of a pair"):
-            plot_coupling_sweep(wrong)
-
-
 @given(st.floats(-0.8, 0.8), st.booleans())
 @example(-2.5697465692420288e-17, False)  # found from both sides of a sample
 def test_zeros_of_a_smooth_function_are_found(root, falling):
     x = np.linspace(-1, 1, 41)
     values = (x - root) * (2 + np.cos(3 * x)) * (-1 if falling else 1)
-    (found,) = zero_crossings(x, values)
+    (found,) = sweeps.zero_crossings(x, values)
     # monotone cubics are off by less than the third power of the step of 0.05 where the function has no turning point
     assert found == pytest.approx(root, abs=0.05**3)
 
 
 def test_zeros_are_between_samples_that_have_values():
-    assert zero_crossings([0, 1, 2, 3], [1.0, np.nan, -1.0, -2.0]).size == 0
-    assert zero_crossings([0, 1, 2], [1.0, 2.0, 1.0]).size == 0
-    assert zero_crossings([0, 1, 2, 3, 4], [1.0, -1.0, np.nan, -1.0, 1.0]) == pytest.approx([0.5, 3.5])
-    assert zero_crossings([0, 1, 2], [1.0, 0.0, -1.0]) == pytest.approx([1.0])
-    assert np.isfinite(zero_crossings([0, 1, 2, 3], [1.0, 0.0, 0.0, 1.0])).all()
-    assert zero_crossings([0.0], [0.0]).size == 0
-    assert zero_crossings([], []).size == 0
+    for none in ([1.0, np.nan, -1.0, -2.0], [1.0, 2.0, 1.0], [0.0], []):
+        assert sweeps.zero_crossings(range(len(none)), none).size == 0
+    assert sweeps.zero_crossings([0, 1, 2, 3, 4], [1.0, -1.0, np.nan, -1.0, 1.0]) == pytest.approx([0.5, 3.5])
+    assert sweeps.zero_crossings([0, 1, 2], [1.0, 0.0, -1.0]) == pytest.approx([1.0])
+    assert np.isfinite(sweeps.zero_crossings([0, 1, 2, 3], [1.0, 0.0, 0.0, 1.0])).all()
 
 
-@pytest.mark.slow
 def test_pairs_share_a_panel_of_a_sweep():
-    couplings, worst = sweep_figure(results.pitch_sweep()).axes
+    couplings, worst = sweeps.sweep_figure(results.pitch_sweep()).axes
     assert couplings.get_ylabel() == "coupling coefficient k"
     assert worst.get_ylabel() == "worst_k"
     texts = results.pitch_sweep().assign_coords({"array.pitch_mm": list("abcd")})
-    assert [ax.get_ylabel() for ax in sweep_figure(texts).axes] == ["k[coil1,coil2]", "k[coil1,coil3]", "worst_k"]
+    labels = [ax.get_ylabel() for ax in sweeps.sweep_figure(texts).axes]
+    assert labels == ["k[coil1,coil2]", "k[coil1,coil3]", "worst_k"]
 
 
 def test_sweeps_of_another_shape_are_refused():
     with pytest.raises(ValueError, match=r"lines need one entry, .*; got array.pitch_mm, array.columns"):
-        plot_sweep_lines(results.grid_sweep(), "span_mm")
+        sweeps.plot_sweep_lines(results.grid_sweep(), "span_mm")
     with pytest.raises(ValueError, match=r"a map needs a grid over two entries; got array.pitch_mm"):
-        plot_sweep_map(results.pitch_sweep(), "worst_k")
+        sweeps.plot_sweep_map(results.pitch_sweep(), "worst_k")
+    texts = results.pitch_sweep().assign_coords({"array.pitch_mm": list("abcd")})
+    for wrong in (results.grid_sweep(), results.pitch_sweep()[["worst_k"]], texts):
+        with pytest.raises(ValueError, match="must be over one entry with numbers and have k of a pair"):
+            sweeps.plot_coupling_sweep(wrong)
 
 
 def test_a_bell_curve_has_the_peak_and_width_of_its_bell():
@@ -153,7 +142,7 @@ def test_a_bell_curve_has_the_peak_and_width_of_its_bell():
     assert ax.get_title(loc="left") == "Bell curve of coil2"
 
 
-def test_a_bell_curve_goes_along_y_and_around_gaps():
+def test_a_bell_curve_goes_along_y_around_gaps_and_over_the_middle():
     response = results.response(depths=[1e-3])
     along_y = plot_bell_curve(response, "coil1", along="y")
     assert along_y.get_xlabel() == "y (mm)"
@@ -171,9 +160,6 @@ def test_a_bell_curve_goes_along_y_and_around_gaps():
         plot_bell_curve(response.isel(x=[3]))
     with pytest.raises(ValueError, match="state must be one of coil1, coil2; got 'coil9'"):
         plot_bell_curve(response, "coil9")
-
-
-def test_a_bell_curve_of_the_two_dimensional_model_and_of_the_middle():
     x = np.linspace(-20e-3, 20e-3, 21)
     line = xr.Dataset({"delta": (("depth", "x"), [1e-4 * np.exp(-((x / 8e-3) ** 2))])}, {"depth": [1e-3], "x": x})
     ax = plot_bell_curve(line.assign_attrs(coil="coil4"))
@@ -185,15 +171,7 @@ def test_a_bell_curve_of_the_two_dimensional_model_and_of_the_middle():
     assert plot_bell_curve(right).get_title(loc="left") == "Bell curve of coil2"
 
 
-def test_a_map_with_gaps_is_drawn():
-    response = results.response()
-    response.delta[1, 2, 3] = np.nan
-    ax = plot_response(response, "coil2", 1)
-    ax.figure.draw_without_rendering()
-    assert ax.child_axes[0].get_ylabel() == "δ (10⁻³)"
-
-
-def test_a_pareto_front_is_that_of_the_result():
+def test_a_pareto_front_and_a_search_are_those_of_the_result():
     """Small k and large span: (0.2, 30) has the least k, (0.25, 50) the largest span; the others are beaten."""
     result = results.optimization()
     ax = plot_pareto(result, named={result.front[0].name: "least k"})
@@ -210,9 +188,6 @@ def test_a_pareto_front_is_that_of_the_result():
     assert (ax.lines[0].get_drawstyle(), turned.lines[0].get_drawstyle()) == ("steps-post", "steps-pre")
     with pytest.raises(ValueError, match="one of the goal's 2, counted from 0; got 2"):
         plot_pareto(result, (0, 2))
-
-
-def test_a_search_is_every_trial_in_turn():
     ax = plot_search(results.optimization(), 1)
     drawn = {c.get_label(): c.get_offsets() for c in ax.collections}
     np.testing.assert_allclose(drawn["keeps all bounds"], [[0, 40], [1, 30], [2, 35], [3, 50]])
@@ -220,13 +195,3 @@ def test_a_search_is_every_trial_in_turn():
     assert ax.get_ylabel() == "span_mm"
     with pytest.raises(ValueError, match="got -1"):
         plot_search(results.optimization(), -1)
-
-
-def test_shares_add_up_and_a_histogram_counts_the_boards():
-    result = results.tolerances()
-    bars = {bar.get_facecolor(): bar for bar in plot_shares(result).patches}
-    assert sorted(bar.get_width() for bar in bars.values()) == pytest.approx([0, 25, 75])
-    ax = plot_boards(result, "worst_k")
-    assert legend(ax)[0] == "9 boards"
-    # density times width is the part of the boards
-    assert sum(bar.get_width() * bar.get_height() for bar in ax.patches) == pytest.approx(1.0)

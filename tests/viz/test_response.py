@@ -1,6 +1,6 @@
 """Pictures of the response: that maps and profiles are those of the numbers given, which are made up."""
 
-from __future__ import annotations
+import functools
 
 import numpy as np
 import pytest
@@ -8,27 +8,12 @@ import xarray as xr
 from matplotlib.contour import QuadContourSet
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
+from support import plot_results as results
 from support.plot_results import curves
 
 from coilarray.viz import plot_response, plot_response_profile, response_figure
 
-
-def response(delta=None, depths=(0.5e-3, 1e-3), y=(-6e-3, -2e-3, 3e-3)):
-    """Map of two coils at x = ±5 mm; `delta` of (x, y, state, depth) in SI."""
-    x, names = np.linspace(-20e-3, 20e-3, 21), ["coil1", "coil2"]
-    if delta is None:
-
-        def delta(x, y, state, depth):
-            return depth * np.exp(-((x - 5e-3 * (2 * state - 1)) ** 2 + y**2) / 36e-6)
-
-    axes = np.meshgrid(depths, y, x, np.arange(2.0), indexing="ij")
-    return xr.Dataset(
-        {"delta": (("depth", "y", "x", "state"), delta(axes[2], axes[1], axes[3], axes[0]))},
-        {
-            "depth": np.array(depths), "y": np.array(y), "x": x, "state": names, "coil": names,
-            "coil_x": ("coil", [-5e-3, 5e-3]), "coil_y": ("coil", [0.0, 0.0]),
-        },
-    )  # fmt: skip
+response = functools.partial(results.response, y=(-6e-3, -2e-3, 3e-3), centre=5e-3, width=6e-3)
 
 
 def contours(ax):
@@ -51,7 +36,7 @@ def test_a_map_stands_the_right_way_round_and_marks_where_it_changes_sign():
     assert ax.get_title(loc="left") == "Response of coil2, 1 mm deep"
 
 
-def test_colours_are_symmetric_about_zero_and_hold_every_value():
+def test_colours_hold_every_value_and_zero_is_drawn_where_there_is_something():
     data = response(lambda x, y, state, depth: 7.4e-4 * np.exp(-((x / 5e-3) ** 2)) - 2e-5 + 0 * y)
     ax = plot_response(data, "coil1")
     (bands,), _ = contours(ax)
@@ -64,17 +49,7 @@ def test_colours_are_symmetric_about_zero_and_hold_every_value():
     positive = plot_response(response(), "coil1")
     assert not contours(positive)[1]
 
-
-@pytest.mark.parametrize(("largest", "unit"), [(1.2e-3, "δ (10⁻³)"), (7e-4, "δ (10⁻⁶)"), (2.0, "δ"), (0.0, "δ")])
-def test_delta_has_a_power_of_ten(largest, unit):
-    data = response(lambda x, y, state, depth: largest + 0 * x)
-    assert plot_response(data, "coil1").child_axes[0].get_ylabel() == unit
-    assert plot_response_profile(data).get_ylabel() == unit
-
-
-def test_what_is_next_to_nothing_has_no_line_of_zero():
-    """A bell whose tails waver about zero by 1e-4 of it: a line where the ring begins, none in the tails."""
-
+    # A bell whose tails waver about zero by 1e-4 of it: a line where the ring begins, none in the tails.
     def ringing(x, y, state, depth):
         tail = 1e-4 * np.cos(x / 1e-3) * np.cos(y / 1e-3)
         return depth * ((1 - (x / 5e-3) ** 2) * np.exp(-((x / 5e-3) ** 2)) + tail)
@@ -87,6 +62,13 @@ def test_what_is_next_to_nothing_has_no_line_of_zero():
     assert not contours(response_figure(waver).axes[1])[1]
 
 
+@pytest.mark.parametrize(("largest", "unit"), [(1.2e-3, "δ (10⁻³)"), (7e-4, "δ (10⁻⁶)"), (2.0, "δ"), (0.0, "δ")])
+def test_delta_has_a_power_of_ten(largest, unit):
+    data = response(lambda x, y, state, depth: largest + 0 * x)
+    assert plot_response(data, "coil1").child_axes[0].get_ylabel() == unit
+    assert plot_response_profile(data).get_ylabel() == unit
+
+
 def test_outlines_and_names_of_the_coils():
     square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * 8e-3
     near, far = square + np.array([5e-3, 0]), square + np.array([60e-3, 30e-3])
@@ -96,9 +78,6 @@ def test_outlines_and_names_of_the_coils():
     low, high = ax.get_ylim()
     assert low < -8 < 8 < high < 10  # all of the near coil, nothing of the far one
     assert {text.get_text(): text.get_position() for text in ax.texts} == {"coil1": (-5, 0), "coil2": (5, 0)}
-
-
-def test_a_map_that_cannot_be_drawn_is_refused():
     with pytest.raises(ValueError, match="state must be one of coil1, coil2; got 'coil9'"):
         plot_response(response(), "coil9")
     with pytest.raises(ValueError, match="depth must be the position of one of 2 depths; got 2"):
@@ -107,7 +86,7 @@ def test_a_map_that_cannot_be_drawn_is_refused():
         plot_response(response(y=(0.0,)), "coil1")
 
 
-def test_profiles_of_all_states_or_all_depths():
+def test_profiles_of_all_states_or_all_depths_along_x_or_y():
     data = response()
     states = plot_response_profile(data, depth=1)
     assert list(curves(states)) == ["coil1", "coil2"]
@@ -129,6 +108,13 @@ def test_profiles_of_all_states_or_all_depths():
     np.testing.assert_allclose(
         curves(alone)["coil1"].get_ydata() * 1e-6, row.sel(state="coil1").isel(depth=0), rtol=1e-12
     )
+    data = response(lambda x, y, state, depth: depth * (1 + state) * (x + 3 * y))
+    ax = plot_response_profile(data, "coil2", -1, along="y")
+    (line,) = curves(ax).values()
+    np.testing.assert_allclose(line.get_xdata(), [-6, -2, 3])
+    np.testing.assert_allclose(line.get_ydata(), 2e-3 * 3 * data.y * 1e6, rtol=1e-12)  # at x = 0
+    assert ax.get_xlabel() == "y (mm)"
+    assert ax.get_title(loc="left") == "Response at x = 0 mm, coil2, 1 mm deep"
 
 
 def test_profiles_mark_the_coils_and_refuse_what_is_not_there():
@@ -139,28 +125,6 @@ def test_profiles_mark_the_coils_and_refuse_what_is_not_there():
         plot_response_profile(response(), "nothing")
     with pytest.raises(ValueError, match="depth must be the position"):
         plot_response_profile(response(), depth=-3)
-    given = plot_response_profile(response()).figure.add_subplot()
-    assert plot_response_profile(response(), ax=given) is given
-
-
-@pytest.mark.slow
-def test_many_curves_differ():
-    many = crowd(14)
-    looks = {(line.get_color(), line.get_linestyle()) for line in curves(plot_response_profile(many)).values()}
-    assert len(looks) == 14
-
-
-def test_a_profile_along_y():
-    data = response(lambda x, y, state, depth: depth * (1 + state) * (x + 3 * y))
-    ax = plot_response_profile(data, "coil2", -1, along="y")
-    (line,) = curves(ax).values()
-    np.testing.assert_allclose(line.get_xdata(), [-6, -2, 3])
-    np.testing.assert_allclose(line.get_ydata(), 2e-3 * 3 * data.y * 1e6, rtol=1e-12)  # at x = 0
-    assert ax.get_xlabel() == "y (mm)"
-    assert ax.get_title(loc="left") == "Response at x = 0 mm, coil2, 1 mm deep"
-
-
-# the figure of all states
 
 
 def crowd(count):
@@ -176,7 +140,8 @@ def maps_of(figure):
     return {ax.get_title(loc="left"): ax for ax in figure.axes if ax.get_title(loc="left")}
 
 
-def test_every_state_has_a_map_of_the_deepest_dent():
+@pytest.mark.slow
+def test_every_state_has_a_map_of_the_deepest_dent_or_the_middle_ones():
     outline = np.array([[-4e-3, -9e-3], [4e-3, -9e-3], [0, 9e-3]])
     figure = response_figure(crowd(3), [outline])
     maps = maps_of(figure)
@@ -196,10 +161,6 @@ def test_every_state_has_a_map_of_the_deepest_dent():
     assert len(limits) == 1
     assert figure.axes[-1].get_ylabel() == "δ (10⁻³)"
     assert figure.get_suptitle() == "Response, 1 mm deep"
-
-
-@pytest.mark.slow
-def test_of_many_states_the_middle_ones_are_shown():
     assert list(maps_of(response_figure(crowd(12)))) == [f"s{k}" for k in range(12)]
     figure = response_figure(crowd(17))
     assert list(maps_of(figure)) == [f"s{k}" for k in range(2, 14)]
@@ -207,8 +168,9 @@ def test_of_many_states_the_middle_ones_are_shown():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [1, 2, 3, 5, 6, 12])
-@pytest.mark.parametrize("stretch", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize(
+    ("count", "stretch"), [(1, 0.1), (1, 10.0), (2, 1.0), (3, 10.0), (5, 1.0), (6, 0.1), (12, 10.0)]
+)
 def test_figures_of_any_shape_fit_on_a_page(count, stretch):
     data = crowd(count).assign_coords(y=np.array([-6e-3, -2e-3, 3e-3]) * stretch)
     figure = response_figure(data)
@@ -230,12 +192,10 @@ def test_figures_of_any_shape_fit_on_a_page(count, stretch):
 
 def test_a_single_line_is_drawn_as_profiles():
     data = response()
-    (ax,) = response_figure(data.isel(y=[1])).axes
-    np.testing.assert_allclose(curves(ax)["coil1"].get_xdata(), data.x * 1e3)
-    np.testing.assert_allclose(curves(ax)["coil1"].get_ydata() * 1e-6, data.delta.isel(depth=-1, y=1, state=0))
-    (ax,) = response_figure(data.isel(x=[4])).axes
-    np.testing.assert_allclose(curves(ax)["coil1"].get_xdata(), data.y * 1e3)
-    np.testing.assert_allclose(curves(ax)["coil1"].get_ydata() * 1e-6, data.delta.isel(depth=-1, x=4, state=0))
+    for along, fixed in (("x", {"y": 1}), ("y", {"x": 4})):
+        (ax,) = response_figure(data.isel({name: [k] for name, k in fixed.items()})).axes
+        np.testing.assert_allclose(curves(ax)["coil1"].get_xdata(), data[along] * 1e3)
+        np.testing.assert_allclose(curves(ax)["coil1"].get_ydata() * 1e-6, data.delta.isel(depth=-1, state=0, **fixed))
     assert ax.get_title(loc="left") == "Response at x = -12 mm, 1 mm deep"
     (ax,) = response_figure(data.isel(x=[4], y=[1])).axes
     assert curves(ax)["coil1"].get_marker() == "o"  # a line of one point would not be seen

@@ -1,40 +1,24 @@
 """The studio in a real browser: what a user does on the page, and that the numbers there are the library's."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np
 import pytest
 from support import browser
-from support.browser import (
-    Opened,
-    at_rest,
-    drawn,
-    enter,
-    field,
-    heard,
-    matrix,
-    opened,
-    picture,
-    profile,
-    redrawn,
-    served,
-    wait_until_gone,
-)
 from support.patience import until
 
-from coilarray import couple_design, load_design
+from coilarray import load_design
 from coilarray.circuit.coupling import design_circuit
+from coilarray.circuit.network import resonate
 from coilarray.design.model import load_design_file
 from coilarray.design.vary import vary
 from coilarray.localize.forward import forward_model
 from coilarray.viz import rendering_problem
 from coilarray.viz.studio.numbers import numbers_of
-from coilarray.viz.studio.switching import switched
+from coilarray.viz.studio.switching import state_of
 
 _problem = browser.missing() or rendering_problem()
-pytestmark = pytest.mark.skipif(_problem is not None, reason=str(_problem))
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(_problem is not None, reason=str(_problem))]
 
 
 @pytest.fixture(scope="module")
@@ -48,34 +32,51 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("designs")
 
 
-@pytest.fixture(scope="module")
-def studio(folder):
-    with served("starter", "--folder", folder) as started:
-        yield started
+def served_page(**environment):
+    """A page for most tests, and its studio."""
+
+    @pytest.fixture(scope="module")
+    def opened(chromium, folder):
+        with browser.served("starter", "--folder", folder, **environment) as started:
+            one = browser.Opened(chromium, started.url)
+            yield one, started
+            one.context.close()
+
+    return opened
 
 
-@pytest.fixture(scope="module")
-def shared(chromium, studio):
-    one = Opened(chromium, studio.url)
-    yield one
-    one.context.close()
+with_scenes, without_scenes = served_page(), served_page(COILARRAY_NO_RENDERING="1")
+ALERTS = "[role=alert]:not(#scene-problem)"
+# scenes cost more than all the rest: only tests with this mark have them
+scenes = pytest.mark.parametrize("shared", ["with_scenes"], indirect=True)
+
+
+@pytest.fixture
+def shared(request):
+    return request.getfixturevalue(getattr(request, "param", "without_scenes"))
+
+
+@pytest.fixture
+def studio(shared):
+    return shared[1]
 
 
 @pytest.fixture
 def page(shared):
-    """One page for most tests, each of which begins with the design as it is and the first tab."""
-    page = shared.page
-    at_rest(page)
+    """Each test begins with the design as it is and the first tab."""
+    opened = shared[0]
+    page = opened.page
+    browser.at_rest(page)
     page.click("#tab-numbers")
-    if page.inner_text("#file") != "starter" or page.locator("[role=alert]").count():
+    if page.inner_text("#file") != "starter" or page.locator(ALERTS).count():
         page.evaluate("trame.trigger('open_design', ['starter'])")
         page.wait_for_function(
-            "document.querySelector('#file').innerText === 'starter' && !document.querySelector('[role=alert]')"
+            f"document.querySelector('#file').innerText === 'starter' && !document.querySelector('{ALERTS}')"
         )
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 9")
-    at_rest(page)
+    browser.at_rest(page)
     yield page
-    wrong, shared.wrong[:] = list(shared.wrong), []
+    wrong, opened.wrong[:] = list(opened.wrong), []
     assert wrong == []
 
 
@@ -84,47 +85,66 @@ def changed(**entries):
     return vary(load_design("starter"), {key.replace("__", "."): value for key, value in entries.items()})
 
 
-@pytest.mark.slow
+def save(page, name):
+    page.click("#save")
+    page.fill("#save-name", name)
+    page.click("#save-now")
+
+
+def change(page, key, text):
+    browser.enter(page, key, text)
+    page.wait_for_selector("#changed")
+
+
+def hold(page, selector, across=0.5, down=0.5):
+    """Press the mouse on a part of the page; the place, and the part's width and height."""
+    box = page.locator(selector).first.bounding_box()
+    place = box["x"] + across * box["width"], box["y"] + down * box["height"]
+    page.mouse.move(*place)
+    page.mouse.down()
+    return *place, box["width"], box["height"]
+
+
+def press_at(page, axis, text):
+    page.fill(f"[data-axis={axis}] input", text)
+    page.press(f"[data-axis={axis}] input", "Enter")
+
+
+@scenes
 def test_a_slider_changes_the_matrix_to_what_the_library_gives(page):
     page.evaluate("trame.trigger('open_design', ['gast2020'])")
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 36")
-    at_rest(page)
-    np.testing.assert_array_equal(matrix(page), couple_design(load_design("gast2020")).coupling.values)
+    browser.at_rest(page)
+    np.testing.assert_array_equal(browser.matrix(page), numbers_of(load_design("gast2020")).k)
     clipped = "inputs => inputs.filter(one => one.scrollWidth > one.clientWidth).map(one => one.value)"
     shown = page.locator(".studio-entry input[type=text]:visible")
-    assert (shown.evaluate_all(clipped), "13.28" in shown.evaluate_all("all => all.map(one => one.value)")) == (
-        [],
-        True,
-    )
-    before = drawn(page)
-    picture(page, "first")
+    assert shown.evaluate_all(clipped) == []
+    assert "13.28" in shown.evaluate_all("all => all.map(one => one.value)")
+    before = browser.drawn(page)
+    browser.picture(page, "first")
     page.locator("[data-key='array.pitch_mm'] [role=slider]").focus()
     page.keyboard.press("ArrowRight")
     page.wait_for_selector("#changed")
-    at_rest(page)
-    pitch = float(field(page, "array.pitch_mm").input_value())
+    browser.at_rest(page)
+    pitch = float(browser.field(page, "array.pitch_mm").input_value())
     assert 13.28 < pitch < 13.5
-    wider = couple_design(vary(load_design("gast2020"), {"array.pitch_mm": pitch}))
-    np.testing.assert_array_equal(matrix(page), wider.coupling.values)
-    redrawn(page, before)
+    wider = numbers_of(vary(load_design("gast2020"), {"array.pitch_mm": pitch}))
+    np.testing.assert_array_equal(browser.matrix(page), wider.k)
+    browser.redrawn(page, before)
     page.click("#show-L")
     page.wait_for_selector("#matrix td[title^=L]")
-    np.testing.assert_array_equal(matrix(page), wider.inductance.values)
+    np.testing.assert_array_equal(browser.matrix(page), wider.inductance)
     page.click("#show-k")
 
 
-@pytest.mark.slow
 def test_dragging_a_slider_shows_rough_numbers_then_full_ones(page):
-    box = page.locator("[data-key='array.pitch_mm'] [role=slider]").bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     # they may stand there for a moment only: what was there is written down, and the slider moves until it was
     page.evaluate(
         "window.told = []; window.telling = new MutationObserver("
         "() => told.push(document.querySelector('#accuracy')?.dataset.accuracy));"
         "telling.observe(document.body, { attributes: true, subtree: true, attributeFilter: ['data-accuracy'] })"
     )
-    page.mouse.move(x, y)
-    page.mouse.down()
+    x, y, *_ = hold(page, "[data-key='array.pitch_mm'] [role=slider]")
 
     def rough():
         for k in range(1, 8):
@@ -134,59 +154,57 @@ def test_dragging_a_slider_shows_rough_numbers_then_full_ones(page):
     until(rough)
     page.evaluate("telling.disconnect()")
     page.mouse.up()
-    at_rest(page)
-    pitch = float(field(page, "array.pitch_mm").input_value())
+    browser.at_rest(page)
+    pitch = float(browser.field(page, "array.pitch_mm").input_value())
     assert pitch > 11.5
-    np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=pitch)).k)
+    np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=pitch)).k)
 
 
-@pytest.mark.slow
-def test_a_wrong_value_is_told_at_its_field_and_changes_nothing_else(page):
-    before = matrix(page)
-    enter(page, "array.pitch_mm", "wide")
+def test_a_wrong_value_is_told_at_its_field_and_a_broken_rule_is_red(page):
+    before = browser.matrix(page)
+    browser.enter(page, "array.pitch_mm", "wide")
     line = page.wait_for_selector("[data-key='array.pitch_mm'] [role=alert]")
     assert line.inner_text() == "array.pitch_mm must be a number; got 'wide'."
-    assert page.locator("[role=alert]").count() == 1
-    assert field(page, "array.columns").input_value() == "3"
+    assert page.locator(ALERTS).count() == 1
+    assert browser.field(page, "array.columns").input_value() == "3"
     assert page.query_selector("#changed") is None
-    np.testing.assert_array_equal(matrix(page), before)
-    enter(page, "array.columns", "2.5")
+    np.testing.assert_array_equal(browser.matrix(page), before)
+    browser.enter(page, "array.columns", "2.5")
     page.wait_for_selector("[data-key='array.columns'] [role=alert]")
-    assert page.locator("[role=alert]").count() == 2
-    picture(page, "wrong_values")
-    enter(page, "array.pitch_mm", "12")  # right again; the other one stays wrong, and as it was in the design
+    assert page.locator(ALERTS).count() == 2
+    browser.picture(page, "wrong_values")
+    browser.enter(page, "array.pitch_mm", "12")  # right again; the other one stays wrong, and as it was in the design
     page.wait_for_selector("[data-key='array.pitch_mm'] [role=alert]", state="detached")
     page.wait_for_selector("#changed")
-    at_rest(page)
-    assert field(page, "array.columns").input_value() == "2.5"
-    np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=12)).k)
+    browser.at_rest(page)
+    assert browser.field(page, "array.columns").input_value() == "2.5"
+    np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=12)).k)
 
 
-@pytest.mark.slow
 def test_rules_that_break_are_red(page):
     assert page.wait_for_selector("#rules").inner_text() == "rules kept"
-    enter(page, "coils.hexagon.gap_mm", "0.05")
+    browser.enter(page, "coils.hexagon.gap_mm", "0.05")
     page.wait_for_selector("#rules:has-text('rules broken')")
     assert "spacing within net" in page.locator("#margins tr.broken").first.inner_text()
-    picture(page, "broken_rules")
+    browser.picture(page, "broken_rules")
 
 
-@pytest.mark.slow
+@scenes
 def test_switches_change_what_the_converter_sees_and_the_field(page):
     page.click("#tab-switches")
     page.wait_for_selector("#scene :text('magnitude of B')")
-    before = drawn(page)
+    before = browser.drawn(page)
     design = load_design("starter")
-    network = design_circuit(design)
+    network = design_circuit(design, ideal=True)
     settings = dict(zip(design.array.names, ("ground", "measure", "ground"), strict=True))
     sees = "value => Number(document.querySelector('#switched [data-name=L_eff] td + td')?.title) === value"
-    page.wait_for_function(sees, arg=switched(network, settings).effective_inductance)
+    page.wait_for_function(sees, arg=resonate(network, state_of(settings)).effective_inductance)
     for coil, setting in (("coil1", "measure"), ("coil3", "open")):
         page.click(f"[data-coil={coil}] button[value={setting}]")
         settings[coil] = setting
-        page.wait_for_function(sees, arg=switched(network, settings).effective_inductance)
-    redrawn(page, before)
-    picture(page, "switches")
+        page.wait_for_function(sees, arg=resonate(network, state_of(settings)).effective_inductance)
+    browser.redrawn(page, before)
+    browser.picture(page, "switches")
     for coil in ("coil1", "coil2"):
         page.click(f"[data-coil={coil}] button[value=ground]")
     assert page.wait_for_selector("#switch-problem").inner_text() == "at least one coil must be measured."
@@ -194,138 +212,118 @@ def test_switches_change_what_the_converter_sees_and_the_field(page):
     page.wait_for_selector("#switched td")
 
 
-@pytest.mark.slow
+@scenes
 def test_the_indenter_is_dragged_and_located(page):
     page.click("#tab-touch")
     page.click("#compute-table")
     page.wait_for_selector("#indenter")
-    box = page.locator("#top-view").bounding_box()
-    page.mouse.move(box["x"] + 0.4 * box["width"], box["y"] + 0.5 * box["height"])
-    page.mouse.down()
-    across, down = 0.62, 0.45
+    x, y, width, height = hold(page, "#top-view", 0.4, 0.5)
+    across = 0.62
     for part in np.linspace(0.0, 1.0, 6):
-        x, y = 0.4 + part * (across - 0.4), 0.5 + part * (down - 0.5)
-        page.mouse.move(box["x"] + x * box["width"], box["y"] + y * box["height"])
+        page.mouse.move(x + part * (across - 0.4) * width, y - part * 0.05 * height)
     page.mouse.up()
     page.wait_for_function(
         "part => { const v = document.querySelector('#top-view').viewBox.baseVal;"
         " return Math.abs((document.querySelector('#indenter').cx.baseVal.value - v.x) / v.width - part) < 3e-3 }",
         arg=across,  # to a pixel or two
     )
-    heard(page)  # the last move and the end of the drag are one place, told twice
+    browser.heard(page)  # the last move and the end of the drag are one place, told twice
     place = [float(page.input_value(f"[data-axis={axis}] input")) for axis in ("x", "y", "depth")]
-    model = forward_model(browser.bells(load_design_file("starter").document, "starter", lambda done, total: None))
+    model = forward_model(browser.bells(load_design_file("starter").document, "starter"))
     shown = [float(page.inner_text(f"[data-delta={name}] span:last-child").replace("−", "-")) for name in model.states]
     # the place is shown to 0.01 mm, half of which is some 5e-6 on the flank of a bell
     np.testing.assert_allclose(shown, model.delta(np.array(place) * 1e-3) * 1e6, atol=15.0)
-    located = page.inner_text("#located")
+    located = page.inner_text("#located").replace("−", "-")
     assert located.startswith("found\nlocated: x = ")
-    assert float(located.partition("located: x = ")[2].split()[0].replace("−", "-")) == pytest.approx(
-        place[0], abs=0.05
-    )
+    assert float(located.partition("located: x = ")[2].split()[0]) == pytest.approx(place[0], abs=0.05)
     assert "ellipses of " in located
     page.wait_for_selector("#scene :text('hemisphere')")
-    picture(page, "touch")
-    page.fill("[data-axis=depth] input", "deep")
-    page.press("[data-axis=depth] input", "Enter")
+    browser.picture(page, "touch")
+    press_at(page, "depth", "deep")
     assert page.wait_for_selector("#place-error").inner_text() == "depth must be a number; got 'deep'."
-    page.fill("[data-axis=depth] input", "99")
-    page.press("[data-axis=depth] input", "Enter")
+    press_at(page, "depth", "99")
     page.wait_for_selector("#place-error:has-text('mm; got 99.')")
-    page.fill("[data-axis=depth] input", "0.3")
-    page.press("[data-axis=depth] input", "Enter")
+    press_at(page, "depth", "0.3")
     page.wait_for_selector("#place-error", state="detached")
-    enter(page, "array.pitch_mm", "12")  # another board: the response is no longer its own
+    browser.enter(page, "array.pitch_mm", "12")  # another board: the response is no longer its own
     page.wait_for_selector("#touch-note:has-text('computed anew')")
     assert page.query_selector("#indenter") is None
 
 
-@pytest.mark.slow
 def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
-    enter(page, "array.pitch_mm", "12.5")
-    page.wait_for_selector("#changed")
-    page.click("#save")
-    page.fill("#save-name", "../outside.toml")
-    page.click("#save-now")
+    change(page, "array.pitch_mm", "12.5")
+    save(page, "../outside.toml")
     assert "plain, short name" in page.wait_for_selector("#file-problem").inner_text()
-    picture(page, "save")
+    browser.picture(page, "save")
     page.fill("#save-name", "better.toml")
     page.click("#save-now")
     page.wait_for_selector("#file:has-text('better.toml')")
     page.wait_for_selector("#changed", state="detached")
     assert load_design_file(folder / "better.toml").values["array.pitch_mm"] == 12.5
     (folder / "other.toml").write_text("another's", encoding="utf-8")
-    page.click("#save")
-    page.fill("#save-name", "other.toml")
-    page.click("#save-now")
+    save(page, "other.toml")
     assert "other.toml is there already" in page.wait_for_selector("#file-problem").inner_text()
     assert (folder / "other.toml").read_text(encoding="utf-8") == "another's"
     page.click("#save-now:has-text('Replace')")
     page.wait_for_selector("#file:has-text('other.toml')")
     assert load_design_file(folder / "other.toml").values["array.pitch_mm"] == 12.5
-    page.click("#save")
-    page.fill("#save-name", "better.toml")
-    page.click("#save-now")
+    save(page, "better.toml")
     page.click("#save-now:has-text('Replace')")
     page.wait_for_selector("#file:has-text('better.toml')")
-    field(page, "array.columns").fill("2")
-    field(page, "array.columns").press("Tab")  # to leave a field enters it too
+    browser.field(page, "array.columns").fill("2")
+    browser.field(page, "array.columns").press("Tab")  # to leave a field enters it too
     page.wait_for_selector("#changed")
     page.reload()
-    at_rest(page)
-    assert [field(page, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["12.5", "2"]
+    browser.at_rest(page)
+    assert [browser.field(page, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["12.5", "2"]
     assert page.inner_text("#file").startswith("better.toml")
-    np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=12.5, array__columns=2)).k)
+    np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=12.5, array__columns=2)).k)
     page.click("#open")
     page.wait_for_selector("#shelf >> text=better.toml")
-    picture(page, "open")
+    browser.picture(page, "open")
     page.click("#shelf >> text=better.toml")
     page.wait_for_selector("#changed", state="detached")
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 9")
-    assert field(page, "array.columns").input_value() == "3"
+    assert browser.field(page, "array.columns").input_value() == "3"
 
 
-@pytest.mark.slow
 def test_two_browsers_do_not_disturb_each_other(page, chromium, studio):
-    with opened(chromium, studio.url) as other:
-        enter(page, "array.pitch_mm", "13")
-        page.wait_for_selector("#changed")
-        enter(other, "array.columns", "2")
-        other.wait_for_selector("#changed")
+    with browser.opened(chromium, studio.url) as other:
+        change(page, "array.pitch_mm", "13")
+        change(other, "array.columns", "2")
         page.click("#tab-switches")
-        at_rest(other)
-        at_rest(page)
+        browser.at_rest(other)
+        browser.at_rest(page)
         assert other.locator("#matrix").is_visible()
-        assert [field(page, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["13", "3"]
-        assert [field(other, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["11", "2"]
+        assert [browser.field(page, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["13", "3"]
+        assert [browser.field(other, key).input_value() for key in ("array.pitch_mm", "array.columns")] == ["11", "2"]
         page.click("#tab-numbers")
-        np.testing.assert_array_equal(matrix(page), numbers_of(changed(array__pitch_mm=13)).k)
-        np.testing.assert_array_equal(matrix(other), numbers_of(changed(array__columns=2)).k)
+        np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=13)).k)
+        np.testing.assert_array_equal(browser.matrix(other), numbers_of(changed(array__columns=2)).k)
 
 
-@pytest.mark.slow
 def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     pytest.importorskip("optuna")
     result = browser.quick_run(folder / "found")
     page.click("#tab-runs")
     page.click("#look-for-runs")
-    heard(page)
+    browser.heard(page)
     page.click("#run-folder-box .v-field")
     page.click(".v-overlay >> text=found")
     page.wait_for_selector("#pareto")
     assert page.inner_text("#run-summary").startswith(f"{len(result.trials)} points tried")
     assert page.locator("#front tbody tr").count() == len(result.front)
-    picture(page, "runs")
+    browser.picture(page, "runs")
     name = page.inner_text("#front tbody tr >> nth=0 >> td >> nth=0")
     (trial,) = (one for one in result.front if one.name == name)
     page.click("#front button >> nth=0")
     page.wait_for_selector("#changed")
-    assert int(field(page, "array.columns").input_value()) == trial.changes["array.columns"]
-    pitch = float(field(page, "array.pitch_mm").input_value())
+    assert int(browser.field(page, "array.columns").input_value()) == trial.changes["array.columns"]
+    pitch = float(browser.field(page, "array.pitch_mm").input_value())
     assert pitch == pytest.approx(trial.changes["array.pitch_mm"], rel=1e-11)  # shown with twelve digits
 
 
-@pytest.mark.slow
+@scenes
 def test_a_board_is_watched_and_stopped(page, studio):
     before = set(studio.children())
     page.click("#tab-board")
@@ -334,29 +332,25 @@ def test_a_board_is_watched_and_stopped(page, studio):
     assert page.inner_text("#board-line").startswith("[emulator] emulator")
     assert "4.00 scans/s, 0 lost" in page.inner_text("#board-lines")
     page.wait_for_selector("#scene :text('δ')")
-    if os.environ.get(browser.ARTIFACTS):
-        page.screenshot(path=os.path.join(os.environ[browser.ARTIFACTS], "studio_board.png"))  # it is never at rest
+    browser.picture(page, "board", rests=False)
     (child,) = set(studio.children()) - before
     box = page.get_attribute("#board-view", "viewBox")
-    enter(page, "array.pitch_mm", "13")  # the board that runs stays what it is
-    page.wait_for_selector("#changed")
+    change(page, "array.pitch_mm", "13")  # the board that runs stays what it is
     scan = int(page.get_attribute("#board-line", "data-scan"))
     page.wait_for_function("scan => Number(document.querySelector('#board-line').dataset.scan) > scan + 1", arg=scan)
     assert page.get_attribute("#board-view", "viewBox") == box
     page.click("#stop-board")
     page.wait_for_selector("#start-board")
-    wait_until_gone([child])
+    browser.wait_until_gone([child])
     assert page.get_attribute("#board-view", "viewBox") != box
     assert page.inner_text("#board-lines") == ""  # it was of another board
 
 
-@pytest.mark.slow
 def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, folder):
     page.click("#report")
     page.wait_for_selector("#job [role=progressbar][aria-valuenow]")
-    enter(page, "array.pitch_mm", "12")  # the page goes on meanwhile
-    page.wait_for_selector("#changed")
-    picture(page, "job")
+    change(page, "array.pitch_mm", "12")  # the page goes on meanwhile
+    browser.picture(page, "job")
     page.click("#cancel")
     page.wait_for_selector("#job", state="detached")
     assert not (folder / "starter-report").exists()
@@ -368,59 +362,51 @@ def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, 
     assert "A report." in answer.text()
 
 
-@pytest.mark.slow
+@scenes
 def test_the_scene_is_turned_and_its_groups_are_hidden(page):
-    first = drawn(page)
-    box = page.locator("#scene img").first.bounding_box()
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
+    first = browser.drawn(page)
+    x, y, *_ = hold(page, "#scene img")
     for k in range(6):
         page.mouse.move(x + 12 * k, y + 6 * k)
     page.mouse.up()
-    turned = redrawn(page, first)
+    turned = browser.redrawn(page, first)
     page.click("#scene button:has-text('copper L1')")
     page.wait_for_selector("#scene button.off:has-text('copper L1')")
-    redrawn(page, turned)
-    picture(page, "turned")
+    browser.redrawn(page, turned)
+    browser.picture(page, "turned")
     page.click("#scene button:has-text('copper L1')")
     page.click("#scene button:has-text('oblique')")
 
 
-# ------------------------------------------------------------------------ the program
-
-
-@pytest.mark.slow
 def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, tmp_path):
     arguments = ("starter", "--linger", "0.5", "--host", "127.0.0.1")
     said = {"COILARRAY_CACHE": str(tmp_path / "cache"), "COILARRAY_NO_RENDERING": "1"}
-    with served(*arguments, program=True, cwd=tmp_path, **said) as started:
-        context = profile(chromium)
+    with browser.served(*arguments, program=True, cwd=tmp_path, **said) as started:
+        context = browser.profile(chromium)
         refused = context.new_page()
         assert refused.goto(started.url.partition("?")[0]).status == 403
         assert "the address lacks its token" in refused.inner_text("body")
         context.close()
-        with opened(chromium, started.url) as page:
+        with browser.opened(chromium, started.url) as page:
             page.click("#tab-touch")
             page.click("#compute-table")
             page.wait_for_selector("#job")
             children = started.children()
             assert children
         assert started.wait() == 0
-        wait_until_gone([started.process.pid, *children])
+        browser.wait_until_gone([started.process.pid, *children])
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="no Ctrl-C to be sent here")
 def test_ctrl_c_ends_it_with_a_page_open_and_nothing_to_render(chromium, tmp_path):
-    with served("starter", program=True, cwd=tmp_path, COILARRAY_NO_RENDERING="1") as started:
-        context = profile(chromium)
+    with browser.served("starter", program=True, cwd=tmp_path, COILARRAY_NO_RENDERING="1") as started:
+        context = browser.profile(chromium)
         page = context.new_page()
         page.goto(started.url)
         page.wait_for_selector("#scene-problem:has-text('COILARRAY_NO_RENDERING')")
-        at_rest(page)
-        np.testing.assert_array_equal(matrix(page), numbers_of(load_design("starter")).k)
-        picture(page, "no_rendering")
+        browser.at_rest(page)
+        np.testing.assert_array_equal(browser.matrix(page), numbers_of(load_design("starter")).k)
+        browser.picture(page, "no_rendering")
         said = started.end()
         context.close()
         assert started.process.returncode == 0

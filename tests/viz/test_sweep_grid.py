@@ -1,7 +1,5 @@
 """Figures of sweeps: every number at its place, in lines, maps and dots."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -39,20 +37,11 @@ def test_one_entry_is_a_line_a_quantity_with_the_designs_own_value():
     assert line(first, 1)[:, 0].tolist() == [13.0, 13.0]
     assert (first.get_xlabel(), first.get_ylabel()) == ("array.pitch_mm (mm)", "worst_k")
     assert second.get_ylabel() == "span_mm (mm)"
-
-
-def test_a_point_without_a_result_is_a_gap():
     swept = result(PITCH)
     swept["worst_k"][1] = np.nan
     ax = sweep_figure(swept).axes[0]
     assert np.isnan(line(ax)[1, 1])
-
-
-def test_an_own_value_beyond_the_sweep_is_not_shown():
     assert len(sweep_figure(result(COLUMNS)).axes[0].lines) == 1
-
-
-def test_texts_stand_beside_each_other_with_their_names():
     ax = sweep_figure(result(TANK)).axes[0]
     np.testing.assert_array_equal(line(ax), [[0, 0], [1, 1]])
     assert [text.get_text() for text in ax.get_xticklabels()] == ["coil", "converter"]

@@ -1,7 +1,5 @@
 """Tables and figure of a tolerance analysis, of numbers that are known."""
 
-from __future__ import annotations
-
 import csv
 import io
 
@@ -10,14 +8,7 @@ import pytest
 import xarray as xr
 from support.tolerance_boards import loops
 
-from coilarray.report.tolerance_tables import (
-    error_table,
-    given_table,
-    sample_table,
-    share_table,
-    spread_table,
-    yield_table,
-)
+from coilarray.report import tolerance_tables as tables
 from coilarray.studies.tolerance import Limit, Spread, Tolerances, analyse
 from coilarray.viz.plots.tolerance import tolerance_figure
 
@@ -41,37 +32,30 @@ def rows_of(table):
 
 
 @pytest.mark.slow
-def test_the_spread_is_that_of_the_analysis(sampled):
-    rows = rows_of(spread_table(sampled))
+def test_the_spread_is_that_of_the_analysis(sampled, linear):
+    rows = rows_of(tables.spread_table(sampled))
     for name in (K, L):
         at, row = sampled.sel(output=name), rows[name]
         for key in ("nominal", "linear_deviation", "step_change", "sample_mean", "sample_deviation", "ratio"):
             assert row[key] == float(at[key])
         assert (row["low"], row["high"]) == tuple(at.percentiles.values.tolist())
     assert rows[K]["largest"].startswith("dielectric, board ")
-
-
-@pytest.mark.slow
-def test_without_samples_their_columns_are_empty(linear):
-    for row in rows_of(spread_table(linear)).values():
+    for row in rows_of(tables.spread_table(linear)).values():
         assert [row[key] for key in ("sample_mean", "sample_deviation", "ratio", "ratio_error", "low", "high")] == [
             ""
         ] * 6
-    assert "nan" not in spread_table(linear).csv().lower()
-    assert yield_table(linear).rows == ()
+    assert "nan" not in tables.spread_table(linear).csv().lower()
+    assert tables.yield_table(linear).rows == ()
 
 
-def test_contributors_come_from_the_largest(linear):
-    table = share_table(linear)
+def test_contributors_come_from_the_largest_and_errors_with_their_reason(linear):
+    table = tables.share_table(linear)
     for name in (K, L):
         shares = [row[3] for row in table.rows if row[0] == name]
         assert len(shares) == linear.sizes["contributor"]
         assert shares == sorted(shares, reverse=True)
         assert sum(shares) == pytest.approx(1, rel=1e-12)
-
-
-def test_errors_are_told_with_their_reason(linear):
-    rows = rows_of(error_table(linear))
+    rows = rows_of(tables.error_table(linear))
     assert rows["etch, board"] == {
         "contributor": "etch, board",
         "distribution": "normal",
@@ -80,26 +64,17 @@ def test_errors_are_told_with_their_reason(linear):
         "assumed": "a guess",
     }
     assert rows["dielectric, board"]["assumed"] == ""
-
-
-def test_given_spreads_are_shown_in_the_units_of_a_file(linear):
-    table = given_table(linear)
+    table = tables.given_table(linear)
     assert table.records()[0]["layer_deviation"] == 2e-6
-    assert table.cells() == [
-        ["etch", "normal", "1", "2", "µm", "a guess"],
-        ["dielectric", "uniform", "1", "", "%", ""],
-    ]
+    assert table.cells() == [["etch", "normal", "1", "2", "µm", "a guess"], ["dielectric", "uniform", "1", "", "%", ""]]
 
 
-def test_yields_are_those_of_the_limits(sampled):
-    rows = rows_of(yield_table(sampled))
+def test_boards_and_yields_are_those_of_the_analysis(sampled):
+    rows = rows_of(tables.yield_table(sampled))
     assert list(rows) == [f"{K} ≤ 0.255", f"0 ≤ {L}", "all limits"]
     assert rows[f"0 ≤ {L}"]["sample_yield"] == rows[f"0 ≤ {L}"]["linear_yield"] == 1
     assert rows["all limits"]["sample_yield"] == rows[f"{K} ≤ 0.255"]["sample_yield"] < 1
-
-
-def test_boards_are_rows_of_errors_and_outputs(sampled):
-    table = sample_table(sampled)
+    table = tables.sample_table(sampled)
     read = list(csv.DictReader(io.StringIO(table.csv())))
     assert len(read) == 16
     assert float(read[3][K]) == sampled.value.sel(output=K).values[3]
@@ -110,7 +85,7 @@ def test_boards_are_rows_of_errors_and_outputs(sampled):
 @pytest.mark.slow
 def test_a_board_that_failed_is_empty_with_the_reason():
     hard = Tolerances({"etch": Spread(board=12e-6)})
-    rows = sample_table(analyse(loops(), hard, samples=64, quantities=[K])).records()
+    rows = tables.sample_table(analyse(loops(), hard, samples=64, quantities=[K])).records()
     failed = [row for row in rows if row["failure"]]
     assert failed
     assert all(row[K] == "" and "no board" in row["failure"] for row in failed)
@@ -125,6 +100,10 @@ def test_bars_end_at_all_of_the_variance(linear):
         ends[row] = max(ends.get(row, 0.0), bar.get_x() + bar.get_width())
     assert ends == pytest.approx({0: 100.0, 1: 100.0}, rel=1e-9)
     assert [text.get_text() for text in ax.get_yticklabels()] == [K, L]
+    only = analyse(loops(), Tolerances({"capacitance": Spread(board=0.01)}), samples=0, quantities=[K])
+    assert isinstance(only, xr.Dataset)
+    (ax,) = tolerance_figure(only).axes
+    assert {bar.get_width() for bar in ax.patches} == {0.0}
 
 
 def test_every_drawn_output_has_a_histogram_with_its_limits(sampled):
@@ -140,9 +119,6 @@ def test_every_drawn_output_has_a_histogram_with_its_limits(sampled):
     deviation = float(sampled.linear_deviation.sel(output=K))
     # a normal density has its peak at 1/(σ √(2π)); 200 points miss it by little
     assert max(curve.get_ydata()) == pytest.approx(1 / (deviation * np.sqrt(2 * np.pi)), rel=1e-3)
-
-
-def test_one_output_may_be_drawn(sampled):
     assert len(tolerance_figure(sampled, [L]).axes) == 2
 
 
@@ -150,10 +126,3 @@ def test_one_output_may_be_drawn(sampled):
 def test_other_outputs_are_refused(sampled, outputs, message):
     with pytest.raises(ValueError, match=message):
         tolerance_figure(sampled, outputs)
-
-
-def test_an_output_without_spread_is_drawn_empty():
-    only = analyse(loops(), Tolerances({"capacitance": Spread(board=0.01)}), samples=0, quantities=[K])
-    assert isinstance(only, xr.Dataset)
-    (ax,) = tolerance_figure(only).axes
-    assert {bar.get_width() for bar in ax.patches} == {0.0}

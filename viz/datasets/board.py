@@ -72,21 +72,9 @@ def path_lines(conductors: Sequence[Conductor]) -> pyvista.PolyData:
 
 
 def with_coil_values(mesh: pyvista.DataSet, values: npt.ArrayLike, name: str) -> pyvista.DataSet:
-    """Give every cell of a mesh the value of its coil.
+    """Return a copy of a mesh with the cell array ``"coil"``, with the value of its coil in every cell as `name`.
 
-    Parameters
-    ----------
-    mesh : pyvista.DataSet
-        Mesh with the cell array ``"coil"``, as from `copper_mesh`, `barrel_mesh` and `path_lines`.
-    values : array_like, shape (coils,)
-        Values in the unit in `name`; NaN for a coil without a value.
-    name : str
-        Name of the cell array, with its unit.
-
-    Returns
-    -------
-    pyvista.DataSet
-        A copy; an empty mesh stays empty.
+    `values`, shape (coils,), are in the unit in `name`; NaN for a coil without one. An empty mesh stays empty.
     """
     result: pyvista.DataSet = mesh.copy()
     if mesh.n_cells:

@@ -46,13 +46,9 @@ def sheet_meshes(
 
 
 def indenter_outline(indenter: Indenter, height: float) -> tuple[FloatArray, FloatArray]:
-    """Return the outline of an indenter from its tip up to a height in m above it, as seen from the side.
+    """Return radius (or half the width) and height above the tip in m of an indenter, from its tip up to `height`.
 
-    Returns
-    -------
-    r, z : ndarray, shape (n,)
-        Radius, or half the width, and height above the tip in m; the first point is the tip. Above its own shape an
-        indenter continues as a rod.
+    The first of the n points is the tip; above its own shape an indenter continues as a rod.
 
     Examples
     --------
@@ -105,9 +101,8 @@ def dented_sheet_meshes(
     plane = indentation.attrs["symmetry"] == "plane"
     angles, lengths = _rays(centre, extent, float(indentation.r[-1]), plane=plane)
     radii = lengths[:, None] * np.linspace(0.0, 1.0, _RADII) ** 2  # fine near the axis, where the dent is
-    faces = [
-        _displaced(angles, radii, centre, indentation.isel(interface=k), plane=plane) for k in range(len(sheets) + 1)
-    ]
+    at = (indentation.isel(interface=k) for k in range(len(sheets) + 1))
+    faces = [_displaced(angles, radii, centre, face, plane=plane) for face in at]
     return {sheet.name: _opened_solid(faces[k], faces[k + 1]) for k, sheet in enumerate(sheets)}
 
 
@@ -140,14 +135,10 @@ def indenter_mesh(
     angles, lengths = _rays(centre, extent, end, plane=plane)
     radii = lengths[:, None] * np.sin(np.linspace(0.0, math.pi / 2, _RADII))  # fine at the rim, where a ball is steep
     distance = np.abs(radii * np.cos(angles)[:, None]) if plane else radii
-    bottom = np.empty((*radii.shape, 3))
-    bottom[..., 0] = centre[0] + radii * np.cos(angles)[:, None]
-    bottom[..., 1] = centre[1] + radii * np.sin(angles)[:, None]
+    x, y = centre[0] + radii * np.cos(angles)[:, None], centre[1] + radii * np.sin(angles)[:, None]
     # a distance that rounding has put beyond the rim has no height
-    bottom[..., 2] = tip + indenter.profile(np.minimum(distance, end))
-    top = bottom.copy()
-    top[..., 2] = tip + height
-    return _opened_solid(bottom, top)
+    bottom = tip + indenter.profile(np.minimum(distance, end))
+    return _opened_solid(np.stack((x, y, bottom), axis=-1), np.stack((x, y, np.full_like(x, tip + height)), axis=-1))
 
 
 def _rays(
@@ -180,11 +171,9 @@ def _displaced(
     outwards, upwards = (
         np.interp(distance, face.r.values, face[name].values) for name in ("displacement_r", "displacement_z")
     )
-    points = np.empty((*radii.shape, 3))
-    points[..., 0] = centre[0] + x + outwards * (np.sign(x) if plane else np.cos(angles)[:, None])
-    points[..., 1] = centre[1] + y + (0.0 if plane else outwards * np.sin(angles)[:, None])
-    points[..., 2] = float(face.height) + upwards
-    return points
+    along = centre[0] + x + outwards * (np.sign(x) if plane else np.cos(angles)[:, None])
+    across = centre[1] + y + (0.0 if plane else outwards * np.sin(angles)[:, None])
+    return np.stack((along, across, float(face.height) + upwards), axis=-1)
 
 
 def _opened_solid(bottom: FloatArray, top: FloatArray) -> pyvista.PolyData:

@@ -28,26 +28,14 @@ _LINE_STEP = 0.25  # distance between points of a line, in cells
 
 
 def require_memory(points: int, what: str) -> None:
-    """Refuse a field that would need more than `MOST_MEMORY`.
-
-    Parameters
-    ----------
-    points : int
-        Number of points of the grid.
-    what : str
-        Option or argument that determines it, with its value.
-
-    Raises
-    ------
-    GeometryError
-        If there are too many points, with the memory that they need.
+    """Refuse a field of `points`, determined by `what` with its value, that would need more than `MOST_MEMORY`.
 
     Examples
     --------
     >>> require_memory(10**9, "spacing 0.05 mm")
     Traceback (most recent call last):
     coilarray.errors.GeometryError: spacing 0.05 mm gives 1e+09 points, about 220 GB of memory; at most 1 GB is \
-allowed: widen the spacing.
+    allowed: widen the spacing.
     """
     needed = points * _BYTES_A_POINT
     if needed > MOST_MEMORY:
@@ -184,7 +172,7 @@ def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.
     lines, amounts = [], []
     for seed in sorted(along.keys() | against.keys()):
         line, amount = along.get(seed, _NOWHERE)
-        if not _gone_round(line):
+        if _first_round(line) == len(line):
             before, amount_before = against.get(seed, _NOWHERE)
             line = np.vstack((before[:0:-1], line))
             amount = np.concatenate((amount_before[:0:-1], amount))
@@ -221,9 +209,7 @@ def field_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float]) -> py
 
 def _thinned(axis: npt.NDArray[np.float64], distance: float) -> list[int]:
     """Return indices of an ascending axis whose values are at least a distance apart, centred as far as possible."""
-    step = 1
-    if len(axis) > 1:
-        step = max(1, math.ceil(distance / float(np.diff(axis).min()) * (1 - 1e-9)))
+    step = max(1, math.ceil(distance / np.diff(axis).min() * (1 - 1e-9))) if len(axis) > 1 else 1
     first = (len(axis) - 1) % step // 2
     return list(range(first, len(axis), step))
 
@@ -250,19 +236,9 @@ def _followed(
     return {seed: (points[at], amounts[at]) for seed, at in cells.items() if len(at) > 1}
 
 
-def _turned(line: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the angle in rad by which a line has turned after each of its corners."""
-    steps = np.diff(line, axis=0)
-    steps = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), np.finfo(float).tiny)
-    return np.asarray(np.cumsum(np.arccos(np.clip((steps[1:] * steps[:-1]).sum(axis=1), -1.0, 1.0))))
-
-
-def _gone_round(line: npt.NDArray[np.float64]) -> bool:
-    return len(line) > 2 and bool(_turned(line)[-1] >= 2 * np.pi)
-
-
 def _first_round(line: npt.NDArray[np.float64]) -> int:
     """Count the points until a line has turned once around; all of them where it has not."""
-    if not _gone_round(line):
-        return len(line)
-    return int(np.searchsorted(_turned(line), 2 * np.pi)) + 2
+    steps = np.diff(line, axis=0)
+    steps = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), np.finfo(float).tiny)
+    turned = np.cumsum(np.arccos(np.clip((steps[1:] * steps[:-1]).sum(axis=1), -1.0, 1.0)))  # rad, at each corner
+    return min(int(np.searchsorted(turned, 2 * np.pi)) + 2, len(line))

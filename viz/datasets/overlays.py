@@ -54,10 +54,8 @@ def coupling_arcs(
         Centres of the coils in m.
     coupling : array_like, shape (coils, coils)
         Coefficients k = M/√(L L), symmetric.
-    height : float
-        Height of the ends of the arcs in m.
-    least : float
-        Smallest |k| of a pair that has an arc.
+    height, least : float
+        Height of the ends of the arcs in m, and smallest |k| of a pair that has an arc.
 
     Returns
     -------
@@ -137,16 +135,12 @@ def response_surface(
     response : xarray.Dataset
         Computed or measured response with ``delta`` (depth, y, x, state), as from
         `coilarray.response.map.response_map`.
-    state : str
-        Name of the state of the scan.
-    depth : int
-        Index of the depth in the dataset; the deepest by default.
+    state, depth : str and int
+        Name of the state of the scan, and index of the depth in the dataset, the deepest by default.
     origin : tuple of float
         Place of the map's origin on the board in m.
-    height : float
-        Height of δ = 0 above the board in m.
-    relief : float
-        Rise in m at the largest |δ|; 0 makes the surface flat.
+    height, relief : float
+        Height of δ = 0 above the board, and rise at the largest |δ| in m; 0 makes the surface flat.
 
     Returns
     -------
@@ -240,10 +234,8 @@ def uncertainty_ellipse(
         Covariance of x and y in m², symmetric and positive definite.
     confidence : float
         Probability, between 0 and 1.
-    magnification : float
-        Factor by which the ellipse is drawn too large.
-    height : float
-        Height above the board in m.
+    magnification, height : float
+        Factor by which the ellipse is drawn too large, and its height above the board in m.
 
     Returns
     -------

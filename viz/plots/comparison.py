@@ -2,45 +2,31 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from coilarray.compute.display_units import MILLI_DELTA, MM, DisplayUnit, true_minus
 from coilarray.viz.datasets.overlays import of_state
 from coilarray.viz.palette import BLUE, COILS, GREY, VERMILLION, cycled
-from coilarray.viz.plots.axis_units import MILLI_DELTA, MM, axis_unit, true_minus
-from coilarray.viz.plots.style import (
-    colour_bar,
-    faint_grid,
-    figure_size,
-    largest,
-    legend_beside,
-    new_axes,
-    signed_map,
-    styled,
-)
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.viz.plots import style
 
 MOST_STATES = 6
 """Largest number of states in `comparison_figure`."""
 
 _SIGMAS = 2.0  # of the band around x0
 _STAGES: dict[Literal["before", "after"], str] = {"before": "as simulated", "after": "scaled and shifted"}
-_SOURCES = ("measured", "simulated")
+_SOURCES = {"measured": (VERMILLION, "o-"), "simulated": (BLUE, "s--")}
 _WIDTHS = (1.0, 1.0, 0.6)  # of two maps and x0 beside each other
 _ROW = 13.0  # inches
 
 
-@styled
+@style.styled
 def plot_residual(
     comparison: xr.Dataset,
     state: str,
@@ -57,16 +43,14 @@ def plot_residual(
     ----------
     comparison : xarray.Dataset
         Result of `coilarray.localize.comparison.compare_responses`, with at least two x and two y.
-    state : str
-        Name of the state.
-    depth : int
-        Index of the depth in the dataset.
+    state, depth : str and int
+        Name of the state, and index of the depth in the dataset.
     stage : {"before", "after"}
         Simulated map as it is, or scaled and shifted onto the measured one.
     ax : Axes, optional
         Axes to draw into, in mm.
-    outlines : sequence of array_like, each of shape (m, 2)
-        Corners of the coils in m from the same origin as x and y, first point not repeated.
+    outlines : sequence of array_like
+        As in `coilarray.viz.plot_response`.
 
     Raises
     ------
@@ -86,27 +70,23 @@ def plot_residual(
     ('Measured less simulated coil1, scaled and shifted', 'δ (10⁻⁶)')
     """
     of = of_state(comparison.isel(depth=depth), state)
-    if min(of.sizes["x"], of.sizes["y"]) < 2:
-        raise ValueError(f"a map must have at least two x and two y; got {of.sizes['x']} and {of.sizes['y']}.")
-    ax = ax or new_axes(*figure_size(float(np.ptp(of.x.values)), float(np.ptp(of.y.values))))
-    both = _residuals(of)
-    shown = axis_unit(both, "1")
-    mesh = signed_map(ax, of, shown.of(both[list(_STAGES).index(stage)]), outlines, largest(shown.of(both)))
-    colour_bar(ax, mesh, shown.label("δ"))
+    style.require_plane(of)
+    ax = ax or style.new_axes(*style.map_size(of))
+    both, shown = _residuals(of)
+    mesh = style.signed_map(ax, of, both[list(_STAGES).index(stage)], outlines, style.largest(both))
+    style.colour_bar(ax, mesh, shown.label("δ"))
     ax.set_title(f"Measured less simulated {state}, {_STAGES[stage]}")
     return ax
 
 
-@styled
+@style.styled
 def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None) -> Axes:
     """Draw measured over simulated δ of every state, one dot per position, with the line of equality.
 
     Parameters
     ----------
-    comparison : xarray.Dataset
+    comparison, depth
         As in `plot_residual`.
-    depth : int
-        Index of the depth in the dataset.
     ax : Axes, optional
         Axes to draw into; both have the unit 10⁻³.
 
@@ -121,34 +101,26 @@ def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None
     ('coil1, scale 2.000 ± 0.100', 'simulated δ (10⁻³)')
     """
     at = comparison.isel(depth=depth)
-    ax = ax or new_axes(5.0, 4.5)
+    ax = ax or style.new_axes(5.0, 4.5)
     names = at.state.values.tolist()
-    ends = []
+    ends: list[float] = []
     for k, (name, colour) in enumerate(cycled(COILS, names).items()):
         measured, simulated = (MILLI_DELTA.of(at.delta.sel(state=name, source=source)).ravel() for source in _SOURCES)
-        ax.plot(
-            simulated,
-            measured,
-            linestyle="",
-            marker="os^Dv*"[(k // len(COILS)) % 6],
-            markersize=3.0,
-            markerfacecolor="none",
-            color=colour,
-            label=true_minus(f"{name}, scale {float(at.scale[k]):.3f} ± {float(at.scale_std[k]):.3f}"),
-        )
-        ends.append(simulated[np.isfinite(simulated)])
-    all_ends = np.concatenate(ends)
-    if all_ends.size:
-        span = np.array([all_ends.min(), all_ends.max()])
+        label = true_minus(f"{name}, scale {float(at.scale[k]):.3f} ± {float(at.scale_std[k]):.3f}")
+        marker = "os^Dv*"[(k // len(COILS)) % 6]
+        ax.plot(simulated, measured, marker, markersize=3.0, markerfacecolor="none", color=colour, label=label)
+        ends += simulated[np.isfinite(simulated)].tolist()
+    if ends:
+        span = min(ends), max(ends)
         ax.plot(span, span, color=GREY, linewidth=0.8, zorder=0)
-    faint_grid(ax)
+    style.faint_grid(ax)
     ax.set(xlabel=MILLI_DELTA.label("simulated δ"), ylabel=MILLI_DELTA.label("measured δ"))
     ax.set_title(f"Readings, {MM.text(at.depth)} deep")
-    legend_beside(ax, math.ceil(len(names) / 16))
+    style.legend_beside(ax)
     return ax
 
 
-@styled
+@style.styled
 def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | None = None) -> Axes:
     """Draw x0 of the ellipses of one state over δ, measured and simulated, with bands of two standard deviations.
 
@@ -174,30 +146,28 @@ def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | 
     (['measured', 'simulated'], '$x_0$ (mm)')
     """
     of = of_state(comparison.isel(depth=depth), state)
-    ax = ax or new_axes(5.0, 3.5)
+    ax = ax or style.new_axes(5.0, 3.5)
     level = MILLI_DELTA.of(of.level)
-    looks = dict(zip(_SOURCES, ((VERMILLION, "o-"), (BLUE, "s--")), strict=True))
-    drawn = False
-    for source, (colour, look) in looks.items():
+    drawn = [source for source in _SOURCES if np.isfinite(of.x0.sel(source=source)).any()]
+    for source in drawn:
+        colour, look = _SOURCES[source]
         x0, deviation = (MM.of(of[name].sel(source=source)) for name in ("x0", "x0_std"))
-        if np.isfinite(x0).any():
-            drawn = True
-            ax.plot(level, x0, look, color=colour, markersize=3.0, markerfacecolor="none", linewidth=1.0, label=source)
-            band = (x0 - _SIGMAS * deviation, x0 + _SIGMAS * deviation)
-            ax.fill_between(level, *band, color=colour, alpha=0.2, linewidth=0)
+        ax.plot(level, x0, look, color=colour, markersize=3.0, markerfacecolor="none", linewidth=1.0, label=source)
+        band = (x0 - _SIGMAS * deviation, x0 + _SIGMAS * deviation)
+        ax.fill_between(level, *band, color=colour, alpha=0.2, linewidth=0)
     if "coil_x" in of.coords and state in of.coil.values:
         centre = float(MM.of(of.coil_x.sel(coil=state)))
         ax.axhline(centre, color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
-    faint_grid(ax)
+    style.faint_grid(ax)
     ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("$x_0$"), title=f"$x_0$ of {state}")
     if drawn:
-        legend_beside(ax)
+        style.legend_beside(ax)
     else:
         ax.text(0.5, 0.5, "no ellipses", ha="center", va="center", transform=ax.transAxes)
     return ax
 
 
-@styled
+@style.styled
 def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
     """Draw one row per state: the difference before and after scale and shift, and x0 of both.
 
@@ -222,20 +192,20 @@ def comparison_figure(comparison: xr.Dataset, depth: int = -1, outlines: Sequenc
     axes = figure.subplots(len(names), 3, squeeze=False, width_ratios=_WIDTHS)
     for (left, right, curve), state in zip(axes, names, strict=True):
         of = of_state(comparison.isel(depth=depth), state)
-        both = _residuals(of)
-        shown = axis_unit(both, "1")
-        for ax, values, stage in zip((left, right), shown.of(both), _STAGES.values(), strict=True):
-            mesh = signed_map(ax, of, values, outlines, largest(shown.of(both)))
+        both, shown = _residuals(of)
+        for ax, values, stage in zip((left, right), both, _STAGES.values(), strict=True):
+            mesh = style.signed_map(ax, of, values, outlines, style.largest(both))
             ax.set_title(f"{state}, {stage}")
         figure.colorbar(mesh, ax=[left, right], label=shown.label("δ"), fraction=0.03, pad=0.01)
         right.set_ylabel("")
         plot_centres(comparison, state, depth, curve)
     note = f" ({len(names)} of {comparison.sizes['state']} states)" if len(names) < comparison.sizes["state"] else ""
-    title = f"Measured less simulated δ, {MM.text(comparison.depth[depth])} deep{note}"
-    figure.suptitle(title, x=0.01, ha="left", fontsize="large")
+    style.main_title(figure, f"Measured less simulated δ, {MM.text(comparison.depth[depth])} deep{note}")
     return figure
 
 
-def _residuals(of: xr.Dataset) -> FloatArray:
-    """Return the difference of one state before and after scale and shift, shape (2, y, x)."""
-    return np.stack([of[f"residual_{stage}"].transpose("y", "x").values for stage in _STAGES])
+def _residuals(of: xr.Dataset) -> tuple[npt.NDArray[np.float64], DisplayUnit]:
+    """Return the difference of one state before and after scale and shift, shape (2, y, x), in a unit for both."""
+    both = np.stack([of[f"residual_{stage}"].transpose("y", "x").values for stage in _STAGES])
+    shown = style.axis_unit(both, "1")
+    return shown.of(both), shown

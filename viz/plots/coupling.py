@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 
+from coilarray.compute.display_units import PLAIN, number_text, true_minus
 from coilarray.viz.palette import BLUE, DIVERGING, PALE, SEQUENTIAL, UNKNOWN, VERMILLION
-from coilarray.viz.plots.axis_units import PLAIN, axis_unit, number_text, true_minus
-from coilarray.viz.plots.style import colour_bar, faint_grid, largest, legend_above, new_axes, styled
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.viz.plots.style import axis_unit, colour_bar, faint_grid, largest, legend_above, new_axes, styled
 
 _DARK = 0.179  # relative luminance on which black and white contrast alike, 4.6: √(1.05 · 0.05) − 0.05, WCAG 2.1
 
@@ -89,19 +85,16 @@ def plot_matrix(
         Elements in SI units.
     names : sequence of str
         Names of the coils.
-    title : str
-        Title of the axes.
-    quantity : str
-        Name of the quantity, for the colour bar.
+    title, quantity : str
+        Title of the axes, and name of the quantity for the colour bar.
     unit : str
         SI unit of `values` without a prefix, such as ``"H"``; the prefix is chosen from the largest value shown.
         Empty for a pure number, which gets none.
     scale : {"sequential", "diverging"}
         Diverging colours are symmetric about zero, for values of both signs.
-    digits : int
-        Number of digits after the decimal point.
-    mask_diagonal : bool
-        Leave the diagonal out, so that the colours spread over the neighbours.
+    digits, mask_diagonal : int, bool
+        Number of digits after the decimal point; and whether to leave the diagonal out, so that the colours spread over
+        the neighbours.
     ax : Axes, optional
         Axes to draw into.
 
@@ -152,13 +145,10 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
     shown = axis_unit(np.concatenate((before, after)), str(coupling.open_effective_inductance.attrs["units"]))
     ax = ax or new_axes(6.0, 1.3 + 0.35 * len(names))
     rows = np.arange(len(names))
-    grounded = (coupling.termination.values == "short").all()
+    closed = "grounded" if (coupling.termination.values == "short").all() else "as terminated"
     ax.hlines(rows, shown.of(before), shown.of(after), color=PALE, linewidth=3, zorder=1)
     ax.scatter(shown.of(before), rows, s=45, color=BLUE, label="others open", zorder=2)
-    ax.scatter(
-        shown.of(after), rows, s=45, color=VERMILLION, marker="D", zorder=2,
-        label="others grounded" if grounded else "others as terminated",
-    )  # fmt: skip
+    ax.scatter(shown.of(after), rows, s=45, color=VERMILLION, marker="D", label=f"others {closed}", zorder=2)
     lower, change = shown.of(np.minimum(before, after)), 100 * (after / before - 1)
     for row, low, percent in zip(rows.tolist(), lower.tolist(), change.tolist(), strict=True):
         look: dict[str, Any] = {"xytext": (-9, 0), "textcoords": "offset points", "ha": "right", "va": "center"}
@@ -233,15 +223,10 @@ def _heat_map(
     ax.spines[:].set_visible(False)
     ax.set_title(title)
     colour_bar(ax, image, label)
-    _write_cells(ax, texts, image.to_rgba(numbers), np.ma.getmaskarray(numbers))
-    return ax
-
-
-def _write_cells(ax: Axes, texts: Sequence[Sequence[str]], colours: FloatArray, mask: npt.NDArray[np.bool_]) -> None:
-    """Write a text into every cell that is not masked, black on light colours and white on dark ones."""
-    size = min(9.0, 60.0 / max(len(texts), 1))
-    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)  # sRGB
+    size, cells = min(9.0, 60.0 / max(len(texts), 1)), image.to_rgba(numbers)
+    linear = np.where(cells <= 0.04045, cells / 12.92, ((cells + 0.055) / 1.055) ** 2.4)  # sRGB
     luminance = linear[..., :3] @ (0.2126, 0.7152, 0.0722)
-    for i, j in np.argwhere(~mask).tolist():
+    for i, j in np.argwhere(~np.ma.getmaskarray(numbers)).tolist():
         colour = "black" if luminance[i, j] > _DARK else "white"
         ax.text(j, i, texts[i][j], ha="center", va="center", fontsize=size, color=colour)
+    return ax

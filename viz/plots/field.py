@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 from matplotlib.axes import Axes
 
+from coilarray.compute.display_units import MM, DisplayUnit
 from coilarray.viz.palette import GREY, SHADE, curve_look
-from coilarray.viz.plots.axis_units import MM, AxisUnit, axis_unit
-from coilarray.viz.plots.style import colour_bar, figure_size, new_axes, signed_map, styled
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.viz.plots.style import axis_unit, colour_bar, map_size, new_axes, signed_map, styled
 
 
 @styled
@@ -78,8 +73,8 @@ def plot_field_map(field: xr.Dataset, ax: Axes | None = None, outlines: Sequence
         Result of `coilarray.operating_field` with one z.
     ax : Axes, optional
         Axes to draw into, in mm; colours symmetric about zero.
-    outlines : sequence of array_like, each of shape (m, 2)
-        Corners of the coils in m, first point not repeated.
+    outlines : sequence of array_like
+        As in `coilarray.viz.plot_response`.
 
     Raises
     ------
@@ -99,20 +94,20 @@ def plot_field_map(field: xr.Dataset, ax: Axes | None = None, outlines: Sequence
         raise ValueError(f"a field must be of a plane, two x and y or more and one z; it has {dict(field.sizes)}.")
     values = _vertical(field)[:, :, 0].T
     shown = axis_unit(values, str(field.B.attrs["units"]))
-    ax = ax or new_axes(*figure_size(float(np.ptp(field.x.values)), float(np.ptp(field.y.values))))
+    ax = ax or new_axes(*map_size(field))
     mesh = signed_map(ax, field, shown.of(values), outlines, rasterized=True)
     ax.set_title(f"$B_z$ of {field.attrs['active_coil']}, {_place(field)}; others {field.attrs['other_coils']}")
     colour_bar(ax, mesh, _label(shown))
     return ax
 
 
-def _vertical(field: xr.Dataset) -> FloatArray:
+def _vertical(field: xr.Dataset) -> npt.NDArray[np.float64]:
     """Return B_z in phase with the current, shape (nx, ny, nz), per ampere of the active coil."""
-    values: FloatArray = field.B.sel(component="z").transpose("x", "y", "z").values
+    values: npt.NDArray[np.float64] = field.B.sel(component="z").transpose("x", "y", "z").values
     return values / float(field.attrs["active_current_A"])
 
 
-def _label(shown: AxisUnit) -> str:
+def _label(shown: DisplayUnit) -> str:
     return f"$B_z$ ({shown.symbol} per A)"
 
 

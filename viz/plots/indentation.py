@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
+from coilarray.compute.display_units import MM
 from coilarray.geometry.indenter import Indenter
 from coilarray.viz.datasets.elastomer import indenter_outline
 from coilarray.viz.datasets.overlays import at_depth
 from coilarray.viz.palette import BLUE, INK, LAMINATE, SHEETS, VERMILLION, cycled
-from coilarray.viz.plots.axis_units import MM, axis_unit
-from coilarray.viz.plots.style import faint_grid, figure_size, new_axes, styled
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.viz.plots.style import axis_unit, faint_grid, figure_size, new_axes, styled
 
 _WIDTH = 2.5  # thicknesses of the stack shown on each side of the indenter: the raised ring lies within two
 _ABOVE, _BELOW = 0.45, 0.06  # thicknesses of the stack shown above its top and of the board
@@ -72,11 +68,9 @@ def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: 
     Parameters
     ----------
     indentation : xarray.Dataset
-        Result of `coilarray.elastomer.indent`.
-    indenter : Indenter
-        Body that made the dent.
-    depth : int
-        Index of the depth in the dataset; the deepest by default.
+        As in `plot_force_depth`.
+    indenter, depth : Indenter and int
+        Body that made the dent, and index of the depth in the dataset, the deepest by default.
     ax : Axes, optional
         Axes to draw into, in mm with equal scales.
 
@@ -113,7 +107,9 @@ def plot_dent(indentation: xr.Dataset, indenter: Indenter, depth: int = -1, ax: 
     ax.axhspan(-_BELOW * top, 0.0, color=LAMINATE, linewidth=0, label="board")
     ax.set(xlim=(-half, half), ylim=(-_BELOW * top, ceiling), aspect="equal")
     ax.set(xlabel=MM.label("r" if at.attrs["symmetry"] == "axial" else "x"), ylabel=MM.label("z"))
-    ax.set_title(_dent_title(at), pad=22)  # points: room for the legend
+    force, radius = axis_unit(at.force).text(at.force, ".3"), MM.text(at.contact_radius, ".3")
+    title = f"{MM.text(at.depth)} deep: {force}, {_contact_name(at)} {radius}"
+    ax.set_title(title, pad=22)  # points: room for the legend
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=6, borderpad=0, borderaxespad=0.4, handlelength=1.0)
     return ax
 
@@ -153,14 +149,9 @@ def _contact_name(indentation: xr.Dataset) -> str:
     return "contact radius" if indentation.attrs["symmetry"] == "axial" else "half width of contact"
 
 
-def _mirrored(at: xr.Dataset, k: int) -> FloatArray:
+def _mirrored(at: xr.Dataset, k: int) -> npt.NDArray[np.float64]:
     """Return the deformed interface k on both sides of the axis, shape (2 n − 1, 2), in mm."""
     one = at.isel(interface=k)
     across = MM.of(one.r + one.displacement_r)
     along = MM.of(one.height + one.displacement_z)
     return np.column_stack((np.r_[-across[:0:-1], across], np.r_[along[:0:-1], along]))
-
-
-def _dent_title(at: xr.Dataset) -> str:
-    force, radius = axis_unit(at.force).text(at.force, ".3"), MM.text(at.contact_radius, ".3")
-    return f"{MM.text(at.depth)} deep: {force}, {_contact_name(at)} {radius}"

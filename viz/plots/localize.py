@@ -14,27 +14,12 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse as EllipsePatch
 
+from coilarray.compute.display_units import MILLI_DELTA, MM, true_minus
 from coilarray.localize.ellipse import Ellipse
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition
 from coilarray.viz.datasets.overlays import of_state
 from coilarray.viz.palette import BLUE, COILS, GREEN, GREY, INK, SEQUENTIAL, SKY, VERMILLION, CurveLook, curve_look
-from coilarray.viz.plots.axis_units import MILLI_DELTA, MM, logarithmic_ticks, true_minus
-from coilarray.viz.plots.style import (
-    colour_bar,
-    faint_grid,
-    figure_size,
-    finish_map,
-    largest,
-    legend_above,
-    legend_beside,
-    new_axes,
-    plan_axes,
-    signed_map,
-    styled,
-    zero_line,
-)
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.viz.plots import style
 
 _PARAMETERS = {"A": (BLUE, "o", "-"), "B": (VERMILLION, "s", "--"), "x0": (GREEN, "^", ":")}
 _NAMES = {"A": "A", "B": "B", "x0": r"$x_0$"}
@@ -44,13 +29,9 @@ _DECADES = 3.0  # largest range of the standard deviations on a map
 _SIGMAS = {"sigma_x": "x", "sigma_y": "y", "sigma_h": "depth"}
 
 
-@styled
+@style.styled
 def plot_ellipse_parameters(
-    fits: xr.Dataset,
-    model: EllipseModel,
-    state: str,
-    ax: Axes | None = None,
-    published: EllipseModel | None = None,
+    fits: xr.Dataset, model: EllipseModel, state: str, ax: Axes | None = None, published: EllipseModel | None = None
 ) -> Axes:
     """Draw A, B and x0 of a coil over δ, markers for the fitted ellipses and lines for the polynomials.
 
@@ -86,7 +67,7 @@ def plot_ellipse_parameters(
     names = fits.state.values.tolist()
     if state not in names or state not in model.names:
         raise ValueError(f"state must be one of {', '.join(names)}; got {state!r}.")
-    ax = ax or new_axes(6.0, 4.0)
+    ax = ax or style.new_axes(6.0, 4.0)
     of, coil = fits.sel(state=state), model[state]
     for key, (colour, marker, line) in _PARAMETERS.items():
         look: dict[str, Any] = {"color": colour, "markersize": 3.5, "markerfacecolor": "none"}
@@ -100,15 +81,15 @@ def plot_ellipse_parameters(
             label = "Table A1" if key == "A" else None
             curve = MM.of(np.polyval(getattr(known, key), at))
             ax.plot(MILLI_DELTA.of(at), curve, line, color=GREY, linewidth=1.0, label=label)
-    zero_line(ax)
+    style.zero_line(ax)
     ax.set_xlim(left=0.0)
-    faint_grid(ax)
+    style.faint_grid(ax)
     ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("A, B, $x_0$"), title=f"Ellipses of {state}")
     ax.legend(loc="best")
     return ax
 
 
-@styled
+@style.styled
 def ellipse_parameter_figure(fits: xr.Dataset, model: EllipseModel, published: EllipseModel | None = None) -> Figure:
     """Draw `plot_ellipse_parameters` of every coil of a model, one panel per coil.
 
@@ -130,7 +111,7 @@ def ellipse_parameter_figure(fits: xr.Dataset, model: EllipseModel, published: E
     return figure
 
 
-@styled
+@style.styled
 def plot_ellipses(
     ellipses: Mapping[str, Ellipse],
     position: EllipsePosition | None = None,
@@ -171,8 +152,8 @@ def plot_ellipses(
     left, right, top = MM.of(
         (min(e.x0 - e.A for e in shapes), max(e.x0 + e.A for e in shapes), max(e.B for e in shapes))
     ).tolist()
-    width, height = figure_size(right - left, 2 * top)
-    ax = ax or new_axes(width, height + 0.5)
+    width, height = style.figure_size(right - left, 2 * top)
+    ax = ax or style.new_axes(width, height + 0.5)
     for k, (name, ellipse) in enumerate(ellipses.items()):
         x0, width, height = MM.of((ellipse.x0, 2 * ellipse.A, 2 * ellipse.B)).tolist()
         look = curve_look(k)
@@ -188,12 +169,12 @@ def plot_ellipses(
         ax.plot(*MM.of(real), "x", color=VERMILLION, markersize=7, label="real position")
     rim = 0.05 * max(right - left, 2 * top)
     ax.set(xlim=(left - rim, right + rim), ylim=(-top - rim, top + rim))
-    plan_axes(ax)
-    legend_above(ax, 2, "left")
+    style.plan_axes(ax)
+    style.legend_above(ax, 2, "left")
     return ax
 
 
-@styled
+@style.styled
 def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence[npt.ArrayLike] = ()) -> Axes:
     """Draw the error of a determined x over the position, like Fig. 7 of Gast & Zimmermann (2020).
 
@@ -219,16 +200,14 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
     >>> plot_x_error(error).get_title(loc="left")
     'Error of x, at most 0.30 mm'
     """
-    values = MM.of(error.transpose("y", "x"))
-    if min(values.shape) < 2 or not np.isfinite(values).any():
-        raise ValueError(f"an error must have at least two x and two y and one value; got shape {values.shape}.")
-    ax = ax or new_axes(*_map_size(error))
-    colour_bar(ax, signed_map(ax, error, values, outlines), MM.label("error of x"))
-    ax.set_title(f"Error of x, at most {largest(values):.2f} mm")
+    values = _plane(error, "an error", "one value")
+    ax = ax or style.new_axes(*_size(error))
+    style.colour_bar(ax, style.signed_map(ax, error, values, outlines), MM.label("error of x"))
+    ax.set_title(f"Error of x, at most {style.largest(values):.2f} mm")
     return ax
 
 
-@styled
+@style.styled
 def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> Axes:
     """Draw x0 of a coil over δ as predicted with the neighbours grounded and open, as calibrated, and as published.
 
@@ -249,19 +228,15 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
 
     Examples
     --------
-    >>> result = xr.Dataset(
-    ...     {
-    ...         "x0": (("neighbours", "state", "delta"), [[[1e-4, 0.0]], [[0.0, 0.0]]]),
-    ...         "published_x0": (("state", "delta"), [[5e-4, 2e-4]]),
-    ...         "centre": ("state", [0.0]),
-    ...     },
-    ...     {"neighbours": ["grounded", "open"], "state": ["coil2"], "delta": [1e-4, 1e-3]},
-    ... )
+    >>> x0 = (("neighbours", "state", "delta"), [[[1e-4, 0.0]], [[0.0, 0.0]]])
+    >>> published = (("state", "delta"), [[5e-4, 2e-4]])
+    >>> axes = {"neighbours": ["grounded", "open"], "state": ["coil2"], "delta": [1e-4, 1e-3]}
+    >>> result = xr.Dataset({"x0": x0, "published_x0": published, "centre": ("state", [0.0])}, axes)
     >>> [line.get_label() for line in plot_distortion(result, "coil2").lines]
     ['neighbours grounded', 'neighbours open', 'Table A1', 'centre of the coil']
     """
     of = of_state(distortion, state)
-    ax = ax or new_axes(6.5, 4.0)
+    ax = ax or style.new_axes(6.5, 4.0)
     at = MILLI_DELTA.of(of.delta)
     curves = [("neighbours grounded", of.x0.sel(neighbours="grounded"), BLUE, "-")]
     curves.append(("neighbours open", of.x0.sel(neighbours="open"), SKY, "--"))
@@ -273,13 +248,13 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
         if np.isfinite(x0.values).any():
             ax.plot(at, MM.of(x0), line, color=colour, label=label)
     ax.axhline(float(MM.of(of.centre)), color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
-    faint_grid(ax)
+    style.faint_grid(ax)
     ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("$x_0$"), title=f"$x_0$ of {state}")
-    legend_beside(ax)
+    style.legend_beside(ax)
     return ax
 
 
-@styled
+@style.styled
 def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> Axes:
     """Draw the share of each cause in x0 of a coil over δ, the largest first in the legend.
 
@@ -288,56 +263,45 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
     Parameters
     ----------
     distortion, state
-        As in `plot_distortion`.
+        As in `plot_distortion`, with the same errors.
     ax : Axes, optional
         Axes to draw into, mm over 10⁻³.
 
-    Raises
-    ------
-    ValueError
-        If the dataset has no such state.
-
     Examples
     --------
-    >>> result = xr.Dataset(
-    ...     {
-    ...         "effect": (("cause", "state", "delta"), [[[2e-4, 2e-4]], [[5e-4, 5e-4]]]),
-    ...         "rms": (("cause", "state"), [[2e-4], [5e-4]]),
-    ...     },
-    ...     {"cause": ["window", "all neighbours"], "state": ["coil2"], "delta": [1e-4, 1e-3]},
-    ... )
+    >>> effect = (("cause", "state", "delta"), [[[2e-4, 2e-4]], [[5e-4, 5e-4]]])
+    >>> axes = {"cause": ["window", "all neighbours"], "state": ["coil2"], "delta": [1e-4, 1e-3]}
+    >>> result = xr.Dataset({"effect": effect, "rms": (("cause", "state"), [[2e-4], [5e-4]])}, axes)
     >>> [text.get_text() for text in plot_causes(result, "coil2").get_legend().get_texts()]
     ['all neighbours, 0.50', 'window, 0.20']
     """
     of = of_state(distortion, state)
-    ax = ax or new_axes(6.5, 4.0)
+    ax = ax or style.new_axes(6.5, 4.0)
     at = MILLI_DELTA.of(of.delta)
     rms = {cause: float(of.rms.sel(cause=cause)) for cause in of.cause.values.tolist()}
     rms = {cause: value for cause, value in rms.items() if math.isfinite(value)}
     largest = max(rms.values(), default=0.0)
-    ranked = sorted(rms, key=lambda cause: -rms[cause])
     looks = {cause: curve_look(k) for k, cause in enumerate(sorted(rms))}  # of a cause the same in every panel
-    for cause in ranked:
+    for cause in sorted(rms, key=lambda cause: -rms[cause]):
         single = cause.startswith("neighbour ")
         named = not single or rms[cause] >= _SHARE * largest
         look = looks[cause] if named else CurveLook(color=GREY, linestyle="-")
         label = f"{cause}, {rms[cause] * MM.factor:.2f}" if named else None
         ax.plot(at, MM.of(of.effect.sel(cause=cause)), linewidth=0.9 if single else 1.6, label=label, **look)
-    zero_line(ax)
-    faint_grid(ax)
-    title = f"Causes for {state}, rms in mm"
-    ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("share in $x_0$"), title=title)
-    legend_beside(ax)
+    style.zero_line(ax)
+    style.faint_grid(ax)
+    ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("share in $x_0$"), title=f"Causes for {state}, rms in mm")
+    style.legend_beside(ax)
     return ax
 
 
-@styled
+@style.styled
 def distortion_figure(distortion: xr.Dataset) -> Figure:
     """Draw `plot_distortion` and `plot_causes` of every coil, one row per coil.
 
     Parameters
     ----------
-    distortion : xarray.Dataset
+    distortion
         As in `plot_distortion`.
     """
     states = distortion.state.values.tolist()
@@ -349,12 +313,9 @@ def distortion_figure(distortion: xr.Dataset) -> Figure:
     return figure
 
 
-@styled
+@style.styled
 def plot_identifiability(
-    bounds: xr.Dataset,
-    quantity: str = "sigma_x",
-    ax: Axes | None = None,
-    outlines: Sequence[npt.ArrayLike] = (),
+    bounds: xr.Dataset, quantity: str = "sigma_x", ax: Axes | None = None, outlines: Sequence[npt.ArrayLike] = ()
 ) -> Axes:
     """Draw the Cramér–Rao bound of x, y or depth over the board on a logarithmic scale; grey where it is infinite.
 
@@ -384,24 +345,24 @@ def plot_identifiability(
     there = [name for name in _SIGMAS if name in bounds]
     if quantity not in there:
         raise ValueError(f"quantity must be one of {', '.join(there)}; got {quantity!r}.")
-    values = MM.of(bounds[quantity].transpose("y", "x"))
-    if min(values.shape) < 2 or not np.isfinite(values).any():
-        raise ValueError(f"a bound must have at least two x and two y and one finite value; got shape {values.shape}.")
+    values = _plane(bounds[quantity], "a bound", "one finite value")
     finite = values[np.isfinite(values)]
     low = max(float(finite.min()), np.finfo(float).tiny)
     high = min(max(float(finite.max()), low * 1.01), low * 10**_DECADES)
-    ax = ax or new_axes(*_map_size(bounds))
+    ax = ax or style.new_axes(*_size(bounds))
     look: dict[str, Any] = {"cmap": f"{SEQUENTIAL}_r", "norm": LogNorm(low, high)}
     image = ax.pcolormesh(MM.of(bounds.x), MM.of(bounds.y), np.ma.masked_invalid(values), **look)
-    bar = colour_bar(ax, image, MM.label(f"σ of {_SIGMAS[quantity]}"))
-    logarithmic_ticks(bar.ax.yaxis, math.log10(high / low))
-    finish_map(ax, outlines)
+    bar = style.colour_bar(ax, image, MM.label(f"σ of {_SIGMAS[quantity]}"))
+    style.logarithmic_ticks(bar.ax.yaxis, math.log10(high / low))
+    style.finish_map(ax, outlines)
+    least, most = np.min(bounds.attrs["noise"]), np.max(bounds.attrs["noise"])
+    noise = f"noise {least:.2g} in δ" if least == most else f"noise {least:.2g} to {most:.2g} in δ"
     depth = MM.text(bounds.attrs["depth"])
-    ax.set_title(f"Least standard deviation of {_SIGMAS[quantity]}, {depth} deep, {_noise_text(bounds)}")
+    ax.set_title(f"Least standard deviation of {_SIGMAS[quantity]}, {depth} deep, {noise}")
     return ax
 
 
-@styled
+@style.styled
 def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
     """Draw `plot_identifiability` of x, y and, where it is unknown, the depth, one below the other.
 
@@ -413,7 +374,7 @@ def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike]
     there = [name for name in _SIGMAS if name in bounds and np.isfinite(bounds[name].values).any()]
     if not there:
         raise ValueError("the bounds have no finite standard deviation.")
-    width, height = _map_size(bounds)
+    width, height = _size(bounds)
     shrink = min(1.0, _HIGHEST / (height * len(there)))
     figure = Figure(figsize=(width * shrink, height * shrink * len(there)), layout="compressed")
     for ax, name in zip(figure.subplots(len(there), 1, squeeze=False).ravel(), there, strict=True):
@@ -421,12 +382,14 @@ def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike]
     return figure
 
 
-def _map_size(data: xr.Dataset | xr.DataArray) -> tuple[float, float]:
-    width, height = figure_size(float(np.ptp(data.x.values)), float(np.ptp(data.y.values)))
+def _plane(data: xr.DataArray, what: str, least: str) -> npt.NDArray[np.float64]:
+    """Return values (y, x) in mm; ValueError for a single row, or without a finite value."""
+    values = MM.of(data.transpose("y", "x"))
+    if min(values.shape) < 2 or not np.isfinite(values).any():
+        raise ValueError(f"{what} must have at least two x and two y and {least}; got shape {values.shape}.")
+    return values
+
+
+def _size(data: xr.Dataset | xr.DataArray) -> tuple[float, float]:
+    width, height = style.map_size(data)
     return width + 0.4, height
-
-
-def _noise_text(bounds: xr.Dataset) -> str:
-    noise = np.atleast_1d(bounds.attrs["noise"])
-    low, high = float(noise.min()), float(noise.max())
-    return f"noise {low:.2g} in δ" if low == high else f"noise {low:.2g} to {high:.2g} in δ"

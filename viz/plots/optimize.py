@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from coilarray.compute.display_units import MM
 from coilarray.geometry.array import CoilArray
 from coilarray.viz.palette import BLUE, GREEN, INK, PALE, SHADE, VERMILLION
-from coilarray.viz.plots.axis_units import MM
 from coilarray.viz.plots.board import plot_board
 from coilarray.viz.plots.style import faint_grid, figure_size, legend_above, new_axes, styled
 
@@ -77,11 +77,11 @@ def plot_pareto(
     Parameters
     ----------
     result : Optimization
-        Result of `coilarray.studies.optimize.optimize_design`.
+        As in `plot_search`.
     objectives : tuple of int
-        Indices of the goal's objectives, across and up.
+        Indices of the goal's objectives, across and up; the front is a staircase where the goal has two.
     ax : Axes, optional
-        Axes to draw into. The front is a staircase where the goal has two objectives.
+        Axes to draw into.
     named : mapping of str to str, optional
         Texts beside trials, by the trials' names.
 
@@ -136,20 +136,16 @@ def plot_convergence(
 
     Parameters
     ----------
-    scores : array_like, shape (n,)
-        Score of every trial; NaN where there is no such board.
-    feasible : array_like of bool, shape (n,)
-        True for trials that keep all bounds.
+    scores, feasible : array_like of float and of bool, shape (n,)
+        Score of every trial, NaN where there is no such board; and whether it keeps all bounds.
     label : str
         Label of the vertical axis, with the unit.
-    maximized : bool
-        True where larger is better.
+    maximized, log : bool
+        Whether larger is better, and whether the axis is logarithmic where all scores are above zero.
     polished_from : int, optional
         Index of the first trial of the local solver.
     start : float, optional
         Score of the design as it was, drawn as a dashed line.
-    log : bool
-        Use a logarithmic axis where all scores are above zero.
     ax : Axes, optional
         Axes to draw into.
 
@@ -234,16 +230,12 @@ def plot_front(
 
     Parameters
     ----------
-    points : array_like, shape (n, 2)
-        Scores of the trials.
-    feasible : array_like of bool, shape (n,)
-        True for trials that keep all bounds; the others are left out.
+    points, feasible : array_like of float, shape (n, 2), and of bool, shape (n,)
+        Scores of the trials, and whether each keeps all bounds; the others are left out.
     front : sequence of int
         Indices of the points on the front.
-    labels : tuple of str
-        Labels of both axes, with units.
-    start : tuple of float, optional
-        Scores of the design as it was.
+    labels, start : tuple of str, and of float, optional
+        Labels of both axes, with units; and the scores of the design as it was.
     named : mapping of int to str, optional
         Names to write beside points, by their indices.
     stairs : {"pre", "post"}, optional

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
@@ -16,27 +17,10 @@ from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter
 
+from coilarray.compute.display_units import MM, DisplayUnit, true_minus
 from coilarray.viz.datasets.overlays import at_depth, of_state
 from coilarray.viz.palette import DIVERGING, INK, PALE, curve_look
-from coilarray.viz.plots.axis_units import MM, AxisUnit, axis_unit, true_minus
-from coilarray.viz.plots.style import (
-    colour_bar,
-    draw_outlines,
-    faint_grid,
-    figure_size,
-    largest,
-    legend_beside,
-    new_axes,
-    plan_axes,
-    styled,
-    write_name,
-    zero_line,
-)
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.viz.plots import style
 
 MOST_MAPS = 12
 """Largest number of states in `response_figure`."""
@@ -49,13 +33,9 @@ _PROFILE = (7.5, 3.6)  # inches
 _SMOOTH = 400  # points of a curve between the samples
 
 
-@styled
+@style.styled
 def plot_response(
-    response: xr.Dataset,
-    state: str,
-    depth: int = 0,
-    ax: Axes | None = None,
-    outlines: Sequence[npt.ArrayLike] = (),
+    response: xr.Dataset, state: str, depth: int = 0, ax: Axes | None = None, outlines: Sequence[npt.ArrayLike] = ()
 ) -> Axes:
     """Draw δ of one state over the position of the indenter, with the outlines of the coils.
 
@@ -66,10 +46,8 @@ def plot_response(
     ----------
     response : xarray.Dataset
         Response with ``delta`` (depth, y, x, state) and the coordinates in m; at least two x and two y.
-    state : str
-        Name of the state.
-    depth : int
-        Index of the depth in the dataset.
+    state, depth : str and int
+        Name of the state, and index of the depth in the dataset.
     ax : Axes, optional
         Axes to draw into, in mm.
     outlines : sequence of array_like, each of shape (m, 2)
@@ -93,19 +71,17 @@ def plot_response(
     ('Response of coil1, 1 mm deep', 'δ (10⁻³)')
     """
     delta = _delta(response, state=state, depth=depth).transpose("y", "x")
-    if min(delta.shape) < 2:
-        raise ValueError(f"a map must have at least two x and two y; got {delta.sizes['x']} and {delta.sizes['y']}.")
-    window = _window(response, outlines)
-    scale = _scale(delta.values)
-    ax = ax or new_axes(*figure_size(*window.size))
-    bands = _draw_map(ax, response, delta, window, scale)
-    colour_bar(ax, bands, scale.unit.label("δ")).set_ticks(MaxNLocator(_TICKS, steps=_STEPS))
-    plan_axes(ax)
+    style.require_plane(delta)
+    look = _look(response, delta, outlines)
+    ax = ax or style.new_axes(*style.figure_size(*look.size))
+    bands = _draw_map(ax, response, delta, look)
+    style.colour_bar(ax, bands, look.unit.label("δ")).set_ticks(MaxNLocator(_TICKS, steps=_STEPS))
+    style.plan_axes(ax)
     ax.set_title(f"Response of {state}, {MM.text(response.depth[depth])} deep")
     return ax
 
 
-@styled
+@style.styled
 def plot_response_profile(
     response: xr.Dataset,
     state: str | None = None,
@@ -119,10 +95,8 @@ def plot_response_profile(
     ----------
     response : xarray.Dataset
         As in `plot_response`; a single position is drawn as a dot.
-    state : str, optional
-        Name of the only state that is drawn; all by default.
-    depth : int, optional
-        Index of the only depth that is drawn; None for all.
+    state, depth : str and int, optional
+        Name of the only state and index of the only depth that are drawn; None for all.
     ax : Axes, optional
         Axes to draw into, mm across. Dotted lines mark the centres of the coils.
     along : {"x", "y"}
@@ -147,17 +121,17 @@ def plot_response_profile(
     across = "y" if along == "x" else "x"
     delta = _delta(response, state=state, depth=depth)
     row = delta.isel({across: int(np.abs(delta[across].values).argmin())})
-    shown = axis_unit(row)
-    ax = ax or new_axes(*_PROFILE)
+    shown = style.axis_unit(row)
+    ax = ax or style.new_axes(*_PROFILE)
     at = MM.of(row[along])
-    states = np.atleast_1d(row.state.values).tolist()
-    depths = np.atleast_1d(row.depth.values).tolist()
-    curves = [(name, value, row.sel(_kept(row, state=name, depth=value)).values) for value in depths for name in states]
+    row = row.expand_dims([axis for axis in ("depth", "state") if axis not in row.dims])
+    states, depths = row.state.values.tolist(), row.depth.values.tolist()
+    curves = [(name, value, row.sel(state=name, depth=value).values) for value in depths for name in states]
     for k, (name, value, values) in enumerate(curves):
         deep = MM.text(value)
         label = name if len(depths) == 1 else deep if len(states) == 1 else f"{name}, {deep}"
         ax.plot(at, shown.of(values), label=label, marker="o" if at.size == 1 else "", **curve_look(k))
-    zero_line(ax)
+    style.zero_line(ax)
     for centre in MM.of(response[f"coil_{along}"]).tolist():
         if at.min() <= centre <= at.max():
             ax.axvline(centre, color=PALE, linewidth=0.8, linestyle=":", zorder=0)
@@ -167,11 +141,11 @@ def plot_response_profile(
     title += "" if state is None else f", {state}"
     title += "" if depth is None else f", {MM.text(response.depth[depth])} deep"
     ax.set(xlabel=MM.label(along), ylabel=shown.label("δ"), title=title)
-    legend_beside(ax, math.ceil(len(curves) / 16))
+    style.legend_beside(ax)
     return ax
 
 
-@styled
+@style.styled
 def plot_bell_curve(
     response: xr.Dataset, state: str | None = None, ax: Axes | None = None, along: Literal["x", "y"] = "x"
 ) -> Axes:
@@ -211,8 +185,8 @@ def plot_bell_curve(
     most = int(np.isfinite(rows.values).sum(axis=1).max())
     if most < 2:
         raise ValueError(f"a curve must have at least two {along} with a value; got {most}.")
-    shown = axis_unit(rows)
-    ax = ax or new_axes(*_PROFILE)
+    shown = style.axis_unit(rows)
+    ax = ax or style.new_axes(*_PROFILE)
     for k, depth in enumerate(rows.depth.values.tolist()):
         values = shown.of(rows.isel(depth=k))
         there = np.isfinite(values)
@@ -229,17 +203,17 @@ def plot_bell_curve(
         ax.plot(fine, delta(fine), label=label, **look)
         if width:
             ax.plot([left, right], [top / 2, top / 2], "|-", color=look["color"], linewidth=0.8, markersize=7)
-    zero_line(ax)
+    style.zero_line(ax)
     if centre is not None:
         ax.axvline(float(MM.of(centre)), color=PALE, linewidth=0.8, linestyle=":", zorder=0)
     ax.set_xlim(at[0], at[-1])
-    faint_grid(ax)
+    style.faint_grid(ax)
     ax.set(xlabel=MM.label(along), ylabel=shown.label("δ"), title=f"Bell curve of {name}" if name else "Bell curve")
-    legend_beside(ax, title="depth: peak, width")
+    style.legend_beside(ax, title="depth: peak, width")
     return ax
 
 
-@styled
+@style.styled
 def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
     """Draw the response to the deepest dent, one map per state with a common colour bar.
 
@@ -265,41 +239,35 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
 
 
 @dataclass(frozen=True)
-class _Window:
-    """Sides of a map in mm, and the outlines of the coils in m."""
+class _Look:
+    """Common look of maps: sides in mm, unit of δ and, in it, the edges of the bands and the |δ| that is white."""
 
+    outlines: Sequence[npt.ArrayLike]  # m
     x: tuple[float, float]
     y: tuple[float, float]
-    outlines: Sequence[npt.ArrayLike]
+    unit: DisplayUnit
+    levels: npt.NDArray[np.float64]
+    nothing: float
 
     @property
     def size(self) -> tuple[float, float]:
         return self.x[1] - self.x[0], self.y[1] - self.y[0]
 
 
-@dataclass(frozen=True)
-class _Scale:
-    """Unit of δ and, in it, the edges of the bands of colour and the |δ| below which a map is white."""
-
-    unit: AxisUnit
-    levels: FloatArray
-    nothing: float
-
-
 def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) -> Figure:
     """Draw one map of the deepest dent for each state, and one colour bar."""
     names = response.state.values.tolist()
     deepest = _delta(response, state=None, depth=-1)
-    window, scale = _window(response, outlines), _scale(deepest.values)
-    across, up = window.size
+    look = _look(response, deepest, outlines)
+    across, up = look.size
     columns = _columns(len(names), across / up)
     rows = math.ceil(len(names) / columns)
-    width, height = figure_size(columns * across, rows * up)
+    width, height = style.figure_size(columns * across, rows * up)
     figure = Figure(figsize=(width, height + 0.3 * rows), layout="compressed")  # room for the names of the states
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     cells = axes.ravel().tolist()
     for ax, name in zip(cells, names, strict=False):
-        bands = _draw_map(ax, response, deepest.sel(state=name).transpose("y", "x"), window, scale)
+        bands = _draw_map(ax, response, deepest.sel(state=name).transpose("y", "x"), look)
         ax.set_title(name)
     for ax in cells[len(names) :]:
         ax.remove()
@@ -310,8 +278,8 @@ def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) ->
         ax.set_ylabel(MM.label("y"))
     bar = figure.colorbar(bands, ax=cells[: len(names)], spacing="proportional", aspect=40, fraction=0.05, pad=0.02)
     bar.set_ticks(MaxNLocator(_TICKS, steps=_STEPS))
-    bar.set_label(scale.unit.label("δ"))
-    figure.suptitle(f"Response, {MM.text(response.depth[-1])} deep{note}", x=0.01, ha="left", fontsize="large")
+    bar.set_label(look.unit.label("δ"))
+    style.main_title(figure, f"Response, {MM.text(response.depth[-1])} deep{note}")
     return figure
 
 
@@ -324,48 +292,39 @@ def _columns(count: int, shape: float) -> int:
     return min(range(1, count + 1), key=misfit)
 
 
-def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, window: _Window, scale: _Scale) -> QuadContourSet:
+def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) -> QuadContourSet:
     """Fill axes in mm with δ (y, x), its zero line, and the coils with their names."""
     x, y = MM.of(delta.x), MM.of(delta.y)
-    values = scale.unit.of(delta)
-    bands = ax.contourf(x, y, values, levels=scale.levels, cmap=DIVERGING)
+    values = look.unit.of(delta)
+    bands = ax.contourf(x, y, values, levels=look.levels, cmap=DIVERGING)
     # a change of sign among positions without a response means nothing
-    felt = np.ma.array(values, mask=maximum_filter(np.abs(np.nan_to_num(values)), 3) < scale.nothing)
+    felt = np.ma.array(values, mask=maximum_filter(np.abs(np.nan_to_num(values)), 3) < look.nothing)
     felt = np.ma.masked_invalid(felt)
     if felt.count() and felt.min() < 0 < felt.max():
         ax.contour(x, y, felt, levels=[0.0], colors=INK, linewidths=0.8, linestyles="--")
-    draw_outlines(ax, window.outlines)
-    _name_coils(ax, response, x)
-    ax.set(xlim=window.x, ylim=window.y, aspect="equal")
+    style.draw_outlines(ax, look.outlines)
+    names, centres = response.coil.values.tolist(), (MM.of(response.coil_x), MM.of(response.coil_y))
+    for name, at, across in zip(names, *centres, strict=True):
+        if x.min() < at < x.max():
+            style.write_name(ax, at, across, name, fontsize=8)
+    ax.set(xlim=look.x, ylim=look.y, aspect="equal")
     return bands
 
 
-def _scale(delta: FloatArray) -> _Scale:
-    """Choose the power of ten, and bands of colour symmetric about zero."""
-    unit = axis_unit(delta, "1")
-    limit = largest(unit.of(delta))
-    levels = np.asarray(MaxNLocator(_BANDS, symmetric=True, steps=_STEPS).tick_values(-limit, limit))
-    nothing = _NOTHING * limit
-    edges = np.sort(np.r_[levels[levels != 0], -nothing, nothing])
-    return _Scale(unit, edges, nothing)
-
-
-def _window(response: xr.Dataset, outlines: Sequence[npt.ArrayLike]) -> _Window:
-    """Return the window that shows the whole map and, in height, the coils that it touches."""
+def _look(response: xr.Dataset, delta: xr.DataArray, outlines: Sequence[npt.ArrayLike]) -> _Look:
+    """Show the whole map and, in height, the coils that it touches, in bands of colour symmetric about zero."""
     x, y = MM.of(response.x), MM.of(response.y)
     shapes = [MM.of(outline) for outline in outlines]
     touched = [s for s in shapes if s[:, 0].min() < x.max() and s[:, 0].max() > x.min()]
     edges = np.concatenate([y, *(shape[:, 1] for shape in touched)])
     rim = 0.02 * np.ptp(edges)
-    return _Window((float(x.min()), float(x.max())), (float(edges.min() - rim), float(edges.max() + rim)), outlines)
-
-
-def _name_coils(ax: Axes, response: xr.Dataset, x: FloatArray) -> None:
-    """Write the names of the coils at those centres that lie within the map."""
-    names, centres = response.coil.values.tolist(), (MM.of(response.coil_x), MM.of(response.coil_y))
-    for name, at, across in zip(names, *centres, strict=True):
-        if x.min() < at < x.max():
-            write_name(ax, at, across, name, fontsize=8)
+    unit = style.axis_unit(delta, "1")
+    limit = style.largest(unit.of(delta))
+    levels = np.asarray(MaxNLocator(_BANDS, symmetric=True, steps=_STEPS).tick_values(-limit, limit))
+    nothing = _NOTHING * limit
+    levels = np.sort(np.r_[levels[levels != 0], -nothing, nothing])
+    sides = (float(x.min()), float(x.max())), (float(edges.min() - rim), float(edges.max() + rim))
+    return _Look(outlines, *sides, unit, levels, nothing)
 
 
 def _delta(response: xr.Dataset, *, state: str | None, depth: int | None) -> xr.DataArray:
@@ -375,16 +334,12 @@ def _delta(response: xr.Dataset, *, state: str | None, depth: int | None) -> xr.
     return delta
 
 
-def _kept(row: xr.DataArray, **labels: object) -> dict[str, object]:
-    """Return the labels of the dimensions that are not selected yet."""
-    return {name: label for name, label in labels.items() if name in row.dims}
-
-
 def _bell(response: xr.Dataset, state: str | None, along: str) -> tuple[xr.DataArray, float | None, str]:
     """Return δ (depth, along) of a state on the line nearest to its coil, the coil's place on it in m, and the name."""
     if "state" not in response.dims:  # the two-dimensional model, which has one coil
         return response.delta.transpose("depth", along), None, str(response.attrs.get("coil", ""))
-    name = _in_the_middle(response) if state is None else state
+    middle = response.delta.isel(depth=-1, x=response.sizes["x"] // 2, y=response.sizes["y"] // 2).fillna(-np.inf)
+    name = str(response.state.values[int(middle.argmax("state"))]) if state is None else state
     delta = _delta(response, state=name, depth=None)
     across = "y" if along == "x" else "x"
     of_coil = response.sel(coil=name) if name in response.coil.values else None
@@ -393,14 +348,7 @@ def _bell(response: xr.Dataset, state: str | None, along: str) -> tuple[xr.DataA
     return row.transpose("depth", along), None if of_coil is None else float(of_coil[f"coil_{along}"]), name
 
 
-def _in_the_middle(response: xr.Dataset) -> str:
-    """Return the name of the state with the largest δ for the deepest dent in the middle of a map."""
-    middle = {axis: response.sizes[axis] // 2 for axis in ("x", "y")}
-    there = response.delta.isel(depth=-1, **middle).fillna(-np.inf)
-    return str(response.state.values[int(there.argmax("state"))])
-
-
-def _half_width(delta: CubicSpline, fine: FloatArray) -> tuple[float, float]:
+def _half_width(delta: CubicSpline, fine: npt.NDArray[np.float64]) -> tuple[float, float]:
     """Return the places left and right of the peak where a curve falls to half of it; NaN where it does not."""
     values = delta(fine)
     peak, half = int(values.argmax()), float(values.max()) / 2

@@ -1,27 +1,30 @@
-"""What all flat figures share: settings, sizes, colour bars, grids, legends, maps, and the coils' outlines."""
+"""What all flat figures share: settings, sizes, units, colour bars, grids, legends, maps, and the coils' outlines.
+
+The label of an axis reads ``inductance (µH)`` and its ticks are plain numbers, on logarithmic axes too.
+"""
 
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import QuadMesh
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from coilarray.compute.display_units import MM, DisplayUnit
 from coilarray.viz.palette import DIVERGING, FAINT, GREY, INK, UNKNOWN
-from coilarray.viz.plots.axis_units import MM
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -44,7 +47,10 @@ STYLE: dict[Any, Any] = {
 }
 """Matplotlib settings of every figure made here."""
 
+_ROWS = 16  # of a column of a legend
 _MOST_TICKS, _STEPS = 9, (1, 2, 5, 10)  # along x of a map
+_SYMBOLS = {"ohm": "Ω", "1": ""}  # of the units in datasets
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
@@ -83,10 +89,10 @@ def faint_grid(ax: Axes, axis: Literal["x", "y", "both"] = "both") -> None:
     ax.set_axisbelow(True)
 
 
-def legend_beside(ax: Axes, columns: int = 1, title: str | None = None) -> None:
+def legend_beside(ax: Axes, title: str | None = None) -> None:
     """Legend at the right of the axes, where it hides no curve; none where no curve has a name."""
-    if ax.get_legend_handles_labels()[0]:
-        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), ncols=columns, title=title)
+    if named := ax.get_legend_handles_labels()[0]:
+        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), ncols=math.ceil(len(named) / _ROWS), title=title)
 
 
 def legend_above(
@@ -152,7 +158,52 @@ def plan_axes(ax: Axes) -> None:
     ax.xaxis.set_major_locator(MaxNLocator(_MOST_TICKS, steps=_STEPS))
 
 
+def map_size(at: xr.Dataset | xr.DataArray) -> tuple[float, float]:
+    """Return the size in inches of a figure for a map over the coordinates of `at`."""
+    return figure_size(float(np.ptp(at.x.values)), float(np.ptp(at.y.values)))
+
+
+def require_plane(at: xr.DataArray | xr.Dataset, what: str = "a map") -> None:
+    """Raise ValueError where there are fewer than two x or y."""
+    if min(at.sizes["x"], at.sizes["y"]) < 2:
+        raise ValueError(f"{what} must have at least two x and two y; got {at.sizes['x']} and {at.sizes['y']}.")
+
+
+def main_title(figure: Figure, title: str) -> None:
+    """Write a title above all axes of a figure, at its left."""
+    figure.suptitle(title, x=0.01, ha="left", fontsize="large")
+
+
 def largest(values: npt.NDArray[np.float64]) -> float:
     """Return the largest magnitude of the finite values, or 1 for zero: the limit of colours symmetric about zero."""
     finite = np.abs(values[np.isfinite(values)])
     return float(finite.max(initial=0.0)) or 1.0
+
+
+def axis_unit(values: npt.ArrayLike | xr.DataArray, unit: str | None = None) -> DisplayUnit:
+    """Choose the prefix that brings the largest of the finite values between 1 and 1000.
+
+    `unit` is an SI unit without a prefix, by default that in the attributes of `values`. For a pure number, "" or "1",
+    the power of ten is written out.
+
+    Examples
+    --------
+    >>> axis_unit([58.2e-6, -3e-6], "H").label("L")
+    'L (µH)'
+    >>> axis_unit([7.9e-4], "1").label("δ"), axis_unit([19.5], "ohm").label("R")
+    ('δ (10⁻⁶)', 'R (Ω)')
+    """
+    named = str(getattr(values, "attrs", {}).get("units", "1")) if unit is None else unit
+    symbol = _SYMBOLS.get(named, named)
+    # the small excess keeps 1000 (1 − 1e-16) from being shown as 1000 of the smaller unit
+    decades = math.log10(largest(np.asarray(values, dtype=np.float64)) * (1 + 1e-12))
+    exponent = min(max(3 * math.floor(decades / 3), -24), 24)
+    power = f"10{str(exponent).translate(_SUPERSCRIPT)}" if exponent else ""
+    return DisplayUnit(EngFormatter.ENG_PREFIXES[exponent] + symbol if symbol else power, 10.0**-exponent)
+
+
+def logarithmic_ticks(axis: Axis, decades: float) -> None:
+    """Write plain numbers on a logarithmic axis: 1, 2 and 5 of each decade where there are few."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2.5 else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())

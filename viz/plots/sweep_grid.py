@@ -1,28 +1,31 @@
-"""Figures of sweeps over entries of a design: lines, coupling with its zeros, maps, and dots for samples."""
+"""Figures of sweeps: over the frequency, and over entries of a design as lines, coupling with zeros, maps and dots."""
 
 from __future__ import annotations
 
 import math
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import PchipInterpolator
 
+from coilarray.compute.display_units import PLAIN, true_minus
 from coilarray.viz.palette import BLUE, COILS, GREY, INK, SEQUENTIAL, UNKNOWN, VERMILLION, curve_look
-from coilarray.viz.plots.axis_units import true_minus
-from coilarray.viz.plots.style import colour_bar, faint_grid, legend_beside, new_axes, styled
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-FloatArray = npt.NDArray[np.float64]
+from coilarray.viz.plots.style import (
+    axis_unit,
+    colour_bar,
+    faint_grid,
+    legend_beside,
+    logarithmic_ticks,
+    new_axes,
+    styled,
+)
 
 MOST_PANELS = 24
 """Largest number of panels in `sweep_figure`."""
@@ -33,6 +36,69 @@ _COLUMNS = 3
 _MOST_INSIDE = 4  # pairs of coils whose legend has room beside their curves
 _TEXT = 14  # characters of a text in one line beside a tick
 _ONE_ZERO = 1e-9  # share of the range within which two zeros are one: a zero at a sample is found from both sides
+
+_NAMES = {
+    "apparent_inductance": "apparent inductance Im Z/ω",
+    "impedance_real": "effective resistance Re Z",
+    "impedance_imag": "reactance Im Z",
+    "quality_factor": "quality factor Im Z/Re Z",
+}
+_POLES = ("apparent_inductance", "impedance_real", "impedance_imag")  # at the self-resonance
+_CEILING = 4.0  # height of the axis for a pole, over the value at the lowest frequency
+_HEADROOM = 1.08
+
+
+@styled
+def plot_frequency_sweep(sweep: xr.Dataset, quantity: str = "apparent_inductance", ax: Axes | None = None) -> Axes:
+    """Draw a quantity over frequency, one curve per state.
+
+    Parameters
+    ----------
+    sweep : xarray.Dataset
+        Result of `coilarray.circuit.impedance.sweep_design`.
+    quantity : str
+        Name of a variable: ``apparent_inductance``, ``impedance_real``, ``impedance_imag`` or ``quality_factor``.
+    ax : Axes, optional
+        Axes to draw into. They start at zero; for a quantity with a pole they end at four times its value at the lowest
+        frequency.
+
+    Raises
+    ------
+    ValueError
+        If the sweep has no such quantity.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.circuit.impedance import sweep_design
+    >>> ax = plot_frequency_sweep(sweep_design(load_design("gast_fem"), [1e5, 1e6]))
+    >>> ax.get_xlabel(), ax.get_ylabel()
+    ('frequency (MHz)', 'apparent inductance Im Z/ω (µH)')
+    """
+    there = [name for name in _NAMES if name in sweep]
+    if quantity not in there:
+        raise ValueError(f"quantity must be one of {', '.join(there)}; got {quantity!r}.")
+    values = sweep[quantity].transpose("frequency", "state").values
+    top = _HEADROOM * float(values.max())
+    if quantity in _POLES:
+        top = min(_CEILING * float(values[0].max()), top)
+    unit = str(sweep[quantity].attrs["units"])
+    shown = PLAIN if unit == "1" else axis_unit(top, unit)
+    of_frequency = axis_unit(sweep.frequency)
+    f = of_frequency.of(sweep.frequency)
+    ax = ax or new_axes(6.5, 3.6)
+    for k, name in enumerate(sweep.state.values.tolist()):
+        ax.plot(f, shown.of(values[:, k]), label=name, marker="o" if f.size == 1 else "", **curve_look(k))
+    if top > 0:
+        ax.set_ylim(0.0, float(shown.of(top)))
+    ax.set_xscale("log")
+    if f.size > 1:
+        ax.set_xlim(f[0], f[-1])
+    logarithmic_ticks(ax.xaxis, math.log10(f[-1] / f[0]))
+    faint_grid(ax)
+    ax.set(xlabel=of_frequency.label("frequency"), ylabel=shown.label(_NAMES[quantity]))
+    legend_beside(ax)
+    return ax
 
 
 @styled
@@ -81,26 +147,16 @@ def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
         ax.plot(zeros, np.zeros_like(zeros), "o", markersize=7, markerfacecolor="white", markeredgecolor=look["color"])
     _finish(ax, sweep[entries[0]], "coupling coefficient k")
     if len(pairs) > _MOST_INSIDE:
-        legend_beside(ax, math.ceil(len(pairs) / 16))
+        legend_beside(ax)
     else:
         ax.legend(loc="best")  # without it Matplotlib warns on a slow machine
     return ax
 
 
-def zero_crossings(x: npt.ArrayLike, values: npt.ArrayLike) -> FloatArray:
-    """Find where sampled values change their sign, by monotone cubics between the samples.
+def zero_crossings(x: npt.ArrayLike, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Find the ascending places where samples at ascending x change their sign, by monotone cubics between them.
 
-    Parameters
-    ----------
-    x : array_like, shape (n,)
-        Ascending coordinates of the samples.
-    values : array_like, shape (n,)
-        Samples; beside a NaN no zero is looked for.
-
-    Returns
-    -------
-    ndarray, shape (zeros,)
-        Ascending coordinates of the zeros. There is none between two samples of one sign; a sample that is zero counts.
+    There is none between two samples of one sign, and none is looked for beside a NaN; a sample that is zero counts.
 
     Examples
     --------
@@ -153,10 +209,9 @@ def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -
 
     Parameters
     ----------
-    sweep : xarray.Dataset
-        Result of `coilarray.studies.sweep.run_sweep`, a grid over one entry, or over two of which one has texts.
-    quantity : str
-        Name of a variable; a point without a value is a gap.
+    sweep, quantity
+        As in `plot_sweep_points`, of a grid over one entry, or over two of which one has texts; a point without a value
+        is a gap.
     ax : Axes, optional
         Axes to draw into; a dashed line is the design's own value.
 
@@ -196,10 +251,8 @@ def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> 
 
     Parameters
     ----------
-    sweep : xarray.Dataset
-        Result of `coilarray.studies.sweep.run_sweep`, a grid over two entries.
-    quantity : str
-        Name of a variable.
+    sweep, quantity
+        As in `plot_sweep_points`, of a grid over two entries.
     ax : Axes, optional
         Axes to draw into; a cross marks the design's own values.
 
@@ -308,7 +361,7 @@ def _line_entries(sweep: xr.Dataset, entries: Sequence[str]) -> tuple[str, str]:
     return next(entry for entry in entries if entry != texts[-1]), texts[-1]
 
 
-def _numbers(coordinate: xr.DataArray, values: npt.NDArray[np.generic]) -> FloatArray:
+def _numbers(coordinate: xr.DataArray, values: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
     """Return the places of values on an axis: texts are numbered in the order in which they first appear."""
     if not _is_text(coordinate):
         return values.astype(np.float64)

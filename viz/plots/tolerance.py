@@ -66,10 +66,9 @@ def plot_shares(result: xr.Dataset, ax: Axes | None = None) -> Axes:
     Examples
     --------
     >>> kinds = {"table": ("contributor", ["etch", "copper"]), "part": ("contributor", ["board", "board"])}
-    >>> result = xr.Dataset(
-    ...     {"share": (("contributor", "output"), [[0.75], [0.25]]), "linear_deviation": ("output", [1e-3])},
-    ...     {"output": ["worst_k"], "contributor": ["etch, board", "copper, board"]} | kinds,
-    ... )
+    >>> shares = {"share": (("contributor", "output"), [[0.75], [0.25]]), "linear_deviation": ("output", [1e-3])}
+    >>> axes = {"output": ["worst_k"], "contributor": ["etch, board", "copper, board"]}
+    >>> result = xr.Dataset(shares, axes | kinds)
     >>> [float(bar.get_width()) for bar in plot_shares(result).patches]
     [75.0, 25.0, 0.0]
     """
@@ -114,15 +113,9 @@ def plot_boards(result: xr.Dataset, output: str, ax: Axes | None = None) -> Axes
 
     Examples
     --------
-    >>> result = xr.Dataset(
-    ...     {
-    ...         "value": (("sample", "output"), [[0.04], [0.05], [0.06]]),
-    ...         "nominal": ("output", [0.05]),
-    ...         "linear_deviation": ("output", [0.01]),
-    ...     },
-    ...     {"output": ["worst_k"]},
-    ... )
-    >>> ax = plot_boards(result, "worst_k")
+    >>> spread = {"nominal": ("output", [0.05]), "linear_deviation": ("output", [0.01])}
+    >>> boards = {"value": (("sample", "output"), [[0.04], [0.05], [0.06]])}
+    >>> ax = plot_boards(xr.Dataset(boards | spread, {"output": ["worst_k"]}), "worst_k")
     >>> ax.get_xlabel(), ax.get_legend().get_texts()[0].get_text()
     ('worst_k', '3 boards')
     """

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     import pyvista
     import trimesh
 
-FloatArray = npt.NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
 _GLASS = 0.12  # opacity of a sheet
@@ -36,18 +35,10 @@ _COPPER = "copper "
 
 @dataclass(frozen=True, eq=False)
 class CoilColours:
-    """One value per coil, shown as the colour of its copper.
+    """One value per coil, shown as the colour of its copper."""
 
-    Parameters
-    ----------
-    values : ndarray, shape (coils,)
-        Values of the coils; NaN for a coil without one.
-    scale : Scale
-        Scale of the colours; its `array` is the name of the values in the meshes.
-    """
-
-    values: FloatArray
-    scale: Scale
+    values: npt.NDArray[np.float64]  # shape (coils,); NaN for a coil without one
+    scale: Scale  # its `array` is the name of the values in the meshes
 
 
 def board_scene(
@@ -89,42 +80,29 @@ def scene_of_board(
     box: Box | None = None,
     name_heights: npt.ArrayLike = 0.0,
 ) -> Scene:
-    """Return laminate, copper, barrels, names of the coils and rulers.
+    """Return laminate, copper with one group per layer, barrels, names of the coils and rulers.
 
-    Parameters
-    ----------
-    array : CoilArray
-        Board that is drawn.
-    layers : sequence of str, optional
-        Names of the copper layers that are shown; all by default.
-    colours : CoilColours, optional
-        Colours of the coils in place of those of the layers.
-    box : tuple of float, optional
-        x_min, y_min, x_max, y_max in m of the part that is shown, without rulers, barrels and names.
-    name_heights : array_like, shape (coils,) or scalar
-        Heights of the coils' names in m, above what covers the coils.
-
-    Returns
-    -------
-    Scene
-        Parts with one group for each copper layer.
-
-    Raises
-    ------
-    GeometryError
-        If the board has no such layer.
+    `layers` are the copper layers that are shown, all by default; `colours` of the coils replace those of the layers. A
+    `box` x_min, y_min, x_max, y_max in m shows that part, without rulers, barrels and names. `name_heights` in m, one
+    or one for each coil, lift the names above what covers the coils. GeometryError for a layer that the board lacks.
     """
     parts = solids(array)
     copper = copper_parts(array, layers, colours, box, parts)
     board = cut_upright(board_mesh(parts), box)
-    laminate = [] if not board.n_cells else [_laminate(board)]
+    # copper may share a face with the board: draw the board just behind it
+    plate = Part("board", board, "laminate", LAMINATE, opacity=0.3, ambient=0.3, sunk=True)
+    laminate = [plate] if board.n_cells else []
     if box is not None:
         return Scene((*copper, *laminate))
     barrels = barrel_mesh(parts, array.names)
     through = [Part("barrels", barrels, "barrels", BARREL)] if barrels.n_cells else []
     edges = [_edges("edges of board", board, "laminate", LAMINATE)] if laminate else []
-    ticks, numbers = _rulers(array)
-    return Scene((*copper, *through, *laminate, *edges, *ticks), (*coil_names(array, name_heights), *numbers))
+    x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
+    length = 0.012 * (x_max - x_min + y_max - y_min)
+    front, numbers = _ruler("x", (x_min, x_max), y_min, length)
+    left, more = _ruler("y", (y_min, y_max), x_min, length)
+    texts = (*coil_names(array, name_heights), *numbers, *more)
+    return Scene((*copper, *through, *laminate, *edges, front, left), texts)
 
 
 def copper_parts(
@@ -207,11 +185,6 @@ def _coloured(layer: str, copper: pyvista.DataSet, colour: str, colours: CoilCol
     return Part(name, mesh, name, BARREL, colours.scale, ambient=0.7, diffuse=0.35)
 
 
-def _laminate(board: pyvista.PolyData) -> Part:
-    # copper may share a face with the board: draw the board just behind it
-    return Part("board", board, "laminate", LAMINATE, opacity=0.3, ambient=0.3, sunk=True)
-
-
 def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
     """Return the edges of a mesh's bounding box, which are those of a board or sheet."""
     return Part(name, mesh.outline(), group, colour, line_width=2.0, lit=False)
@@ -224,15 +197,6 @@ def _risers(array: CoilArray, top: float) -> tuple[Part, ...]:
     x_min, _, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
     lines = pyvista.line_segments_from_points([(x, y_max, height) for x in (x_min, x_max) for height in (0.0, top)])
     return (Part("risers", lines, colour=_RISER, lit=False),)
-
-
-def _rulers(array: CoilArray) -> tuple[list[Part], list[Text]]:
-    """Return scales in mm along the front and the left edge of the board."""
-    x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
-    length = 0.012 * (x_max - x_min + y_max - y_min)
-    front, numbers_of_x = _ruler("x", (x_min, x_max), y_min, length)
-    left, numbers_of_y = _ruler("y", (y_min, y_max), x_min, length)
-    return [front, left], [*numbers_of_x, *numbers_of_y]
 
 
 def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length: float) -> tuple[Part, list[Text]]:

@@ -10,8 +10,6 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-
 Side = Literal["oblique", "top", "front", "right"]
 """Side of the view: obliquely from the front, straight from above, from the front along y, or from the right."""
 
@@ -35,20 +33,12 @@ def direction(side: Side) -> Direction:
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera without perspective.
+    """A camera without perspective."""
 
-    Parameters
-    ----------
-    position, focus, up : tuple of float
-        Place of the camera and a point in its centre, both in mm, and the upward direction.
-    scale : float
-        Half the visible height in mm.
-    """
-
-    position: tuple[float, float, float]
-    focus: tuple[float, float, float]
+    position: tuple[float, float, float]  # mm
+    focus: tuple[float, float, float]  # mm, point in the centre of its picture
     up: tuple[float, float, float]
-    scale: float
+    scale: float  # half the visible height in mm
 
 
 def aim(
@@ -61,16 +51,8 @@ def aim(
 ) -> Camera:
     """Aim at the middle of a box so that all of it is seen.
 
-    Parameters
-    ----------
-    bounds : tuple of float
-        x_min, x_max, y_min, y_max, z_min, z_max in mm.
-    size : tuple of int
-        Width and height of the picture.
-    towards : Direction
-        Direction to the camera.
-    left, right, bottom : float
-        Shares of the picture's width and height at its edges that stay free, for a legend, colour bars and notes.
+    `bounds` are x_min, x_max, y_min, y_max, z_min, z_max in mm; shares `left`, `right` and `bottom` of the picture's
+    width and height at its edges stay free, for a legend, colour bars and notes.
     """
     sine, cosine = math.sin(towards.elevation), math.cos(towards.elevation)
     out = np.array([cosine * math.cos(towards.azimuth), cosine * math.sin(towards.azimuth), sine])
@@ -88,7 +70,7 @@ def aim(
     return Camera(_triple(focus + distance * out), _triple(focus), _triple(up), scale)
 
 
-def seen_from(camera: Camera, points: npt.ArrayLike, size: tuple[int, int]) -> FloatArray:
+def seen_from(camera: Camera, points: npt.ArrayLike, size: tuple[int, int]) -> npt.NDArray[np.float64]:
     """Return the places of points, shape (n, 3) in mm, in a picture of a size: shape (n, 2), 0 to 1 across and up."""
     focus, up = np.array(camera.focus), np.array(camera.up)
     out = np.array(camera.position) - focus
@@ -98,6 +80,6 @@ def seen_from(camera: Camera, points: npt.ArrayLike, size: tuple[int, int]) -> F
     return np.asarray(away @ np.column_stack((along, up)) / half / 2 + 0.5)
 
 
-def _triple(vector: FloatArray) -> tuple[float, float, float]:
+def _triple(vector: npt.NDArray[np.float64]) -> tuple[float, float, float]:
     x, y, z = vector.tolist()
     return x, y, z

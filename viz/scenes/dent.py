@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     import pyvista
     import xarray as xr
 
-FloatArray = npt.NDArray[np.float64]
 
 VEILED = 0.13
 """Opacity of dented sheets through which the coils are visible."""
@@ -54,16 +53,12 @@ def dent_scene(
         Board that is drawn.
     sheets : sequence of Sheet
         Indented sheets from the board upwards.
-    indentation : xarray.Dataset
-        Result of `coilarray.elastomer.indent`.
-    indenter : Indenter
-        Body that made the dent.
+    indentation, depth : xarray.Dataset and int
+        Result of `coilarray.elastomer.indent`, and index of the depth in it, the deepest by default.
+    indenter, centre : Indenter and tuple of float
+        Body that made the dent, and its x and y on the board in m.
     plotter : pyvista.Plotter
         Plotter that gets the actors; lengths in mm.
-    depth : int
-        Index of the depth in the dataset; the deepest by default.
-    centre : tuple of float
-        x and y in m of the indenter on the board.
 
     Raises
     ------
@@ -87,23 +82,10 @@ def scene_of_dent(
     *,
     opacity: float = 1.0,
 ) -> Scene:
-    """Return the deformed sheets and the indenter, without the board.
+    """Return the deformed sheets and the indenter for one depth of an indentation, without the board.
 
-    Parameters
-    ----------
-    array, sheets, indenter, centre
-        As in `dent_scene`.
-    dent : xarray.Dataset
-        One depth of an indentation.
-    box : tuple of float, optional
-        x_min, y_min, x_max, y_max in m of the part of the sheets that is shown; the whole board by default.
-    opacity : float
-        Opacity of the sheets.
-
-    Raises
-    ------
-    ValueError
-        If the centre is not in the box.
+    Arguments as of `dent_scene`; a `box` x_min, y_min, x_max, y_max in m shows that part of the sheets, by default all
+    over the board. ValueError where the centre is not in it.
     """
     extent = array.bounds if box is None else box
     thickness = float(dent.height[-1])
@@ -119,7 +101,7 @@ def scene_of_dent(
     return Scene(tuple(parts))
 
 
-def name_heights(array: CoilArray, thickness: float, centre: tuple[float, float]) -> FloatArray:
+def name_heights(array: CoilArray, thickness: float, centre: tuple[float, float]) -> npt.NDArray[np.float64]:
     """Return the heights in m of the coils' names: on top of dented sheets, and on the board in the open quarter."""
     open_ = (array.centres < centre).all(axis=1)
     return np.where(open_, 0.0, thickness)

@@ -72,15 +72,7 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", pane
 
 
 def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = None) -> None:
-    """Draw the parts, texts and notes of a scene alone.
-
-    Parameters
-    ----------
-    scene, plotter
-        As in `draw`.
-    pixel : float, optional
-        Pixels per pixel of the reference picture, as `pixel_of` gives them; from the height alone by default.
-    """
+    """Draw the parts, texts and notes of a scene alone; `pixel` as of `pixel_of`, from the height alone by default."""
     view: Any = plotter
     if pixel is None:
         pixel = view.window_size[1] / _HEIGHT
@@ -237,7 +229,8 @@ def shown_units(scale: Scale) -> tuple[float, str]:
     >>> shown_units(Scale("k", "k", "", -0.05, 0.05))
     (1.0, 'k')
     """
-    from coilarray.viz.plots.axis_units import PLAIN, axis_unit  # loads Matplotlib
+    from coilarray.compute.display_units import PLAIN
+    from coilarray.viz.plots.style import axis_unit  # loads Matplotlib
 
     plain = not scale.unit and scale.high >= _PLAIN
     unit = PLAIN if plain else axis_unit([scale.low, scale.high], scale.unit)

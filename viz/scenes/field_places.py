@@ -53,10 +53,7 @@ def field_planes(design: Design, coil: str, spacing: float) -> tuple[Spans, Span
     z, y = design.field_height, float(_middle_and_radii(design.array, coil)[0][1])
     along, across = Span(x_min, x_max, spacing), Span(y_min, y_max, spacing)
     top = max(2 * z, (y_max - y_min) / 2)
-    return (
-        (along, across, Span(z, z, spacing)),
-        (along, Span(y, y, spacing), Span(min(spacing, z), top, spacing)),
-    )
+    return ((along, across, Span(z, z, spacing)), (along, Span(y, y, spacing), Span(min(spacing, z), top, spacing)))
 
 
 def field_box(design: Design, coil: str, spacing: float) -> Spans:

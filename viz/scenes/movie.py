@@ -49,10 +49,8 @@ def save_movie(
         is aimed at the first.
     path : Path
         File to write, .gif or .mp4; it appears only when it is complete.
-    side : {"oblique", "top", "front", "right"}
-        Side from which it is seen.
-    size : tuple of int
-        Width and height in pixels; for .mp4 both even.
+    side, size
+        As in `save_picture`; for .mp4 both sides of a picture must be even.
     rate : float
         Pictures per second.
 

@@ -22,26 +22,16 @@ from coilarray.localize.inverse import locate
 from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of
 from coilarray.viz.datasets.field import flux_density, require_memory
+from coilarray.viz.scenes import overlays
 from coilarray.viz.scenes.board import scene_of_board, scene_of_lifted_board, scene_of_sheets
 from coilarray.viz.scenes.dent import VEILED, name_heights, scene_of_dent
 from coilarray.viz.scenes.field_places import Axes, count_of, field_box, field_planes, line_seeds, points_of_box
-from coilarray.viz.scenes.overlays import (
-    colours_of_currents,
-    scale_of_field,
-    scene_of_coupling,
-    scene_of_lines,
-    scene_of_location,
-    scene_of_response,
-    scene_of_slices,
-    scene_of_surfaces,
-)
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.scenes.touch import dent_of_design, first_states, off_middle
 
 if TYPE_CHECKING:
     import pyvista
 
-FloatArray = npt.NDArray[np.float64]
 Tracker = Callable[[str], Progress | None]
 """Takes the name of a computation and returns its progress function, called with (done, total)."""
 
@@ -60,68 +50,28 @@ _WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Selection of what is shown of a design, and how it is computed.
+    """Selection of what is shown of a design, and how it is computed; currents colour the copper of the board."""
 
-    Parameters
-    ----------
-    show : tuple of str
-        Items of `ITEMS`. ``"currents"`` colours the copper of the board; ``"dent"`` replaces ``"elastomer"``.
-    layers : tuple of str, optional
-        Names of the copper layers that are shown; all by default.
-    coil : str, optional
-        Measured coil for field, lines, surfaces, currents and response; the middle one by default.
-    others_open : bool
-        True where all other coils are open instead of terminated.
-    current : float
-        Current of the measured coil in A, for the field.
-    spacing : float, optional
-        Distance of the points of B in m; 0.5 mm on planes and 1 mm in a box by default.
-    at : tuple of float, optional
-        x and y of the indenter in m from the map's origin; a place off the middle of the map by default.
-    depth : float, optional
-        Depth of the indentation in m; the deepest of the design by default.
-    response : xarray.Dataset, optional
-        Response that is draped; computed by default.
-    table : xarray.Dataset, optional
-        Response table of `coilarray.localize.forward.table_for`; needed for ``"location"``.
-    reading : mapping of str to float, or sequence of float, optional
-        δ to locate; that of the indenter at `at` by default.
-    noise : float
-        Standard deviation of δ.
-    """
-
-    show: tuple[Item, ...] = ("board", "elastomer")
-    layers: tuple[str, ...] | None = None
-    coil: str | None = None
-    others_open: bool = False
-    current: float = 1e-3
-    spacing: float | None = None
-    at: tuple[float, float] | None = None
-    depth: float | None = None
-    response: xr.Dataset | None = None
-    table: xr.Dataset | None = None
-    reading: Mapping[str, float] | Sequence[float] | None = None
-    noise: float = 1e-5
+    show: tuple[Item, ...] = ("board", "elastomer")  # of `ITEMS`; a dent replaces the elastomer
+    layers: tuple[str, ...] | None = None  # copper; all by default
+    coil: str | None = None  # measured, for field, lines, surfaces, currents and response; the middle one by default
+    others_open: bool = False  # instead of terminated
+    current: float = 1e-3  # A in the measured coil, for the field
+    spacing: float | None = None  # m between points of B; 0.5 mm on planes and 1 mm in a box by default
+    at: tuple[float, float] | None = None  # of the indenter in m from the map's origin; off its middle by default
+    depth: float | None = None  # m; the deepest of the design by default
+    response: xr.Dataset | None = None  # that is draped; computed by default
+    table: xr.Dataset | None = None  # of `coilarray.localize.forward.table_for`; needed for a location
+    reading: Mapping[str, float] | Sequence[float] | None = None  # δ to locate; that at `at` by default
+    noise: float = 1e-5  # standard deviation of δ
 
 
 def scene_of_design(design: Design, view: View | None = None, track: Tracker | None = None) -> Scene:
-    """Compute and put together what a view asks for.
+    """Compute and put together what a view asks for, by default the board with its elastomer lifted off.
 
-    Parameters
-    ----------
-    design : Design
-        Design that is shown.
-    view : View, optional
-        Selection; by default the board with its elastomer lifted off.
-    track : callable, optional
-        Reports the progress of each computation.
-
-    Raises
-    ------
-    GeometryError
-        If there is no such coil or layer, the indenter is off the board, or a field needs too much memory.
-    ElastomerError, LocalizeError
-        If the indentation, map or reading is impossible.
+    `track` gives the progress function of each computation. GeometryError where there is no such coil or layer, the
+    indenter is off the board, or a field needs too much memory; ElastomerError or LocalizeError where the indentation,
+    map or reading is impossible.
     """
     return _Making(design, view or View(), track or (lambda text: None)).scene()
 
@@ -151,7 +101,7 @@ class _Making:
             "elastomer": lambda: scene_of_sheets(array, sheets),
             "currents": self._currents,
             "board": lambda: scene_of_board(array, layers=self.view.layers, name_heights=self._name_heights),
-            "coupling": lambda: scene_of_coupling(self._coupling),
+            "coupling": lambda: overlays.scene_of_coupling(self._coupling),
             "response": self._response,
             "location": self._location,
         }
@@ -166,17 +116,13 @@ class _Making:
             raise GeometryError(f"there is nothing to see of {', '.join(self.view.show) or 'nothing'}{reason}")
         return scene
 
-    # the board
-
     def _currents(self) -> Scene:
         design, view = self.design, self.view
         currents = operating_currents(design, self._coupling, self._coil, terminated=not view.others_open)
-        colours = colours_of_currents(currents, design.array.names.index(self._coil))
+        colours = overlays.colours_of_currents(currents, design.array.names.index(self._coil))
         board = scene_of_board(design.array, layers=view.layers, colours=colours, name_heights=self._name_heights)
         note = f"Orange: {self._coil} is measured, the others {self._others}; current per its ampere."
         return board + Scene(notes=(note,))
-
-    # inputs of several items
 
     @property
     def _others(self) -> str:
@@ -204,12 +150,10 @@ class _Making:
         """X and y of the indenter from the map's origin."""
         return off_middle(self._setup) if self.view.at is None else self.view.at
 
-    # the elastomer
-
     def _dent(self) -> Scene:
-        design, opacity = self.design, 1.0 if self._covered else VEILED
+        design, where, opacity = self.design, self._on_board, 1.0 if self._covered else VEILED
         dent, indenter = dent_of_design(design, self._depth), self._setup.indenter
-        return scene_of_dent(design.array, design.sheets, dent, indenter, self._on_board, opacity=opacity)
+        return scene_of_dent(design.array, design.sheets, dent, indenter, where, opacity=opacity)
 
     @property
     def _on_board(self) -> tuple[float, float]:
@@ -229,7 +173,7 @@ class _Making:
         return "dent" in self.view.show and not set(self.view.show) & _WITHIN
 
     @property
-    def _name_heights(self) -> FloatArray | float:
+    def _name_heights(self) -> npt.NDArray[np.float64] | float:
         if not self._covered:
             return 0.0
         thickness = sum(sheet.thickness for sheet in self.design.sheets)
@@ -246,7 +190,7 @@ class _Making:
             response = response_map(self.design, depths=depths, reach="auto", progress=self.track("response"))
         state, depth = self._state_of(response), self._depth_of(response)
         outlines = [place.to_board(place.coil.outline) for place in self.design.array.placements]
-        return scene_of_response(response, state, depth, origin=self._origin_of(response), outlines=outlines)
+        return overlays.scene_of_response(response, state, depth, origin=self._origin_of(response), outlines=outlines)
 
     def _state_of(self, response: xr.Dataset) -> str:
         """Return the first state that measures the coil, by the plan of the design or by its name."""
@@ -282,19 +226,17 @@ class _Making:
             raise LocalizeError("a location needs the table of the design.")
         model = forward_model(self.view.table)
         if self.view.reading is None:
-            reading: Mapping[str, float] | FloatArray = model.delta([*self._at, self._depth])
+            reading: Mapping[str, float] | npt.NDArray[np.float64] = model.delta([*self._at, self._depth])
         else:
             reading = np.array(self.view.reading) if isinstance(self.view.reading, Sequence) else self.view.reading
         found = locate(model, reading, noise=self.view.noise)
-        return scene_of_location(
+        return overlays.scene_of_location(
             found,
             origin=self._origin_of(self.view.table),
             bounds=self.design.array.bounds,
             top=sum(sheet.thickness for sheet in self.design.sheets),
             truth=self._at if self.view.reading is None else None,
         )
-
-    # the field
 
     def _require_memory(self) -> None:
         shown = set(self.view.show)
@@ -326,12 +268,12 @@ class _Making:
             boxes.append(self._b_on(points_of_box(design, spans), "field in a box"))
         if not planes and not boxes:
             return Scene()
-        scale = scale_of_field([*planes, *boxes])
-        scene = scene_of_slices(planes, scale)
+        scale = overlays.scale_of_field([*planes, *boxes])
+        scene = overlays.scene_of_slices(planes, scale)
         for box in boxes:
             if "lines" in shown:
-                scene += scene_of_lines(box, line_seeds(design, coil), scale)
+                scene += overlays.scene_of_lines(box, line_seeds(design, coil), scale)
             if "surfaces" in shown:
-                scene += scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
+                scene += overlays.scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
         carried = f"{coil} carries {self.view.current * 1e3:g} mA, the others {self._others}"
         return scene + Scene(notes=(f"B in phase, without elastomer; {carried}.",))

@@ -10,19 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.viz.datasets import overlays as meshes
 from coilarray.viz.datasets.field import AMOUNT, field_arrows, field_lines, field_surfaces
-from coilarray.viz.datasets.overlays import (
-    COUPLING,
-    DELTA,
-    arc_tubes,
-    at_depth,
-    coupling_arcs,
-    draped_outlines,
-    position_pin,
-    response_surface,
-    semi_axis_factor,
-    uncertainty_ellipse,
-)
 from coilarray.viz.datasets.triangles import polylines, surface_of
 from coilarray.viz.palette import INDIGO, INK, ORANGE, WINE
 from coilarray.viz.scenes.board import Box, CoilColours, cut_upright
@@ -51,31 +40,15 @@ _OVER, _ABOVE = 1e-3, 0.1e-3  # m of the response above the board, and of the ou
 _SEEN, _CROSS = 0.04, 0.018  # least semi-axis of an ellipse and half length of a cross, over the board's length
 
 
-def scale_of_field(planes: Sequence[pyvista.DataSet], decades: float = _DECADES) -> Scale:
-    """Return one logarithmic scale of |B| for all pictures of a field, up to its largest magnitude.
-
-    Parameters
-    ----------
-    planes : sequence of pyvista.DataSet
-        Meshes with the point array ``"|B| (T)"``.
-    decades : float
-        Range of the scale in powers of ten.
-    """
+def scale_of_field(planes: Sequence[pyvista.DataSet]) -> Scale:
+    """Return one logarithmic scale of |B|, up to its largest magnitude on all the meshes."""
     largest = max((float(np.asarray(plane.point_data[AMOUNT]).max(initial=0.0)) for plane in planes), default=0.0)
     high = largest if largest > 0 else 1.0
-    return Scale(AMOUNT, "magnitude of B", "T", high / 10**decades, high, logarithmic=True)
+    return Scale(AMOUNT, "magnitude of B", "T", high / 10**_DECADES, high, logarithmic=True)
 
 
 def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> Scene:
-    """Return planes coloured by |B| with arrows along B, empty where |B| is below the scale.
-
-    Parameters
-    ----------
-    slices : sequence of pyvista.RectilinearGrid
-        Planes as `coilarray.viz.flux_density` makes them.
-    scale : Scale
-        Result of `scale_of_field`.
-    """
+    """Return planes of `flux_density` coloured by |B| with arrows along B, empty where |B| is below the scale."""
     parts = []
     for k, plane in enumerate(slices):
         low, high = np.reshape(plane.bounds, (3, 2)).T
@@ -110,11 +83,7 @@ def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], sc
 def scene_of_coupling(coupling: xr.Dataset) -> Scene:
     """Return arcs between all pairs of coils, as thick as |k| is large and coloured by k, the strong ones with numbers.
 
-    Parameters
-    ----------
-    coupling : xarray.Dataset
-        Result of `coilarray.circuit.coupling.couple_design`: ``coupling`` (coil, other) and the centres ``x``, ``y`` in
-        m.
+    `coupling` is a result of `coilarray.circuit.coupling.couple_design` with the centres ``x``, ``y`` in m.
     """
     centres = np.column_stack((coupling.x.values, coupling.y.values))
     k = coupling.coupling.values
@@ -123,32 +92,27 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
     if not pairs.size or pairs.max() == 0:
         return Scene(notes=("There is one coil, which couples with none.",) if not pairs.size else ())
     strongest = float(pairs.max())
-    arcs = coupling_arcs(centres, k, least=_LEAST * strongest)
+    arcs = meshes.coupling_arcs(centres, k, least=_LEAST * strongest)
     nearest = float(np.linalg.norm(centres[:, None] - centres, axis=-1)[apart].min()) * 1e3
-    tubes = arc_tubes(arcs, _WIDEST * nearest)
-    scale = symmetric(COUPLING, "coupling k", "", pairs)
+    tubes = meshes.arc_tubes(arcs, _WIDEST * nearest)
+    scale = symmetric(meshes.COUPLING, "coupling k", "", pairs)
     texts = []
-    for n, value in enumerate(arcs.cell_data[COUPLING].tolist()):
+    for n, value in enumerate(arcs.cell_data[meshes.COUPLING].tolist()):
         if abs(value) >= _LABELLED * strongest:
             points = np.asarray(arcs.get_cell(n).points)
             x, y, z = points[len(points) // 2].tolist()
             texts.append(Text(f"{value:+.3f}".replace("-", "−"), (x, y, z + 0.2 * nearest), 16.0, group="coupling"))
     left_out = arcs.n_lines < len(k) * (len(k) - 1) // 2
     notes = (f"Arcs: coupling k; between ±{_LEAST * strongest:.1g} it is left out.",) if left_out else ()
-    colour = scale.typical_colour(arcs.cell_data[COUPLING])
+    colour = scale.typical_colour(arcs.cell_data[meshes.COUPLING])
     part = Part("coupling", tubes, "coupling", colour, scale, ambient=0.35, diffuse=0.7)
     return Scene((part,), tuple(texts), notes)
 
 
 def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
-    """Colour the passive coils by the part of their current in phase with that of the measured coil.
+    """Colour the passive coils by the part of their current in phase with that of the measured one, which is orange.
 
-    Parameters
-    ----------
-    currents : array_like of complex, shape (coils,)
-        Currents in A per A of the measured coil.
-    active : int
-        Index of the measured coil; its colour is orange.
+    `currents`, complex of shape (coils,), are in A per A of the measured coil, whose index is `active`.
     """
     values = np.asarray(currents, dtype=np.complex128).real.copy()
     values[active] = np.nan
@@ -159,7 +123,7 @@ def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
 def colours_of_delta(values: npt.ArrayLike) -> CoilColours:
     """Colour the coils by δ, shape (coils,), symmetric about zero; NaN for a coil without a value."""
     numbers = np.asarray(values, dtype=np.float64)
-    return CoilColours(numbers, symmetric(DELTA, "δ", "", numbers))
+    return CoilColours(numbers, symmetric(meshes.DELTA, "δ", "", numbers))
 
 
 def scene_of_response(
@@ -172,22 +136,19 @@ def scene_of_response(
 ) -> Scene:
     """Return δ of one state draped over the board, higher where it is larger, with the outlines of the coils on it.
 
-    Parameters
-    ----------
-    response, state, depth, origin
-        As in `coilarray.viz.response_surface`.
-    outlines : sequence of array_like, shape (n, 2)
-        Outlines of the coils on the board in m.
+    Arguments as of `coilarray.viz.draped_outlines`.
     """
     relief = _RELIEF * float(max(np.ptp(response.x.values), np.ptp(response.y.values)))
-    surface = response_surface(response, state, depth, origin=origin, height=_OVER, relief=relief)
-    scale = symmetric(DELTA, f"δ of {state}", "", surface.point_data[DELTA])
-    group, colour = f"response of {state}", scale.typical_colour(surface.point_data[DELTA])
+    surface = meshes.response_surface(response, state, depth, origin=origin, height=_OVER, relief=relief)
+    scale = symmetric(meshes.DELTA, f"δ of {state}", "", surface.point_data[meshes.DELTA])
+    group, colour = f"response of {state}", scale.typical_colour(surface.point_data[meshes.DELTA])
     parts = [Part("response", surface, group, colour, scale, opacity=0.9, ambient=0.6, diffuse=0.45)]
-    lines = draped_outlines(response, state, outlines, depth, origin=origin, height=_OVER + _ABOVE, relief=relief)
+    lines = meshes.draped_outlines(
+        response, state, outlines, depth, origin=origin, height=_OVER + _ABOVE, relief=relief
+    )
     if lines.n_cells:
         parts.append(Part("outlines", lines, "outlines of the coils", INK, lit=False, line_width=2.0))
-    deep = float(at_depth(response, depth).depth) * 1e3
+    deep = float(meshes.at_depth(response, depth).depth) * 1e3
     return Scene(tuple(parts), notes=(f"δ of {state} where the indenter is, {deep:g} mm deep.",))
 
 
@@ -199,26 +160,12 @@ def scene_of_location(
     top: float,
     truth: tuple[float, float] | None = None,
 ) -> Scene:
-    """Return pins at the possible positions of an indentation, each with its 95 % ellipse of x and y.
+    """Return pins at the possible positions of an indentation, each with its 95 % ellipse of x and y, and notes.
 
-    Parameters
-    ----------
-    location : Location
-        Result of `coilarray.localize.inverse.locate`.
-    origin : tuple of float
-        Place of the map's origin on the board in m.
-    bounds : tuple of float
-        x_min, y_min, x_max, y_max of the board in m. An ellipse ends at the edge of the board, and is left out where it
-        is longer than the board. One that is too small to be seen is enlarged by the factor that the legend gives.
-    top : float
-        Height of the pins in m.
-    truth : tuple of float, optional
-        Real x and y of the indenter in m from the map's origin, marked by a cross.
-
-    Returns
-    -------
-    Scene
-        With notes that give position, standard deviations and verdict.
+    All lengths are in m: `origin` of the map on the board, `bounds` of the board (x_min, y_min, x_max, y_max), height
+    `top` of the pins, and the real place `truth` from the map's origin, which gets a cross. An ellipse ends at the edge
+    of the board, and is left out where it is longer than that. One too small to be seen is enlarged by the factor that
+    the legend gives. The notes have position, standard deviations and verdict.
     """
     parts: list[Part] = []
     length = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
@@ -228,7 +175,7 @@ def scene_of_location(
     for k, mode in enumerate(location.modes):
         at = (mode.x + origin[0], mode.y + origin[1])
         group = "located" if k == 0 else "may also be"
-        parts.append(Part(f"pin {k}", position_pin(at, 0.0, top), group, INK, line_width=4.0, lit=False))
+        parts.append(Part(f"pin {k}", meshes.position_pin(at, 0.0, top), group, INK, line_width=4.0, lit=False))
         if not _is_finite(mode):
             notes.append("No ellipse: to first order this reading does not depend on one direction.")
             continue
@@ -239,7 +186,7 @@ def scene_of_location(
             notes.append("The likelihood is not Gaussian: the ellipse is its shape near the position only.")
         for name, height in (("", 0.0), (" above", top)):
             covariance = mode.covariance[:2, :2]
-            ellipse = uncertainty_ellipse(at, covariance, CONFIDENCE, magnification=magnification, height=height)
+            ellipse = meshes.uncertainty_ellipse(at, covariance, CONFIDENCE, magnification=magnification, height=height)
             on_board = cut_upright(ellipse, bounds)
             if on_board.n_cells:
                 parts.append(Part(f"ellipse {k}{name}", on_board, label, WINE, line_width=4.0, lit=False))
@@ -277,7 +224,7 @@ def _magnification(modes: Sequence[Mode], length: float) -> float:
 
 def _semi_axis(mode: Mode) -> float:
     """Return the longer semi-axis of an ellipse in m."""
-    return semi_axis_factor(CONFIDENCE) * math.sqrt(float(np.linalg.eigvalsh(mode.covariance[:2, :2])[-1]))
+    return meshes.semi_axis_factor(CONFIDENCE) * math.sqrt(float(np.linalg.eigvalsh(mode.covariance[:2, :2])[-1]))
 
 
 def _is_finite(mode: Mode) -> bool:

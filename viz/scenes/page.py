@@ -42,10 +42,8 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
     ----------
     scene : Scene
         Scene that is shown.
-    path : Path
-        File to write; it appears only when it is complete.
-    title : str
-        Title of the page.
+    path, title : Path and str
+        File to write, which appears only when it is complete, and title of the page.
     side : {"oblique", "top", "front", "right"}
         Side from which it is seen first.
 

@@ -7,14 +7,10 @@ import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from coilarray.compute.files import make_folder
 from coilarray.errors import OutputError
 from coilarray.viz.scenes.scene import Scene
-
-if TYPE_CHECKING:
-    import pyvista
 
 _UNSAFE = re.compile(r"[^0-9A-Za-z._-]+")
 
@@ -46,7 +42,8 @@ def save_vtk(scene: Scene, path: Path) -> tuple[Path, ...]:
         blocks = pyvista.MultiBlock({part.name: part.mesh for part in scene.parts})
         return _placed(lambda folder: blocks.save(folder / path.name), path.parent, [path.stem, path.name])
     make_folder(path)
-    names = {part.name: f"{_UNSAFE.sub('_', part.name)}{_suffix(part.mesh)}" for part in scene.parts}
+    suffixes = {"PolyData": ".vtp", "RectilinearGrid": ".vtr", "UnstructuredGrid": ".vtu"}
+    names = {part.name: _UNSAFE.sub("_", part.name) + suffixes[type(part.mesh).__name__] for part in scene.parts}
     if len(set(names.values())) < len(names):  # two layers whose names differ in signs alone
         names = {part: f"{k:02d}_{name}" for k, (part, name) in enumerate(names.items())}
 
@@ -55,14 +52,6 @@ def save_vtk(scene: Scene, path: Path) -> tuple[Path, ...]:
             part.mesh.save(folder / names[part.name])
 
     return _placed(write, path, list(names.values()))
-
-
-def _suffix(mesh: pyvista.DataSet) -> str:
-    """Suffix of VTK's XML file for a mesh."""
-    import pyvista
-
-    kinds = {pyvista.PolyData: ".vtp", pyvista.RectilinearGrid: ".vtr", pyvista.UnstructuredGrid: ".vtu"}
-    return next(suffix for kind, suffix in kinds.items() if isinstance(mesh, kind))
 
 
 def _placed(write: Callable[[Path], None], folder: Path, names: Sequence[str]) -> tuple[Path, ...]:

@@ -61,10 +61,8 @@ def save_board_picture(
 
     Parameters
     ----------
-    array, sheets
-        As in `board_scene`.
-    path, size
-        As in `save_picture`.
+    array, sheets, path, size
+        As in `board_scene` and `save_picture`.
 
     Raises
     ------
@@ -88,23 +86,16 @@ def save_dent_picture(
 
     Parameters
     ----------
-    array, sheets, indentation, indenter, depth, centre
-        As in `dent_scene`.
-    path, size
-        As in `save_picture`.
+    array, sheets, indentation, indenter, depth, centre, path, size
+        As in `dent_scene` and `save_picture`.
 
     Raises
     ------
-    ValueError
-        As in `dent_scene`.
-    MissingDependencyError, OutputError
-        As `save_picture`.
+    ValueError, MissingDependencyError, OutputError
+        As `dent_scene` and `save_picture`.
     """
-    _save(
-        path,
-        size,
-        lambda plotter: dent_scene(array, sheets, indentation, indenter, plotter=plotter, depth=depth, centre=centre),
-    )
+    at: dict[str, Any] = {"depth": depth, "centre": centre}
+    _save(path, size, lambda plotter: dent_scene(array, sheets, indentation, indenter, plotter=plotter, **at))
 
 
 def check_rendering(size: tuple[int, int] = SIZE) -> None:

@@ -14,7 +14,6 @@ from coilarray.viz.scenes.camera import Side
 if TYPE_CHECKING:
     import pyvista
 
-FloatArray = npt.NDArray[np.float64]
 
 # K. Moreland, "Diverging color maps for scientific visualization", ISVC 2009: made for lit surfaces on white, where the
 # white middle of the plots' map would be lost
@@ -23,34 +22,16 @@ _DIVERGING = "coolwarm"
 
 @dataclass(frozen=True)
 class Scale:
-    """Mapping from the values of an array to colours.
+    """Mapping from the values of an array of points or cells to colours; those beyond its ends have that of the end."""
 
-    Parameters
-    ----------
-    array : str
-        Name of the array of points or cells.
-    title : str
-        Title of the colour bar, without the unit.
-    unit : str
-        SI unit of the values without a prefix; empty for none.
-    low, high : float
-        Values at the ends of the colours; values beyond have the colour of the end.
-    colours : str
-        Name of a colour map of Matplotlib.
-    logarithmic : bool
-        True where equal ratios are equal steps of colour.
-    missing : str
-        Colour of values that are NaN.
-    """
-
-    array: str
-    title: str
-    unit: str
-    low: float
+    array: str  # name
+    title: str  # of the colour bar, without the unit
+    unit: str  # SI without a prefix; empty for none
+    low: float  # at the ends of the colours
     high: float
-    colours: str = SEQUENTIAL
-    logarithmic: bool = False
-    missing: str = UNKNOWN
+    colours: str = SEQUENTIAL  # name of a colour map of Matplotlib
+    logarithmic: bool = False  # equal ratios are equal steps of colour
+    missing: str = UNKNOWN  # for NaN
 
     def colours_of(self, values: npt.ArrayLike) -> npt.NDArray[np.uint8]:
         """Return red, green, blue of values, shape (n, 3)."""
@@ -73,84 +54,39 @@ class Scale:
 def symmetric(array: str, title: str, unit: str, values: npt.ArrayLike) -> Scale:
     """Return a scale symmetric about zero that ends at the largest magnitude of the values."""
     numbers = np.abs(np.asarray(values, dtype=np.float64))
-    largest = float(np.nanmax(numbers)) if np.isfinite(numbers).any() else 0.0
-    largest = largest or 1.0
+    largest = float(numbers[np.isfinite(numbers)].max(initial=0.0)) or 1.0
     return Scale(array, title, unit, -largest, largest, _DIVERGING)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One mesh of a scene.
+    """One mesh of a scene."""
 
-    Parameters
-    ----------
-    name : str
-        Name, unique in the scene.
-    mesh : pyvista.DataSet
-        Mesh in mm, not empty.
-    group : str
-        Name in the legend of parts that are switched on and off together; empty for a part that is always there.
-    colour : str
-        Colour of the part where it has no scale, and in the legend.
-    scale : Scale, optional
-        Scale of colours by an array of the mesh.
-    opacity : float
-        Opacity from 0 to 1.
-    line_width : float
-        Width of lines in pixels of a picture 900 pixels high.
-    lit : bool
-        False for a colour that does not depend on the light.
-    ambient, diffuse : float
-        Coefficients of the light.
-    smooth : bool
-        Shade flat triangles as a curved surface; edges stay sharp.
-    sunk : bool
-        Draw it just behind other surfaces in the same place.
-    """
-
-    name: str
-    mesh: pyvista.DataSet
-    group: str = ""
-    colour: str = INK
-    scale: Scale | None = None
+    name: str  # unique in the scene
+    mesh: pyvista.DataSet  # in mm, not empty
+    group: str = ""  # name in the legend, switched on and off together; empty for what is always there
+    colour: str = INK  # where it has no scale, and in the legend
+    scale: Scale | None = None  # by an array of the mesh
     opacity: float = 1.0
-    line_width: float = 1.5
-    lit: bool = True
-    ambient: float = 0.0
+    line_width: float = 1.5  # pixels of a picture 900 pixels high
+    lit: bool = True  # False for a colour that does not depend on the light
+    ambient: float = 0.0  # coefficients of the light
     diffuse: float = 1.0
-    smooth: bool = False
-    sunk: bool = False
+    smooth: bool = False  # shade flat triangles as a curved surface; edges stay sharp
+    sunk: bool = False  # draw it just behind other surfaces in the same place
 
 
 @dataclass(frozen=True)
 class Text:
-    """A line of text at a place.
-
-    Parameters
-    ----------
-    text : str
-        Text in one line.
-    position : tuple of float
-        Place of its middle in mm.
-    height : float
-        Height of the letters in pixels of a picture 900 pixels high.
-    bold : bool
-        True for bold letters.
-    group : str
-        Group as in `Part`.
-    hidden_from : tuple of str
-        Sides from which it would overlap others, and is left out.
-    always : bool
-        True for a text that is shown in any case; where two others overlap, one of them is left out.
-    """
+    """A line of text at a place."""
 
     text: str
-    position: tuple[float, float, float]
-    height: float = 17.0
+    position: tuple[float, float, float]  # of its middle, in mm
+    height: float = 17.0  # of the letters in pixels of a picture 900 pixels high
     bold: bool = False
-    group: str = ""
-    hidden_from: tuple[Side, ...] = ()
-    always: bool = False
+    group: str = ""  # as in `Part`
+    hidden_from: tuple[Side, ...] = ()  # sides from which it would overlap others, and is left out
+    always: bool = False  # shown in any case; where two others overlap, one of them is left out
 
 
 @dataclass(frozen=True, eq=False)

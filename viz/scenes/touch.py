@@ -32,24 +32,12 @@ _LEAST_STEPS = 3  # along each axis: a cubic needs four positions
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """Path of the indenter with δ of every coil along it.
-
-    Parameters
-    ----------
-    design : Design
-        Design of the board.
-    depth : float
-        Depth of the indentation in m.
-    places : ndarray, shape (n, 2)
-        Places of the indenter in m from the map's origin.
-    delta : ndarray, shape (n, coils)
-        δ of the first state that measures each coil; NaN for a coil that no state measures.
-    """
+    """Path of the indenter with δ of every coil along it."""
 
     design: Design
-    depth: float
-    places: FloatArray
-    delta: FloatArray
+    depth: float  # m
+    places: FloatArray  # shape (n, 2), m from the map's origin
+    delta: FloatArray  # shape (n, coils), of the first state that measures each coil; NaN without one
 
     def scenes(self) -> Iterator[Scene]:
         """Return one scene per place: the dented sheets, the indenter, and the copper coloured by δ."""
@@ -93,26 +81,10 @@ def touch_along(
 ) -> Touch:
     """Compute δ along a path of the indenter over the board.
 
-    Parameters
-    ----------
-    design : Design
-        Design with the tables ``[indenter]`` and ``[indentation]``.
-    corners : sequence of (float, float), optional
-        At least two corners of the path in m from the map's origin; by default a straight line along x over all coils,
-        in the middle of the map.
-    count : int
-        Number of places at equal steps, at least 2.
-    depth : float, optional
-        Depth of the indentation in m; the deepest of the design by default.
-    progress : callable, optional
-        Called with (done, total) as the response is computed.
-
-    Raises
-    ------
-    ElastomerError
-        If the design has no indenter, or the indentation is impossible.
-    GeometryError
-        If the path leaves the board or has no length, or there are too few places.
+    The path has `count` places at equal steps along its `corners` in m from the map's origin, by default a straight
+    line along x over all coils in the middle of the map; `depth` in m is by default the deepest of the design.
+    ElastomerError where the design has no indenter or the indentation is impossible, GeometryError where the path
+    leaves the board or has no length, or there are fewer than two places.
     """
     setup = indentation_of(design)
     if count < 2:

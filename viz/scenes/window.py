@@ -65,10 +65,7 @@ def show_board(array: CoilArray, sheets: Sequence[Sheet] = ()) -> None:
 def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]]:
     """Put a switch for every group of a drawn scene into its window, from the top left downwards.
 
-    Returns
-    -------
-    dict of str to callable
-        Function of each switch by group: True shows the group, False hides it.
+    Returns the function of each switch by group: True shows the group, False hides it.
     """
     height = plotter.window_size[1]
     switches = {}

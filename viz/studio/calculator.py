@@ -15,30 +15,14 @@ from coilarray.errors import CoilarrayError
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One computation.
+    """One computation."""
 
-    Parameters
-    ----------
-    name : str
-        Name; a new request with the same name replaces one that has not begun.
-    compute : callable
-        Function without arguments that runs in a thread.
-    show : callable
-        Function that runs on the page with the result.
-    fail : callable
-        Function that runs on the page with one line of text after an error.
-    rest : float
-        Time in s without a new request before it begins.
-    patience : float
-        Time in s after which it is computed before others although new requests keep coming.
-    """
-
-    name: str
-    compute: Callable[[], Any]
-    show: Callable[[Any], None]
-    fail: Callable[[str], None]
-    rest: float = 0.0
-    patience: float = 3600.0
+    name: str  # a new request with the same name replaces one that has not begun
+    compute: Callable[[], Any]  # runs in a thread
+    show: Callable[[Any], None]  # runs on the page
+    fail: Callable[[str], None]  # runs on the page with one line of text
+    rest: float = 0.0  # s without a new request before it begins
+    patience: float = 3600.0  # s after which it goes before others although new requests keep coming
 
 
 class Calculator:

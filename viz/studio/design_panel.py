@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.viz.studio.entries import Entry, entries_of, text_of
-from coilarray.viz.studio.job import progress_of
+from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel
-from coilarray.viz.studio.services import Stopped, Tell
 from coilarray.viz.studio.work import Work
 
 if TYPE_CHECKING:
@@ -107,13 +106,7 @@ class DesignPanel(Panel):
             page.state.problem = problem
 
         item = (write, page.work.opened.document, design.name, folder)
-        page.start_bar("report", f"report of {design.name}", _write_report, item, done, failed)
-
-
-def _write_report(item: Any, tell: Tell, _: Stopped) -> Path:
-    write, document, name, folder = item
-    page: Path = write(document, name, folder, progress_of(tell))
-    return page
+        page.start_bar("report", f"report of {design.name}", with_progress, item, done, failed)
 
 
 def _groups(entries: tuple[Entry, ...]) -> list[dict[str, Any]]:

@@ -14,44 +14,30 @@ _UNITS = {
     "_mm": "mm", "_um": "µm", "_deg": "°", "_pF": "pF", "_nH": "nH", "_ohm": "Ω", "_kPa": "kPa"
 }  # fmt: skip
 _WHOLE = ("columns", "rows", "sides", "winding_layers", "segments_per_turn")
-_COIL = (
-    ("turns_per_layer", "turns a layer"),
-    ("winding_layers", "layers in series"),
-    ("outer_across_corners_mm", "outer size, corners"),
-    ("outer_across_flats_mm", "outer size, flats"),
-    ("outer_diameter_mm", "outer diameter"),
-    ("trace_width_mm", "trace width"),
-    ("gap_mm", "gap"),
-    ("sides", "sides"),
-    ("first_corner_deg", "first corner"),
-)
-_ARRAY = (
-    ("pitch_mm", "pitch"),
-    ("columns", "columns"),
-    ("rows", "rows"),
-    ("direction_deg", "direction of the rows"),
-    ("rotation_deg", "rotation of each coil"),
-)
-_SHEET = (
-    ("thickness_mm", "thickness"),
-    ("relative_permeability", "relative permeability"),
-    ("youngs_modulus_kPa", "Young's modulus"),
-)
-_INDENTER = (("radius_mm", "radius"), ("half_angle_deg", "half angle"))
-_CIRCUIT = (
-    ("capacitance_pF", "tank capacitance"),
-    ("short_resistance_ohm", "resistance to ground"),
-    ("switch_off_capacitance_pF", "open switch"),
-    ("terminal_capacitance_pF", "terminal to ground"),
-    ("bus_capacitance_pF", "bus to ground"),
-)
-_FAB = (
-    ("min_trace_mm", "narrowest trace"),
-    ("min_gap_mm", "least gap"),
-    ("min_drill_mm", "smallest hole"),
-    ("min_annular_ring_mm", "narrowest ring"),
-    ("min_edge_clearance_mm", "copper to edge"),
-)
+_COIL = {
+    "turns_per_layer": "turns a layer", "winding_layers": "layers in series",
+    "outer_across_corners_mm": "outer size, corners", "outer_across_flats_mm": "outer size, flats",
+    "outer_diameter_mm": "outer diameter", "trace_width_mm": "trace width", "gap_mm": "gap", "sides": "sides",
+    "first_corner_deg": "first corner",
+}  # fmt: skip
+_ARRAY = {
+    "pitch_mm": "pitch", "columns": "columns", "rows": "rows", "direction_deg": "direction of the rows",
+    "rotation_deg": "rotation of each coil",
+}  # fmt: skip
+_SHEET = {
+    "thickness_mm": "thickness", "relative_permeability": "relative permeability",
+    "youngs_modulus_kPa": "Young's modulus",
+}  # fmt: skip
+_INDENTER = {"radius_mm": "radius", "half_angle_deg": "half angle"}
+_CIRCUIT = {
+    "capacitance_pF": "tank capacitance", "short_resistance_ohm": "resistance to ground",
+    "switch_off_capacitance_pF": "open switch", "terminal_capacitance_pF": "terminal to ground",
+    "bus_capacitance_pF": "bus to ground",
+}  # fmt: skip
+_FAB = {
+    "min_trace_mm": "narrowest trace", "min_gap_mm": "least gap", "min_drill_mm": "smallest hole",
+    "min_annular_ring_mm": "narrowest ring", "min_edge_clearance_mm": "copper to edge",
+}  # fmt: skip
 _STEPS_IN_A_DECADE = 100
 _TURN = 180.0  # range of an angle in degrees to both sides
 _RANGE_OF_ZERO = 10.0  # upper end of a slider whose value is zero
@@ -59,28 +45,12 @@ _RANGE_OF_ZERO = 10.0  # upper end of a slider whose value is zero
 
 @dataclass(frozen=True)
 class Entry:
-    """One entry with a slider.
+    """One entry with a slider; a typed number may lie beyond its ends."""
 
-    Parameters
-    ----------
-    key : str
-        Dotted key, as for `coilarray.design.vary.vary`.
-    label : str
-        Label without the unit.
-    unit : str
-        Unit of the value; empty for none.
-    group : str
-        Heading above the entry.
-    value : float
-        Value in that unit.
-    low, high, step : float
-        Ends and step of the slider. A typed number may lie beyond the ends.
-    """
-
-    key: str
-    label: str
-    unit: str
-    group: str
+    key: str  # dotted, as for `coilarray.design.vary.vary`
+    label: str  # without the unit
+    unit: str  # of all numbers; empty for none
+    group: str  # heading above the entry
     value: float
     low: float
     high: float
@@ -133,13 +103,13 @@ def _entries(values: Mapping[str, object]) -> Iterator[Entry]:
     yield from _table(values, "indenter", "Indenter", _INDENTER)
     yield from _table(values, "circuit", "Circuit", _CIRCUIT)
     yield from _stackup(values)
-    yield from _table(values, "board", "Board", (("margin_mm", "margin"),))
-    yield from _table(values, "field", "Board", (("height_mm", "height of the field's plane"),))
+    yield from _table(values, "board", "Board", {"margin_mm": "margin"})
+    yield from _table(values, "field", "Board", {"height_mm": "height of the field's plane"})
     yield from _table(values, "fab", "Limits of the board house", _FAB)
 
 
-def _table(values: Mapping[str, object], table: str, group: str, named: tuple[tuple[str, str], ...]) -> Iterator[Entry]:
-    for name, label in named:
+def _table(values: Mapping[str, object], table: str, group: str, named: Mapping[str, str]) -> Iterator[Entry]:
+    for name, label in named.items():
         value = values.get(f"{table}.{name}")
         if isinstance(value, int | float) and not isinstance(value, bool):
             yield _entry(f"{table}.{name}", name, label, group, float(value))

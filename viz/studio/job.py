@@ -33,17 +33,7 @@ class Cancelled(Exception):  # noqa: N818 - it is no error
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """End of a job.
-
-    Parameters
-    ----------
-    kind : {"done", "failed", "cancelled"}
-        Kind of the end.
-    result : object
-        Result of a job that is done.
-    problem : str
-        Reason of a failure in one line.
-    """
+    """End of a job, with the result of one that is done, and the reason of a failure in one line."""
 
     kind: Literal["done", "failed", "cancelled"]
     result: Any = None
@@ -51,20 +41,10 @@ class Outcome:
 
 
 class Job:
-    """A task that runs in a process of its own, which starts at once.
+    """A task with its pickled `item` that runs in a process of its own, which starts at once.
 
-    Parameters
-    ----------
-    task : callable
-        Function to run, see `Task`.
-    item : object
-        Its first argument; pickled.
-    on_message : callable
-        Called with every message of the task, in a thread of the job.
-    on_end : callable
-        Called once with the `Outcome`, in the same thread.
-    patience : float
-        Time in s for it to end by itself after `stop`.
+    In a thread of the job, `on_message` is called with every message of the task, and `on_end` once with the `Outcome`.
+    After `stop` the process has `patience` seconds to end by itself.
     """
 
     def __init__(
@@ -89,16 +69,6 @@ class Job:
         self._on_message, self._on_end = on_message, on_end
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
-
-    @property
-    def pid(self) -> int | None:
-        """Process ID."""
-        return self._process.pid
-
-    @property
-    def running(self) -> bool:
-        """True while its process exists."""
-        return self._process.exitcode is None
 
     def stop(self) -> None:
         """Ask it to end and return at once; the outcome comes as for any other end. May be called again."""
@@ -141,6 +111,12 @@ class Job:
         if self._process.exitcode is None:
             self._process.kill()
             self._process.join(_GOODBYE)
+
+
+def with_progress(item: Any, tell: Tell, _: Stopped) -> Any:
+    """Task that calls a function, the first part of `item`, with the other parts and a progress function."""
+    function, *arguments = item
+    return function(*arguments, progress_of(tell))
 
 
 def progress_of(tell: Tell) -> Callable[[int, int], None]:

@@ -26,20 +26,10 @@ _SHOWN_MARGINS = 40
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """Inductance matrix of a design, which is known while a slider moves.
+    """Inductance matrix of a design, which is known while a slider moves."""
 
-    Parameters
-    ----------
-    names : tuple of str, length n
-        Names of the coils.
-    inductance : ndarray, shape (n, n)
-        Inductance matrix in H.
-    accuracy : {"full", "screen"}
-        Accuracy of the matrix.
-    """
-
-    names: tuple[str, ...]
-    inductance: FloatArray
+    names: tuple[str, ...]  # of the n coils
+    inductance: FloatArray  # H, shape (n, n)
     accuracy: Accuracy
 
     @property
@@ -50,67 +40,33 @@ class Numbers:
 
 @dataclass(frozen=True, eq=False)
 class Circuit:
-    """What the converter sees of a design, which takes seconds.
+    """What the converter sees of a design, which takes seconds."""
 
-    Parameters
-    ----------
-    network : Network
-        Coils, switches and tank with all losses and strays.
-    coupling : xarray.Dataset
-        Result of `coilarray.circuit.coupling.couple_design`.
-    """
-
-    network: Network
-    coupling: xr.Dataset
+    network: Network  # coils, switches and tank with all losses and strays
+    coupling: xr.Dataset  # of `coilarray.circuit.coupling.couple_design`
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One cell of a matrix on the page.
+    """One cell of a matrix on the page."""
 
-    Parameters
-    ----------
-    text : str
-        Rounded number.
-    full : str
-        Name, number with all digits, and unit.
-    colour, ink : str
-        Colours of the cell and of its text.
-    """
-
-    text: str
-    full: str
+    text: str  # rounded number
+    full: str  # name, number with all digits, and unit
     colour: str = "#FFFFFF"
-    ink: str = "#202020"
+    ink: str = "#202020"  # colour of the text
 
 
 def numbers_of(design: Design, accuracy: Accuracy = "full") -> Numbers:
-    """Compute the inductance matrix of a design under its flat sheets.
+    """Compute the inductance matrix of a design under its flat sheets; "screen" is quick enough for a moving slider.
 
-    Parameters
-    ----------
-    design : Design
-        Design of the board, for example from `coilarray.load_design`.
-    accuracy : {"full", "screen"}
-        Accuracy of the matrix as in `coilarray.inductance_matrix`; ``"screen"`` is quick enough for a moving slider.
-
-    Raises
-    ------
-    NetworkError
-        If the coils are impossible, such as two in one place.
+    NetworkError for coils that are impossible, such as two in one place.
     """
     inductance = checked_network(design_inductance(design, accuracy=accuracy)[0], 0.0)[0]
     return Numbers(design.array.names, inductance, accuracy)
 
 
 def circuit_of(design: Design) -> Circuit:
-    """Solve the circuit of a design: `coilarray.circuit.coupling.couple_design`, and the network it is solved by.
-
-    Raises
-    ------
-    NetworkError
-        A state of the design's scan plan without a resonance.
-    """
+    """Solve the circuit of a design; NetworkError where a state of its scan plan has no resonance."""
     return Circuit(design_circuit(design), couple_design(design))
 
 

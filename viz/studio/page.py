@@ -29,24 +29,12 @@ from coilarray.viz.studio.work import Work
 
 @dataclass(frozen=True)
 class Setup:
-    """Constant values that all pages of a studio share.
-
-    Parameters
-    ----------
-    shelf : Shelf
-        Folder of the designs.
-    services : Services
-        Functions from outside of `coilarray.viz`.
-    threads : Executor
-        Threads in which steps are computed.
-    rendering_problem : str or None
-        Reason why there is no picture in three dimensions.
-    """
+    """Constant values that all pages of a studio share."""
 
     shelf: Shelf
     services: Services
-    threads: Executor
-    rendering_problem: str | None
+    threads: Executor  # in which steps are computed
+    rendering_problem: str | None  # why there is no picture in three dimensions
 
 
 _PARTS = ("bar", "drawer", "scene", "numbers", "switches", "touch", "runs", "board", "dialogs")
@@ -54,15 +42,7 @@ _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "running": F
 
 
 class Page:
-    """One open page.
-
-    Parameters
-    ----------
-    setup : Setup
-        Values of the studio.
-    work : Work
-        First design of the page.
-    """
+    """One open page, which begins with the design `work`."""
 
     def __init__(self, setup: Setup, work: Work) -> None:
         from trame.app import get_server
@@ -76,9 +56,9 @@ class Page:
         self.calculator = Calculator(setup.threads)
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
-        self._endpoint: Any = None
+        self.endpoint: Any = None  # of its messages
         self.state.update({"problem": "", "job": _NO_JOB})
-        self.trigger("cancel_job", self._cancel)
+        self.trigger("cancel_job", lambda: self.stop_job(self.state.job["name"]))
         self.scene = ScenePanel(self)
         self.numbers = NumbersPanel(self)
         self.switches = SwitchesPanel(self)
@@ -97,11 +77,6 @@ class Page:
         self.take(work)
 
     # ---------------------------------------------------------------- for the server
-
-    @property
-    def endpoint(self) -> Any:
-        """Endpoint of the page's messages."""
-        return self._endpoint
 
     async def close(self) -> None:
         """End all computations and processes of the page."""
@@ -229,11 +204,8 @@ class Page:
         if name in self._jobs:
             self._jobs[name].stop()
 
-    def _cancel(self) -> None:
-        self.stop_job(self.state.job["name"])
-
     def _bind(self, server: Any) -> None:
-        self._endpoint = server["ws"]
+        self.endpoint = server["ws"]
 
     def _on_loop(self, function: Callable[[Any], None]) -> Callable[[Any], None]:
         def call(value: Any) -> None:

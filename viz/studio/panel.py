@@ -10,17 +10,7 @@ if TYPE_CHECKING:
 
 
 class Panel:
-    """One panel of a page.
-
-    Parameters
-    ----------
-    page : Page
-        Page that the panel belongs to.
-    values : mapping of str to object
-        First values of the panel in the state of the page.
-    **triggers : callable
-        Functions that the page calls, by their names.
-    """
+    """One panel of a page: first `values` in the page's state, and functions that the page calls by their names."""
 
     def __init__(self, page: Page, values: Mapping[str, Any], **triggers: Callable[..., Any]) -> None:
         self._page = page

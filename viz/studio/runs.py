@@ -20,49 +20,23 @@ _MOST_SHOWN = 200
 
 @dataclass(frozen=True, eq=False)
 class RunPoint:
-    """One point of a search with a possible board.
+    """One point of a search with a possible board."""
 
-    Parameters
-    ----------
-    name : str
-        Kind and number, as in "search 12".
-    quantities : dict of str to float
-        Quantities by name, in the unit in the name.
-    entries : dict of str to object
-        Values of the varied entries of the design.
-    scores : tuple of float
-        Score for each objective.
-    feasible : bool
-        True where it keeps every bound.
-    """
-
-    name: str
-    quantities: dict[str, float]
-    entries: dict[str, Any]
-    scores: tuple[float, ...]
-    feasible: bool
+    name: str  # kind and number, as in "search 12"
+    quantities: dict[str, float]  # in the unit in the name
+    entries: dict[str, Any]  # varied ones of the design
+    scores: tuple[float, ...]  # one for each objective
+    feasible: bool  # keeps every bound
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One study of a design and a goal.
+    """One study of a design and a goal."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the study; it begins with that of the design.
-    maximized : tuple of bool
-        True for each objective that is maximized.
-    points : tuple of RunPoint
-        Points with a possible board, in the order in which they were written.
-    tried : int
-        Number of all points.
-    """
-
-    name: str
-    maximized: tuple[bool, ...]
-    points: tuple[RunPoint, ...]
-    tried: int
+    name: str  # of the study; it begins with that of the design
+    maximized: tuple[bool, ...]  # for each objective
+    points: tuple[RunPoint, ...]  # with a possible board, in the order in which they were written
+    tried: int  # number of all points
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -116,12 +90,7 @@ def run_folders(folder: Path) -> list[str]:
 def read_runs(folder: Path) -> tuple[Run, ...]:
     """Read all studies of a folder with a ``study.db``.
 
-    Raises
-    ------
-    OutputError
-        If there is no study, or the file is not one.
-    MissingDependencyError
-        If Optuna is not installed.
+    OutputError where there is none or the file is no study; MissingDependencyError without Optuna.
     """
     path = folder / FILE
     if not path.is_file():

@@ -12,15 +12,9 @@ from coilarray.circuit.network import StateResult
 from coilarray.design.model import Design
 from coilarray.response.setup import indentation_of
 from coilarray.viz.datasets.field import AMOUNT
-from coilarray.viz.scenes.board import CoilColours, board_in_pieces, recoloured
+from coilarray.viz.scenes import overlays
+from coilarray.viz.scenes.board import CoilColours, recoloured
 from coilarray.viz.scenes.dent import VEILED, scene_of_dent
-from coilarray.viz.scenes.overlays import (
-    colours_of_currents,
-    colours_of_delta,
-    scale_of_field,
-    scene_of_location,
-    scene_of_slices,
-)
 from coilarray.viz.scenes.scene import Part, Scene
 from coilarray.viz.studio.switching import UnitFields
 from coilarray.viz.studio.top_view import delta_by_coil
@@ -29,68 +23,31 @@ from coilarray.viz.studio.touch import Touched
 
 @dataclass(frozen=True, eq=False)
 class BoardParts:
-    """A board in pieces, which are computed once and can be given other colours.
-
-    Parameters
-    ----------
-    design : Design
-        Design of the board.
-    copper : tuple of Part
-        Copper, one part per layer.
-    rest : Scene
-        Laminate, barrels, names and rulers.
-    """
+    """A board in pieces, which are computed once and can be given other colours."""
 
     design: Design
-    copper: tuple[Part, ...]
-    rest: Scene
+    copper: tuple[Part, ...]  # one part per layer
+    rest: Scene  # laminate, barrels, names and rulers
 
     def coloured(self, colours: CoilColours) -> Scene:
         """Return the board with its copper coloured by values of the coils."""
         return Scene(recoloured(self.copper, colours)) + self.rest
 
 
-def board_parts(design: Design) -> BoardParts:
-    """Compute the pieces of a board."""
-    return BoardParts(design, *board_in_pieces(design.array))
-
-
 def switched_scene(board: BoardParts, fields: UnitFields, result: StateResult, current: float = 1e-3) -> Scene:
-    """Return the board coloured by the currents of a state, under a plane of their field.
-
-    Parameters
-    ----------
-    board : BoardParts
-        Board of the design.
-    fields : UnitFields
-        Fields of the coils of the same design.
-    result : StateResult
-        Solution of the state.
-    current : float
-        Current of the first measured coil in A.
-    """
+    """Return the board coloured by the currents of a state, under a plane of B for `current` A in its first coil."""
     names = board.design.array.names
     first = names.index(result.state.measured[0][0])
     plane = fields.plane(result.currents.real * current)
-    scene = board.coloured(colours_of_currents(result.currents, first))
+    scene = board.coloured(overlays.colours_of_currents(result.currents, first))
     if np.asarray(plane.point_data[AMOUNT]).max(initial=0.0) > 0:
-        scene += scene_of_slices([plane], scale_of_field([plane]))
+        scene += overlays.scene_of_slices([plane], overlays.scale_of_field([plane]))
     note = f"B in phase, {fields.height * 1e3:g} mm above the board, without elastomer; {current * 1e3:g} mA."
     return scene + Scene(notes=(note,))
 
 
 def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
-    """Return the board coloured by δ, the dent in the sheets over it, and the located position.
-
-    Parameters
-    ----------
-    board : BoardParts
-        Board of the design.
-    dent : xarray.Dataset
-        One depth of an indentation of its sheets.
-    touch : Touched
-        Place of the indenter with its readings.
-    """
+    """Return the board coloured by δ, the dent (one depth) in the sheets over it, and the located position."""
     design, setup = board.design, indentation_of(board.design)
     scene = coloured_by_delta(board, touch.delta)
     x, y = touch.at[0] + setup.origin_point[0], touch.at[1] + setup.origin_point[1]
@@ -98,12 +55,11 @@ def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
     if x_min < x < x_max and y_min < y < y_max:
         scene += scene_of_dent(design.array, design.sheets, dent, setup.indenter, (x, y), opacity=VEILED)
     top = sum(sheet.thickness for sheet in design.sheets)
-    return scene + scene_of_location(
+    return scene + overlays.scene_of_location(
         touch.location, origin=setup.origin_point, bounds=design.array.bounds, top=top, truth=touch.at
     )
 
 
 def coloured_by_delta(board: BoardParts, delta: Mapping[str, float | None]) -> Scene:
     """Return the board with δ of every coil as the colour of its copper."""
-    by_coil = delta_by_coil(board.design, delta)
-    return board.coloured(colours_of_delta([np.nan if value is None else value for value in by_coil.values()]))
+    return board.coloured(overlays.colours_of_delta(delta_by_coil(board.design, delta)))

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, get_args
 
 from coilarray.design.model import Design
-from coilarray.viz.scenes.board import scene_of_lifted_board
+from coilarray.viz.scenes.board import board_in_pieces, scene_of_lifted_board
 from coilarray.viz.scenes.camera import Side
 from coilarray.viz.scenes.draw import bar_of
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.panel import Panel
-from coilarray.viz.studio.scene_making import BoardParts, board_parts
+from coilarray.viz.studio.scene_making import BoardParts
 from coilarray.viz.studio.view import SceneView
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class ScenePanel(Panel):
         scene = None
         if tab in makers:
             if self._parts is None or self._parts.design is not design:
-                self._parts = board_parts(design)
+                self._parts = BoardParts(design, *board_in_pieces(design.array))
             scene = makers[tab](design, self._parts)
         return scene_of_lifted_board(design.array, design.sheets) if scene is None else scene
 

@@ -50,11 +50,7 @@ _POLICY = (
     "base-uri 'self'; form-action 'none'; object-src 'none'; connect-src 'self'"
 )
 _HOST = re.compile(r"[A-Za-z0-9_.-]+(:\d+)?|\[[0-9A-Fa-f:.]+\](:\d+)?")
-_HEADERS = {
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cache-Control": "no-cache",
-}
+_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "Cache-Control": "no-cache"}
 # a tab keeps its name through a reload, and every tab has its own; all of the address but the token is removed, because
 # trame's client would take its connection from it
 _TAB = """<script>{
@@ -68,31 +64,17 @@ document.documentElement.dataset.sessionManagerUrl = "open/" + sessionStorage.st
 
 @dataclass(frozen=True)
 class Address:
-    """Address of the studio.
+    """Address of the studio."""
 
-    Parameters
-    ----------
-    host : str
-        Name or IP address on which it listens.
-    port : int
-        TCP port; 0 takes a free one.
-    token : str
-        Token that every browser must send; empty for none, which is only right for this computer alone.
-    """
-
-    host: str
-    port: int
-    token: str = ""
+    host: str  # name or IP address on which it listens
+    port: int  # 0 takes a free one
+    token: str = ""  # that every browser must send; empty for none, which is right for this computer alone
 
 
 def check_studio() -> None:
     """Raise MissingDependencyError where a library of the studio is not installed."""
-    for module, package in (
-        ("trame.app", "trame"),
-        ("trame.ui.vuetify3", "trame-vuetify"),
-        ("trame_vtk.modules.vtk", "trame-vtk"),
-        ("aiohttp", "aiohttp"),
-    ):
+    needed = {"trame.app": "trame", "trame.ui.vuetify3": "trame-vuetify", "trame_vtk.modules.vtk": "trame-vtk"}
+    for module, package in {**needed, "aiohttp": "aiohttp"}.items():
         import_extra(module, "pages of the studio", package=package, extra="studio")
 
 
@@ -140,24 +122,10 @@ def serve(
     linger: float,
     ready: Callable[[str], None],
 ) -> None:
-    """Serve the studio until it is stopped, or until all pages have been closed for a while.
+    """Serve the studio with `work` as first design on a socket of `bind` until it is stopped.
 
-    Parameters
-    ----------
-    work : Work
-        First design of a new page.
-    shelf : Shelf
-        Folder of the designs.
-    services : Services
-        Functions from outside of `coilarray.viz`.
-    address : Address
-        Address on which it listens.
-    listening : socket
-        Result of `bind`.
-    linger : float
-        Time in s that it goes on after the last page was closed; 0 goes on until it is stopped.
-    ready : callable
-        Called with the URL of the page once it can be opened.
+    It also ends when all pages have been closed for `linger` seconds, unless that is 0. `ready` is called with the URL
+    of the page once it can be opened.
     """
     os.environ.setdefault("TRAME_ARGS", "")  # trame would read our command line as its own
     asyncio.run(_Studio(work, shelf, services, address, linger).run(listening, ready))
@@ -215,7 +183,10 @@ class _Studio:
                 ready(self._url())
                 await self._stop.wait()
             finally:
-                await self._close_all()
+                if self._ending is not None:
+                    self._ending.cancel()
+                await asyncio.gather(*(one.close(code=_GOING_AWAY) for one in list(self._talking)))
+                await asyncio.gather(*(self._close(key) for key in list(self._pages)))
                 await runner.cleanup()
                 threads.shutdown(wait=False, cancel_futures=True)
 
@@ -288,8 +259,10 @@ class _Studio:
         except CoilarrayError as error:
             return web.json_response({"error": str(error)}, status=503)
         self._pages[page.key], self._of_page[page.key] = page, tab
-        self._static.update({name: Path(_folder(place)) for name, place in page.server.serve.items()})
-        self._expect(page.key)
+        for name, place in page.server.serve.items():  # a path or a path with options
+            self._static[name] = Path(place[0] if isinstance(place, list | tuple) else place)
+        loop = asyncio.get_running_loop()  # a session whose page never connects is closed
+        self._unused[page.key] = loop.call_later(_UNUSED, lambda: loop.create_task(self._close(page.key)))
         return web.json_response({"sessionURL": f"ws://USE_HOST/ws/{page.key}", "secret": page.secret})
 
     def _work_of(self, tab: str) -> Work:
@@ -351,11 +324,6 @@ class _Studio:
         token = f"?token={self._address.token}" if self._address.token else ""
         return f"http://{shown}:{self._port}/{token}"
 
-    def _expect(self, key: str) -> None:
-        """Close a session whose page never connects."""
-        loop = asyncio.get_running_loop()
-        self._unused[key] = loop.call_later(_UNUSED, lambda: loop.create_task(self._close(key)))
-
     async def _close(self, key: str) -> None:
         """End the session of a closed page; its design is kept for a reload."""
         page = self._pages.pop(key, None)
@@ -378,12 +346,6 @@ class _Studio:
         if not self._pages:
             self._stop.set()
 
-    async def _close_all(self) -> None:
-        if self._ending is not None:
-            self._ending.cancel()
-        await asyncio.gather(*(one.close(code=_GOING_AWAY) for one in list(self._talking)))
-        await asyncio.gather(*(self._close(key) for key in list(self._pages)))
-
 
 def _headers(request: web.Request) -> dict[str, str]:
     """Return the security headers; in some browsers 'self' does not include web sockets."""
@@ -398,11 +360,6 @@ def _client_folder() -> Path:
     return Path(vue3.www)
 
 
-def _folder(place: Any) -> str:
-    """Return the folder that a module of trame serves, from a path or a path with options."""
-    return str(place[0]) if isinstance(place, list | tuple) else str(place)
-
-
 def _file_of(folder: Path, name: str, suffixes: tuple[str, ...] = ()) -> web.StreamResponse:
     """Return a file below a folder; none outside of it."""
     from aiohttp import web
@@ -415,6 +372,3 @@ def _file_of(folder: Path, name: str, suffixes: tuple[str, ...] = ()) -> web.Str
     if not inside or (suffixes and path.suffix not in suffixes):
         raise web.HTTPNotFound
     return web.FileResponse(path)
-
-
-__all__ = ["LOOPBACK", "Address", "bind", "check_studio", "new_token", "serve"]

@@ -27,10 +27,8 @@ class BoardRequest:
 
     Parameters
     ----------
-    document : mapping of str to object
-        Document of the design.
-    name : str
-        Name of the design.
+    document, name
+        Document and name of the design.
     port : str
         Port of the board; ``"emulator"`` for none.
     wiring : str or None
@@ -55,20 +53,14 @@ class BoardFrame:
         True for an emulated board.
     sequence : int
         Number of the scan.
-    delta : mapping of str to (float or None)
-        δ of every state; None for a state without one.
-    reasons : mapping of str to str
-        Reasons why the readings of states are not good.
-    waiting : int
-        Number of scans that the baseline still needs.
-    location : Location or None
-        Position of the indentation.
-    problem : str
-        Reason why there is no location.
+    delta, reasons : mapping of str to (float or None), and to str
+        δ of every state, None for one without it; and why the readings of states are not good.
+    waiting, lost : int
+        Numbers of scans that the baseline still needs, and of lost scans.
+    location, problem : Location or None, and str
+        Position of the indentation, or the reason why there is none.
     rate : float or None
         Number of scans per second.
-    lost : int
-        Number of lost scans.
     """
 
     line: str
@@ -115,14 +107,10 @@ class Services:
     ----------
     response_table : callable
         A `ResponseTable`.
-    write_report : callable, optional
-        A `WriteReport`; without it there is no button for it.
-    watch_board : callable, optional
-        A `WatchBoard`; without it there is no tab for it.
-    port : str
-        Port of the board that is watched.
-    wiring : str, optional
-        Wiring of its switches.
+    write_report, watch_board : callable, optional
+        A `WriteReport` and a `WatchBoard`; without one there is no button or no tab for it.
+    port, wiring : str, optional
+        Port of the board that is watched, and wiring of its switches.
     """
 
     response_table: ResponseTable = compute_table

@@ -6,13 +6,13 @@ import cmath
 import math
 from typing import TYPE_CHECKING, Any
 
-from coilarray.circuit.network import Resonance
+from coilarray.circuit.network import Resonance, resonate
 from coilarray.design.model import Design
 from coilarray.errors import NetworkError
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.scene_making import BoardParts, switched_scene
-from coilarray.viz.studio.switching import SETTINGS, Setting, UnitFields, kept_settings, switched, unit_fields
+from coilarray.viz.studio.switching import SETTINGS, Setting, UnitFields, kept_settings, state_of, unit_fields
 
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
@@ -39,7 +39,7 @@ class SwitchesPanel(Panel):
             return
         with state:
             try:
-                self._result = switched(circuit.network, state.settings)
+                self._result = resonate(circuit.network, state_of(state.settings))
             except NetworkError as error:
                 self.fail(str(error))
             else:

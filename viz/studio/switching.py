@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.circuit.network import Network, Resonance, resonate
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.electromagnetics.field import grid_points, magnetic_field
@@ -32,22 +31,12 @@ SPACING = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class UnitFields:
-    """B of one ampere in every coil alone, on a horizontal plane.
+    """B of one ampere in every coil alone, on a horizontal plane; lengths in m."""
 
-    Parameters
-    ----------
-    x, y : ndarray, shape (nx,), (ny,)
-        Coordinates of the points in m.
-    height : float
-        Height of the plane above the board in m.
-    fields : ndarray, shape (coils, nx, ny, 1, 3)
-        B per current in T/A.
-    """
-
-    x: FloatArray
-    y: FloatArray
-    height: float
-    fields: FloatArray
+    x: FloatArray  # shape (nx,)
+    y: FloatArray  # shape (ny,)
+    height: float  # of the plane above the board
+    fields: FloatArray  # T/A, shape (coils, nx, ny, 1, 3)
 
     def plane(self, currents: npt.ArrayLike) -> pyvista.RectilinearGrid:
         """Return the field of currents in A, shape (coils,), as `coilarray.viz.flux_density` does."""
@@ -82,28 +71,6 @@ def state_of(settings: Mapping[str, Setting]) -> ScanState:
     opened = [name for name, setting in settings.items() if setting == "open"]
     name = " + ".join(name for name, _ in measured)
     return ScanState(name, measured, others="ground", exceptions=dict.fromkeys(opened, "open"))
-
-
-def switched(network: Network, settings: Mapping[str, Setting]) -> Resonance:
-    """Solve what the converter sees where it oscillates.
-
-    Parameters
-    ----------
-    network : Network
-        Network of the design, from `coilarray.circuit.coupling.design_circuit`.
-    settings : mapping of str to {"measure", "ground", "open"}
-        Connection of every coil.
-
-    Returns
-    -------
-    Resonance
-
-    Raises
-    ------
-    NetworkError
-        If there is no measured coil, or the state has no resonance.
-    """
-    return resonate(network, state_of(settings))
 
 
 def unit_fields(design: Design, spacing: float = SPACING) -> UnitFields:

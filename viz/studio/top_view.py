@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.distance import pdist
 
 from coilarray.design.model import Design
@@ -27,21 +28,13 @@ _LEAST = 0.35  # least semi-axis of an ellipse in mm
 
 @dataclass(frozen=True)
 class TopView:
-    """Coordinates of a drawing of the board.
-
-    Parameters
-    ----------
-    left, top, width, height : float
-        Rectangle of the drawing in mm; its y is minus that of the board.
-    origin : tuple of float
-        Origin of the response map on the board in m.
-    """
+    """Coordinates of a drawing of the board: a rectangle in mm, whose y is minus that of the board."""
 
     left: float
     top: float
     width: float
     height: float
-    origin: tuple[float, float]
+    origin: tuple[float, float]  # of the response map on the board, in m
 
     def place(self, across: float, down: float) -> tuple[float, float]:
         """Return x and y in m from the map's origin of a point given as shares of the drawing's sides.
@@ -72,6 +65,7 @@ def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
     """Return the edge and coils of a board in mm, as plain values for the page."""
     x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
     colours = cycled(COILS, design.array.names)
+    nearest = float(pdist(design.array.centres).min(initial=math.inf)) * 1e3
     coils = []
     for place in design.array.placements:
         outline = place.to_board(place.coil.outline) * 1e3
@@ -84,16 +78,10 @@ def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
         "box": f"{view.left:.3f} {view.top:.3f} {view.width:.3f} {view.height:.3f}",
         "ratio": round(view.width / view.height, 4),
         "board": {"x": x_min, "y": -y_max, "width": x_max - x_min, "height": y_max - y_min},
-        "letter": round(_letter(design, view), 3),
+        "letter": round(min(_LETTER * view.width, _LETTER_OF_PITCH * nearest), 3),
         "line": round(0.0022 * view.width, 3),
         "coils": coils,
     }
-
-
-def _letter(design: Design, view: TopView) -> float:
-    """Return the height of the names' letters in mm."""
-    nearest = float(pdist(design.array.centres).min(initial=math.inf)) * 1e3
-    return min(_LETTER * view.width, _LETTER_OF_PITCH * nearest)
 
 
 def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, Any]:
@@ -101,7 +89,7 @@ def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, An
     colours = cycled(COILS, design.array.names)
     x, y = view.point(*touch.at)
     radius = 0.0 if design.indentation is None else design.indentation.indenter.radius_at(touch.depth) * 1e3
-    coil_of = coil_of_state(design)
+    coil_of = {state.name: state.measured[0][0] for state in design.plan}
     ellipses = []
     for state, one in touch.ellipses.items():
         cx, cy = view.point(one.x0, 0.0)
@@ -139,21 +127,15 @@ def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
 
 def delta_fills(design: Design, delta: Mapping[str, float | None]) -> dict[str, str]:
     """Return a colour for each coil by its δ, symmetric about zero."""
-    by_coil = delta_by_coil(design, delta)
-    colours = colours_of_delta([math.nan if value is None else value for value in by_coil.values()])
-    red_green_blue = colours.scale.colours_of(colours.values)
-    return {name: f"rgb({r}, {g}, {b})" for name, (r, g, b) in zip(by_coil, red_green_blue.tolist(), strict=True)}
+    colours = colours_of_delta(delta_by_coil(design, delta))
+    red_green_blue = colours.scale.colours_of(colours.values).tolist()
+    return {name: f"rgb({r}, {g}, {b})" for name, (r, g, b) in zip(design.array.names, red_green_blue, strict=True)}
 
 
-def delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> dict[str, float | None]:
-    """Return δ of the first state that measures each coil; None for a coil without one."""
+def delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> npt.NDArray[np.float64]:
+    """Return δ of the first state that measures each coil; NaN for a coil without one."""
     states = first_states(design)
-    return {name: delta.get(states.get(name, "")) for name in design.array.names}
-
-
-def coil_of_state(design: Design) -> dict[str, str]:
-    """Return the first measured coil of every state."""
-    return {state.name: state.measured[0][0] for state in design.plan}
+    return np.array([delta.get(states.get(name, "")) for name in design.array.names], dtype=np.float64)  # None is NaN
 
 
 def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 1e-4) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ from itertools import zip_longest
 import numpy as np
 import xarray as xr
 
-from coilarray.design.model import Design, Indentation
+from coilarray.design.model import Design
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import Ellipse, fit_ellipses
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition, ellipse_model, locate_x
@@ -34,52 +34,24 @@ class Sensor:
     design: Design
     model: ForwardModel
 
-    @property
-    def setup(self) -> Indentation:
-        """The indentation of the design."""
-        return indentation_of(self.design)
-
 
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """One place of the indenter with its readings.
+    """One place of the indenter with its readings."""
 
-    Parameters
-    ----------
-    at : tuple of float
-        x and y in m from the map's origin.
-    depth : float
-        Depth in m.
-    delta : mapping of str to float
-        δ of every state.
-    location : Location
-        Position located from these δ, which have no noise.
-    ellipses : mapping of str to Ellipse
-        Ellipses of the paper's model by state, where it has one for the δ.
-    crossing : EllipsePosition or None
-        Position of the indenter by the paper's model.
-    problem : str
-        Reason why there are no ellipses or no crossing; empty where there are.
-    """
-
-    at: tuple[float, float]
-    depth: float
-    delta: Mapping[str, float]
-    location: Location
-    ellipses: Mapping[str, Ellipse]
-    crossing: EllipsePosition | None
-    problem: str
+    at: tuple[float, float]  # x and y in m from the map's origin
+    depth: float  # m
+    delta: Mapping[str, float]  # δ of every state
+    location: Location  # from these δ, which have no noise
+    ellipses: Mapping[str, Ellipse]  # of the paper's model by state, where it has one for the δ
+    crossing: EllipsePosition | None  # position by the paper's model
+    problem: str  # why there are no ellipses or no crossing
 
 
 def sensor_of(design: Design, table: xr.Dataset) -> Sensor:
     """Join a design and its response table.
 
-    Raises
-    ------
-    LocalizeError
-        If the table is of another design, or invalid.
-    ElastomerError
-        If the design has no indentation.
+    LocalizeError for a table of another design or an invalid one, ElastomerError for a design without an indentation.
     """
     indentation_of(design)
     if table.attrs.get("design_hash") != design.digest:
@@ -89,7 +61,8 @@ def sensor_of(design: Design, table: xr.Dataset) -> Sensor:
 
 def first_place(sensor: Sensor) -> tuple[float, float, float]:
     """Return the first x, y and depth of the indenter in m, off the middle of the map."""
-    return *off_middle(sensor.setup), max(sensor.setup.depths)
+    setup = indentation_of(sensor.design)
+    return *off_middle(setup), max(setup.depths)
 
 
 def touched(sensor: Sensor, x: float, y: float, depth: float) -> Touched:

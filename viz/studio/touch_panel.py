@@ -11,20 +11,11 @@ from coilarray.errors import CoilarrayError, DesignError
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.scenes.touch import dent_of_design
 from coilarray.viz.studio.entries import number_of
-from coilarray.viz.studio.job import progress_of
+from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.scene_making import BoardParts, touched_scene
-from coilarray.viz.studio.services import Stopped, Tell
 from coilarray.viz.studio.top_view import TopView, board_drawing, delta_bars, top_view, touch_drawing
-from coilarray.viz.studio.touch import (
-    Sensor,
-    Touched,
-    crossing_line,
-    first_place,
-    location_lines,
-    sensor_of,
-    touched,
-)
+from coilarray.viz.studio.touch import Sensor, Touched, crossing_line, first_place, location_lines, sensor_of, touched
 
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
@@ -47,7 +38,7 @@ class TouchPanel(Panel):
         values = {
             "plan": board_drawing(page.work.design, self._view), "touch": _NOTHING, "bars": [], "located": [],
             "touch_note": "", "touch_ready": False, "place": {"x": "", "y": "", "depth": ""}, "place_error": "",
-            "can_touch": page.work.design.indentation is not None, "dragging": False, "pressing": False,
+            "can_touch": page.work.design.indentation is not None, "dragging": False, "pressing": False
         }  # fmt: skip
         page.state.client_only("dragging", "pressing")
         super().__init__(page, values, compute_table=self._compute, press=self._press, press_at=self._press_at)
@@ -96,7 +87,7 @@ class TouchPanel(Panel):
             page.state.touch_note = text
 
         item = (page.setup.services.response_table, page.work.opened.document, design.name)
-        if page.start_bar("table", f"response of {design.name}", _compute_table, item, done, note, note):
+        if page.start_bar("table", f"response of {design.name}", with_progress, item, done, note, note):
             note("")
 
     def _take_table(self, design: Design, table: xr.Dataset) -> None:
@@ -154,9 +145,3 @@ def _place(sensor: Sensor, texts: tuple[str, str, str]) -> list[float]:
             raise DesignError(line.replace("-", "−"))
         numbers.append(number)
     return numbers
-
-
-def _compute_table(item: Any, tell: Tell, _: Stopped) -> xr.Dataset:
-    table, document, name = item
-    response: xr.Dataset = table(document, name, progress_of(tell))
-    return response.load()

@@ -29,14 +29,9 @@ _HEIGHT = 900.0  # height in pixels of the picture for which letters are given
 
 
 class SceneView:
-    """View of one scene at a time on a page.
+    """View of one scene at a time on the page of a trame `server`.
 
-    Parameters
-    ----------
-    server : trame Server
-        Server of the page.
-    at_rest : callable
-        Called with True when a smooth picture was sent, with False when it is out of date.
+    `at_rest` is called with True when a smooth picture was sent, with False when it is out of date.
     """
 
     def __init__(self, server: Any, at_rest: Callable[[bool], None]) -> None:
@@ -52,9 +47,7 @@ class SceneView:
         self._aimed: tuple[float, ...] = ()
         self._side: Side = "oblique"
         self._drawn_size = SIZE
-        self._smoothing: asyncio.TimerHandle | None = None
-        self._sending: asyncio.TimerHandle | None = None
-        self._resizing: asyncio.TimerHandle | None = None
+        self._timers: dict[str, asyncio.TimerHandle] = {}  # of smoothing, sending and resizing
         quality = {"interactive_ratio": 1, "interactive_quality": 70, "still_quality": 92}
         self.widget = vtk.VtkRemoteView(self._window, ref="scene", trame_server=server, **quality)
         style = self._plotter.iren.interactor.GetInteractorStyle()
@@ -87,9 +80,7 @@ class SceneView:
 
     def close(self) -> None:
         """Release the window."""
-        for timer in (self._smoothing, self._sending, self._resizing):
-            if timer is not None:
-                timer.cancel()
+        self._forget(*self._timers)
         # trame would create the window again for a pending image, and never removes its observers
         view = self.widget.module.id(self._window)
         self._server.protocol_call("viewport.image.push.enabled", view, False)
@@ -132,16 +123,12 @@ class SceneView:
 
     def _rough(self) -> None:
         """Use one sample per pixel until the picture is at rest."""
-        for timer in (self._smoothing, self._sending):
-            if timer is not None:
-                timer.cancel()
+        self._forget("smoothing", "sending")
         self._window.SetMultiSamples(0)
         self._at_rest(False)
 
     def _smooth_soon(self) -> None:
-        if self._smoothing is not None:
-            self._smoothing.cancel()
-        self._smoothing = asyncio.get_running_loop().call_later(_SMOOTH_AFTER, self._smooth)
+        self._later("smoothing", _SMOOTH_AFTER, self._smooth)
 
     def _smooth(self) -> None:
         self._window.SetMultiSamples(_SAMPLES)
@@ -154,12 +141,11 @@ class SceneView:
 
     def _send_encoded(self, smooth: bool, looks: int) -> None:
         """Test again soon for a pending picture; trame itself sends the previous one and waits half a second."""
-        if self._sending is not None:
-            self._sending.cancel()
+        self._forget("sending")
         protocol = self._server.protocol  # there is none before the page talks
         app = None if protocol is None else protocol.getSharedObject("app")
         if app is not None and app.GetHasImagesBeingProcessed(self._window) and looks:
-            self._sending = asyncio.get_running_loop().call_later(_ENCODING, self._look, app, smooth, looks)
+            self._later("sending", _ENCODING, self._look, app, smooth, looks)
         elif smooth:
             self._at_rest(True)
 
@@ -172,14 +158,22 @@ class SceneView:
         width, height = (min(side, most) for side, most in zip(self._size, _LARGEST, strict=True))
         if (width, height) != self._size:  # the page may ask for any size
             self._window.SetSize(width, height)
-        if self._resizing is not None:
-            self._resizing.cancel()
-        self._resizing = asyncio.get_running_loop().call_later(0.1, self._fit)
+        self._later("resizing", 0.1, self._fit)
 
     def _fit(self) -> None:
         change = np.abs(np.divide(self._size, self._drawn_size) - 1).max()
         if self._scene is not None and change > _RESIZED:
             self.show(self._scene)
+
+    def _later(self, name: str, seconds: float, function: Callable[..., None], *arguments: Any) -> None:
+        """Call a function after a while, unless it is asked for again or forgotten before."""
+        self._forget(name)
+        self._timers[name] = asyncio.get_running_loop().call_later(seconds, function, *arguments)
+
+    def _forget(self, *names: str) -> None:
+        for name in names:
+            if name in self._timers:
+                self._timers[name].cancel()
 
     @property
     def _size(self) -> tuple[int, int]:

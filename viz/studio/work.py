@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -22,21 +23,11 @@ MOST_SEGMENTS = 400_000
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """A design and its file.
-
-    Parameters
-    ----------
-    opened : DesignFile
-        Current design.
-    file : str
-        Name of its file or bundled design.
-    kept : mapping of str to object
-        Document of the design as it was read or last saved.
-    """
+    """A design and its file."""
 
     opened: DesignFile
-    file: str
-    kept: Mapping[str, Any]
+    file: str  # name of the file or bundled design
+    kept: Mapping[str, Any]  # document as it was read or last saved
 
     @property
     def design(self) -> Design:
@@ -51,10 +42,7 @@ class Work:
     def with_entry(self, key: str, text: str) -> Work:
         """Set the entry of a dotted key to a typed number in its unit.
 
-        Raises
-        ------
-        DesignError
-            If the text is not a number, or no board is possible with it: one line without the name of the design.
+        DesignError where the text is no number or no board is possible with it: one line, not naming the design.
 
         Examples
         --------
@@ -72,12 +60,11 @@ class Work:
         """Set several entries at once, to values as for `coilarray.design.vary.vary`; errors as in `with_entry`."""
         _require_few_coils(self.opened.values, changes)
         document = vary_document(self.opened.document, changes)
-        assumed = {
-            name: why
-            for name, why in document.get("assumed", {}).items()
-            if not any(_is_part(key, name) for key in changes)
-        }
-        document["assumed"] = assumed  # what was chosen is no longer assumed
+        document["assumed"] = assumed = dict(document.get("assumed", {}))
+        for name, key in itertools.product(list(assumed), changes):
+            # what was chosen is no longer assumed; the dots keep array.pitch apart from array.pitch_mm
+            if f"{key}.".startswith(f"{name}.") or f"{name}.".startswith(f"{key}."):
+                assumed.pop(name, None)
         if not assumed:
             del document["assumed"]
         try:
@@ -120,8 +107,3 @@ def _require_few_coils(values: Mapping[str, object], changes: Mapping[str, Any])
         raise DesignError(
             f"{key} must leave at most {MOST_COILS} coils for the studio to follow; got {columns * rows:g}."
         )
-
-
-def _is_part(key: str, name: str) -> bool:
-    """Return whether two dotted keys are equal or one contains the other."""
-    return name == key or name.startswith(f"{key}.") or key.startswith(f"{name}.")

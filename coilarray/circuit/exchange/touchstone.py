@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +15,8 @@ from coilarray.circuit.network import Network
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.files import write_text
 from coilarray.design.scan_states import paper_plan
-from coilarray.errors import MissingDependencyError, OutputError
+from coilarray.errors import OutputError
+from coilarray.geometry.extras import import_extra
 
 _POINTS = 201
 
@@ -82,19 +81,10 @@ def touchstone(
     target = Path(path)
     if target.suffix.lower() != f".s{len(ports)}p":
         raise OutputError(f"a Touchstone file of {len(ports)} ports must end in .s{len(ports)}p; got {target.name}.")
-    skrf = _scikit_rf()
+    skrf = import_extra("skrf", "Touchstone files", package="scikit-rf", extra="rf")
     network = skrf.Network(frequency=skrf.Frequency.from_f(f, unit="hz"), z=Z, z0=reference_resistance)
     network.port_names = list(ports)
     write_text(target, network.write_touchstone(target.name, return_string=True, form="ri"))
-
-
-def _scikit_rf() -> ModuleType:
-    try:
-        return importlib.import_module("skrf")
-    except ImportError:
-        raise MissingDependencyError(
-            'Touchstone files need scikit-rf, which is not installed: pip install "coilarray[rf]".'
-        ) from None
 
 
 def export_network(

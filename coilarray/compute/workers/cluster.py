@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import functools
 import importlib
 import logging
 import pickle
 import time
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from typing import Any
 
 from coilarray.compute.code_version import code_version
-from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread, outcome_of
+from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread_for_good, outcome_of
 from coilarray.errors import ClusterError, MissingDependencyError
 
 Client = Any
@@ -23,7 +22,6 @@ ANSWER_WITHIN = 10.0
 """Time in s within which a scheduler must answer and have a worker."""
 _ALONE = 60.0  # s without any worker after which a run ends; a nanny restarts a worker within a few seconds
 _CHECK = 1.0  # s between counts of the workers
-_LIMITS = ExitStack()  # keeps a worker's limit of threads for as long as its process lives
 
 
 @contextmanager
@@ -37,22 +35,9 @@ def cluster_pool(address: str) -> Iterator[ClusterPool]:
 def connect(address: str) -> Client:
     """Connect to a Dask scheduler with at least one worker, all with this version of coilarray.
 
-    Parameters
-    ----------
-    address : str
-        ``tcp://host:port``, or ``tls://host:port`` with the certificates of Dask's configuration.
-
-    Returns
-    -------
-    distributed.Client
-
-    Raises
-    ------
-    MissingDependencyError
-        No package ``distributed``.
-    ClusterError
-        An address of another form, no scheduler that answers within `ANSWER_WITHIN`, no worker, or another version of
-        coilarray, or none, on a worker.
+    The address is ``tcp://host:port``, or ``tls://host:port`` with the certificates of Dask's configuration.
+    ClusterError for one of another form, no scheduler that answers within `ANSWER_WITHIN`, no worker, or another
+    version of coilarray, or none, on a worker; MissingDependencyError without the package ``distributed``.
     """
     dask = _distributed()
     scheme, _, host = address.partition("://")
@@ -88,10 +73,7 @@ def connect(address: str) -> Client:
 class ClusterPool(Pool):
     """The workers of a Dask scheduler; what a lost one was computing is computed again by others.
 
-    Parameters
-    ----------
-    client : distributed.Client
-        Connection made by `connect`; `close` closes it and leaves the cluster as it is.
+    `close` closes the `client`, which `connect` makes, and leaves the cluster as it is.
     """
 
     def __init__(self, client: Client) -> None:
@@ -167,15 +149,9 @@ def compute(version: str, payload: bytes) -> Any:
     """Compute one task on a worker, whose version of coilarray must be that of the caller."""
     if version != code_version():
         raise ClusterError(_differs("a worker", code_version(), version))
-    _limit_threads()
+    one_thread_for_good()
     function, item = pickle.loads(payload)
     return outcome_of(function, item)
-
-
-@functools.cache
-def _limit_threads() -> None:
-    """Make this process, which is a worker's, compute each task with one thread from now on."""
-    _LIMITS.enter_context(one_thread())
 
 
 def _distributed() -> Any:

@@ -6,8 +6,9 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
@@ -24,6 +25,7 @@ MOST_WORKERS = 1024
 """Largest number of local processes."""
 # read by the linear algebra when it is loaded, and by coilarray.compute.threads
 _THREAD_VARIABLES = ("COILARRAY_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_LIMITS = ExitStack()  # keeps a worker's limit of threads for as long as its process lives
 
 
 @dataclass(eq=False)
@@ -186,6 +188,12 @@ def one_thread() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+@cache
+def one_thread_for_good() -> None:
+    """Compute with one thread from now on, for a process that is a worker's."""
+    _LIMITS.enter_context(one_thread())
 
 
 @contextmanager

@@ -9,16 +9,15 @@ import traceback
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from multiprocessing import get_context, parent_process, resource_tracker
 from threading import Thread
 from typing import Any
 
-from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread, outcome_of
+from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread_for_good, outcome_of
 from coilarray.errors import ClusterError
 
 _TRIES = 3  # of a task whose process ends
-_LIMITS = ExitStack()  # keeps a worker's limit of threads for as long as its process lives
 
 
 class _Worker:
@@ -54,12 +53,9 @@ class _Worker:
 
 
 class LocalPool(Pool):
-    """Processes of this machine, started when there is work; one that ends is replaced, and its tasks sent again.
+    """Up to `count` processes of this machine, started when there is work.
 
-    Parameters
-    ----------
-    count : int
-        Largest number of processes.
+    One that ends is replaced, and its tasks are sent again.
     """
 
     def __init__(self, count: int) -> None:
@@ -135,7 +131,7 @@ def _no_interrupt() -> Iterator[None]:
 def _begin() -> None:
     """Prepare a worker process: it computes with one thread, and ends with the process that started it."""
     Thread(target=_end_with_parent, daemon=True).start()
-    _LIMITS.enter_context(one_thread())
+    one_thread_for_good()
 
 
 def _end_with_parent() -> None:

@@ -23,7 +23,7 @@ def kernel(function: Function) -> Function:
 
     Division by zero gives an infinity as in NumPy, a·b + c may use one rounding, and the interpreter's lock is
     released. numba renews the stored code when the kernel's own file changes, not when a kernel it calls does:
-    after editing one, delete ``coilarray/kernels/__pycache__``.
+    after editing one, delete ``coilarray/electromagnetics/kernels/__pycache__``.
     """
     return cast(Function, njit(**_OPTIONS)(function))
 

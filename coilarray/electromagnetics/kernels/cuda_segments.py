@@ -59,24 +59,9 @@ def _sum_segments(
 def magnetic_field_on_gpu(
     points: FloatArray, vertices: FloatArray, starts: IntArray, weights: FloatArray
 ) -> FloatArray:
-    """B of polylines at points.
+    """B in T of polylines at points (n, 3) in m; the arguments are those of `kernels.segments.add_magnetic_field`.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        Positions in m.
-    vertices, starts, weights : ndarray
-        Polylines; see `coilarray.electromagnetics.kernels.segments.add_magnetic_field`.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        Flux density in T.
-
-    Raises
-    ------
-    MissingDependencyError
-        Numba finds no usable GPU.
+    A MissingDependencyError says that numba finds no usable GPU.
     """
     if not cuda.is_available():  # type: ignore[no-untyped-call]
         raise MissingDependencyError(

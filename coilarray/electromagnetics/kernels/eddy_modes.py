@@ -103,7 +103,8 @@ def response_basis(
     cells = mesh(cosine_edges(width, nx), cosine_edges(thickness, nz))
     root = np.sqrt(cells[:, 2] * cells[:, 3])
     uniform = root / np.linalg.norm(root)
-    values, vectors, own = _without_net_current(cell_interaction(cells, root, cells, root, 0.0, 0.0), uniform)
+    M = -root[:, None] * _logs(cells, cells, 0.0, 0.0) * root
+    values, vectors, own = _without_net_current(M, uniform)
     place = (cells[:, 0] + 1j * cells[:, 1]) / (0.5 * max(width, thickness))
     potentials = [part * root for k in range(1, 5) for part in ((place**k).real, (place**k).imag)]
     sources = vectors.T @ np.column_stack([own, *potentials])
@@ -118,13 +119,11 @@ def response_basis(
     return cells, root, np.column_stack((uniform, kept))
 
 
-def cell_interaction(
-    first: FloatArray, first_root: FloatArray, second: FloatArray, second_root: FloatArray, x: float, z: float
-) -> FloatArray:
-    """M between the cells of two traces, the second at (x, z) from the first; shape (cells, cells)."""
+def _logs(first: FloatArray, second: FloatArray, x: float, z: float) -> FloatArray:
+    """Mean logarithms between the cells of two traces, the second at (x, z) from the first; shape (cells, cells)."""
     logs = np.empty((len(first), len(second)))
     pair_logs(first, second, x, z, logs)
-    return np.asarray(-first_root[:, None] * logs * second_root)
+    return logs
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +169,7 @@ def section(traces: Sequence[Trace], basis: Callable[[float, float], Basis]) -> 
             key = (x, z, *size_i, *size_k)
             if key not in known:
                 (cells_i, root_i, V_i), (cells_k, root_k, V_k) = bases[i], bases[k]
-                known[key] = V_i.T @ cell_interaction(cells_i, root_i, cells_k, root_k, x, z) @ V_k
+                known[key] = -(root_i[:, None] * V_i).T @ _logs(cells_i, cells_k, x, z) @ (root_k[:, None] * V_k)
             M[start[i] : start[i + 1], start[k] : start[k + 1]] = known[key]
             M[start[k] : start[k + 1], start[i] : start[i + 1]] = known[key].T
     uniform = np.zeros(start[-1], dtype=bool)
@@ -183,14 +182,9 @@ def section(traces: Sequence[Trace], basis: Callable[[float, float], Basis]) -> 
 
 
 def bundle_factors(
-    bundle: Section,
-    alone: Sequence[Section],
-    x: FloatArray,
-    z: FloatArray,
-    sign: FloatArray,
-    mean: FloatArray,
+    bundle: Section, alone: Sequence[Section], x: FloatArray, z: FloatArray, sign: FloatArray, mean: FloatArray,
     delta: FloatArray,
-) -> FloatArray:
+) -> FloatArray:  # fmt: skip
     """Heat in each trace of a bundle by filaments, over the heat of the trace alone in the same field.
 
     Shape (3, frequencies, traces): for the current `sign` in all, for a uniform field along z, and one along x. `mean`

@@ -14,13 +14,9 @@ FloatArray = npt.NDArray[np.float64]
 
 @kernel
 def add_node_sums(
-    nodes: FloatArray,
-    currents: FloatArray,
-    other_nodes: FloatArray,
-    other_currents: FloatArray,
-    shifts: FloatArray,
+    nodes: FloatArray, currents: FloatArray, other_nodes: FloatArray, other_currents: FloatArray, shifts: FloatArray,
     sums: FloatArray,
-) -> None:
+) -> None:  # fmt: skip
     """Add the sum of two sets of nodes, the second moved by each of `shifts` (m, 3), to `sums` (m,).
 
     `nodes` and `currents` have the shape (n, 3), the others (3, k), so that the processor takes several at once.

@@ -119,11 +119,7 @@ def closest_offset(dx: float, dy: float, dz: float, a: FloatArray, b: FloatArray
     t = min(max(t, 0.0), b[6])
     s = min(max(cosine * t + du, 0.0), a[6])
     t = min(max(cosine * s - dv, 0.0), b[6])
-    return (
-        dx + t * b[3] - s * a[3],
-        dy + t * b[4] - s * a[4],
-        dz + t * b[5] - s * a[5],
-    )
+    return (dx + t * b[3] - s * a[3], dy + t * b[4] - s * a[4], dz + t * b[5] - s * a[5])
 
 
 @inner_kernel
@@ -399,15 +395,9 @@ def _collect(
 
 @kernel
 def _rows_sum(
-    first: FloatArray,
-    second: FloatArray,
-    shift: FloatArray,
-    start: int,
-    stop: int,
-    near_widths: float,
-    extra: int,
+    first: FloatArray, second: FloatArray, shift: FloatArray, start: int, stop: int, near_widths: float, extra: int,
     own: bool,
-) -> float:
+) -> float:  # fmt: skip
     """Sum of the rows start:stop of `first` with all of `second`, or of one path's `own` pairs i < j."""
     rule = np.empty((RULE_SIZE, 4))
     batch = np.empty((4, CAPACITY))

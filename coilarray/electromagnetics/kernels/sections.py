@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
+from coilarray.electromagnetics.kernels.segments import log_of_ratio
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -39,22 +40,28 @@ def _antiderivative(x: float, z: float) -> float:
     return quartic - 4.0 * x * z * (x2 * angle + z2 * (0.5 * math.pi - angle))
 
 
-@kernel
-def mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: float) -> float:
-    """Mean of ln r between two rectangles w1 × t1 and w2 × t2 whose centres are (x, z) apart."""
+@inner_kernel
+def _moments(w1: float, t1: float, w2: float, t2: float) -> tuple[float, float]:
+    """Difference of the variances, and fourth cumulants, of the offset between a point of each: halved, quartered."""
+    a1, a2, b1, b2 = w1 * w1, w2 * w2, t1 * t1, t2 * t2
+    sx, sz = (a1 + a2) / 12.0, (b1 + b2) / 12.0
+    fourth = (a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2) / 80.0 + (a1 * a2 + b1 * b2) / 24.0 - 6.0 * sx * sz
+    return 0.5 * (sx - sz), 0.25 * fourth
+
+
+@inner_kernel
+def _far_mean_log(x: float, z: float, spread: float, fourth: float) -> float:
+    """`mean_log` by `_moments`; without a branch, so that many are computed at once."""
     r2 = x * x + z * z
-    size = NEAR * max(w1, t1, w2, t2)
-    if r2 > size * size:
-        # moments of the offset between a point of each: variances and fourth moments along x and z
-        a1, a2, b1, b2 = w1 * w1, w2 * w2, t1 * t1, t2 * t2
-        sx, sz = (a1 + a2) / 12.0, (b1 + b2) / 12.0
-        fourth = (a1 * a1 + a2 * a2 + b1 * b1 + b2 * b2) / 80.0 + (a1 * a2 + b1 * b2) / 24.0 - 6.0 * sx * sz
-        cosine, sine = (x * x - z * z) / r2, 2.0 * x * z / r2
-        return (
-            0.5 * math.log(r2)
-            - (sx - sz) * cosine / (2.0 * r2)
-            - fourth * (cosine * cosine - sine * sine) / (4.0 * r2 * r2)
-        )
+    inverse = 1.0 / r2
+    cosine, sine = (x * x - z * z) * inverse, 2.0 * x * z * inverse
+    logarithm = log_of_ratio(r2, 1.0, (r2 - 1.0) / (r2 + 1.0))
+    return 0.5 * logarithm - spread * cosine * inverse - fourth * (cosine * cosine - sine * sine) * (inverse * inverse)
+
+
+@inner_kernel
+def _near_mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: float) -> float:
+    """`mean_log` in closed form."""
     total = 0.0
     for i in range(4):
         xi = x + (0.5 * w1 if i & 1 else -0.5 * w1) + (0.5 * w2 if i & 2 else -0.5 * w2)
@@ -64,6 +71,15 @@ def mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: float) -> 
             sign_z = 1.0 if (k & 1) == (k >> 1) else -1.0
             total += sign_x * sign_z * _antiderivative(xi, zk)
     return -total / (24.0 * w1 * t1 * w2 * t2) - 25.0 / 12.0
+
+
+@kernel
+def mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: float) -> float:
+    """Mean of ln r between two rectangles w1 × t1 and w2 × t2 whose centres are (x, z) apart."""
+    if math.hypot(x, z) > NEAR * max(w1, t1, w2, t2):
+        spread, fourth = _moments(w1, t1, w2, t2)
+        return _far_mean_log(x, z, spread, fourth)
+    return _near_mean_log(x, z, w1, t1, w2, t2)
 
 
 @kernel
@@ -93,24 +109,24 @@ def pair_logs(first: FloatArray, second: FloatArray, x: float, z: float, out: Fl
     `first` (n, 4) and `second` (m, 4) hold x, z, width, thickness about the trace's centre; the second trace lies at
     (x, z) from the first. `out` (n, m).
     """
+    xs, zs, ws, ts = second.T.copy()
+    largest = max(ws.max(), ts.max())
     for i in range(first.shape[0]):
-        for k in range(second.shape[0]):
-            out[i, k] = mean_log(
-                x + second[k, 0] - first[i, 0], z + second[k, 1] - first[i, 1],
-                first[i, 2], first[i, 3], second[k, 2], second[k, 3],
-            )  # fmt: skip
+        dx, dz, w, t = x - first[i, 0], z - first[i, 1], first[i, 2], first[i, 3]
+        for k in range(len(xs)):
+            spread, fourth = _moments(w, t, ws[k], ts[k])
+            out[i, k] = _far_mean_log(dx + xs[k], dz + zs[k], spread, fourth)
+        near = NEAR * max(w, t, largest)
+        for k in range(len(xs)):
+            if (dx + xs[k]) ** 2 + (dz + zs[k]) ** 2 <= near * near:
+                out[i, k] = mean_log(dx + xs[k], dz + zs[k], w, t, ws[k], ts[k])
 
 
 @kernel
 def transverse_fields(
-    points: FloatArray,
-    own: IntArray,
-    lateral: FloatArray,
-    normal: FloatArray,
-    vertices: FloatArray,
-    starts: IntArray,
+    points: FloatArray, own: IntArray, lateral: FloatArray, normal: FloatArray, vertices: FloatArray, starts: IntArray,
     out: FloatArray,
-) -> None:
+) -> None:  # fmt: skip
     """Field H of unit current in every polyline, resolved along two axes, at points on segments.
 
     `points`, `lateral`, `normal` (n, 3); `own` (n,) is the row of `vertices` where the point's own segment begins,

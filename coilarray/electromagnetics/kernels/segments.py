@@ -28,17 +28,9 @@ _LN_2 = math.log(2.0)
 
 @kernel
 def add_magnetic_field(
-    x: FloatArray,
-    y: FloatArray,
-    z: FloatArray,
-    vertices: FloatArray,
-    starts: IntArray,
-    weights: FloatArray,
-    bx: FloatArray,
-    by: FloatArray,
-    bz: FloatArray,
-    norm: FloatArray,
-) -> None:
+    x: FloatArray, y: FloatArray, z: FloatArray, vertices: FloatArray, starts: IntArray, weights: FloatArray,
+    bx: FloatArray, by: FloatArray, bz: FloatArray, norm: FloatArray,
+) -> None:  # fmt: skip
     """Add the B of polylines at a block of points.
 
     `x`, `y`, `z`, `bx`, `by`, `bz`, `norm` have shape (n,); `vertices` (m, 3) holds all polylines one after the
@@ -49,9 +41,7 @@ def add_magnetic_field(
         weight = weights[c]
         first = starts[c]
         for i in range(n):
-            ux = x[i] - vertices[first, 0]
-            uy = y[i] - vertices[first, 1]
-            uz = z[i] - vertices[first, 2]
+            ux, uy, uz = x[i] - vertices[first, 0], y[i] - vertices[first, 1], z[i] - vertices[first, 2]
             norm[i] = math.sqrt(ux * ux + uy * uy + uz * uz)
         for s in range(first, starts[c + 1] - 1):
             px, py, pz = vertices[s, 0], vertices[s, 1], vertices[s, 2]
@@ -59,20 +49,14 @@ def add_magnetic_field(
             length2 = dx * dx + dy * dy + dz * dz
             on_wire2 = (ON_WIRE * length2) * (ON_WIRE * length2)
             for i in range(n):
-                ux = x[i] - px
-                uy = y[i] - py
-                uz = z[i] - pz
-                vx = ux - dx
-                vy = uy - dy
-                vz = uz - dz
+                ux, uy, uz = x[i] - px, y[i] - py, z[i] - pz
+                vx, vy, vz = ux - dx, uy - dy, uz - dz
                 a = norm[i]
                 b = math.sqrt(vx * vx + vy * vy + vz * vz)
                 norm[i] = b
                 ab = a * b
                 dot = ux * vx + uy * vy + uz * vz
-                cx = dy * uz - dz * uy
-                cy = dz * ux - dx * uz
-                cz = dx * uy - dy * ux
+                cx, cy, cz = dy * uz - dz * uy, dz * ux - dx * uz, dx * uy - dy * ux
                 c2 = cx * cx + cy * cy + cz * cz
                 beside = dot < 0.0
                 top = (a + b) * (ab - dot if beside else 1.0)
@@ -105,26 +89,16 @@ def log_of_ratio(top: float, bottom: float, ratio: float) -> float:
 
 @kernel
 def add_vector_potential(
-    x: FloatArray,
-    y: FloatArray,
-    z: FloatArray,
-    vertices: FloatArray,
-    starts: IntArray,
-    weights: FloatArray,
-    ax: FloatArray,
-    ay: FloatArray,
-    az: FloatArray,
-    norm: FloatArray,
-) -> None:
+    x: FloatArray, y: FloatArray, z: FloatArray, vertices: FloatArray, starts: IntArray, weights: FloatArray,
+    ax: FloatArray, ay: FloatArray, az: FloatArray, norm: FloatArray,
+) -> None:  # fmt: skip
     """Add the A of polylines at a block of points; arguments as in `add_magnetic_field`."""
     n = x.shape[0]
     for c in range(starts.shape[0] - 1):
         weight = weights[c]
         first = starts[c]
         for i in range(n):
-            ux = x[i] - vertices[first, 0]
-            uy = y[i] - vertices[first, 1]
-            uz = z[i] - vertices[first, 2]
+            ux, uy, uz = x[i] - vertices[first, 0], y[i] - vertices[first, 1], z[i] - vertices[first, 2]
             norm[i] = math.sqrt(ux * ux + uy * uy + uz * uz)
         for s in range(first, starts[c + 1] - 1):
             px, py, pz = vertices[s, 0], vertices[s, 1], vertices[s, 2]
@@ -134,20 +108,14 @@ def add_vector_potential(
             on_wire2 = (ON_WIRE * length2) * (ON_WIRE * length2)
             scale = weight / length
             for i in range(n):
-                ux = x[i] - px
-                uy = y[i] - py
-                uz = z[i] - pz
-                vx = ux - dx
-                vy = uy - dy
-                vz = uz - dz
+                ux, uy, uz = x[i] - px, y[i] - py, z[i] - pz
+                vx, vy, vz = ux - dx, uy - dy, uz - dz
                 a = norm[i]
                 b = math.sqrt(vx * vx + vy * vy + vz * vz)
                 norm[i] = b
                 ab = a * b
                 dot = ux * vx + uy * vy + uz * vz
-                cx = dy * uz - dz * uy
-                cy = dz * ux - dx * uz
-                cz = dx * uy - dy * ux
+                cx, cy, cz = dy * uz - dz * uy, dz * ux - dx * uz, dx * uy - dy * ux
                 c2 = cx * cx + cy * cy + cz * cz
                 beside = dot < 0.0
                 off = (c2 > on_wire2) | (dot > 0.0)

@@ -34,16 +34,10 @@ _STEP = 1e-10  # of the path's size: evenness of the steps
 
 @cache
 def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
-    """Rules for sums over 1 … `longest` equidistant indices.
+    """Rules for sums over n = 1 … `longest` equidistant indices, one a row: members, weights, check, counts.
 
-    Returns
-    -------
-    members : ndarray, shape (longest + 1, 5)
-        Indices, from 0; row n is for n of them.
-    weights, check : ndarray, shape (longest + 1, 5)
-        Exact for polynomials of degree 4, and of degree 3 without the middle member.
-    counts : ndarray, shape (longest + 1,)
-        Members of each rule.
+    Of the `counts[n]` members (indices from 0) the weights are exact for polynomials of degree 4, those of `check` of
+    degree 3 without the middle member; all but the counts have the shape (longest + 1, 5).
     """
     members = np.zeros((longest + 1, _MEMBERS), dtype=np.int64)
     weights, check = np.zeros((longest + 1, _MEMBERS)), np.zeros((longest + 1, _MEMBERS))
@@ -64,17 +58,10 @@ def series_rules(longest: int) -> tuple[IntArray, FloatArray, FloatArray, IntArr
 
 
 def find_series(path: FloatArray) -> IntArray:
-    """Cut a path into series of segments whose starts and ends step evenly.
+    """Cut a path, rows of `coilarray.electromagnetics.kernels.paths`, into series of segments that step evenly.
 
-    Parameters
-    ----------
-    path : ndarray, shape (n, 12)
-        Rows of `coilarray.electromagnetics.kernels.paths`.
-
-    Returns
-    -------
-    ndarray, shape (series, 3)
-        First row, stride and number of rows; every row is in one series. A single segment is a series of one.
+    Rows of the result are first row, stride and number of rows of a series, whose starts and ends step evenly; every
+    segment is in one series, a single one is a series of one.
     """
     ends = path[:, :3] + path[:, 3:6] * path[:, 6:7]
     places, sizes = np.hstack((path[:, :3], ends)), path[:, 10:12]
@@ -98,14 +85,9 @@ def find_series(path: FloatArray) -> IntArray:
 
 
 def _step_evenly(
-    places: FloatArray,
-    sizes: FloatArray,
-    free: BoolArray,
-    i: IntArray | int,
-    j: IntArray,
-    k: IntArray,
+    places: FloatArray, sizes: FloatArray, free: BoolArray, i: IntArray | int, j: IntArray, k: IntArray,
     tolerance: float,
-) -> BoolArray:
+) -> BoolArray:  # fmt: skip
     """Say which triples of free segments have one cross-section, and starts and ends on equidistant points."""
     alike = (sizes[i] == sizes[j]).all(axis=-1) & (sizes[j] == sizes[k]).all(axis=-1)
     bend = np.abs(places[i] - 2.0 * places[j] + places[k]).max(axis=-1)
@@ -188,10 +170,14 @@ def _sum_two_series(
 
 
 @kernel
-def _series_sum(
+def series_sum(
     first: FloatArray, second: FloatArray, shift: FloatArray, of_first: IntArray, of_second: IntArray, own: bool,
     near_widths: float, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
 ) -> float:  # fmt: skip
+    """Sum of `bar_pair` over rows of `first` and of `second` moved by `shift`, or over the pairs i < j of one's `own`.
+
+    `of_first` and `of_second` are their series (`find_series`), the last four arguments the rules (`series_rules`).
+    """
     rule = np.empty((RULE_SIZE, 4))
     total = 0.0
     for a in range(of_first.shape[0]):
@@ -201,23 +187,3 @@ def _series_sum(
                 members, weights, check, counts, rule,
             )  # fmt: skip
     return total
-
-
-def series_sum(
-    first: FloatArray, second: FloatArray, shift: FloatArray, of_first: IntArray, of_second: IntArray,
-    near_widths: float, members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
-) -> float:  # fmt: skip
-    """Sum of `bar_pair` over all rows of `first` and all of `second` moved by `shift`."""
-    return _series_sum(
-        first, second, shift, of_first, of_second, False, near_widths, members, weights, check, counts
-    )  # fmt: skip
-
-
-def own_series_sum(
-    path: FloatArray, series: IntArray, near_widths: float,
-    members: IntArray, weights: FloatArray, check: FloatArray, counts: IntArray,
-) -> float:  # fmt: skip
-    """Twice the sum of `bar_pair` over the pairs i < j of one path."""
-    return 2.0 * _series_sum(
-        path, path, np.zeros(3), series, series, True, near_widths, members, weights, check, counts
-    )  # fmt: skip

@@ -8,14 +8,6 @@ from coilarray.studies.optimize.trials import Trial, best_of, front_of
 from coilarray.studies.optimize.write import write_optimization
 
 __all__ = [
-    "Goal",
-    "Optimization",
-    "Trial",
-    "best_of",
-    "front_of",
-    "load_goal",
-    "optimize_design",
-    "optimize_with",
-    "parse_goal",
-    "write_optimization",
-]
+    "Goal", "Optimization", "Trial", "best_of", "front_of", "load_goal", "optimize_design", "optimize_with",
+    "parse_goal", "write_optimization",
+]  # fmt: skip

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from coilarray.design.units import Table
+from coilarray.design.units import Bounds, Table
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError
 from coilarray.studies.optimize import goals
@@ -116,20 +116,10 @@ class Objective(Table):
         return value if self.target is None else abs(value - self.target)
 
 
-class Constraint(Table):
+class Constraint(Bounds):
     """``[[constraint]]``: bounds that a quantity must keep."""
 
     quantity: QuantityKey
-    at_least: float | None = None
-    at_most: float | None = None
-
-    @model_validator(mode="after")
-    def _some_bound(self) -> Constraint:
-        if self.at_least is None and self.at_most is None:
-            raise ValueError("needs at_least, at_most or both")
-        if self.at_least is not None and self.at_most is not None and not self.at_least <= self.at_most:
-            raise ValueError(f"needs at_least up to at_most; got {self.at_least:g} and {self.at_most:g}")
-        return self
 
     @property
     def wish(self) -> str:
@@ -248,10 +238,6 @@ def load_goal(name_or_path: str | Path) -> Goal:
     ----------
     name_or_path : str or Path
         A TOML file, or the name of a bundled goal.
-
-    Returns
-    -------
-    Goal
 
     Raises
     ------

@@ -21,23 +21,10 @@ LEAST_POINTS = 30
 
 
 def importance(goal: Goal, axes: Sequence[Axis], trials: Sequence[Trial]) -> list[dict[str, float]]:
-    """Return the share of each variable in reaching the best tenth of the points.
+    """Return for each objective the share of each variable in reaching the best tenth of the points, the largest first.
 
-    Parameters
-    ----------
-    goal : Goal
-        Goal of the search.
-    axes : sequence of Axis
-        Variables of the goal, from `axes_of`.
-    trials : sequence of Trial
-        Evaluated points, of which the feasible ones of the search count. Those of the local solver lie close together
-        and would say little.
-
-    Returns
-    -------
-    list of dict
-        For each objective the shares by entry, the largest first; empty where there are fewer than `LEAST_POINTS`
-        feasible points, or where all are equal.
+    Only feasible points of the search count: those of the local solver lie close together and would say little. Empty
+    where there are fewer than `LEAST_POINTS` of them, or where all are equal.
     """
     from optuna import create_study
     from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances

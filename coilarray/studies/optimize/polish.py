@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -45,34 +46,12 @@ def polish_problem(goal: Goal, axes: Sequence[Axis], best: Trial | None) -> str:
 
 
 def polish(
-    goal: Goal,
-    axes: Sequence[Axis],
-    best: Trial,
-    store: StudyFile,
-    evaluate: Evaluate,
-    report: Callable[[Trial], None],
+    goal: Goal, axes: Sequence[Axis], best: Trial, store: StudyFile, evaluate: Evaluate, report: Callable[[Trial], None]
 ) -> None:
-    """Improve a point; trials in the study are not evaluated again, new ones are added to it.
+    """Improve the `best` point of a search for one objective, over its continuous variables.
 
-    Parameters
-    ----------
-    goal : Goal
-        Goal with one objective.
-    axes : sequence of Axis
-        Variables of the goal, from `axes_of`, at least one of them continuous.
-    best : Trial
-        Point to start from.
-    store : StudyFile
-        Study that keeps every trial, at most as many as the goal says.
-    evaluate : callable
-        See `coilarray.studies.optimize.search.Evaluate`.
-    report : callable
-        Called with each trial once it is known.
-
-    Raises
-    ------
-    OutputError
-        The study cannot be written.
+    New trials are added to the study. Trials in the study are not evaluated again, and at most as many as the goal says
+    are tried. `report` is called with each. OutputError where the study cannot be written.
     """
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
@@ -86,11 +65,8 @@ def polish(
             method="COBYQA",
             bounds=Bounds(np.zeros(n), np.ones(n)),
             constraints=constraints,
-            options={
-                "maxfev": _MOST_EVALUATIONS,  # we count ourselves
-                "initial_tr_radius": _FIRST_RADIUS,
-                "final_tr_radius": _LAST_RADIUS,
-            },
+            # the evaluations are counted here
+            options={"maxfev": _MOST_EVALUATIONS, "initial_tr_radius": _FIRST_RADIUS, "final_tr_radius": _LAST_RADIUS},
         )
 
 
@@ -98,25 +74,24 @@ class _EnoughError(Exception):
     """The number of points that the goal says are evaluated."""
 
 
+@dataclass
 class _Local:
     """Cost and violations of the points that the solver asks for, one trial for each point."""
 
-    def __init__(
-        self,
-        goal: Goal,
-        axes: Sequence[Axis],
-        best: Trial,
-        store: StudyFile,
-        evaluate: Evaluate,
-        report: Callable[[Trial], None],
-    ) -> None:
-        self._goal, self._axes, self._best = goal, axes, best
-        self._store, self._evaluate, self._report = store, evaluate, report
+    _goal: Goal
+    _axes: Sequence[Axis]
+    _best: Trial
+    _store: StudyFile
+    _evaluate: Evaluate
+    _report: Callable[[Trial], None]
+
+    def __post_init__(self) -> None:
+        goal, axes, best = self._goal, self._axes, self._best
         self._free = [axis for axis in axes if axis.continuous]
         self.begin = np.array([axis.part(best.changes[axis.entry]) for axis in self._free])
         self._tried = 0
         self._seen: dict[bytes, Trial] = {self.begin.tobytes(): best} if goal.search.accuracy == "full" else {}
-        stored = [stored_trial(goal, axes, frozen) for frozen in store.trials()]
+        stored = [stored_trial(goal, axes, frozen) for frozen in self._store.trials()]
         self._stored = {_text(trial.changes): trial for trial in stored if trial.kind == "polish"}
         self._objective = goal.objectives[0]
         self._unit = abs(best.scores[0]) or 1.0
@@ -139,11 +114,8 @@ class _Local:
     def _at(self, point: FloatArray) -> Trial:
         """Return the trial at a point of the unit box; the solver asks for its cost and its violations separately."""
         key = point.tobytes()
-        if key not in self._seen:
-            self._seen[key] = self._try(point)
-        return self._seen[key]
-
-    def _try(self, point: FloatArray) -> Trial:
+        if key in self._seen:
+            return self._seen[key]
         if self._tried >= self._goal.polish:
             raise _EnoughError
         changes = dict(self._best.changes)
@@ -157,6 +129,7 @@ class _Local:
             self._stored[_text(changes)] = trial
         self._tried += 1
         self._report(trial)
+        self._seen[key] = trial
         return trial
 
 

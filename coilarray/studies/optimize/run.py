@@ -144,24 +144,7 @@ def optimize_with(
     *,
     progress: SearchProgress | None = None,
 ) -> Optimization:
-    """Search as `optimize_design` does, with quantities from any function.
-
-    Parameters
-    ----------
-    design, goal, folder, progress
-        See `optimize_design`.
-    evaluate : callable
-        See `coilarray.studies.optimize.search.Evaluate`.
-
-    Returns
-    -------
-    Optimization
-
-    Raises
-    ------
-    GoalError, OutputError, MissingDependencyError
-        See `optimize_design`.
-    """
+    """Search as `optimize_design` does, with quantities from any function `evaluate`, which is an `Evaluate`."""
     file = as_file(design)
     axes = axes_of(goal, file)
     inside = start_parameters(axes) is not None

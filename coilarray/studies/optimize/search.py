@@ -43,34 +43,11 @@ def search(
     evaluate: Evaluate,
     report: Callable[[Trial], None],
 ) -> list[Trial]:
-    """Try as many points as the goal says; those in the study are not evaluated again.
+    """Try as many points as the goal says, in the order of their places; those in the study are not evaluated again.
 
-    Parameters
-    ----------
-    goal : Goal
-        Goal of the search.
-    axes : sequence of Axis
-        Variables of the goal, from `axes_of`.
-    start : mapping of str to float, or str
-        Outcome of the design as it is, which is the first point where it lies within the bounds.
-    store : StudyFile
-        Study that keeps every finished trial.
-    evaluate : callable
-        See `Evaluate`.
-    report : callable
-        Called with each trial once it is known.
-
-    Returns
-    -------
-    list of Trial
-        Trials in the order of their places.
-
-    Raises
-    ------
-    OutputError
-        The study cannot be written.
-    MissingDependencyError
-        The sampler is cmaes and its package is not installed.
+    The first point is the design as it is, where that lies within the bounds; `start` is its outcome. `report` is
+    called with each trial once it is known. OutputError where the study cannot be written, MissingDependencyError where
+    the sampler is cmaes and its package is not installed.
     """
     if goal.sampler == "cmaes" and importlib.util.find_spec("cmaes") is None:
         raise MissingDependencyError("the sampler cmaes needs the package cmaes: pip install cmaes.")
@@ -119,16 +96,8 @@ def frozen_trial(
 ) -> FrozenTrial:
     """Return a finished trial as the study keeps it; an impossible point is marked as pruned.
 
-    Parameters
-    ----------
-    axes : sequence of Axis
-        Variables of the goal, from `axes_of`.
-    parameters : mapping of str to object
-        Parameters of the point.
-    trial : Trial
-        The evaluated point.
-    on_trial, on_study : mapping of str to object, optional
-        Attributes that a sampler has set on the trial and on the study as it asked for the point.
+    `on_trial` and `on_study` are the attributes that a sampler has set on the trial and on the study as it asked for
+    it.
     """
     from optuna.trial import TrialState, create_trial
 

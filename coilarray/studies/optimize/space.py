@@ -33,22 +33,9 @@ _ON_GRID = 1e-9  # of a step: how near to a step a value must be to stand on it
 class Axis:
     """One variable of a goal, together with its value in the design.
 
-    Parameters
-    ----------
-    entry : str
-        Dotted key of the entry in the design file.
-    choices : tuple of str
-        Allowed values as JSON texts; empty for a number.
-    low, high : float
-        Bounds of a number, in the unit of the entry.
-    step : float or None
-        Distance of the values that it may take; None for any value.
-    log : bool
-        True for a variable that is searched over its logarithm.
-    whole : bool
-        True for an entry that takes only whole numbers.
-    start : object
-        Value in the design; None where it has none.
+    `choices` are the allowed values as JSON texts, empty for a number; `low`, `high` and `step` are in the unit of the
+    entry, a step of None allows any value. `log` searches over the logarithm; `whole` is an entry that takes only whole
+    numbers; `start` is the value in the design, None where it has none.
     """
 
     entry: str
@@ -128,22 +115,8 @@ class Axis:
 def axes_of(goal: Goal, design: Design | DesignFile) -> tuple[Axis, ...]:
     """Check the variables of a goal against a design.
 
-    Parameters
-    ----------
-    goal : Goal
-        Goal with the variables.
-    design : Design
-        Whose entries they are.
-
-    Returns
-    -------
-    tuple of Axis
-
-    Raises
-    ------
-    GoalError
-        An entry that there is not, a bound or choice that the design file could not say: which variable, what is
-        allowed, what was given. Whether a geometry is possible is only seen in the search.
+    GoalError for an entry that there is not, or a bound or choice that the design file could not say: which variable,
+    what is allowed, what was given. Whether a geometry is possible is only seen in the search.
     """
     file = as_file(design)
     return tuple(_axis(variable, f"variable.{k}", file) for k, variable in enumerate(goal.variables))

@@ -54,25 +54,9 @@ class StudyFile:
 def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
     """Open the study of a design and a goal in a folder for a ``with`` block; make it where there is none.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the file, made where it does not exist. It may hold studies of other designs and goals too.
-    design : Design
-        Design that the search starts from.
-    goal : Goal
-        Goal of the search. All of it except its trials, polish and watch identifies the study, as does the code.
-
-    Yields
-    ------
-    StudyFile
-
-    Raises
-    ------
-    OutputError
-        A file that cannot be written or holds something else, or a folder in which another search is running.
-    MissingDependencyError
-        Optuna is not installed.
+    The folder may hold studies of other designs and goals too: all of a goal except its trials, polish and watch
+    identifies the study, as does the code. OutputError for a file that cannot be written or holds something else, or a
+    folder in which another search is running; MissingDependencyError where Optuna is not installed.
     """
     try:
         import optuna

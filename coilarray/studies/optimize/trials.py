@@ -64,15 +64,8 @@ def trial_of(
 ) -> Trial:
     """Judge a point by a goal.
 
-    Parameters
-    ----------
-    goal : Goal
-        Goal that judges the point.
-    kind, place, changes, accuracy
-        See `Trial`.
-    outcome : mapping of str to float, or str
-        Quantities of the goal by name, of which those that are only watched may be missing; or the reason why the point
-        has none.
+    The outcome is a reason why the point has no quantities, or those of the goal by name, of which the merely watched
+    may be missing.
     """
     if isinstance(outcome, str):
         return Trial(kind, place, changes, {}, (), {}, outcome, accuracy)
@@ -87,20 +80,7 @@ def best_of(trials: Sequence[Trial], goal: Goal) -> Trial | None:
 
 
 def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
-    """Return the Pareto front: feasible trials that no other trial beats, in the order of the first objective.
-
-    Parameters
-    ----------
-    trials : sequence of Trial
-        Points to compare.
-    goal : Goal
-        Goal with the directions of the objectives.
-
-    Returns
-    -------
-    tuple of Trial
-        Best trials; of several with equal scores only one.
-    """
+    """Return the Pareto front: feasible trials that no other beats, by the first objective; of equals only one."""
     signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
     costs = {
         k: [s * score for s, score in zip(signs, t.scores, strict=True)] for k, t in enumerate(trials) if t.feasible

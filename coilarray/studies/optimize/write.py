@@ -80,21 +80,9 @@ def design_names(result: Optimization) -> tuple[str, ...]:
 
 
 def trial_text(file: DesignFile, trial: Trial, label: str) -> str:
-    """Return the design file of a trial.
+    """Return the design file of a trial as TOML, named after the design and `label`.
 
-    Parameters
-    ----------
-    design : Design
-        Design that the search started from.
-    trial : Trial
-        Point with the changed entries.
-    label : str
-        Text to append to the name of the design.
-
-    Returns
-    -------
-    str
-        TOML that `coilarray.load_design` reads. Entries that were chosen are no longer marked as assumed.
+    Entries that were chosen are no longer marked as assumed.
     """
     design = file.design
     document = vary_document(file.document, trial.changes)
@@ -121,19 +109,10 @@ def trials_csv(result: Optimization) -> str:
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(["kind", "place", "accuracy", "feasible", "front", *entries, *quantities, "reason"])
     for trial in (result.start, *result.trials):
-        values = result.values(trial)
-        writer.writerow(
-            [
-                trial.kind,
-                trial.place,
-                trial.accuracy,
-                trial.feasible,
-                (trial.kind, trial.place) in best,
-                *(_cell(values[entry]) for entry in entries),
-                *(trial.quantities.get(key, "") for key in quantities),
-                trial.reason,
-            ]
-        )
+        about = (trial.kind, trial.place, trial.accuracy, trial.feasible, (trial.kind, trial.place) in best)
+        values = (result.values(trial)[entry] for entry in entries)
+        cells = (json.dumps(value) if isinstance(value, list) else value for value in values)
+        writer.writerow([*about, *cells, *(trial.quantities.get(key, "") for key in quantities), trial.reason])
     return buffer.getvalue()
 
 
@@ -163,15 +142,6 @@ def result_data(result: Optimization) -> dict[str, Any]:
 
 def _record(trial: Trial, values: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        "trial": trial.name,
-        "accuracy": trial.accuracy,
-        "feasible": trial.feasible,
-        "entries": dict(values),
-        "quantities": dict(trial.quantities),
-        "violations": dict(trial.violations),
-        "reason": trial.reason,
-    }
-
-
-def _cell(value: Any) -> Any:
-    return json.dumps(value) if isinstance(value, list) else value
+        "trial": trial.name, "accuracy": trial.accuracy, "feasible": trial.feasible, "entries": dict(values),
+        "quantities": dict(trial.quantities), "violations": dict(trial.violations), "reason": trial.reason,
+    }  # fmt: skip

@@ -109,24 +109,10 @@ class Evaluation:
         return float(x), float(y)
 
     def window(self, depth: float, beyond: float = 0.0) -> Rectangle:
-        """Return where the indenter may press: over the coils' outlines and `beyond`, its contact inside the sample.
+        """Return where the indenter may press: up to `beyond` the coils' outlines, its contact inside the sample.
 
-        Parameters
-        ----------
-        depth : float
-            Depth of the indentation in m.
-        beyond : float
-            Distance by which the rectangle exceeds the outlines in m.
-
-        Returns
-        -------
-        tuple of float
-            x_min, x_max, y_min, y_max in m from the map's origin.
-
-        Raises
-        ------
-        GoalError
-            A sample too small for the contact.
+        x_min, x_max, y_min, y_max in m from the map's origin; `depth` and `beyond` in m. GoalError for a sample too
+        small for the contact.
         """
         setup, points = self.indentation, outlines(self.design)
         low, high = points.min(axis=0) - setup.origin_point, points.max(axis=0) - setup.origin_point

@@ -13,7 +13,7 @@ from coilarray.errors import GoalError
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.studies.quantities.evaluation import Evaluation
-from coilarray.studies.quantities.quantity import Option, Quantity, read_positive, read_rectangle
+from coilarray.studies.quantities.quantity import Option, quantity, read_positive, read_rectangle
 from coilarray.studies.quantities.responses import DEPTH
 
 FloatArray = npt.NDArray[np.float64]
@@ -29,13 +29,31 @@ _LEAST_PLACES = 4  # along x and along y
 _PLACES = (40, 20)  # of the median; even numbers leave out the middle line of a board, where y is not determined
 
 
-def position_error(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Median over a region of the least standard deviation of x in mm."""
+_OPTIONS = (
+    Option(
+        "region_mm",
+        "[x_min, x_max, y_min, y_max] in mm, rising",
+        read_rectangle,
+        "where, from the map's origin; over the outlines of all coils by default",
+    ),
+    DEPTH,
+    Option("noise", "a number above 0", read_positive, f"standard deviation of every δ; {NOISE:g} by default"),
+)
+
+
+@quantity(
+    "position_error_mm", "mm", "table",
+    "least standard deviation of x, the depth unknown too: Cramér–Rao bound, median over a region", *_OPTIONS,
+)  # fmt: skip
+def _position_error(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return _median(evaluation, options, "sigma_x")
 
 
-def depth_error(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Median over a region of the least standard deviation of the depth in mm."""
+@quantity(
+    "depth_error_mm", "mm", "table",
+    "least standard deviation of the depth: Cramér–Rao bound, median over a region", *_OPTIONS,
+)  # fmt: skip
+def _depth_error(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return _median(evaluation, options, "sigma_h")
 
 
@@ -69,32 +87,4 @@ def _middles(start: float, stop: float, count: int) -> FloatArray:
     return start + (stop - start) * (np.arange(count) + 0.5) / count
 
 
-_OPTIONS = (
-    Option(
-        "region_mm",
-        "[x_min, x_max, y_min, y_max] in mm, rising",
-        read_rectangle,
-        "where, from the map's origin; over the outlines of all coils by default",
-    ),
-    DEPTH,
-    Option("noise", "a number above 0", read_positive, f"standard deviation of every δ; {NOISE:g} by default"),
-)
-
-POSITIONS = (
-    Quantity(
-        "position_error_mm",
-        "mm",
-        "least standard deviation of x, the depth unknown too: Cramér–Rao bound, median over a region",
-        "table",
-        position_error,
-        _OPTIONS,
-    ),
-    Quantity(
-        "depth_error_mm",
-        "mm",
-        "least standard deviation of the depth: Cramér–Rao bound, median over a region",
-        "table",
-        depth_error,
-        _OPTIONS,
-    ),
-)
+POSITIONS = (_position_error, _depth_error)

@@ -94,6 +94,13 @@ class Quantity:
         return Request(self, options)
 
 
+def quantity(
+    name: str, unit: str, cost: Cost, says: str, *options: Option
+) -> Callable[[Callable[[Evaluation, Mapping[str, Any]], float]], Quantity]:
+    """Make a `Quantity` of the function below that computes it."""
+    return lambda compute: Quantity(name, unit, says, cost, compute, options)
+
+
 @dataclass(frozen=True, eq=False)
 class Request:
     """A quantity with its options.
@@ -119,9 +126,7 @@ class Request:
     def key(self) -> str:
         """Canonical text, equal for equal requests: ``k[coil1,coil2]``, ``position_error_mm[depth_mm=1]``."""
         bare = {option.name for option in self.quantity.options if option.bare}
-        parts = [
-            _text(value) if name in bare else f"{name}={_text(value)}" for name, value in self.options.items()
-        ]  # fmt: skip
+        parts = [_text(value) if name in bare else f"{name}={_text(value)}" for name, value in self.options.items()]
         return f"{self.quantity.name}[{','.join(parts)}]" if parts else self.quantity.name
 
     def value(self, evaluation: Evaluation) -> float:

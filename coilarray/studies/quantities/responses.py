@@ -14,13 +14,21 @@ from coilarray.errors import GoalError
 from coilarray.localize.distortion import DELTAS, ellipse_curves
 from coilarray.studies.quantities.couplings import COIL
 from coilarray.studies.quantities.evaluation import Evaluation
-from coilarray.studies.quantities.quantity import Option, Quantity, read_name, read_positive
+from coilarray.studies.quantities.quantity import Option, quantity, read_name, read_positive
 
 _STEPS = 8  # positions of a line in the thickness of all sheets (tests/studies/test_quantities.py)
 
 
-def peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Return δ of a coil pressed at its centre, or the largest δ of all states at the middle of the array."""
+DEPTH = Option("depth_mm", "a number of mm above 0", read_positive, "how deep; the design's first depth by default")
+"""Depth of an indentation."""
+
+
+@quantity(
+    "peak_delta", "1", "response",
+    "δ of a coil pressed at its centre, or the largest δ pressed at the middle of the array",
+    Option("coil", COIL.must_be, read_name, "which coil; the array by default", bare=True), DEPTH,
+)  # fmt: skip
+def _peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     depth = evaluation.depth(options.get("depth_mm"))
     if "coil" in options:
         state, (x, y) = evaluation.state_of(options["coil"]), evaluation.centre(options["coil"])
@@ -30,8 +38,12 @@ def peak_delta(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return float(_line(evaluation, y, depth, x)(x).max())
 
 
-def response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """From the first to the last place with half the maximum of δ, along x through the coil's centre, in mm."""
+@quantity(
+    "response_width_mm", "mm", "response",
+    "distance along x, through the coil's centre, of the first and the last place with half the maximum of δ",
+    COIL, DEPTH,
+)  # fmt: skip
+def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     name = options["coil"]
     state, (x, y) = evaluation.state_of(name), evaluation.centre(name)
     line = _line(evaluation, y, evaluation.depth(options.get("depth_mm")), x)
@@ -46,8 +58,12 @@ def response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return float(np.ptp(delta.solve(half))) * 1e3
 
 
-def x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    """Root mean square over δ of fitted x0 less centre in mm, the worst coil where none is named."""
+@quantity(
+    "x0_distortion_mm", "mm", "response",
+    "root mean square over δ = 1e-4 to 1e-3 of fitted x0 less the coil's centre, on the design's map",
+    Option("coil", COIL.must_be, read_name, "which coil; the worst of those in the map by default", bare=True),
+)  # fmt: skip
+def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     setup, given = evaluation.indentation, options.get("coil")
     if given is not None:
         evaluation.state_of(given)  # refused before the map is computed
@@ -95,32 +111,4 @@ def _peaks_within(evaluation: Evaluation, response: xr.Dataset) -> list[str]:
     return inside
 
 
-DEPTH = Option("depth_mm", "a number of mm above 0", read_positive, "how deep; the design's first depth by default")
-"""Depth of an indentation."""
-
-RESPONSES = (
-    Quantity(
-        "peak_delta",
-        "1",
-        "δ of a coil pressed at its centre, or the largest δ pressed at the middle of the array",
-        "response",
-        peak_delta,
-        (Option("coil", COIL.must_be, read_name, "which coil; the array by default", bare=True), DEPTH),
-    ),
-    Quantity(
-        "response_width_mm",
-        "mm",
-        "distance along x, through the coil's centre, of the first and the last place with half the maximum of δ",
-        "response",
-        response_width,
-        (COIL, DEPTH),
-    ),
-    Quantity(
-        "x0_distortion_mm",
-        "mm",
-        "root mean square over δ = 1e-4 to 1e-3 of fitted x0 less the coil's centre, on the design's map",
-        "response",
-        x0_distortion,
-        (Option("coil", COIL.must_be, read_name, "which coil; the worst of those in the map by default", bare=True),),
-    ),
-)
+RESPONSES = (_peak_delta, _response_width, _x0_distortion)

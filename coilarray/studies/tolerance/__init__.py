@@ -7,30 +7,10 @@ from coilarray.studies.tolerance.files import load_tolerances, parse_tolerances,
 from coilarray.studies.tolerance.outputs import default_quantities
 from coilarray.studies.tolerance.perturb import error_names, perturb
 from coilarray.studies.tolerance.sampling import draw, errors_of
-from coilarray.studies.tolerance.tolerances import (
-    Contributor,
-    Limit,
-    Positions,
-    Spread,
-    Tolerances,
-    contributors,
-)
+from coilarray.studies.tolerance.tolerances import Contributor, Limit, Positions, Spread, Tolerances, contributors
 
 __all__ = [
-    "Contributor",
-    "Limit",
-    "Positions",
-    "Spread",
-    "Tolerances",
-    "analyse",
-    "check_analysis",
-    "contributors",
-    "default_quantities",
-    "draw",
-    "error_names",
-    "errors_of",
-    "load_tolerances",
-    "parse_tolerances",
-    "perturb",
+    "Contributor", "Limit", "Positions", "Spread", "Tolerances", "analyse", "check_analysis", "contributors",
+    "default_quantities", "draw", "error_names", "errors_of", "load_tolerances", "parse_tolerances", "perturb",
     "typical_text",
-]
+]  # fmt: skip

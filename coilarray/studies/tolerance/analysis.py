@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from coilarray.response.interpolation import PARAMETERS
 from coilarray.studies.evaluate import Outcome, run_cached
 from coilarray.studies.quantities import QUANTITIES, canonical
 from coilarray.studies.tolerance.outputs import Outputs, default_quantities, evaluate_board, wanted_outputs
-from coilarray.studies.tolerance.position import Shifts, shifts_at
+from coilarray.studies.tolerance.position import Shifts, require_states, shifts_at
 from coilarray.studies.tolerance.sampling import Sampling, draw, errors_of
 from coilarray.studies.tolerance.sensitivity import Sensitivity, difference_points, error_steps, sensitivity
 from coilarray.studies.tolerance.statistics import CENTRAL, LEAST_SAMPLES, deviation_error, kept, yield_of
@@ -114,11 +114,14 @@ def analyse(
     """
     file = as_file(design)
     design = file.design
-    asked = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
-    found, outputs, limits, drawn = asked.found, asked.outputs, asked.limits, asked.drawn
+    found, outputs, limits, drawn = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
     if table is None:
         _check_places(design, outputs)
-    shifts = _shifts(design, outputs, table)
+    shifts = None
+    if outputs.positions is not None:
+        model = forward_model(table_for(design) if table is None else table)
+        thickness = sum(sheet.thickness for sheet in design.sheets)
+        shifts = shifts_at(model, outputs.positions, _LEAST_KNOWN * thickness)
     names = (*outputs.names(design), *(() if shifts is None else shifts.names(outputs.places())))
     _check_limits(limits, names)
 
@@ -173,32 +176,13 @@ def check_analysis(
         with a spread.
     LocalizeError
         A position outside the table that is to be computed, or fewer states than unknowns.
-    ValueError
-        A design that differs from its document.
-
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> from coilarray.studies.tolerance import load_tolerances
-    >>> check_analysis(load_design("starter"), load_tolerances(), samples=8)
     """
     design = as_file(design).design
-    asked = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
-    places = asked.outputs.places()
-    shifts = [f"shift_{parameter}_mm[{place}]" for place in places for parameter in PARAMETERS]
-    _check_limits(asked.limits, (*asked.outputs.names(design), *shifts))
+    _, outputs, limits, _ = _asked(design, tolerances, quantities, samples, seed, sampling, accuracy)
+    shifts = [f"shift_{parameter}_mm[{place}]" for place in outputs.places() for parameter in PARAMETERS]
+    _check_limits(limits, (*outputs.names(design), *shifts))
     if not with_table:
-        _check_places(design, asked.outputs)
-
-
-@dataclass(frozen=True, eq=False)
-class _Asked:
-    """Checked input of an analysis."""
-
-    found: Sequence[Contributor]
-    outputs: Outputs
-    limits: tuple[Limit, ...]
-    drawn: FloatArray
+        _check_places(design, outputs)
 
 
 def _asked(
@@ -209,19 +193,24 @@ def _asked(
     seed: int,
     sampling: Sampling,
     accuracy: Accuracy,
-) -> _Asked:
+) -> tuple[Sequence[Contributor], Outputs, list[Limit], FloatArray]:
+    """Check the input of an analysis; return its contributors, outputs, limits and drawn errors."""
     if 0 < samples < LEAST_SAMPLES:
         raise GoalError(f"samples must be 0 or at least {LEAST_SAMPLES}; got {samples}.")
     found = contributors(design, tolerances)
     asked = tuple(quantities) or tolerances.quantities or default_quantities(design)
-    limits = tuple(_canonical(limit) for limit in tolerances.limits)
-    by_name = [limit.quantity for limit in limits if limit.quantity.partition("[")[0] in QUANTITIES]
+    limits = list(tolerances.limits)
+    by_name = []
+    for k, limit in enumerate(limits):
+        if limit.quantity.partition("[")[0].strip() in QUANTITIES:  # else δ or a shift
+            limits[k] = replace(limit, quantity=canonical(limit.quantity))
+            by_name.append(limits[k].quantity)
     outputs = wanted_outputs(design, [*asked, *by_name], tolerances.positions, accuracy)
     if tolerances.positions is not None:
         states, places = len(design.plan), len(tolerances.positions.x) * len(tolerances.positions.y)
         needed = 8.0 * len(PARAMETERS) * states * places**2  # of `Shifts.matrix`
         require_memory(needed, f"the matrix of shifts at {places} positions", "take fewer")
-    return _Asked(found, outputs, limits, draw(found, samples, seed, sampling))
+    return found, outputs, limits, draw(found, samples, seed, sampling)
 
 
 def _check_limits(limits: Sequence[Limit], names: Sequence[str]) -> None:
@@ -243,26 +232,7 @@ def _check_places(design: Design, outputs: Outputs) -> None:
                 raise LocalizeError(
                     f"{name} must be {low:g} to {high:g} mm, in the table of {design.name}; got {value * 1e3:g}."
                 )
-    states = [state.name for state in design.plan]
-    if len(states) < len(PARAMETERS):
-        raise LocalizeError(
-            f"{len(PARAMETERS)} unknowns need at least as many states; the scan has {', '.join(states)}."
-        )
-
-
-def _canonical(limit: Limit) -> Limit:
-    """Write the quantity of a limit as outputs are named; names of δ and shifts stay."""
-    if limit.quantity.partition("[")[0].strip() not in QUANTITIES:
-        return limit
-    return Limit(canonical(limit.quantity), limit.at_least, limit.at_most)
-
-
-def _shifts(design: Design, outputs: Outputs, table: xr.Dataset | None) -> Shifts | None:
-    if outputs.positions is None:
-        return None
-    model = forward_model(table_for(design) if table is None else table)
-    thickness = sum(sheet.thickness for sheet in design.sheets)
-    return shifts_at(model, outputs.positions, _LEAST_KNOWN * thickness)
+    require_states([state.name for state in design.plan], len(PARAMETERS))
 
 
 def _evaluated(
@@ -314,11 +284,7 @@ def _with_shifts(
 
 
 def _linear_part(
-    names: Sequence[str],
-    found: Sequence[Contributor],
-    tolerances: Tolerances,
-    nominal: FloatArray,
-    linear: Sensitivity,
+    names: Sequence[str], found: Sequence[Contributor], tolerances: Tolerances, nominal: FloatArray, linear: Sensitivity
 ) -> xr.Dataset:
     both, single, of_error = ("contributor", "output"), ("output",), ("contributor",)
     return xr.Dataset(
@@ -391,21 +357,14 @@ def _yields(
         "limited": ("limit", [*picked, ""]),
         "at_least": ("limit", [*(limit.at_least for limit in limits), -np.inf]),
         "at_most": ("limit", [*(limit.at_most for limit in limits), np.inf]),
-        "linear_yield": (
-            "limit",
-            [*in_linear.mean(axis=0), in_linear.all(axis=1).mean()],
-            {"long_name": "yield, linear"},
-        ),
     }
+    shares = [*in_linear.mean(axis=0), in_linear.all(axis=1).mean()]
+    variables["linear_yield"] = ("limit", shares, {"long_name": "yield, linear"})
     if len(values):
         good = kept(limits, names, values)
         counts = [*good.sum(axis=0).tolist(), int(good.all(axis=1).sum())]
-        shares = [yield_of(count, len(values)) for count in counts]
-        for name, end, text in (
-            ("", "share", "yield of boards"),
-            ("_low", "low", "at least"),
-            ("_high", "high", "at most"),
-        ):
-            values_of = [getattr(one, end) for one in shares]
-            variables[f"sample_yield{name}"] = ("limit", values_of, {"long_name": text})
+        yields = [yield_of(count, len(values)) for count in counts]
+        for end, text in (("share", "yield of boards"), ("low", "at least"), ("high", "at most")):
+            name = "sample_yield" if end == "share" else f"sample_yield_{end}"
+            variables[name] = ("limit", [getattr(one, end) for one in yields], {"long_name": text})
     return xr.Dataset(variables, coords={"limit": [*(limit.text for limit in limits), "all limits"]})

@@ -6,14 +6,13 @@ import math
 from collections.abc import Mapping
 from functools import cache
 from importlib import resources
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from coilarray.design.toml_file import TomlFiles
-from coilarray.design.units import Millimetres, Position, Table
+from coilarray.design.units import Bounds, Millimetres, Position, Table, in_si, require_rising
 from coilarray.errors import GoalError
 from coilarray.studies.tolerance.tolerances import KINDS, Distribution, Limit, Positions, Spread, Tolerances
 
@@ -73,9 +72,7 @@ def typical_text() -> str:
 
 # bounds far beyond any board, so that a typo is refused where it stands
 _Micrometres = Annotated[float, Field(ge=0, le=10_000)]
-_Millimetres = Annotated[float, Field(ge=0, le=100)]
-_Milliradians = Annotated[float, Field(ge=0, le=100)]
-_Percent = Annotated[float, Field(ge=0, le=100)]
+_UpTo100 = Annotated[float, Field(ge=0, le=100)]
 
 
 class _Errors(Table):
@@ -85,14 +82,9 @@ class _Errors(Table):
 
     def spread(self) -> Spread:
         """Return the table in SI."""
-        values = self.model_dump(exclude={"distribution"})
         scale = 1.0 if self.distribution == "normal" else 1 / math.sqrt(3)  # half width to standard deviation
-        parts = {key.partition("_"): value for key, value in values.items()}
-        in_si = {part: value * _SCALES[unit] * scale for (part, _, unit), value in parts.items()}
-        return Spread(self.distribution, in_si["board"], in_si.get("layer", 0.0))
-
-
-_SCALES = {"um": 1e-6, "mm": 1e-3, "mrad": 1e-3, "percent": 1e-2}
+        values = [value * scale for value in in_si(self, "distribution").values()]  # of the board, then of a layer
+        return Spread(self.distribution, *values)
 
 
 class _LayerMicrometres(_Errors):
@@ -101,26 +93,26 @@ class _LayerMicrometres(_Errors):
 
 
 class _LayerMilliradians(_Errors):
-    board_mrad: _Milliradians = 0.0
-    layer_mrad: _Milliradians = 0.0
+    board_mrad: _UpTo100 = 0.0
+    layer_mrad: _UpTo100 = 0.0
 
 
 class _LayerPercent(_Errors):
-    board_percent: _Percent = 0.0
-    layer_percent: _Percent = 0.0
+    board_percent: _UpTo100 = 0.0
+    layer_percent: _UpTo100 = 0.0
 
 
 class _LayerMillimetres(_Errors):
-    board_mm: _Millimetres = 0.0
-    layer_mm: _Millimetres = 0.0
+    board_mm: _UpTo100 = 0.0
+    layer_mm: _UpTo100 = 0.0
 
 
 class _BoardMillimetres(_Errors):
-    board_mm: _Millimetres
+    board_mm: _UpTo100
 
 
 class _BoardPercent(_Errors):
-    board_percent: _Percent
+    board_percent: _UpTo100
 
 
 class _PositionsTable(Table):
@@ -133,9 +125,8 @@ class _PositionsTable(Table):
 
     @model_validator(mode="after")
     def _rising(self) -> _PositionsTable:
-        for key, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
-            if not all(low < high for low, high in pairwise(values)):
-                raise ValueError(f"needs {key} that rise from each to the next; got {values}")
+        require_rising("x_mm", self.x_mm)
+        require_rising("y_mm", self.y_mm)
         return self
 
     def build(self) -> Positions:
@@ -144,28 +135,14 @@ class _PositionsTable(Table):
         return Positions(x, y, self.depth_mm / 1e3, self.noise)
 
 
-class _LimitTable(Table):
+class _LimitTable(Bounds):
     """``[[limit]]``: what a good board keeps."""
 
     quantity: str
-    at_least: float | None = None
-    at_most: float | None = None
-
-    @model_validator(mode="after")
-    def _some_room(self) -> _LimitTable:
-        if self.at_least is None and self.at_most is None:
-            raise ValueError("needs at_least, at_most or both")
-        if self.at_least is not None and self.at_most is not None and self.at_least > self.at_most:
-            raise ValueError(f"needs at_least below at_most; got {self.at_least:g} and {self.at_most:g}")
-        return self
 
     def build(self) -> Limit:
         """Return the limit."""
-        return Limit(
-            self.quantity,
-            -math.inf if self.at_least is None else self.at_least,
-            math.inf if self.at_most is None else self.at_most,
-        )
+        return Limit(self.quantity, **self.model_dump(exclude={"quantity"}, exclude_none=True))
 
 
 class _File(Table):

@@ -33,17 +33,7 @@ def default_quantities(design: Design) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Outputs:
-    """What is computed of every board.
-
-    Parameters
-    ----------
-    quantities : tuple of str
-        Canonical names of `coilarray.studies.quantities`.
-    positions : Positions or None
-        Positions where δ is computed.
-    accuracy : {"full", "screen"}
-        Accuracy of the inductances; see `coilarray.electromagnetics.inductance.Accuracy`.
-    """
+    """What is computed of every board: quantities by their canonical names, and δ at positions."""
 
     quantities: tuple[str, ...]
     positions: Positions | None = None
@@ -75,28 +65,12 @@ class Outputs:
 
 
 def wanted_outputs(
-    design: Design,
-    quantities: Sequence[str],
-    positions: Positions | None,
-    accuracy: Accuracy = "screen",
+    design: Design, quantities: Sequence[str], positions: Positions | None, accuracy: Accuracy = "screen"
 ) -> Outputs:
-    """Check what is asked for.
+    """Check what is asked for; repeated quantities count once.
 
-    Parameters
-    ----------
-    design : Design
-        Nominal design of the boards.
-    quantities : sequence of str
-        Quantities, each as `coilarray.studies.quantities.request` reads it; repeated ones count once.
-    positions : Positions, optional
-        Positions where δ is wanted.
-    accuracy : {"full", "screen"}
-        Accuracy of the inductances.
-
-    Raises
-    ------
-    GoalError
-        A quantity or its coil that there is not, or positions of a design that says nothing of an indentation.
+    GoalError for a quantity or its coil that there is not, or positions of a design that says nothing of an
+    indentation.
     """
     if positions is not None and design.indentation is None:
         raise GoalError(f"positions need [indenter] and [indentation], which the design {design.name} does not have.")
@@ -110,24 +84,10 @@ def wanted_outputs(
 
 
 def evaluate_board(item: Mapping[str, Any]) -> dict[str, float]:
-    """Compute the outputs of one board; this is what workers run.
+    """Compute the outputs of one board from `Outputs.item`, by the names of `Outputs.names`; workers run this function.
 
-    Parameters
-    ----------
-    item : mapping
-        Input of a board, from `Outputs.item`.
-
-    Returns
-    -------
-    dict of str to float
-        Values by the names of `Outputs.names`.
-
-    Raises
-    ------
-    GoalError
-        Errors that leave no board, or a quantity that the board does not have.
-    CoilarrayError
-        Physics that cannot be solved.
+    GoalError for errors that leave no board, or a quantity that the board does not have; CoilarrayError for physics
+    that cannot be solved.
     """
     document = item["document"]
     board = perturb(build_design(document, document["name"]), item["errors"])

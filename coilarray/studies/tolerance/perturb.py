@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -109,19 +109,15 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
     nonzero = {name: float(errors[name]) for name in known if errors.get(name, 0.0) != 0.0}
     if not nonzero:
         return design
+    switches = design.circuit.switches
+    tank = _scaled(switches.tank_capacitance, nonzero, "capacitance")
     try:
         return replace(
             design,
             array=_array(design.array, nonzero),
             sheets=tuple(_sheet(sheet, nonzero) for sheet in design.sheets),
             indentation=_indentation(design.indentation, nonzero),
-            circuit=replace(
-                design.circuit,
-                switches=replace(
-                    design.circuit.switches,
-                    tank_capacitance=_scaled(design.circuit.switches.tank_capacitance, nonzero, "capacitance"),
-                ),
-            ),
+            circuit=replace(design.circuit, switches=replace(switches, tank_capacitance=tank)),
         )
     except (DesignError, GeometryError) as error:
         raise GoalError(f"these errors leave no board: {error}") from None
@@ -144,14 +140,11 @@ def _sheet(sheet: Sheet, errors: Mapping[str, float]) -> Sheet:
 
 
 def _indentation(setup: Indentation | None, errors: Mapping[str, float]) -> Indentation | None:
-    if setup is None:
-        return None
-    x, y = setup.origin_point
-    if not {"placement_x", "placement_y"} & errors.keys():
+    shift = [errors.get(f"placement_{axis}", 0.0) for axis in "xy"]
+    if setup is None or not any(shift):
         return setup
-    return replace(
-        setup, origin=None, origin_point=(x + errors.get("placement_x", 0.0), y + errors.get("placement_y", 0.0))
-    )
+    x, y = setup.origin_point
+    return replace(setup, origin=None, origin_point=(x + shift[0], y + shift[1]))
 
 
 def _array(array: CoilArray, errors: Mapping[str, float]) -> CoilArray:
@@ -171,17 +164,15 @@ def _array(array: CoilArray, errors: Mapping[str, float]) -> CoilArray:
 
 
 def _stackup(stackup: Stackup, errors: Mapping[str, float]) -> Stackup:
-    below = [f"{upper}-{lower}" for upper, lower in pairwise(stackup.names)]
+    def thickened(kind: str, parts: Iterable[str], thickness: Sequence[float]) -> tuple[float, ...]:
+        names = (f"{kind}.{part}" for part in parts)
+        return tuple(value * (1 + errors.get(name, 0.0)) for name, value in zip(names, thickness, strict=True))
+
+    below = (f"{upper}-{lower}" for upper, lower in pairwise(stackup.names))
     return replace(
         stackup,
-        copper_thickness=tuple(
-            thickness * (1 + errors.get(f"copper.{name}", 0.0))
-            for name, thickness in zip(stackup.names, stackup.copper_thickness, strict=True)
-        ),
-        dielectric_thickness=tuple(
-            thickness * (1 + errors.get(f"dielectric.{name}", 0.0))
-            for name, thickness in zip(below, stackup.dielectric_thickness, strict=True)
-        ),
+        copper_thickness=thickened("copper", stackup.names, stackup.copper_thickness),
+        dielectric_thickness=thickened("dielectric", below, stackup.dielectric_thickness),
     )
 
 

@@ -29,16 +29,9 @@ IntArray = npt.NDArray[np.intp]
 class Shifts:
     """Shifts of located positions by errors of the board.
 
-    Parameters
-    ----------
-    model : ForwardModel
-        Response of the board without errors.
-    points : ndarray, shape (places, 3)
-        True x, y and depth in m.
-    noise : float
-        Standard deviation of δ.
-    determined : tuple of tuple of int
-        At each place, which of x, y and depth a reading determines.
+    `model` is the response of the board without errors, `points` are the true x, y and depth in m, shape (places, 3),
+    `noise` the standard deviation of δ, and `determined` tells for each place which of x, y and depth a reading
+    determines.
     """
 
     model: ForwardModel
@@ -77,18 +70,10 @@ class Shifts:
     def located(self, changes: FloatArray) -> tuple[FloatArray, IntArray]:
         """Locate readings with the real solver.
 
-        Parameters
-        ----------
-        changes : ndarray, shape (n, places · states)
-            Δδ of n boards against the board without errors, finite.
-
-        Returns
-        -------
-        shifts : ndarray, shape (n, shifts)
-            Located less true in mm, of the mode next to the truth; NaN where a reading has no mode.
-        found : ndarray of int, shape (n,)
-            Number of places where each board has its position ``"found"``; elsewhere it is on the border of the table,
-            or the residuals are beyond noise.
+        `changes` is Δδ of n boards against the board without errors, finite, shape (n, places · states). Returns
+        located less true in mm of the mode next to the truth, shape (n, shifts), NaN where a reading has no mode; and
+        for each board the number of places where its position is ``"found"``: elsewhere it is on the border of the
+        table, or the residuals are beyond noise.
         """
         states = len(self.model.states)
         shifts, found = [], np.zeros(len(changes), dtype=np.intp)
@@ -107,30 +92,22 @@ class Shifts:
 
 
 def shifts_at(model: ForwardModel, positions: Positions, largest: float) -> Shifts:
-    """Prepare to locate readings at positions.
+    """Prepare to locate readings at positions within the table, with the noise of readings.
 
-    Parameters
-    ----------
-    model : ForwardModel
-        Response of the board without errors.
-    positions : Positions
-        Positions within the table, with the noise of readings.
-    largest : float
-        Largest standard deviation in m, by noise alone, of an unknown that counts as determined: a length over which δ
-        changes much, beyond which nothing is linear.
-
-    Raises
-    ------
-    LocalizeError
-        A position outside the table, or fewer states than unknowns.
+    An unknown counts as determined up to the standard deviation `largest` in m by noise alone: a length over which δ
+    changes much, beyond which nothing is linear. LocalizeError for a position outside the table, or fewer states than
+    unknowns.
     """
     points = np.array([(x, y, positions.depth) for y, x in product(positions.y, positions.x)])
-    if len(model.states) < model.unknowns:
-        raise LocalizeError(
-            f"{model.unknowns} unknowns need at least as many states; the scan has {', '.join(model.states)}."
-        )
+    require_states(model.states, model.unknowns)
     information = fisher_information(model, points, positions.noise)
     return Shifts(model, points, positions.noise, tuple(_determined(one, largest) for one in information))
+
+
+def require_states(states: Sequence[str], unknowns: int) -> None:
+    """Refuse fewer states than unknowns: LocalizeError."""
+    if len(states) < unknowns:
+        raise LocalizeError(f"{unknowns} unknowns need at least as many states; the scan has {', '.join(states)}.")
 
 
 def _determined(information: FloatArray, largest: float) -> tuple[int, ...]:

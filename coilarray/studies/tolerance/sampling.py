@@ -30,7 +30,7 @@ def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, samplin
     contributors : sequence of Contributor
         Independent errors.
     count : int
-        Number of boards; a power of 2 suits Sobol points best.
+        Number of boards, up to 1 000 000; a power of 2 suits Sobol points best.
     seed : int
         Seed of the sequence. Equal seeds give equal boards; a larger count begins with the same boards.
     sampling : {"sobol", "random"}
@@ -44,7 +44,7 @@ def draw(contributors: Sequence[Contributor], count: int, seed: int = 0, samplin
     Raises
     ------
     GoalError
-        A count outside 0 to 1 000 000, a negative seed, or more contributors than Sobol points have dimensions.
+        A count or seed that is not allowed, or more contributors than Sobol points have dimensions.
 
     Examples
     --------

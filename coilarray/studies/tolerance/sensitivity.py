@@ -38,14 +38,10 @@ def difference_points(steps: dict[str, float]) -> list[dict[str, float]]:
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Effects of one standard deviation of every contributor.
+    """Effects of one standard deviation of every contributor, J_c σ_c in the units of the outputs.
 
-    Parameters
-    ----------
-    effects : ndarray, shape (contributors, outputs)
-        J_c σ_c in the units of the outputs, from the smaller step.
-    wide_effects : ndarray, shape (contributors, outputs)
-        The same from the larger step. Where the two differ by much, the output is not linear over the errors.
+    `effects`, from the smaller step, and `wide_effects`, from the larger one, have the shape (contributors, outputs).
+    Where the two differ by much, the output is not linear over the errors.
     """
 
     effects: FloatArray
@@ -58,10 +54,7 @@ class Sensitivity:
 
     @property
     def shares(self) -> FloatArray:
-        """Share of every contributor in the variance of every output, shape (contributors, outputs).
-
-        Zero where an output has no variance.
-        """
+        """Share of every contributor in the variance of every output, shape (contributors, outputs); 0 without one."""
         variance = (self.effects**2).sum(axis=0)
         return np.asarray(np.divide(self.effects**2, variance, out=np.zeros_like(self.effects), where=variance > 0))
 
@@ -82,21 +75,7 @@ class Sensitivity:
 
 
 def sensitivity(contributors: Sequence[Contributor], steps: dict[str, float], values: FloatArray) -> Sensitivity:
-    """Put the outputs at all `difference_points` together.
-
-    Parameters
-    ----------
-    contributors : sequence of Contributor
-        Contributors of the boards.
-    steps : dict of str to float
-        Standard deviation of every error, from `error_steps`.
-    values : ndarray, shape (points, outputs)
-        Outputs of the boards in the order of `difference_points`.
-
-    Returns
-    -------
-    Sensitivity
-    """
+    """Put the outputs at all `difference_points`, shape (points, outputs), together; `steps` are from `error_steps`."""
     names = list(steps)
     pairs = values.reshape(len(names), len(STEPS), 2, -1)
     spans = 2 * np.outer(list(steps.values()), STEPS)[..., None]

@@ -21,22 +21,11 @@ CENTRAL = (2.5, 97.5)
 
 
 def deviation_error(values: FloatArray) -> FloatArray:
-    """Estimate the standard error of the standard deviation of drawn values.
+    """Estimate the standard error of the standard deviation of drawn values, shape (n, …), in their unit, shape (…,).
 
-    Parameters
-    ----------
-    values : ndarray, shape (n, …)
-        n independent draws.
-
-    Returns
-    -------
-    ndarray, shape (…,)
-        In the unit of the values. For Sobol points it is too large rather than too small.
-
-    Notes
-    -----
     var(s²) = (μ₄ − s⁴ (n − 3)/(n − 1))/n for any distribution with fourth central moment μ₄, and ds = ds²/2s; a normal
-    one has s/√(2(n − 1)) (Kendall & Stuart, The Advanced Theory of Statistics, vol. 1, ch. 10).
+    one has s/√(2(n − 1)) (Kendall & Stuart, The Advanced Theory of Statistics, vol. 1, ch. 10). For Sobol points it is
+    too large rather than too small.
     """
     n = len(values)
     variance = values.var(axis=0, ddof=1)
@@ -47,22 +36,7 @@ def deviation_error(values: FloatArray) -> FloatArray:
 
 
 def kept(limits: Sequence[Limit], names: Sequence[str], values: FloatArray) -> BoolArray:
-    """Tell which boards keep which limits.
-
-    Parameters
-    ----------
-    limits : sequence of Limit
-        Limits of named outputs.
-    names : sequence of str
-        Names of the outputs.
-    values : ndarray, shape (n, outputs)
-        One row a board.
-
-    Returns
-    -------
-    ndarray of bool, shape (n, limits)
-        False where a value is missing.
-    """
+    """Tell which boards keep which limits, shape (n, limits), by named outputs, shape (n, outputs); NaN keeps none."""
     columns = values[:, [names.index(limit.quantity) for limit in limits]]
     low, high = np.array([limit.at_least for limit in limits]), np.array([limit.at_most for limit in limits])
     return np.asarray((columns >= low) & (columns <= high))
@@ -72,13 +46,8 @@ def kept(limits: Sequence[Limit], names: Sequence[str], values: FloatArray) -> B
 class Yield:
     """Share of boards that are good; one that cannot be made is not.
 
-    Parameters
-    ----------
-    share : float
-        Share of the drawn boards that keep the limits.
-    low, high : float
-        Wilson's interval. Of independent boards it holds the true share with 95 %; boards of Sobol points are not
-        independent, and come only near that.
+    `low` and `high` are Wilson's interval. Of independent boards it holds the true share with 95 %; boards of Sobol
+    points are not independent, and come only near that.
     """
 
     share: float
@@ -87,17 +56,6 @@ class Yield:
 
 
 def yield_of(good: int, count: int) -> Yield:
-    """Share of good boards among drawn ones.
-
-    Parameters
-    ----------
-    good, count : int
-        Good boards and all boards, at least one.
-
-    Examples
-    --------
-    >>> yield_of(64, 64).low > 0.94
-    True
-    """
+    """Return the share of `good` boards among `count` drawn ones, at least one."""
     interval = binomtest(good, count).proportion_ci(0.95, method="wilson")
     return Yield(good / count, float(interval.low), float(interval.high))

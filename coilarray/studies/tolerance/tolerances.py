@@ -13,31 +13,16 @@ from coilarray.studies.tolerance.perturb import error_names
 
 Distribution = Literal["normal", "uniform"]
 
+UNITS: Mapping[str, str] = {
+    "etch": "m", "registration": "m", "rotation": "rad", "dielectric": "1", "copper": "1", "placement": "m",
+    "permeability": "1", "elastomer": "m", "capacitance": "1",
+}  # fmt: skip
+"""SI units of the errors by the tables of a file."""
+
 KINDS: Mapping[str, tuple[str, ...]] = {
-    "etch": ("etch",),
-    "registration": ("registration_x", "registration_y"),
-    "rotation": ("rotation",),
-    "dielectric": ("dielectric",),
-    "copper": ("copper",),
-    "placement": ("placement_x", "placement_y"),
-    "permeability": ("permeability",),
-    "elastomer": ("elastomer",),
-    "capacitance": ("capacitance",),
+    table: (f"{table}_x", f"{table}_y") if table in ("registration", "placement") else (table,) for table in UNITS
 }
 """Errors of `coilarray.studies.tolerance.perturb` by the tables of a file."""
-
-UNITS: Mapping[str, str] = {
-    "etch": "m",
-    "registration": "m",
-    "rotation": "rad",
-    "dielectric": "1",
-    "copper": "1",
-    "placement": "m",
-    "permeability": "1",
-    "elastomer": "m",
-    "capacitance": "1",
-}
-"""SI units of the errors by table."""
 
 
 @dataclass(frozen=True)
@@ -189,22 +174,12 @@ def contributors(design: Design, tolerances: Tolerances) -> tuple[Contributor, .
         spread = tolerances.spreads.get(table, Spread())
         for kind in kinds:
             targets = tuple(name for name in names if name == kind or name.startswith(f"{kind}."))
-            if not targets:
-                continue
-            if spread.board > 0:
-                found.append(Contributor(f"{kind}, board", table, "board", targets, spread.distribution, spread.board))
-            if spread.layer > 0:
-                found += [
-                    Contributor(
-                        f"{kind}, layer {target.removeprefix(f'{kind}.')}",
-                        table,
-                        "layer",
-                        (target,),
-                        spread.distribution,
-                        spread.layer,
-                    )
-                    for target in targets
-                ]
+            how = spread.distribution
+            if spread.board > 0 and targets:
+                found.append(Contributor(f"{kind}, board", table, "board", targets, how, spread.board))
+            for target in targets if spread.layer > 0 else ():
+                name = f"{kind}, layer {target.removeprefix(f'{kind}.')}"
+                found.append(Contributor(name, table, "layer", (target,), how, spread.layer))
     if not found:
         raise GoalError(f"no error of {design.name} has a spread; at least one must be above 0.")
     return tuple(found)

@@ -17,20 +17,8 @@ _CHECKSUM = 5  # characters: an asterisk and four digits
 
 
 def seal(text: str) -> bytes:
-    r"""Return the line of a text: with its checksum (CRC-16/CCITT-FALSE) and the line feed.
+    r"""Return the line of 1 to 507 characters from 0x20 to 0x7E, with its checksum, CRC-16/CCITT-FALSE, and line feed.
 
-    Parameters
-    ----------
-    text : str
-        1 to 507 characters from 0x20 to 0x7E.
-
-    Raises
-    ------
-    ValueError
-        Another character, or too many.
-
-    Examples
-    --------
     >>> seal(">00,STOP")
     b'>00,STOP*3783\n'
     """
@@ -47,15 +35,7 @@ def intact(line: bytes) -> bool:
 
 @dataclass(frozen=True)
 class LineCounts:
-    """Counts of a parser.
-
-    Parameters
-    ----------
-    good : int
-        Intact lines.
-    wrong_checksum, wrong_character, too_long : int
-        Lines dropped, each counted once.
-    """
+    """Counts of a parser: intact lines, and those dropped for one reason, each counted once."""
 
     good: int = 0
     wrong_checksum: int = 0
@@ -71,8 +51,6 @@ class LineCounts:
 class LineParser:
     r"""Bytes in, texts of intact lines out; keeps never more than one line.
 
-    Examples
-    --------
     >>> parser = LineParser()
     >>> parser.feed(b"noise\n>00,STOP*37")
     []
@@ -96,8 +74,7 @@ class LineParser:
         texts = []
         for piece in ended:
             self._keep(piece)
-            text = self._end()
-            if text is not None:
+            if (text := self._end()) is not None:
                 texts.append(text)
         self._keep(rest)
         return texts
@@ -129,8 +106,6 @@ class LineParser:
 def command_line(number: int, verb: str, *arguments: str) -> bytes:
     r"""Return the line of a command.
 
-    Examples
-    --------
     >>> command_line(0x1A, "PEEK", "7E")
     b'>1A,PEEK,7E*9237\n'
     """

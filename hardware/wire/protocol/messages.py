@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
@@ -41,26 +41,12 @@ class StreamEndReason(IntEnum):
 
 @dataclass(frozen=True)
 class ScanMessage:
-    """A scan.
+    """A scan, with a sample for each state."""
 
-    Parameters
-    ----------
-    sequence : int
-        Number of the scan since the start of the stream; 0 for a single scan.
-    time : int
-        Time of its start in µs by the board's clock, which wraps at 2³².
-    configuration : int
-        Hash of the settings of the board.
-    boot : int
-        Number of the board's session.
-    samples : tuple of RawSample
-        Samples, one for each state.
-    """
-
-    sequence: int
-    time: int
-    configuration: int
-    boot: int
+    sequence: int  # since the start of the stream; 0 for a single scan
+    time: int  # of its start in µs by the board's clock, which wraps at 2³²
+    configuration: int  # hash of the settings of the board
+    boot: int  # number of the board's session
     samples: tuple[RawSample, ...]
 
 
@@ -119,28 +105,15 @@ def decimal(field: str) -> int:
 
 
 def parse_message(text: str) -> Message:
-    """Read the text of an intact line.
+    """Read the text of an intact line; MessageError for another kind of line, or a field of another form.
 
-    Raises
-    ------
-    MessageError
-        Another kind of line, or a field of another form.
-
-    Examples
-    --------
     >>> parse_message("H1234ABCD,000F4240,0000,u").mode
     <Mode.UNCONFIGURED: 'u'>
     """
     kind, fields = text[:1], text[1:].split(",")
-    if kind == "S":
-        return read_scan(fields)
-    if kind == "H":
-        return _heartbeat(fields)
-    if kind == "E":
-        return _stream_end(fields)
-    if kind == "<":
-        return _reply(fields)
-    raise MessageError(f"a line must begin with S, H, E or <; got {kind!r}.")
+    if kind not in _KINDS:
+        raise MessageError(f"a line must begin with S, H, E or <; got {kind!r}.")
+    return _KINDS[kind](fields)
 
 
 def read_scan(fields: Sequence[str]) -> ScanMessage:
@@ -159,7 +132,7 @@ def read_scan(fields: Sequence[str]) -> ScanMessage:
 
 def _sample(word: str) -> RawSample:
     if word[:1] == "!":
-        return RawSample(msb=0, lsb=0, status=0, fault=_sample_fault(hexadecimal(word[1:], 1)))
+        return RawSample(msb=0, lsb=0, status=0, fault=SampleFault(_from_one(word[1:], max(SampleFault), "a fault")))
     match = _WORDS.fullmatch(word)
     if not match:
         raise MessageError(f"a word must be 8 hexadecimal digits, with a status or not, or a fault; got {word!r}.")
@@ -167,10 +140,11 @@ def _sample(word: str) -> RawSample:
     return RawSample(msb=int(msb, 16), lsb=int(lsb, 16), status=_GOOD_STATUS if status is None else int(status, 16))
 
 
-def _sample_fault(number: int) -> SampleFault:
-    if number == 0 or number > max(SampleFault):
-        raise MessageError(f"a fault must be 1 to {max(SampleFault):d}; got {number}.")
-    return SampleFault(number)
+def _from_one(field: str, largest: int, what: str) -> int:
+    number = hexadecimal(field, 1)
+    if not 1 <= number <= largest:
+        raise MessageError(f"{what} must be 1 to {largest:d}; got {number}.")
+    return number
 
 
 def _heartbeat(fields: Sequence[str]) -> Heartbeat:
@@ -186,10 +160,8 @@ def _mode(field: str) -> Mode:
 
 def _stream_end(fields: Sequence[str]) -> StreamEnd:
     code, configuration, boot, text = _exactly(4, fields)
-    number = hexadecimal(code, 1)
-    if not 1 <= number <= max(StreamEndReason):
-        raise MessageError(f"the reason of an end must be 1 to {max(StreamEndReason):d}; got {number}.")
-    return StreamEnd(StreamEndReason(number), hexadecimal(configuration, 4), hexadecimal(boot, 8), text)
+    reason = StreamEndReason(_from_one(code, max(StreamEndReason), "the reason of an end"))
+    return StreamEnd(reason, hexadecimal(configuration, 4), hexadecimal(boot, 8), text)
 
 
 def _reply(fields: Sequence[str]) -> Answer | Refusal:
@@ -205,6 +177,11 @@ def _reply(fields: Sequence[str]) -> Answer | Refusal:
     raise MessageError(f"a reply must say OK or ERR; got {verdict!r}.")
 
 
+_KINDS: Mapping[str, Callable[[Sequence[str]], Message]] = {
+    "S": read_scan, "H": _heartbeat, "E": _stream_end, "<": _reply,
+}  # fmt: skip
+
+
 def _exactly(count: int, fields: Sequence[str]) -> Sequence[str]:
     if len(fields) != count:
         raise MessageError(f"the line must have {count} fields; got {len(fields)}.")
@@ -213,32 +190,16 @@ def _exactly(count: int, fields: Sequence[str]) -> Sequence[str]:
 
 @dataclass(frozen=True)
 class Greeting:
-    """Reply to HELLO.
+    """Reply to HELLO."""
 
-    Parameters
-    ----------
-    version : tuple of int
-        Major and minor version of the board's protocol.
-    firmware : str
-        Name of the firmware.
-    boot : int
-        Number of the session, which changes at every start.
-    manufacturer, device : int
-        Identity registers of the converter; 0 if it does not answer.
-    most_states, most_devices : int
-        Largest numbers of states and devices that a configuration may have.
-    capabilities : frozenset of str
-        Abilities of the board; "readback" if the end of the chain of switches is wired back.
-    """
-
-    version: tuple[int, int]
+    version: tuple[int, int]  # of the board's protocol, major and minor
     firmware: str
-    boot: int
-    manufacturer: int
+    boot: int  # number of the session, which changes at every start
+    manufacturer: int  # identity registers of the converter; 0 if it does not answer
     device: int
-    most_states: int
+    most_states: int  # that a configuration may have
     most_devices: int
-    capabilities: frozenset[str]
+    capabilities: frozenset[str]  # "readback" if the end of the chain of switches is wired back
 
 
 @dataclass(frozen=True)

@@ -30,12 +30,8 @@ class BoardTime:
     def unwrap(self, microseconds: int, now: float) -> int:
         """Return the time in µs since the wrap before the first reading.
 
-        Parameters
-        ----------
-        microseconds : int
-            Time that the board sent, 0 to 2³² − 1; it may be older than one before.
-        now : float
-            The computer's time in s, which never steps back.
+        `microseconds` is what the board sent, 0 to 2³² − 1, perhaps older than one before; `now` is the computer's time
+        in s, which never steps back.
         """
         if self._newest is None:
             self._newest, self._then = microseconds, now
@@ -49,27 +45,13 @@ class BoardTime:
 
 @dataclass(frozen=True)
 class GateCounts:
-    """Counts of a gate.
-
-    Parameters
-    ----------
-    passed : int
-        Scans accepted.
-    lost : int
-        Missing numbers of the sequence before accepted scans.
-    repeated : int
-        Scans rejected because their number, or a later one, had been accepted.
-    stale : int
-        Scans rejected because they are older than the stream or than a scan before them.
-    misfit : int
-        Scans rejected because they have another number of states than the settings.
-    """
+    """Counts of the scans at a gate."""
 
     passed: int = 0
-    lost: int = 0
-    repeated: int = 0
-    stale: int = 0
-    misfit: int = 0
+    lost: int = 0  # missing numbers of the sequence before accepted scans
+    repeated: int = 0  # rejected because their number, or a later one, had been accepted
+    stale: int = 0  # rejected because they are older than the stream or than a scan before them
+    misfit: int = 0  # rejected because they have another number of states than the settings
 
     def __add__(self, other: GateCounts) -> GateCounts:
         return GateCounts(*map(sum, zip(astuple(self), astuple(other), strict=True)))
@@ -81,16 +63,9 @@ def same_settings(scan: ScanMessage, configuration: int) -> bool:
 
 
 class ScanGate:
-    """Filter of the scans of one stream.
+    """Filter of the scans of one stream, by the hash of its settings and the number of their states.
 
-    Parameters
-    ----------
-    configuration : int
-        Hash of the settings.
-    states : int
-        Number of states of the settings.
-    start : int
-        Unwrapped time of the board in µs before the stream began.
+    The stream began after `start`, an unwrapped time of the board in µs.
     """
 
     def __init__(self, *, configuration: int, states: int, start: int) -> None:
@@ -107,10 +82,7 @@ class ScanGate:
     def passes(self, scan: ScanMessage, time: int) -> bool:
         """Whether to accept a scan with this unwrapped time in µs; counts it.
 
-        Raises
-        ------
-        BoardRestarted
-            The board measures with other settings.
+        BoardRestarted where the board measures with other settings.
         """
         counts = self._counts
         if time < self._newest:

@@ -1,0 +1,19 @@
+"""What several tests of the geometry share."""
+
+from __future__ import annotations
+
+import pytest
+
+from coilarray.geometry.readers.kicad_board import read_kicad
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Write a text as a KiCad board and read it."""
+
+    def _read(text, *arguments):
+        file = tmp_path / "b.kicad_pcb"
+        file.write_text(text, encoding="utf-8")
+        return read_kicad(file, *arguments)
+
+    return _read

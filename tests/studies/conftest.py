@@ -1,0 +1,17 @@
+"""Bundled designs, read once for all studies."""
+
+from __future__ import annotations
+
+import pytest
+
+from coilarray import load_design
+
+
+@pytest.fixture(scope="session")
+def design():
+    return load_design("gast2020")
+
+
+@pytest.fixture(scope="session")
+def starter():
+    return load_design("starter")

@@ -1,0 +1,25 @@
+"""Windings and inductance matrices for the tests of fields and circuits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coilarray.geometry import Conductor
+
+
+def random_matrix(n, seed, spread=0.15):
+    """Inductances of about 50 µH with couplings of random sign: positive definite by construction."""
+    rng = np.random.default_rng(seed)
+    factor = np.eye(n) + spread * rng.standard_normal((n, n))
+    return 50e-6 * factor @ factor.T
+
+
+def at_height(line, z):
+    """Points of a line in the plane at a height z, shape (n, 3)."""
+    return np.column_stack((line, np.full(len(line), z)))
+
+
+def spiral_path(spiral, layers=(0.0,), thickness=35e-6):
+    """A spiral as one path through layers at these heights, vias included."""
+    lines = [at_height(spiral.centre_line(k), z) for k, z in enumerate(layers)]
+    return Conductor(np.vstack(lines), spiral.trace_width, thickness)
