@@ -23,6 +23,10 @@ def indent(
         Literal["bonded", "frictionless"] | None,
         typer.Option(help="How the lowest sheet lies on the board, instead of the design's."),
     ] = None,
+    strain: Annotated[
+        Literal["linear", "finite"],
+        typer.Option(help="Linear elasticity, or large deformations of neo-Hookean sheets (some seconds)."),
+    ] = "linear",
     out: Annotated[
         Path | None, shared.out_option("Also write .nc (all interfaces) or .csv (the table).", ".nc", ".csv")
     ] = None,
@@ -31,7 +35,7 @@ def indent(
 ) -> None:
     """Press the indenter into the elastomer: force, contact and dent.
 
-    Small strain, no friction under the indenter. Displacements are those of the upper faces of the sheets on the axis;
+    No friction under the indenter. Displacements are those of the upper faces of the sheets on the axis;
     the ring is the highest rise of the free surface.
 
     Example: coilarray indent gast2020 --depth-mm 0.1:1:10 --plot dent.png --out dent.csv
@@ -50,9 +54,10 @@ def indent(
     opened = file.design
     setup = indentation_of(opened)
     chosen = base or setup.base
-    result = press(opened.sheets, setup.indenter, depths or setup.depths, base=chosen, radius=setup.sample_radius)
+    pressed = depths or setup.depths
+    result = press(opened.sheets, setup.indenter, pressed, base=chosen, radius=setup.sample_radius, strain=strain)
     result = result.assign_attrs(provenance(opened))
-    table = replace(indentation_table(result), title=f"{setup.indenter.name}, base {chosen}")
+    table = replace(indentation_table(result), title=f"{setup.indenter.name}, base {chosen}, {strain} strain")
     shared.write_numbers(out, result, table.csv)
     shared.draw(plot, lambda: viz.indentation_figure(result, setup.indenter))
     replaced = {"depths_mm": depths is not None, "base": base is not None}
@@ -67,6 +72,7 @@ def indent(
         **shared.design_record(opened),
         "indenter": setup.indenter.name,
         "base": chosen,
+        "strain": strain,
         "dents": table.records(),
         "not_given": [{**row, "value": file.values[str(row["key"])]} for row in not_given],
     }

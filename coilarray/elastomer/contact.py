@@ -7,8 +7,8 @@ gap between the indenter and hat i is
 
 a linear complementarity problem with a symmetric positive definite matrix, so it has one solution, the least of
 ½ fᵀCf + fᵀG(f = 0) over f ≥ 0. The elastic system is factorised once; each depth is one such small problem.
-That is the linear answer. The finite one, the usual, starts from its contact and follows large deformations:
-`coilarray.elastomer.finite_strain`. In both the contact has neither friction nor adhesion.
+That is the linear answer; `coilarray.elastomer.finite_strain` follows large deformations. In both the contact has
+neither friction nor adhesion.
 
 K. L. Johnson, Contact Mechanics, Cambridge University Press 1985, section 5.9.
 """
@@ -239,7 +239,7 @@ def indent(
     *,
     base: Base | Seat = "bonded",
     radius: float | None = None,
-    strain: Strain = "finite",
+    strain: Strain = "linear",
     mesh: ContactMesh = DEFAULT_MESH,
 ) -> xr.Dataset:
     """Press a rigid indenter into elastomer sheets.
@@ -257,9 +257,9 @@ def indent(
     radius : float, optional
         Radius in m of a sample with a free edge, the indenter at its centre; half its width in plane strain. Without it
         the sample is wide.
-    strain : {"finite", "linear"}
-        Large deformations of neo-Hookean sheets, or linear elasticity: some ten times faster, with a dent that is 2 %
-        too large at an eighth of the stack's thickness.
+    strain : {"linear", "finite"}
+        Linear elasticity, or large deformations of neo-Hookean sheets, which take some seconds. At a depth of an eighth
+        of the stack's thickness the linear force is 5 % too large and the interface of the paper's sheets 4 % too low.
     mesh : ContactMesh
         Fineness of the mesh.
 

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
-from skfem import Basis, BilinearForm, ElementQuad1, ElementQuad2, ElementVector, LinearForm
+from skfem import Basis, BilinearForm, ElementQuad1, ElementQuad2, ElementVector, LinearForm, MeshQuad
 
 from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone, contact_mesh, radial_points, vertical_points
 from coilarray.errors import ElastomerError
@@ -107,6 +107,11 @@ class ContactGrid:
         return np.array([[u[line[k]] for line in self.lines] for k in range(2)])
 
 
+def displacement_basis(mesh: MeshQuad) -> Any:
+    """Biquadratic displacement on rectangles in (r, z)."""
+    return Basis(mesh, ElementVector(ElementQuad2()), intorder=_QUADRATURE)
+
+
 def contact_grid(
     stack: Stack, symmetry: Symmetry, zone: ContactZone, base: Base | Seat, radius: float | None, mesh: ContactMesh
 ) -> ContactGrid:
@@ -120,12 +125,12 @@ def contact_grid(
     r, z = radial_points(zone, 1.0, end, mesh), vertical_points(zone, levels, mesh)
     grid = contact_mesh(r, z)
     sheet = np.searchsorted(levels[1:-1], grid.p[1, grid.t].mean(axis=0))
-    basis = Basis(grid, ElementVector(ElementQuad2()), intorder=_QUADRATURE)
+    basis = displacement_basis(grid)
     shear = stack.shear[sheet]
 
     springs = sparse.csr_array((basis.N, basis.N))
     if radius is None:
-        springs = springs + _far_field(basis, symmetry, shear)
+        springs = springs + far_field(basis, symmetry, shear)
     axis = basis.get_dofs("axis").all("u^1")
     if isinstance(base, Seat):
         springs = springs + _seat(basis, symmetry, base, stack.length / stack.stress)
@@ -175,7 +180,7 @@ def _seat(basis: Any, symmetry: Symmetry, seat: Seat, unit: float) -> Any:
     return BilinearForm(form).assemble(bottom)
 
 
-def _far_field(basis: Any, symmetry: Symmetry, shear: FloatArray) -> Any:
+def far_field(basis: Any, symmetry: Symmetry, shear: FloatArray) -> Any:
     """Outer edge of a wide body: ∫2μ u_r/r v_r w, the traction under which u_r = B/r (plane: constant) goes on."""
     edge = basis.boundary("outer")
 

@@ -129,8 +129,7 @@ def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
     """Take the shape of the sheets from an indentation at one depth.
 
     It is selected from those of `coilarray.elastomer.contact.indent`. A face goes through its displaced points (r +
-    u_r, z + u_z), those of linear elasticity through (r, z + u_z), which keeps the volume of incompressible sheets;
-    between them its height is a cubic spline. Beyond the last one it comes back to its flat height
+    u_r, z + u_z); between them its height is a cubic spline. Beyond the last one it comes back to its flat height
     within a thickness of the stack: the field takes the sheets for wide. ElastomerError for a dataset of several depths
     or of other sheets, or a face that folds over.
     """
@@ -140,9 +139,7 @@ def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
     if faces[1:] != [sheet.name for sheet in sheets]:
         raise ElastomerError(f"the indentation is of the sheets {faces[1:]}; got {[sheet.name for sheet in sheets]}.")
     r = indentation.r.values
-    displaced = r[:, None] + np.zeros(len(faces))
-    if indentation.attrs["strain"] == "finite":
-        displaced = displaced + indentation.displacement_r.transpose("r", "interface").values
+    displaced = r[:, None] + indentation.displacement_r.transpose("r", "interface").values
     upwards = indentation.displacement_z.transpose("r", "interface").values
     displaced[0] = 0.0
     # beyond what is known, the influence has died out or the sample ends: back to level within a thickness of the stack

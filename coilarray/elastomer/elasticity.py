@@ -30,8 +30,9 @@ IndexArray = npt.NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class ElasticBody:
-    """A body whose elastic system is assembled and factorised."""
+    """A body whose elastic system is assembled and factorised; `basis` is that of the displacement, n functions."""
 
+    basis: Any
     _free: IndexArray
     _solve: Callable[[FloatArray], FloatArray]
     _unknowns: int
@@ -56,7 +57,7 @@ def elastic_body(
     stiffness, divergence, bulk = _blocks(basis, symmetry, shear, squash)
     system = sparse.block_array([[stiffness + springs, divergence.T], [divergence, bulk]]).tocsc()
     free = np.setdiff1d(np.arange(system.shape[0]), held)
-    return ElasticBody(free, splu(system[free][:, free]).solve, system.shape[0])
+    return ElasticBody(basis, free, splu(system[free][:, free]).solve, system.shape[0])
 
 
 def elastic_grid(grid: ContactGrid) -> ElasticBody:

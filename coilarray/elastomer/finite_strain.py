@@ -99,7 +99,6 @@ class Pressed:
     p: FloatArray
     f: FloatArray
 
-
     def moved(self, step: _Vector, share: float) -> Pressed:
         """Return the state after a share of a step."""
         return replace(self, u=self.u + share * step.u, p=self.p + share * step.p, f=self.f + share * step.f)
@@ -180,7 +179,7 @@ class SoftBody:
 
     @cached_property
     def _band(self) -> tuple[int, IndexArray, BoolArray]:
-        """Band width of the ordered stiffness, place of each element's entry in the band, and which of them are free."""
+        """Half width of the ordered stiffness, place of each element's entry in the band, and which are free."""
         place = np.full(self._count, -1)
         place[self._order] = np.arange(len(self._order))
         at = place[self._dofs]

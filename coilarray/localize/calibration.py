@@ -15,7 +15,7 @@ from scipy.stats import t as student
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
-from coilarray.elastomer.compliance import Base
+from coilarray.elastomer.contact_grid import Base
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import LocalizeError
 from coilarray.localize.distortion import ellipse_curves

@@ -11,8 +11,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.design.model import Design, Indentation
-from coilarray.elastomer.compliance import Base
 from coilarray.elastomer.contact import indent
+from coilarray.elastomer.contact_grid import Base
 from coilarray.elastomer.dent import Dent, dent_of
 from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
 from coilarray.errors import ElastomerError

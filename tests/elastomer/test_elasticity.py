@@ -14,12 +14,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 from scipy.special import j0, jn_zeros
 from skfem import Functional, LinearForm, MeshQuad
 
-from coilarray.elastomer.compliance import compliance, stack_of
+from coilarray.elastomer.compliance import compliance
+from coilarray.elastomer.contact_grid import contact_grid, displacement_basis, far_field, hoop_strain, stack_of, weight
 from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone, contact_mesh, graded, radial_points
-from coilarray.elastomer.elasticity import elastic_body, hoop_strain, weight
+from coilarray.elastomer.elasticity import elastic_body
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Paraboloid, Sheet
 
@@ -45,7 +47,9 @@ BONDED, SLIDING = ["u^1", "u^2"], ["u^2"]
 
 def body_of(mesh, symmetry, nu, held, wide=False):
     mu, squash = (np.full(mesh.nelements, value) for value in constants(nu))
-    return elastic_body(mesh, symmetry, mu, squash, held, wide=wide)
+    basis = displacement_basis(mesh)
+    springs = far_field(basis, symmetry, mu) if wide else csr_array((basis.N, basis.N))
+    return elastic_body(basis, symmetry, mu, squash, springs, held(basis))
 
 
 def pressed(body, symmetry, pressure):
@@ -177,7 +181,8 @@ def test_sliding_layer_goes_on_beyond_a_wide_mesh(symmetry):
 def small_system(base="bonded", nu=0.5, radius=None):
     sheets = [Sheet("soft", 3.0, 1.0, 1e5, nu), Sheet("stiff", 1.0, 1.0, 3e5, nu)]
     zone = ContactZone(0.2, 0.2, 0.5)
-    return compliance(stack_of(sheets), Paraboloid(1.0), zone, base, radius, ContactMesh(8, 1.5))
+    stack = stack_of(sheets)
+    return compliance(stack, Paraboloid(1.0), contact_grid(stack, "axial", zone, base, radius, ContactMesh(8, 1.5)))
 
 
 @pytest.mark.parametrize("base", ["bonded", "frictionless"])
@@ -191,15 +196,16 @@ def test_compliance_is_symmetric_and_positive(base, radius):
 
 def test_surfaces_of_the_compliance_are_in_units_of_the_stack():
     system = small_system()
-    assert system.heights == pytest.approx([0.0, 0.75, 1.0], rel=1e-15)
-    assert system.surfaces.shape == (2, 3, len(system.r), len(system.hats))
+    grid = system.grid
+    assert system.surfaces.shape == (2, 3, len(grid.r), len(grid.radii))
     assert not system.surfaces[:, 0].any()  # bonded to the board
     assert not system.surfaces[0, :, 0].any()  # on the axis
-    assert (np.diff(system.r) > 0).all()
-    assert system.hats[-1] == 0.5
+    assert (np.diff(grid.r) > 0).all()
+    assert grid.radii[-1] == 0.5
     stack = stack_of([Sheet("a", 3e-3, 1.0, 1e5, 0.5), Sheet("b", 1e-3, 1.0, 4e5, 0.25)])
     assert (stack.length, stack.stress) == (4e-3, 4e5)
     assert stack.thicknesses == pytest.approx([0.75, 0.25], rel=1e-15)
+    assert stack.levels == pytest.approx([-1.0, -0.25, 0.0], rel=1e-15)
     assert stack.shear == pytest.approx([0.25 / 3, 1 / 2.5], rel=1e-15)
     assert stack.squash == pytest.approx([0.0, 1.5], abs=1e-15)
 

@@ -2,16 +2,17 @@
 
 Who checks whom:
 
-    quantity             closed form                      identity                          other model
-    force                uniform compression of a disc    F = dU/dδ                         reference of shared/physics.md
-    displacement         the same, plane and axial        no volume lost at ν = 0.5         linear for a small depth
-    contact                                               gap and force exclude each other  finer mesh, order
-    seat                 disc on springs                  stiff: bonded, frictionless       a thin soft sheet
+    quantity        closed form                      identity                      other model
+    force           uniform compression of a disc    steps do not matter           another program's neo-Hookean contact
+    displacement    the same, plane and axial        no volume lost at ν = 0.5     linear for a small depth
+    contact                                          nothing inside the indenter   finer mesh, order
+    seat            disc on springs                  stiff: bonded, frictionless   a thin soft sheet
 """
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -36,6 +37,10 @@ BALL = Hemisphere(2.5e-3)
 
 def sheet(thickness=8e-3, modulus=1e5, nu=0.5, name="layer"):
     return Sheet(name, thickness, 1.0, modulus, nu)
+
+
+def finite(sheets, indenter, depths, **options):
+    return indent(sheets, indenter, depths, **{"strain": "finite", **options})
 
 
 PAPER = [sheet(6e-3, 1e5, 0.4999, "base"), sheet(2e-3, 3e5, 0.4999, "magnetic")]
@@ -81,8 +86,8 @@ def test_uniform_compression_by_a_third_is_exact(nu, symmetry):
 
 
 def test_reference():
-    """shared/physics.md: a neo-Hookean contact of the paper's sheets with two meshes that agree to 0.2 %."""
-    found = indent(PAPER, BALL, 1e-3).isel(depth=0)
+    """The paper's sheets in another program: neo-Hookean, mixed elements, two meshes that agree to 0.2 %."""
+    found = finite(PAPER, BALL, 1e-3).isel(depth=0)
     assert float(found.force) == pytest.approx(5.607e-6 * 1e5, rel=2e-3)
     assert float(found.displacement_z.sel(interface="base")[0]) == pytest.approx(-0.600e-3, rel=2e-3)
     # its contact radius of 1.457 mm is known to half an element of some 4 %
@@ -97,14 +102,14 @@ def volume_above(found, k):
     r = found.r.values + found.displacement_r.values[k]
     r[0] = 0.0
     height = CubicSpline(r, found.displacement_z.values[k], bc_type="not-a-knot")
-    fine = np.concatenate([np.linspace(a, b, 9)[:-1] for a, b in zip(r[:-1], r[1:], strict=True)] + [r[-1:]])
+    fine = np.concatenate([np.linspace(a, b, 9)[:-1] for a, b in pairwise(r)] + [r[-1:]])
     return 2 * math.pi * trapezoid(fine * height(fine), fine)
 
 
 @pytest.mark.parametrize("base", ["bonded", Seat(4.3e6)])
 def test_incompressible_sheets_keep_their_volume(base):
     sheets = [sheet(6e-3, 1e5, 0.5, "base"), sheet(2e-3, 3e5, 0.5, "magnetic")]
-    found = indent(sheets, BALL, 1e-3, base=base).isel(depth=0)
+    found = finite(sheets, BALL, 1e-3, base=base).isel(depth=0)
     board, base_top, top = (volume_above(found, k) for k in range(3))
     out = float(found.displacement_r[0, -1]) * 2 * math.pi * float(found.r[-1])  # what leaves at the edge, per height
     moved = math.pi * 1.4e-3**2 * 1e-3  # about the volume that the tip takes
@@ -113,36 +118,46 @@ def test_incompressible_sheets_keep_their_volume(base):
     assert top - base_top + out * 2e-3 == pytest.approx(0, abs=1e-3 * moved)
 
 
-def test_force_is_the_slope_of_the_work():
+def test_steps_do_not_matter():
     """The contact has no friction, so that the work does not depend on the steps in which it is done."""
     depths = np.linspace(0.1e-3, 1e-3, 10)
-    once = indent(PAPER, BALL, depths[[-1]], mesh=COARSE)
-    steps = indent(PAPER, BALL, depths, mesh=COARSE)
+    once = finite(PAPER, BALL, depths[[-1]], mesh=COARSE)
+    steps = finite(PAPER, BALL, depths, mesh=COARSE)
     # the meshes differ in the size of the elements at the tip
     assert float(steps.force[-1]) == pytest.approx(float(once.force[0]), rel=2e-3)
-    assert (np.diff(steps.force) > 0).all() and (np.diff(steps.contact_radius) > 0).all()
+    assert (np.diff(steps.force) > 0).all()
+    assert (np.diff(steps.contact_radius) > 0).all()
 
 
-@pytest.mark.parametrize("indenter", [BALL, Paraboloid(2.5e-3), Cone(1.2), FlatPunch(1.5e-3), CylinderEdge(2.5e-3)])
-@pytest.mark.parametrize("base", ["bonded", "frictionless", Seat(5e6, 1e6)])
+@pytest.mark.parametrize(
+    ("indenter", "base"),
+    [
+        (BALL, "bonded"), (Paraboloid(2.5e-3), "frictionless"), (Cone(1.5), "bonded"), (Cone(1.5, 0.2e-3), "bonded"),
+        (FlatPunch(1.5e-3), "bonded"), (CylinderEdge(2.5e-3), "frictionless"), (BALL, Seat(5e6, 1e6)),
+    ],
+)  # fmt: skip
 def test_a_touch_is_linear(indenter, base):
     depth = 2e-5
-    found, linear = (indent(PAPER, indenter, depth, base=base, strain=strain, mesh=COARSE) for strain in ("finite", "linear"))
-    sharp = isinstance(indenter, FlatPunch)
-    # corrections are of the order of depth/contact radius: 0.1 of it for the ball; a rounded edge is worth half its radius
-    assert float(found.force[0]) == pytest.approx(float(linear.force[0]), rel=0.02 if sharp else 0.01)
-    difference = found.displacement_z.values - linear.displacement_z.values
-    assert np.abs(difference).max() < 0.03 * depth
+    options = {"base": base, "mesh": COARSE}
+    found, linear = (indent(PAPER, indenter, depth, strain=strain, **options) for strain in ("finite", "linear"))
+    # corrections are of the order of the slope, squared; a rounded edge of 2 % takes as much of the contact's radius
+    rounded = 0.03 if isinstance(indenter, FlatPunch) else 0.01
+    assert float(found.force[0]) == pytest.approx(float(linear.force[0]), rel=rounded)
+    difference = found.displacement_z.values[0, 1] - linear.displacement_z.values[0, 1]
+    assert np.abs(difference).max() < rounded * depth
 
 
-def test_force_converges_with_the_mesh():
+def test_force_converges_with_order_2():
+    depths = np.linspace(0.6e-3, 1e-3, 6)  # for edges anywhere in an element
     meshes = [ContactMesh(6, 2.0, 15)]
     for _ in range(2):
         meshes.append(meshes[-1].refined())
-    coarse, middle, fine = (float(indent(PAPER, BALL, 1e-3, mesh=mesh).force[0]) for mesh in meshes)
-    # the pressure's edge, √(a − r), falls inside an element of size h: its force is uncertain by h^1.5 to h^2.5
-    assert abs(fine / middle - 1) < abs(middle / coarse - 1)
-    assert fine == pytest.approx(0.56067, rel=1e-3)
+    forces = [finite(PAPER, BALL, depths, mesh=mesh).force.values for mesh in meshes]
+    coarse, fine = (np.sqrt(np.mean((force / forces[-1] - 1) ** 2)) for force in forces[:-1])
+    # the pressure's edge, √(a − r), falls inside an element of size h: its force is uncertain by h^1.5 to h^2.5; the
+    # finest mesh stands for the exact one, which adds log2(1 + 1/4 …) = 0.3 to order 2
+    assert 1.5 <= np.log2(coarse / fine) <= 2.8
+    assert forces[-1][-1] == pytest.approx(0.5607, rel=2e-3)
 
 
 @settings(max_examples=5)
@@ -150,13 +165,14 @@ def test_force_converges_with_the_mesh():
 def test_no_point_is_inside_the_indenter(radius, share, ratio, nu):
     sheets = [sheet(5e-3, 1e5, nu, "a"), sheet(2e-3, 1e5 * ratio, nu, "b")]
     depth = share * radius
-    found = indent(sheets, Hemisphere(radius), depth, mesh=COARSE).isel(depth=0)
+    found = finite(sheets, Hemisphere(radius), depth, mesh=COARSE).isel(depth=0)
     r = np.abs(found.r.values + found.displacement_r.values[-1])
     near = r < radius / 2
     gap = Hemisphere(radius).profile(r[near]) - depth - found.displacement_z.values[-1][near]
     # gaps are closed in the mean over a hat: between its nodes they waver by the curvature of an element
     assert gap.min() > -0.01 * depth
-    assert float(found.force) > 0 and 0 < float(found.contact_radius) < radius
+    assert float(found.force) > 0
+    assert 0 < float(found.contact_radius) < radius
 
 
 # seat
@@ -181,15 +197,19 @@ def test_a_stiff_seat_is_a_board(strain, shear, base):
 @pytest.mark.parametrize("strain", ["linear", "finite"])
 def test_a_thin_soft_film_is_a_seat(strain):
     """A film of thickness t, ν = 0 and modulus E: stiffness E/t, shear G/t = E/2t, to the order of t over the waves."""
-    t, E = 0.1e-3, 430.0
+    t, E, depth = 0.3e-3, 1290.0, 0.05e-3
     film = [sheet(t, E, 0.0, "film"), *PAPER]
-    soft = indent(film, BALL, 0.5e-3, strain=strain, mesh=COARSE)
-    seat = indent(PAPER, BALL, 0.5e-3, base=Seat(E / t, E / 2 / t), strain=strain, mesh=COARSE)
-    bound = 0.02 if strain == "linear" else 0.05  # pressed together by a third, the film itself stiffens
-    assert float(seat.force[0]) == pytest.approx(float(soft.force[0]), rel=bound)
+    soft = indent(film, BALL, depth, strain=strain, mesh=COARSE)
+    seat = indent(PAPER, BALL, depth, base=Seat(E / t, E / 2 / t), strain=strain, mesh=COARSE)
+    assert float(seat.force[0]) == pytest.approx(float(soft.force[0]), rel=0.02)
+    assert seat.displacement_z.values[0, -1, 0] == pytest.approx(soft.displacement_z.values[0, -1, 0], rel=0.02)
+    sinking = (seat.displacement_z[0, 0, 0], soft.displacement_z[0, 1, 0])
+    assert float(sinking[0]) == pytest.approx(float(sinking[1]), rel=0.02)
 
 
-@pytest.mark.parametrize(("stiffness", "shear"), [(0.0, 0.0), (-1.0, 0.0), (math.inf, 0.0), (1e6, -1.0), (1e6, math.nan)])
+@pytest.mark.parametrize(
+    ("stiffness", "shear"), [(0.0, 0.0), (-1.0, 0.0), (math.inf, 0.0), (1e6, -1.0), (1e6, math.nan)]
+)
 def test_a_seat_needs_sound_numbers(stiffness, shear):
     with pytest.raises(GeometryError, match="stiffness of a seat must be"):
         Seat(stiffness, shear)
@@ -198,7 +218,9 @@ def test_a_seat_needs_sound_numbers(stiffness, shear):
 # outline
 
 
-@pytest.mark.parametrize("indenter", [BALL, Paraboloid(2.5e-3), Cone(1.2, 2e-3), Cone(0.7), FlatPunch(1.5e-3), CylinderEdge(1e-3)])
+@pytest.mark.parametrize(
+    "indenter", [BALL, Paraboloid(2.5e-3), Cone(1.2, 2e-3), Cone(0.7), FlatPunch(1.5e-3), CylinderEdge(1e-3)]
+)
 def test_an_outline_follows_its_profile_and_its_derivatives(indenter):
     outline = Outline(indenter, 1e-3)
     r = np.linspace(1e-3, 4, 4001)
@@ -209,9 +231,11 @@ def test_an_outline_follows_its_profile_and_its_derivatives(indenter):
     smooth = np.abs(np.diff(bend, prepend=bend[0])) < 0.1 * (1 + np.abs(bend))  # not where the arc begins or ends
     difference = (outline(r + step)[0] - outline(r - step)[0]) / (2 * step)
     assert slope[smooth] == pytest.approx(difference[smooth], rel=1e-6, abs=1e-8)
-    assert bend[smooth] == pytest.approx(((outline(r + step)[1] - outline(r - step)[1]) / (2 * step))[smooth], rel=1e-5, abs=1e-6)
+    assert bend[smooth] == pytest.approx(
+        ((outline(r + step)[1] - outline(r - step)[1]) / (2 * step))[smooth], rel=1e-5, abs=1e-6
+    )
 
 
 def test_a_depth_beyond_what_the_mesh_can_follow_is_refused():
     with pytest.raises(ElastomerError, match="the contact converges up to a depth of"):
-        indent([sheet(2e-3)], FlatPunch(0.3e-3), 1.9e-3, mesh=COARSE)
+        finite([sheet(2e-3)], FlatPunch(0.3e-3), 1.9e-3, mesh=COARSE)
