@@ -1,16 +1,8 @@
-"""The files, pictures and page of an optimisation.
-
-What                              checked against
-trials.csv, result.json           the trials themselves
-best.toml, pareto_NN.toml         `load_design`, and the quantities of what it reads
-pictures                          the numbers that they were given
-report.html                       the trials; that it needs no other file
-"""
+"""The files, pictures and page of an optimisation."""
 
 from __future__ import annotations
 
 import csv
-import io
 import json
 import re
 
@@ -73,28 +65,24 @@ def quantities(change):
     }
 
 
+def searched(starter, folders, goal):
+    return optimize_with(starter, parse_goal(goal), folders.mktemp("search"), StandIn(quantities))
+
+
 @pytest.fixture(scope="module")
 def single(starter, tmp_path_factory):
-    goal = parse_goal(GOAL.format(second="", trials=48))
-    return optimize_with(starter, goal, tmp_path_factory.mktemp("single"), StandIn(quantities))
+    return searched(starter, tmp_path_factory, GOAL.format(second="", trials=48))
 
 
 @pytest.fixture(scope="module")
 def double(starter, tmp_path_factory):
-    goal = parse_goal(GOAL.format(second=SECOND, trials=48).replace("polish = 6", ""))
-    return optimize_with(starter, goal, tmp_path_factory.mktemp("double"), StandIn(quantities))
-
-
-def table(text):
-    return list(csv.DictReader(io.StringIO(text)))
+    return searched(starter, tmp_path_factory, GOAL.format(second=SECOND, trials=48).replace("polish = 6", ""))
 
 
 @pytest.mark.slow
 def test_csv_has_every_trial(single, tmp_path):
     write_optimization(single, tmp_path)
-    rows = table((tmp_path / "trials.csv").read_text(encoding="utf-8"))
-    assert len(rows) == 1 + len(single.trials)
-    start, *others = rows
+    start, *others = csv.DictReader((tmp_path / "trials.csv").read_text(encoding="utf-8").splitlines())
     assert (start["kind"], start["array.columns"], start["array.pitch_mm"]) == ("start", "3", "11.0")
     assert json.loads(start["array.layers"]) == [["L1", "L2"], ["L3", "L4"]]
     for row, trial in zip(others, single.trials, strict=True):
@@ -102,8 +90,7 @@ def test_csv_has_every_trial(single, tmp_path):
         assert row["accuracy"] == trial.accuracy
         assert (row["feasible"], row["front"]) == (str(trial.feasible), str(trial is single.best))
         assert float(row["array.pitch_mm"]) == trial.changes["array.pitch_mm"]  # to the last bit
-        for key, value in trial.quantities.items():
-            assert float(row[key]) == value
+        assert {key: float(row[key]) for key in trial.quantities} == trial.quantities
         assert trial.quantities or row["span_mm"] == ""
 
 
