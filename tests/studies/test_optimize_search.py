@@ -26,22 +26,12 @@ pytestmark = pytest.mark.slow
 GOAL = """
 schema = 1
 {watch}
-[[variable]]
-entry = "array.pitch_mm"
-low = 10
-high = 16
-[[variable]]
-entry = "elastomer.0.thickness_mm"
-low = 2
-high = 20
-log = true
-[[variable]]
-entry = "array.columns"
-low = 2
-high = 9
-[[variable]]
-entry = "circuit.default_termination"
-choices = ["short", "open"]
+variable = [
+  {{ entry = "array.pitch_mm", low = 10, high = 16 }},
+  {{ entry = "elastomer.0.thickness_mm", low = 2, high = 20, log = true }},
+  {{ entry = "array.columns", low = 2, high = 9 }},
+  {{ entry = "circuit.default_termination", choices = ["short", "open"] }},
+]
 {wanted}
 [search]
 trials = {trials}
@@ -113,9 +103,10 @@ def test_start_comes_first_where_it_lies_inside(design, tmp_path):
 
 
 @pytest.mark.parametrize(("sampler", "wanted"), [
-    ("tpe", LEAST + BOUND), ("nsga2", LEAST + MOST + BOUND), ("nsga3", LEAST + MOST), ("qmc", LEAST),
+    ("tpe", LEAST + BOUND), ("nsga2", LEAST + MOST + BOUND), ("nsga3", LEAST + MOST), ("qmc", LEAST), ("cmaes", LEAST),
 ])  # fmt: skip
 def test_same_points_however_it_is_run(design, tmp_path, sampler, wanted):
+    pytest.importorskip("cmaes" if sampler == "cmaes" else "optuna")
     goal = goal_of(wanted, sampler, trials=18)
     whole = optimize_with(design, goal, tmp_path / "whole", Points())
     assert len({json.dumps(trial.changes) for trial in whole.trials}) > 14  # not one point again and again
@@ -290,15 +281,6 @@ def test_missing_libraries(design, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "optuna", None)
     with pytest.raises(MissingDependencyError, match=r"coilarray\[optimize\]"):
         optimize_with(design, goal_of(), tmp_path, Points())
-
-
-def test_cmaes(design, tmp_path):
-    pytest.importorskip("cmaes")
-    goal = goal_of(sampler="cmaes", trials=40)
-    whole = optimize_with(design, goal, tmp_path / "a", Points())
-    with pytest.raises(KeyboardInterrupt):
-        optimize_with(design, goal, tmp_path / "b", Points(end=17))
-    assert points_of(optimize_with(design, goal, tmp_path / "b", Points())) == points_of(whole)
 
 
 SCORES = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4), st.booleans()), max_size=12)
