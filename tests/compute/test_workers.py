@@ -49,11 +49,6 @@ def test_every_item_has_its_outcome_once(pool):
     assert list(pool.run(tasks.square, [])) == []
 
 
-def test_this_process_keeps_the_order():
-    with workers() as pool:
-        assert [index for index, _ in pool.run(tasks.square, range(9))] == list(range(9))
-
-
 def test_what_is_refused_is_one_line_and_the_others_go_on(pool):
     outcomes = dict(pool.run(tasks.refuse_odd, range(6)))
     assert outcomes == {k: f"{k} is odd." if k % 2 else {"half": k / 2} for k in range(6)}
@@ -92,9 +87,10 @@ def test_items_are_read_as_there_is_room(pool):
     assert pool.capacity == (1 if isinstance(pool, InProcess) else 2 * IN_FLIGHT)
 
 
-def test_an_item_may_depend_on_earlier_outcomes():
+def test_this_process_keeps_the_order_so_that_an_item_may_depend_on_earlier_outcomes():
     found = [2]
     with workers() as pool:
+        assert [index for index, _ in pool.run(tasks.square, range(9))] == list(range(9))
         for _, outcome in pool.run(tasks.square, (found[-1] for _ in range(4))):
             found.append(outcome)
     assert found == [2, 4, 16, 256, 65536]
