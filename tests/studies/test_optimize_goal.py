@@ -18,6 +18,7 @@ from coilarray.studies.optimize.study_file import study_name
 
 PITCH = '[[variable]]\nentry = "array.pitch_mm"\nlow = 11\nhigh = 14\n'
 LEAST = '[[objective]]\nquantity = "rms_k"\ndirection = "minimize"\n'
+GOOD = "schema = 1\n" + PITCH + LEAST
 
 
 def goal_of(*parts, head="schema = 1\n") -> Goal:
@@ -93,25 +94,25 @@ def test_what_tells_studies_apart(design):
     ("schema = 1\n" + PITCH + "step = 0.5\nlog = true\n" + LEAST, "variable.0 may have step or log, not both"),
     ("schema = 1\n" + PITCH.replace("11", "0") + "log = true\n" + LEAST, "variable.0 needs low above 0"),
     ("schema = 1\n" + PITCH + PITCH + LEAST, "the goal names the entry array.pitch_mm in more than one variable"),
-    ("schema = 1\n" + PITCH + LEAST + LEAST, "the goal needs objectives of different quantities"),
+    (GOOD + LEAST, "the goal needs objectives of different quantities"),
     ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1]\n" + LEAST, "variable.0.choices must have at least 2"),
     ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1, 1]\n" + LEAST, "variable.0 needs choices that differ"),
     ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [12, 12.0]\n" + LEAST, "variable.0 needs choices that differ"),
     ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [[1], [1.0]]\n" + LEAST, "needs choices that differ"),
     ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1, 1979-05-27]\n" + LEAST, "choices that are numbers"),
-    ("schema = 1\n" + PITCH + LEAST.replace("rms_k", "rms_q"),
+    (GOOD.replace("rms_k", "rms_q"),
      "objective.0.quantity cannot be: there is no quantity 'rms_q'; did you mean rms_k?"),
-    ("schema = 1\n" + PITCH + LEAST.replace('"rms_k"', "7"), "objective.0.quantity cannot be: a quantity must be"),
-    ("schema = 1\n" + PITCH + LEAST.replace('"rms_k"', '"k"'), "objective.0.quantity cannot be: k needs the"),
-    ("schema = 1\n" + PITCH + LEAST + "target = 1\n", "objective.0 needs exactly one of direction"),
-    ("schema = 1\n" + PITCH + LEAST.replace("minimize", "least"), "direction must be 'minimize' or 'maximize'"),
-    ("schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity = 'q'", "constraint.0 needs at_least, at_most"),
-    ("schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity = 'q'\nat_least = 2\nat_most = 1",
+    (GOOD.replace('"rms_k"', "7"), "objective.0.quantity cannot be: a quantity must be"),
+    (GOOD.replace('"rms_k"', '"k"'), "objective.0.quantity cannot be: k needs the"),
+    (GOOD + "target = 1\n", "objective.0 needs exactly one of direction"),
+    (GOOD.replace("minimize", "least"), "direction must be 'minimize' or 'maximize'"),
+    (GOOD + "[[constraint]]\nquantity = 'q'", "constraint.0 needs at_least, at_most"),
+    (GOOD + "[[constraint]]\nquantity = 'q'\nat_least = 2\nat_most = 1",
      "constraint.0 needs at_least up to at_most; got 2 and 1"),
-    ("schema = 1\n" + PITCH + LEAST + "[search]\ntrials = 0", "search.trials must be at least 1; got 0"),
-    ("schema = 1\n" + PITCH + LEAST + "[search]\nseed = -1", "search.seed must be at least 0; got -1"),
-    ("schema = 1\n" + PITCH + LEAST + "[search]\nsampler = 'best'", "search.sampler must be 'tpe', 'nsga2'"),
-    ("schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity='q'\nat_least=1\n[search]\nsampler = 'cmaes'",
+    (GOOD + "[search]\ntrials = 0", "search.trials must be at least 1; got 0"),
+    (GOOD + "[search]\nseed = -1", "search.seed must be at least 0; got -1"),
+    (GOOD + "[search]\nsampler = 'best'", "search.sampler must be 'tpe', 'nsga2'"),
+    (GOOD + "[[constraint]]\nquantity='q'\nat_least=1\n[search]\nsampler = 'cmaes'",
      "the goal has the sampler cmaes, which takes one objective and no constraints"),
     ("schema = ", "goal: not valid TOML"), ("schema = 1\nx = " + "[" * 5000, "goal: not valid TOML"),
 ])  # fmt: skip
