@@ -44,16 +44,12 @@ assumed = { etch = "a guess" }
 def test_every_table_is_read_in_si():
     read = parse_tolerances(EVERY_TABLE)
     wanted = {
-        "etch": Spread("normal", 5e-6, 2.5e-6),
+        "etch": Spread("normal", 5e-6, 2.5e-6), "rotation": Spread("normal", 0.0, 0.2e-3),
         "registration": Spread("uniform", 0.0, 30e-6 / math.sqrt(3)),  # a half width
-        "rotation": Spread("normal", 0.0, 0.2e-3),
-        "dielectric": Spread("normal", 0.03, 0.0),
-        "copper": Spread("normal", 0.0, 0.04),
-        "placement": Spread("normal", 0.1e-3, 0.0),
-        "permeability": Spread("normal", 0.05, 0.0),
-        "elastomer": Spread("normal", 0.0, 0.05e-3),
-        "capacitance": Spread("uniform", 0.05 / math.sqrt(3), 0.0),
-    }
+        "dielectric": Spread("normal", 0.03, 0.0), "copper": Spread("normal", 0.0, 0.04),
+        "placement": Spread("normal", 0.1e-3, 0.0), "permeability": Spread("normal", 0.05, 0.0),
+        "elastomer": Spread("normal", 0.0, 0.05e-3), "capacitance": Spread("uniform", 0.05 / math.sqrt(3), 0.0),
+    }  # fmt: skip
     assert read.spreads.keys() == wanted.keys()
     for name, spread in wanted.items():
         found = read.spreads[name]
