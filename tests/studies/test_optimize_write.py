@@ -26,30 +26,19 @@ GOAL = """
 schema = 1
 title = "Smaller & better"
 watch = ["fab_broken"]
-[[variable]]
-entry = "array.pitch_mm"
-low = 8
-high = 13
-[[variable]]
-entry = "array.columns"
-low = 2
-high = 4
-[[variable]]
-entry = "array.layers"
-choices = [[["L1", "L2"], ["L3", "L4"]], [["L1", "L3"], ["L2", "L4"]]]
-[[objective]]
-quantity = "board_area_mm2"
-direction = "minimize"
-{second}
-[[constraint]]
-quantity = "span_mm"
-at_least = 30
+variable = [
+  {{ entry = "array.pitch_mm", low = 8, high = 13 }},
+  {{ entry = "array.columns", low = 2, high = 4 }},
+  {{ entry = "array.layers", choices = [[["L1", "L2"], ["L3", "L4"]], [["L1", "L3"], ["L2", "L4"]]] }},
+]
+objective = [{{ quantity = "board_area_mm2", direction = "minimize" }}, {second}]
+constraint = [{{ quantity = "span_mm", at_least = 30 }}]
 [search]
 trials = {trials}
 population = 8
 polish = 6
 """
-SECOND = '[[objective]]\nquantity = "worst_k"\ndirection = "minimize"\n'
+SECOND = '{ quantity = "worst_k", direction = "minimize" }'
 
 
 def quantities(change):
@@ -57,12 +46,9 @@ def quantities(change):
     if pitch > 12.5:
         return f"a pitch of {pitch:.2f} mm is too much."
     crossed = change.get("array.layers", [["L1", "L2"]])[0][1] == "L3"
-    return {
-        "board_area_mm2": 30.0 * pitch * columns,
-        "worst_k": 0.01 * abs(pitch - 10.0) + 0.001 * columns + 0.01 * crossed,
-        "span_mm": 16.0 + pitch * (columns - 1),
-        "fab_broken": 0.0,
-    }
+    worst = 0.01 * abs(pitch - 10.0) + 0.001 * columns + 0.01 * crossed
+    layout = {"board_area_mm2": 30.0 * pitch * columns, "span_mm": 16.0 + pitch * (columns - 1), "fab_broken": 0.0}
+    return {"worst_k": worst, **layout}
 
 
 def searched(starter, folders, goal):
