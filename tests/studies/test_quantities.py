@@ -33,12 +33,9 @@ LOOPS = """
 schema = 1
 name = "loops"
 stackup = { layers = ["top", "bottom"], copper_thickness_um = [35, 35], dielectric_thickness_mm = [1.5], dielectric_epsilon_r = [4.4] }
-[coils.square]
-shape = "path"
-trace_width_mm = 0.2
-gap_mm = 0.2
-terminals = false
-lines_mm = [[[-5, -5], [5, -5], [5, 5], [-5, 5], [-5, -4.5]]]
+coils.square = { shape = "path", trace_width_mm = 0.2, gap_mm = 0.2, terminals = false, lines_mm = [
+  [[-5, -5], [5, -5], [5, 5], [-5, 5], [-5, -4.5]],
+] }
 [array]
 lattice = "free"
 placements = [
@@ -68,10 +65,8 @@ def test_the_catalogue_says_what_everything_is():
 @pytest.mark.parametrize(("asked", "key"), [
     ("rms_k", "rms_k"), (" rms_k ", "rms_k"), ({"quantity": "rms_k"}, "rms_k"),
     ({"quantity": "k", "coils": ["coil1", "coil2"]}, "k[coil1,coil2]"),
-    ({"quantity": "k", "coils": ("coil2", "coil1")}, "k[coil2,coil1]"),
-    ("k[ coil1 , coil2 ]", "k[coil1,coil2]"),
-    ("q[coil=coil1]", "q[coil1]"),
-    ("fab_margin_mm[ hole spacing ]", "fab_margin_mm[hole spacing]"),
+    ({"quantity": "k", "coils": ("coil2", "coil1")}, "k[coil2,coil1]"), ("k[ coil1 , coil2 ]", "k[coil1,coil2]"),
+    ("q[coil=coil1]", "q[coil1]"), ("fab_margin_mm[ hole spacing ]", "fab_margin_mm[hole spacing]"),
     ("peak_delta[depth_mm=0.50,coil2]", "peak_delta[coil2,depth_mm=0.5]"),
     ({"quantity": "peak_delta", "depth_mm": 1, "coil": "coil2"}, "peak_delta[coil2,depth_mm=1]"),
     ("position_error_mm[noise=0.00001,depth_mm=1.0]", "position_error_mm[depth_mm=1,noise=1e-05]"),
@@ -274,11 +269,8 @@ def true():
 @pytest.mark.slow
 def test_circuit_is_that_of_the_scan(true):
     scan = scan_design(STARTER)
-    for name, variable, unit in (
-        ("effective_inductance_uH", "effective_inductance", 1e6),
-        ("frequency_MHz", "frequency", 1e-6),
-        ("q", "quality_factor", 1),
-    ):
+    inductance = ("effective_inductance_uH", "effective_inductance", 1e6)
+    for name, variable, unit in (inductance, ("frequency_MHz", "frequency", 1e-6), ("q", "quality_factor", 1)):
         for coil in STARTER.array.names:
             expected = float(scan[variable].sel(state=coil)) * unit
             assert request(f"{name}[{coil}]").value(true) == pytest.approx(expected, rel=1e-9), (name, coil)
