@@ -249,9 +249,8 @@ def test_the_address_must_have_its_form():
 
 def test_without_the_package_one_line_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    assert (
-        refused("tcp://127.0.0.1:8786") == "a cluster needs the package distributed: pip install 'coilarray[cluster]'."
-    )
+    line = refused("tcp://127.0.0.1:8786")
+    assert line == "a cluster needs the package distributed: pip install 'coilarray[cluster]'."
 
 
 def test_workers_and_scheduler_that_are_lost_end_the_run(tmp_path, monkeypatch, impatient, capfd):
@@ -273,9 +272,8 @@ def test_workers_and_scheduler_that_are_lost_end_the_run(tmp_path, monkeypatch, 
             running = pool.run(tasks.nap, [0.0, *[PATIENCE] * 3])
             assert next(running)[0] == 0
             worker.kill()
-            with pytest.raises(
-                ClusterError, match=r"all workers of the cluster are lost, and none came back within 1 s\."
-            ):
+            lost = r"all workers of the cluster are lost, and none came back within 1 s\."
+            with pytest.raises(ClusterError, match=lost):
                 next(running)
         worker = own.add_worker("--no-nanny")
         with workers(cluster=own.address) as pool:
