@@ -49,17 +49,9 @@ ETCH = "schema = 1\nothers = 'none'\n[etch]\nboard_um = 5\nlayer_um = 5\n"
 GOAL = """
 schema = 1
 title = "a search without the local solver"
-[[variable]]
-entry = "array.pitch_mm"
-low = 10.5
-high = 14.0
-[[objective]]
-quantity = "worst_k"
-direction = "minimize"
-[search]
-sampler = "random"
-seed = 1
-polish = 0
+variable = [{ entry = "array.pitch_mm", low = 10.5, high = 14.0 }]
+objective = [{ quantity = "worst_k", direction = "minimize" }]
+search = { sampler = "random", seed = 1, polish = 0 }
 """
 
 
