@@ -302,14 +302,9 @@ def test_a_design_without_a_circuit_model_still_has_a_report(tmp_path):
 schema = 1
 name = "hairpin"
 stackup = { layers = ["top"], copper_thickness_um = [35] }
-[coils.hairpin]
-shape = "path"
-trace_width_mm = 0.2
-gap_mm = 0.2
-lines_mm = [[[0, 0], [9, 0], [9, 4], [0, 4]]]
-[array]
-lattice = "free"
-placements = [{ name = "a", coil = "hairpin", layers = ["top"], x_mm = 0, y_mm = 0 }]
+coils.pin = { shape = "path", trace_width_mm = 0.2, gap_mm = 0.2, lines_mm = [[[0, 0], [9, 0], [9, 4], [0, 4]]] }
+array.lattice = "free"
+array.placements = [{ name = "a", coil = "pin", layers = ["top"], x_mm = 0, y_mm = 0 }]
 """
     seen = []
     made = drawn_report(parse_design(hairpin), tmp_path, progress=lambda *step: seen.append(step))
