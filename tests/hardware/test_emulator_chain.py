@@ -178,30 +178,24 @@ def test_one_coil_and_what_closes_the_others():
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("commanded", "connection", "measured"),
-    [
-        ({"coil2": 0x44}, "series", (("coil2", -1),)),  # turned round
-        ({"coil2": 0x22, "coil5": 0x44}, "parallel", (("coil2", 1), ("coil5", -1))),
-        # end a of coil1 on INA, end b of both on the spare net, end a of coil3 on INB
-        ({"coil1": 0x02 | 0x80, "coil3": 0x04 | 0x80}, "series", (("coil1", 1), ("coil3", -1))),
-    ],
-)
+@pytest.mark.parametrize(("commanded", "connection", "measured"), [
+    ({"coil2": 0x44}, "series", (("coil2", -1),)),  # turned round
+    ({"coil2": 0x22, "coil5": 0x44}, "parallel", (("coil2", 1), ("coil5", -1))),
+    # end a of coil1 on INA, end b of both on the spare net, end a of coil3 on INB
+    ({"coil1": 0x02 | 0x80, "coil3": 0x04 | 0x80}, "series", (("coil1", 1), ("coil3", -1))),
+])  # fmt: skip
 def test_coils_each_with_its_sense(commanded, connection, measured):
     state = seen(words(**commanded)).state
     assert (state.connection, state.measured) == (connection, measured)
 
 
-@pytest.mark.parametrize(
-    ("kind", "commanded"),
-    [
-        ("open", {}), ("open", {"coil1": 0x02}), ("short", {"coil1": 0x06}),
-        ("short", {"coil1": 0x02, "coil2": 0x04 | 0x02}), ("grounded", {"coil1": 0x23}),
-        ("grounded", {"coil1": 0x12}),  # through the coil
-        ("tangled", {"coil1": 0x22, "coil2": 0x82, "coil3": 0x88, "coil4": 0x28}),
-        ("tangled", {"coil1": 0x82, "coil2": 0x82, "coil3": 0x28}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("kind", "commanded"), [
+    ("open", {}), ("open", {"coil1": 0x02}), ("short", {"coil1": 0x06}),
+    ("short", {"coil1": 0x02, "coil2": 0x04 | 0x02}), ("grounded", {"coil1": 0x23}),
+    ("grounded", {"coil1": 0x12}),  # through the coil
+    ("tangled", {"coil1": 0x22, "coil2": 0x82, "coil3": 0x88, "coil4": 0x28}),
+    ("tangled", {"coil1": 0x82, "coil2": 0x82, "coil3": 0x28}),
+])  # fmt: skip
 def test_what_is_no_coil(kind, commanded):
     assert seen(words(**commanded)) == (kind, None)
 

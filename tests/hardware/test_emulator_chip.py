@@ -133,11 +133,10 @@ def test_undocumented_registers_and_more_than_16_bits_are_refused(address):
         chip.write(address, 0)
 
 
-@pytest.mark.parametrize(
-    ("address", "value"),
-    [(0x1A, 0x2800), (0x1A, 0x2901), (0x1A, 0x2803), (0x1B, 0x000F), (0x1B, 0x021F), (0x19, 0x0100), (0x19, 0x0002),
-     (0x14, 0x1402), (0x1E, 0x0001), (0x1C, 0x8001)],
-)  # fmt: skip
+@pytest.mark.parametrize(("address", "value"), [
+    (0x1A, 0x2800), (0x1A, 0x2901), (0x1A, 0x2803), (0x1B, 0x000F), (0x1B, 0x021F), (0x19, 0x0100), (0x19, 0x0002),
+    (0x14, 0x1402), (0x1E, 0x0001), (0x1C, 0x8001),
+])  # fmt: skip
 def test_reserved_bits_must_be_written_as_they_are(address, value):
     with pytest.raises(UndocumentedUse, match="reserved bits"):
         Chip().write(address, value)
@@ -545,24 +544,21 @@ def test_high_current_drives_a_small_resistance():
 # ---------------------------------------------------------------------------------------------- misuse
 
 
-@pytest.mark.parametrize(
-    ("registers", "config", "bench", "said"),
-    [
-        ({"DIVIDERS0": 0x0002}, AWAKE, {}, "divider 0"),
-        ({"DIVIDERS0": 0x1000}, AWAKE, {}, "divider 0"),
-        ({"DIVIDERS0": 0x1001}, AWAKE, {}, "at most 3.5e"),
-        ({"RCOUNT0": 4}, AWAKE, {}, "RCOUNT0 is 4"),
-        ({"SETTLE0": 13}, AWAKE, {}, "needs 14"),  # ⌈20·21.7/(16·2)⌉
-        ({"MUX": 0x020B}, AWAKE, {}, "DEGLITCH"),  # 33 MHz in the application table, not in the register's
-        ({}, AWAKE | EXTERNAL, {}, "CLKIN is grounded"),
-        ({"DIVIDERS0": 0x1001}, AWAKE | EXTERNAL, {"clkin": 40e6}, "at most 3.5e"),
-        ({}, AWAKE, {"sensors": {0: replace(GOOD, frequency=9e6)}}, "FIN_DIVIDER0 must be at least 2"),
-        ({"MUX": 0x820C, "SETTLE0": 3}, AWAKE, {}, "more than 3"),
-        ({"MUX": 0x820C, "RCOUNT0": 8}, AWAKE, {}, "RCOUNT0 is 8"),
-        ({"MUX": 0x820C}, AWAKE | 0x40, {}, "HIGH_CURRENT_DRV"),
-        ({}, AWAKE | 0x4000 | 0x40, {}, "HIGH_CURRENT_DRV"),
-    ],
-)
+@pytest.mark.parametrize(("registers", "config", "bench", "said"), [
+    ({"DIVIDERS0": 0x0002}, AWAKE, {}, "divider 0"),
+    ({"DIVIDERS0": 0x1000}, AWAKE, {}, "divider 0"),
+    ({"DIVIDERS0": 0x1001}, AWAKE, {}, "at most 3.5e"),
+    ({"RCOUNT0": 4}, AWAKE, {}, "RCOUNT0 is 4"),
+    ({"SETTLE0": 13}, AWAKE, {}, "needs 14"),  # ⌈20·21.7/(16·2)⌉
+    ({"MUX": 0x020B}, AWAKE, {}, "DEGLITCH"),  # 33 MHz in the application table, not in the register's
+    ({}, AWAKE | EXTERNAL, {}, "CLKIN is grounded"),
+    ({"DIVIDERS0": 0x1001}, AWAKE | EXTERNAL, {"clkin": 40e6}, "at most 3.5e"),
+    ({}, AWAKE, {"sensors": {0: replace(GOOD, frequency=9e6)}}, "FIN_DIVIDER0 must be at least 2"),
+    ({"MUX": 0x820C, "SETTLE0": 3}, AWAKE, {}, "more than 3"),
+    ({"MUX": 0x820C, "RCOUNT0": 8}, AWAKE, {}, "RCOUNT0 is 8"),
+    ({"MUX": 0x820C}, AWAKE | 0x40, {}, "HIGH_CURRENT_DRV"),
+    ({}, AWAKE | 0x4000 | 0x40, {}, "HIGH_CURRENT_DRV"),
+])  # fmt: skip
 def test_what_must_not_be_converted_with(registers, config, bench, said):
     chip = Chip(**bench)
     with pytest.raises(UndocumentedUse, match=said):  # noqa: PT012 - some show only when the sensor runs

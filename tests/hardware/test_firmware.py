@@ -368,42 +368,35 @@ def raising(error, verb=None, register=None):
     return fault
 
 
-@pytest.mark.parametrize(
-    ("command", "error"),
-    [
-        ("", "1"), ("hello", "1"), ("HELLOO", "1"), ("HELL", "1"), ("HELLO,1", "2"), ("PING,", "2"), ("START", "2"),
-        ("START,1", "2"), ("START,0000000G", "2"), ("START,000000000", "2"), ("START,80000000", "2"),
-        ("BEGIN,00,01", "2"), ("BEGIN,01,00", "2"), ("BEGIN,11,01", "2"), ("BEGIN,01,21", "2"),
-        ("BEGIN,1,1", "2"), ("BEGIN,0a,01", "2"), ("PEEK,8", "2"), ("PEEK,800", "2"),
-        ("WIRE,00,0000000000000000", "3"), ("SAFE,00", "3"), ("REG,08,FFFF", "3"), ("WAIT,00000000,00000001", "3"),
-        ("STATE,00,00,0000", "3"), ("COMMIT,0000", "3"), ("SCAN", "3"), ("START,00000000", "3"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("command", "error"), [
+    ("", "1"), ("hello", "1"), ("HELLOO", "1"), ("HELL", "1"), ("HELLO,1", "2"), ("PING,", "2"), ("START", "2"),
+    ("START,1", "2"), ("START,0000000G", "2"), ("START,000000000", "2"), ("START,80000000", "2"), ("BEGIN,00,01", "2"),
+    ("BEGIN,01,00", "2"), ("BEGIN,11,01", "2"), ("BEGIN,01,21", "2"), ("BEGIN,1,1", "2"), ("BEGIN,0a,01", "2"),
+    ("PEEK,8", "2"), ("PEEK,800", "2"), ("WIRE,00,0000000000000000", "3"), ("SAFE,00", "3"), ("REG,08,FFFF", "3"),
+    ("WAIT,00000000,00000001", "3"), ("STATE,00,00,0000", "3"), ("COMMIT,0000", "3"), ("SCAN", "3"),
+    ("START,00000000", "3"),
+])  # fmt: skip
 def test_errors_without_a_draft(fresh, command, error):
     assert re.fullmatch(rf"ERR,{error},[^,*]{{1,80}}", fresh.ask(command))
     assert fresh.mode == "u"
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "WIRE,06,0000000000000000", "WIRE,00,00000000000000", "WIRE,00,000000000000000000", "WIRE,00,000000000000000x",
-        "SAFE,1111111111", "SAFE,11111111111111", "SAFE,", "REG,09,0001", "REG,1A,3401", "REG,1A,5401", "REG,1A,1400",
-        "REG,1A,1501", "REG,1B,820C", "REG,1B,0000", "REG,14,0002", "REG,14,1000", "REG,14,1402", "REG,08,0004",
-        "REG,19,0100", "WAIT,00000002,00000001", "WAIT,00000001,03938701", "STATE,06,111111111111,3000",
-        "STATE,00,1111111111,3000", "STATE,00,111111111111,3001", "STATE,00,111111111111", "COMMIT,12", "COMMIT,1234G",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("command", [
+    "WIRE,06,0000000000000000", "WIRE,00,00000000000000", "WIRE,00,000000000000000000", "WIRE,00,000000000000000x",
+    "SAFE,1111111111", "SAFE,11111111111111", "SAFE,", "REG,09,0001", "REG,1A,3401", "REG,1A,5401", "REG,1A,1400",
+    "REG,1A,1501", "REG,1B,820C", "REG,1B,0000", "REG,14,0002", "REG,14,1000", "REG,14,1402", "REG,08,0004",
+    "REG,19,0100", "WAIT,00000002,00000001", "WAIT,00000001,03938701", "STATE,06,111111111111,3000",
+    "STATE,00,1111111111,3000", "STATE,00,111111111111,3001", "STATE,00,111111111111", "COMMIT,12", "COMMIT,1234G",
+])  # fmt: skip
 def test_bad_arguments_of_a_draft(fresh, command):
     fresh.ask("BEGIN,06,06")
     assert re.fullmatch(r"ERR,2,[^,*]{1,80}", fresh.ask(command))
 
 
-@pytest.mark.parametrize(
-    "command",
-    ["SCAN", "START,00000000", "PEEK,7F", "CHAIN", "WIRE,00,0000000000000000", "SAFE,00", "REG,08,FFFF",
-     "WAIT,00000000,00000001", "STATE,00,00,0000", "COMMIT,0000"],
-)  # fmt: skip
+@pytest.mark.parametrize("command", [
+    "SCAN", "START,00000000", "PEEK,7F", "CHAIN", "WIRE,00,0000000000000000", "SAFE,00", "REG,08,FFFF",
+    "WAIT,00000000,00000001", "STATE,00,00,0000", "COMMIT,0000",
+])  # fmt: skip
 @pytest.mark.parametrize("running", ["SCAN", "START,00000000"])
 def test_busy(board, command, running):
     board.send(running)
@@ -482,21 +475,18 @@ def with_words(words, *, safe=SAFE, wiring=SETTINGS.wiring):
     return replace(SETTINGS, safe_words=safe, wiring=wiring, states=(StateSettings("state", words, 6),))
 
 
-@pytest.mark.parametrize(
-    ("words", "safe", "reason"),
-    [
-        ("331111111111", "111111111111", "state 0: on two nets is terminal 10"),
-        ("221111111122", "111111111111", "state 0: several terminals on INA"),
-        ("241111111111", "111111111111", "state 0: several terminals on INB"),
-        ("021111111111", "111111111111", "state 0: one of INA and INB has no terminal"),
-        ("201111111111", "111111111111", "state 0: one of INA and INB has no terminal"),
-        ("021111111120", "111111111111", "state 0: INA and INB have two coils"),
-        ("811111111111", "111111111111", "state 0: unused switch closed"),
-        ("221111111111", "111111111110", "safe words: not just grounded is terminal 0"),
-        ("221111111111", "111111111151", "safe words: not just grounded is terminal 1"),
-        ("221111111111", "111111111191", "safe words: unused switch closed"),
-    ],
-)
+@pytest.mark.parametrize(("words", "safe", "reason"), [
+    ("331111111111", "111111111111", "state 0: on two nets is terminal 10"),
+    ("221111111122", "111111111111", "state 0: several terminals on INA"),
+    ("241111111111", "111111111111", "state 0: several terminals on INB"),
+    ("021111111111", "111111111111", "state 0: one of INA and INB has no terminal"),
+    ("201111111111", "111111111111", "state 0: one of INA and INB has no terminal"),
+    ("021111111120", "111111111111", "state 0: INA and INB have two coils"),
+    ("811111111111", "111111111111", "state 0: unused switch closed"),
+    ("221111111111", "111111111110", "safe words: not just grounded is terminal 0"),
+    ("221111111111", "111111111151", "safe words: not just grounded is terminal 1"),
+    ("221111111111", "111111111191", "safe words: unused switch closed"),
+])  # fmt: skip
 def test_the_firmware_itself_refuses_illegal_switching(words, safe, reason):
     plan = with_words(bytes.fromhex(words), safe=bytes.fromhex(safe))
     with pytest.raises(HardwareError):
@@ -697,16 +687,13 @@ def test_switches_that_differ_end_the_stream():
 # -------------------------------------------------------------------------------------------------- bytes and bounds
 
 
-@pytest.mark.parametrize(
-    ("data", "dropped"),
-    [
-        (b"\n\r\n\n", 0), (b"x\n", 1), (b">00,PING*0000\n", 1), (seal(">00,PING").lower(), 1), (b"\x00\xff\n\x80\n", 2),
-        (b"a" * 513 + b"\n", 1), (b"a" * 100_000 + b"\n", 1), (seal("S00,PING"), 1), (seal(">00PING"), 1),
-        (seal(">0,PING"), 1), (seal(">G0,PING"), 1), (seal(">00"), 1), (b"*FFFF\n", 1),
-        (seal(">00,PING").replace(b"P", b"\t"), 1), (seal(">00,STOP")[:-1] + b"\r\r\n", 1),
-        (seal(">00,STOP").replace(b"*", b"-"), 1),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("data", "dropped"), [
+    (b"\n\r\n\n", 0), (b"x\n", 1), (b">00,PING*0000\n", 1), (seal(">00,PING").lower(), 1), (b"\x00\xff\n\x80\n", 2),
+    (b"a" * 513 + b"\n", 1), (b"a" * 100_000 + b"\n", 1), (seal("S00,PING"), 1), (seal(">00PING"), 1),
+    (seal(">0,PING"), 1), (seal(">G0,PING"), 1), (seal(">00"), 1), (b"*FFFF\n", 1),
+    (seal(">00,PING").replace(b"P", b"\t"), 1), (seal(">00,STOP")[:-1] + b"\r\r\n", 1),
+    (seal(">00,STOP").replace(b"*", b"-"), 1),
+])  # fmt: skip
 def test_lines_that_are_dropped(fresh, data, dropped):
     fresh.firmware.feed(data)
     assert fresh.lines(0.1) == []

@@ -263,12 +263,11 @@ def test_an_adapter_that_returns_nothing_is_told(bench):
         switches.shift(bytes(6))
 
 
-@pytest.mark.parametrize(
-    ("error", "message"),
-    [(UsbToolsError("No USB device matches URL ftdi://ftdi:232h/1"), "No USB device matches URL"),
-     (ValueError("No backend available"), "No backend available"),
-     (OSError(13, "Access denied (insufficient permissions)"), "insufficient permissions")],
-)  # fmt: skip
+@pytest.mark.parametrize(("error", "message"), [
+    (UsbToolsError("No USB device matches URL ftdi://ftdi:232h/1"), "No USB device matches URL"),
+    (ValueError("No backend available"), "No backend available"),
+    (OSError(13, "Access denied (insufficient permissions)"), "insufficient permissions"),
+])  # fmt: skip
 def test_an_adapter_that_cannot_be_opened_is_one_line(bench, error, message):
     bench.refuses = error
     with pytest.raises(HardwareError, match=rf"ftdi://ftdi:232h/1 cannot be opened: .*{message}"):

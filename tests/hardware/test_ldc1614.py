@@ -112,23 +112,14 @@ def test_drive_table():
     assert (window.value, window.low, window.high) == (33e3, 600, 90e3)
 
 
-@pytest.mark.parametrize(
-    ("clock", "divider", "given", "broken"),
-    [
-        # at most 35 MHz of either clock, and the internal one divided
-        (43.4e6, 2, {}, []),
-        (43.4e6, 1, {}, ["FREF_DIVIDER", "reference frequency (Hz)"]),
-        (35e6, 1, {}, ["FREF_DIVIDER"]),
-        (35e6, 1, {"external": True}, []),
-        (36e6, 1, {"external": True}, ["reference frequency (Hz)"]),
-        (43.4e6, 2, {"rcount": 5, "settle_count": 0}, []),
-        (43.4e6, 2, {"rcount": 4}, ["RCOUNT"]),
-        (34e6, 2, {}, ["clock (Hz)"]),
-        (56e6, 2, {}, ["clock (Hz)"]),
-        (1.9e6, 1, {"external": True}, ["clock (Hz)"]),
-        (43.4e6, 0x400, {}, ["FREF_DIVIDER"]),
-    ],
-)
+@pytest.mark.parametrize(("clock", "divider", "given", "broken"), [
+    # at most 35 MHz of either clock, and the internal one divided
+    (43.4e6, 2, {}, []), (43.4e6, 1, {}, ["FREF_DIVIDER", "reference frequency (Hz)"]), (35e6, 1, {}, ["FREF_DIVIDER"]),
+    (35e6, 1, {"external": True}, []), (36e6, 1, {"external": True}, ["reference frequency (Hz)"]),
+    (43.4e6, 2, {"rcount": 5, "settle_count": 0}, []), (43.4e6, 2, {"rcount": 4}, ["RCOUNT"]),
+    (34e6, 2, {}, ["clock (Hz)"]), (56e6, 2, {}, ["clock (Hz)"]), (1.9e6, 1, {"external": True}, ["clock (Hz)"]),
+    (43.4e6, 0x400, {}, ["FREF_DIVIDER"]),
+])  # fmt: skip
 def test_clocks(clock, divider, given, broken):
     assert [limit.name for limit in check_clock(clock, divider, **given) if not limit.kept] == broken
 
@@ -180,34 +171,31 @@ def test_settle_count(quality, count):
     assert settle_count(10e6, 1, 21.7e6) == 4
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        *((partial(code_to_frequency, end, 21.7e6), "the ends mark a range error") for end in (0, (1 << 28) - 1)),
-        (lambda: code_to_frequency(1, math.nan), "reference must be positive and finite"),
-        (lambda: code_to_frequency(1, 1e6, divider=16), "divider must be 1 to 15; got 16"),
-        (lambda: code_to_frequency(1, 1e6, offset=-1), "offset must be 0 to 65535; got -1"),
-        (lambda: frequency_to_code(30e6, 21.7e6), "outside 1 to"),
-        (lambda: inductance_from_frequency(0, 1e-12), "frequency must be positive and finite; got 0"),
-        (lambda: inductance_from_frequency(1e6, -1), "capacitance must be positive and finite; got -1"),
-        *(
-            (partial(inductance_from_frequency, 1e6, 1e-9, Q), f"quality_factor must be above 1; got {Q}")
-            for Q in (1.0, math.nan)
-        ),
-        (lambda: inductance_from_frequency(50e6, 1e-12, 1.2), "no inductance oscillates at 50000000.0 Hz"),
-        *((partial(drive_of, code, 1e3), f"code must be 0 to 31; got {code}") for code in (32, -1)),
-        (lambda: drive_of(0, math.nan), "parallel_resistance must be positive; got nan"),
-        (lambda: check_clock(0.0, 2), "clock must be positive; got 0.0"),
-        (lambda: check_clock(1e6, 0), "divider must be positive; got 0"),
-        (lambda: reference_divider(-1.0), "clock must be positive; got -1.0"),
-        (lambda: input_divider(0.0, 1e6), "frequency must be positive; got 0.0"),
-        (lambda: input_divider(1e6, 0.0), "reference must be positive; got 0.0"),
-        *((partial(deglitch_for, f), "frequency must be 1000 to 1e") for f in (999.0, 10.1e6)),
-        (lambda: drive_for(0), "parallel_resistance must be positive; got 0"),
-        (lambda: check_channel(0, 1e3, 10), "frequency must be positive; got 0"),
-        (lambda: settle_count(1e6, -1), "quality_factor must be positive; got -1"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    *((partial(code_to_frequency, end, 21.7e6), "the ends mark a range error") for end in (0, (1 << 28) - 1)),
+    (lambda: code_to_frequency(1, math.nan), "reference must be positive and finite"),
+    (lambda: code_to_frequency(1, 1e6, divider=16), "divider must be 1 to 15; got 16"),
+    (lambda: code_to_frequency(1, 1e6, offset=-1), "offset must be 0 to 65535; got -1"),
+    (lambda: frequency_to_code(30e6, 21.7e6), "outside 1 to"),
+    (lambda: inductance_from_frequency(0, 1e-12), "frequency must be positive and finite; got 0"),
+    (lambda: inductance_from_frequency(1e6, -1), "capacitance must be positive and finite; got -1"),
+    *(
+        (partial(inductance_from_frequency, 1e6, 1e-9, Q), f"quality_factor must be above 1; got {Q}")
+        for Q in (1.0, math.nan)
+    ),
+    (lambda: inductance_from_frequency(50e6, 1e-12, 1.2), "no inductance oscillates at 50000000.0 Hz"),
+    *((partial(drive_of, code, 1e3), f"code must be 0 to 31; got {code}") for code in (32, -1)),
+    (lambda: drive_of(0, math.nan), "parallel_resistance must be positive; got nan"),
+    (lambda: check_clock(0.0, 2), "clock must be positive; got 0.0"),
+    (lambda: check_clock(1e6, 0), "divider must be positive; got 0"),
+    (lambda: reference_divider(-1.0), "clock must be positive; got -1.0"),
+    (lambda: input_divider(0.0, 1e6), "frequency must be positive; got 0.0"),
+    (lambda: input_divider(1e6, 0.0), "reference must be positive; got 0.0"),
+    *((partial(deglitch_for, f), "frequency must be 1000 to 1e") for f in (999.0, 10.1e6)),
+    (lambda: drive_for(0), "parallel_resistance must be positive; got 0"),
+    (lambda: check_channel(0, 1e3, 10), "frequency must be positive; got 0"),
+    (lambda: settle_count(1e6, -1), "quality_factor must be positive; got -1"),
+])  # fmt: skip
 def test_bad_input(call, message):
     with pytest.raises(ValueError, match=message):
         call()
@@ -276,20 +264,17 @@ def test_state_is_its_parts_and_rcount_there_and_back(rcount, settle_count, refe
     assert parts.until_ready < parts.measuring < parts.total
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        *((partial(conversion_time, n, 1e6), f"RCOUNT must be 5 to 65535; got {n}") for n in (4, 0x10000)),
-        (lambda: conversion_time(5, 0.0), "a clock must be positive and finite; got 0.0 Hz"),
-        (lambda: rcount_for(1.0, math.nan), "a clock must be positive and finite; got nan Hz"),
-        (lambda: rcount_for(math.nan, 1e6), "a duration must be positive and finite; got nan s"),
-        (lambda: rcount_for(1e-6, 1e6), "a conversion takes at least 84 µs; got 1 µs"),
-        *((partial(settle_time, n, 1e6), f"SETTLECOUNT must be 0 to 65535; got {n}") for n in (-1, 0x10000)),
-        (lambda: wake_time(-1.0), "a clock must be positive and finite; got -1.0 Hz"),
-        (lambda: bus_time(reads=1, rate=0.0), "a clock must be positive and finite; got 0.0 Hz"),
-        (lambda: state_time(5, 0, 1e6, bus_rate=0.0), "a clock must be positive and finite; got 0.0 Hz"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    *((partial(conversion_time, n, 1e6), f"RCOUNT must be 5 to 65535; got {n}") for n in (4, 0x10000)),
+    (lambda: conversion_time(5, 0.0), "a clock must be positive and finite; got 0.0 Hz"),
+    (lambda: rcount_for(1.0, math.nan), "a clock must be positive and finite; got nan Hz"),
+    (lambda: rcount_for(math.nan, 1e6), "a duration must be positive and finite; got nan s"),
+    (lambda: rcount_for(1e-6, 1e6), "a conversion takes at least 84 µs; got 1 µs"),
+    *((partial(settle_time, n, 1e6), f"SETTLECOUNT must be 0 to 65535; got {n}") for n in (-1, 0x10000)),
+    (lambda: wake_time(-1.0), "a clock must be positive and finite; got -1.0 Hz"),
+    (lambda: bus_time(reads=1, rate=0.0), "a clock must be positive and finite; got 0.0 Hz"),
+    (lambda: state_time(5, 0, 1e6, bus_rate=0.0), "a clock must be positive and finite; got 0.0 Hz"),
+])  # fmt: skip
 def test_refused_times(call, message):
     with pytest.raises(HardwareError, match=message):
         call()

@@ -131,12 +131,11 @@ def test_a_register_is_read_with_a_repeated_start_and_written_in_one_message_hig
     assert kernel.transfers.pop() == [(0x00, READ, 1)]
 
 
-@pytest.mark.parametrize(
-    ("number", "fault", "message"),
-    [*((number, BusFault, "does not answer") for number in (errno.EREMOTEIO, errno.ENXIO, errno.EIO)),
-     *((number, BusTimeout, "holds up the bus") for number in (errno.ETIMEDOUT, errno.EAGAIN, errno.EBUSY)),
-     (errno.ENODEV, DeviceLost, "is gone")],
-)  # fmt: skip
+@pytest.mark.parametrize(("number", "fault", "message"), [
+    *((number, BusFault, "does not answer") for number in (errno.EREMOTEIO, errno.ENXIO, errno.EIO)),
+    *((number, BusTimeout, "holds up the bus") for number in (errno.ETIMEDOUT, errno.EAGAIN, errno.EBUSY)),
+    (errno.ENODEV, DeviceLost, "is gone"),
+])  # fmt: skip
 def test_what_the_kernel_says_of_a_transfer_has_a_name(kernel, bus, number, fault, message):
     kernel.fails = [number, number]
     for step in (lambda: bus.read(0), lambda: bus.write(0, 0)):

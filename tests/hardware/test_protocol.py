@@ -145,32 +145,25 @@ def test_any_scan_comes_back(numbers, samples):
     assert parse_message(text) == read_scan(text[1:].split(",")) == ScanMessage(*numbers, tuple(samples))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("H1234ABCD,000F4240,0000,u", Heartbeat(0x1234ABCD, 1_000_000, 0, Mode.UNCONFIGURED)),
-        ("H1234ABCD,000F4240,D9A4,s", Heartbeat(0x1234ABCD, 1_000_000, 0xD9A4, Mode.STREAMING)),
-        ("E2,D9A4,1234ABCD,reset", StreamEnd(StreamEndReason.CONVERTER_RESET, 0xD9A4, 0x1234ABCD, "reset")),
-        ("<FE,OK", Answer(0xFE, ())),
-        ("<FE,OK,5449", Answer(0xFE, ("5449",))),
-        ("<00,ERR,4,two coils on INA", Refusal(0, 4, "two coils on INA")),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("H1234ABCD,000F4240,0000,u", Heartbeat(0x1234ABCD, 1_000_000, 0, Mode.UNCONFIGURED)),
+    ("H1234ABCD,000F4240,D9A4,s", Heartbeat(0x1234ABCD, 1_000_000, 0xD9A4, Mode.STREAMING)),
+    ("E2,D9A4,1234ABCD,reset", StreamEnd(StreamEndReason.CONVERTER_RESET, 0xD9A4, 0x1234ABCD, "reset")),
+    ("<FE,OK", Answer(0xFE, ())),
+    ("<FE,OK,5449", Answer(0xFE, ("5449",))),
+    ("<00,ERR,4,two coils on INA", Refusal(0, 4, "two coils on INA")),
+])  # fmt: skip
 def test_other_messages_are_read(text, message):
     assert parse_message(text) == message
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "", "X00", ">00,STOP", "S", SCAN.lower(), SCAN.replace("S0", "S"), SCAN[:33], SCAN + ",",
-        *(SCAN.replace("!3", fault) for fault in ("!0", "!6", "!")), SCAN.replace(".1048", "."),
-        *(SCAN.replace("0179FFFF", word) for word in ("0179FFF", "0179 FFF", "+179FFFF")),
-        "H1234ABCD,000F4240,0000,x", "H1234ABCD,000F4240,0000", "H1234ABCD,000F4240,0000,u,1",
-        "E0,D9A4,1234ABCD,", "E5,D9A4,1234ABCD,", "E2,D9A4,1234ABCD",
-        "<00", "<0,OK", "<00,ok", "<00,ERR,4", "<00,ERR,4,a,b", "<00,ERR,44,a",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("text", [
+    "", "X00", ">00,STOP", "S", SCAN.lower(), SCAN.replace("S0", "S"), SCAN[:33], SCAN + ",",
+    *(SCAN.replace("!3", fault) for fault in ("!0", "!6", "!")), SCAN.replace(".1048", "."),
+    *(SCAN.replace("0179FFFF", word) for word in ("0179FFF", "0179 FFF", "+179FFFF")), "H1234ABCD,000F4240,0000,x",
+    "H1234ABCD,000F4240,0000", "H1234ABCD,000F4240,0000,u,1", "E0,D9A4,1234ABCD,", "E5,D9A4,1234ABCD,",
+    "E2,D9A4,1234ABCD", "<00", "<0,OK", "<00,ok", "<00,ERR,4", "<00,ERR,4,a,b", "<00,ERR,44,a",
+])  # fmt: skip
 def test_another_form_is_refused(text):
     with pytest.raises(MessageError):
         parse_message(text)

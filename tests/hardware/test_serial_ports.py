@@ -86,18 +86,15 @@ def test_the_only_known_board_is_chosen_or_a_serial_number_whatever_the_name(por
     assert choose_serial_port("/dev/pts/7").serial_number == ""
 
 
-@pytest.mark.parametrize(
-    ("name", "entries", "message"),
-    [
-        (None, [], r"a port of a known board is needed, but there is none: no serial port at all\."),
-        (None, [entry("COM1", description="n/a")], r"there is none: COM1 \(n/a\)\."),
-        (None, [entry("COM1", 0x1366, "1", "a"), entry("COM2", 0x1366, "2", "b")], r"there are 2: COM1 .*, COM2 .*\."),
-        ("usb:7", [entry("COM1", 0x1366, "1", "a")], "the USB serial number '7' is needed, but there is none: COM1"),
-        ("usb:", [entry("COM1", 0x1366, None, "a")], "the USB serial number '' is needed, but there is none"),
-        ("usb:0", [entry("COM1", 0x1366, "0", "a")], "the USB serial number '0' is needed, but there is none"),
-        ("usb:1", [entry("COM1", 0x1366, "1", "a"), entry("COM2", 0x1366, "01", "b")], "there are 2: COM1 .*, COM2"),
-    ],
-)
+@pytest.mark.parametrize(("name", "entries", "message"), [
+    (None, [], r"a port of a known board is needed, but there is none: no serial port at all\."),
+    (None, [entry("COM1", description="n/a")], r"there is none: COM1 \(n/a\)\."),
+    (None, [entry("COM1", 0x1366, "1", "a"), entry("COM2", 0x1366, "2", "b")], r"there are 2: COM1 .*, COM2 .*\."),
+    ("usb:7", [entry("COM1", 0x1366, "1", "a")], "the USB serial number '7' is needed, but there is none: COM1"),
+    ("usb:", [entry("COM1", 0x1366, None, "a")], "the USB serial number '' is needed, but there is none"),
+    ("usb:0", [entry("COM1", 0x1366, "0", "a")], "the USB serial number '0' is needed, but there is none"),
+    ("usb:1", [entry("COM1", 0x1366, "1", "a"), entry("COM2", 0x1366, "01", "b")], "there are 2: COM1 .*, COM2"),
+])  # fmt: skip
 def test_an_unclear_choice_lists_what_there_is(ports, name, entries, message):
     ports += entries
     with pytest.raises(HardwareError, match=message):
@@ -123,15 +120,12 @@ def test_a_port_that_is_not_there_and_a_file(tmp_path):
         open_serial_port(str(tmp_path / "file"))
 
 
-@pytest.mark.parametrize(
-    ("error", "message"),
-    [
-        (PermissionError(13, "Permission denied"), "group dialout"),
-        (OSError(16, "Device or resource busy"), "is used by another program"),
-        (ValueError("Not a valid baudrate: -1"), "cannot be opened: Not a valid baudrate"),
-        (OSError(5, "Input/output error"), "cannot be opened: .*Input/output"),
-    ],
-)
+@pytest.mark.parametrize(("error", "message"), [
+    (PermissionError(13, "Permission denied"), "group dialout"),
+    (OSError(16, "Device or resource busy"), "is used by another program"),
+    (ValueError("Not a valid baudrate: -1"), "cannot be opened: Not a valid baudrate"),
+    (OSError(5, "Input/output error"), "cannot be opened: .*Input/output"),
+])  # fmt: skip
 def test_reasons_of_the_system_are_told(monkeypatch, error, message):
     def refused(*_, **__):
         if isinstance(error, OSError):

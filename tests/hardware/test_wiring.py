@@ -36,12 +36,11 @@ NETS = ("ground", "INA", "INB", "other")
 GROUNDED = {"ground": "ab", "ground one end": "a", "ground other end": "b", "open": ""}
 
 
-@pytest.mark.parametrize(
-    ("closed", "word"),
+@pytest.mark.parametrize(("closed", "word"), [
     # facts: ground both, measure, measure reversed, float, ground one end
-    [(("S1A", "S1B"), 0x11), (("S2A", "S2B"), 0x22), (("S3A", "S3B"), 0x44), ((), ALL_OPEN), (("S1A",), 0x01),
-     (("S1B",), 0x10), (("S4B",), 0x80)],
-)  # fmt: skip
+    (("S1A", "S1B"), 0x11), (("S2A", "S2B"), 0x22), (("S3A", "S3B"), 0x44), ((), ALL_OPEN), (("S1A",), 0x01),
+    (("S1B",), 0x10), (("S4B",), 0x80),
+])  # fmt: skip
 def test_words_of_a_switch(closed, word):
     assert switch_word(closed) == word
 
@@ -67,17 +66,14 @@ def test_chain_shifts_like_a_register(words):
     assert held == words
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: switch_word(["S5A"]), "a switch must be one of S1A, .*; got 'S5A'"),
-        (lambda: switch_word([], SWITCHES[:7]), "bits must name each of .* once; got S1A, .*S3B"),
-        (lambda: switch_word([], ()), "got none"),
-        (lambda: switch_word([], ("S1A",) * 8), "bits must name each of S1A"),
-        (lambda: chain_bytes([]), "a chain must have at least one device; got none"),
-        (lambda: chain_bytes([0x11, 300]), "the word of a switch must be 0 to 255; got 300"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: switch_word(["S5A"]), "a switch must be one of S1A, .*; got 'S5A'"),
+    (lambda: switch_word([], SWITCHES[:7]), "bits must name each of .* once; got S1A, .*S3B"),
+    (lambda: switch_word([], ()), "got none"),
+    (lambda: switch_word([], ("S1A",) * 8), "bits must name each of S1A"),
+    (lambda: chain_bytes([]), "a chain must have at least one device; got none"),
+    (lambda: chain_bytes([0x11, 300]), "the word of a switch must be 0 to 255; got 300"),
+])  # fmt: skip
 def test_refused_switches(call, message):
     with pytest.raises(HardwareError, match=message):
         call()
@@ -302,32 +298,26 @@ def test_one_device_a_coil_is_the_bundled_wiring_with_other_names():
         one_device_a_coil([f"coil{k}" for k in range(32)])
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("111111111133", "state s joins end a of coil 1 to ground and INA at once"),
-        ("111111111102", "state s joins an end to one pin of the converter and nothing to the other"),
-        ("111111112222", "state s joins end a of coil 2 and end a of coil 1 to INA at once"),
-        ("111111112002", "state s joins end a of coil 1 to INA but end b of coil 2 to INB"),
-        ("111111111142", "state s joins end a of coil 1 and end b of coil 1 to INA at once"),
-        ("111111111166", "state s joins end a of coil 1 to INA and INB at once"),
-        ("111111111180", "state s: bit 7 of word 5 must be 0; its switch is not wired"),
-    ],
-)
+@pytest.mark.parametrize(("words", "message"), [
+    ("111111111133", "state s joins end a of coil 1 to ground and INA at once"),
+    ("111111111102", "state s joins an end to one pin of the converter and nothing to the other"),
+    ("111111112222", "state s joins end a of coil 2 and end a of coil 1 to INA at once"),
+    ("111111112002", "state s joins end a of coil 1 to INA but end b of coil 2 to INB"),
+    ("111111111142", "state s joins end a of coil 1 and end b of coil 1 to INA at once"),
+    ("111111111166", "state s joins end a of coil 1 to INA and INB at once"),
+    ("111111111180", "state s: bit 7 of word 5 must be 0; its switch is not wired"),
+])  # fmt: skip
 def test_conflicts_are_named(words, message):
     with pytest.raises(HardwareError, match=re.escape(message)):
         check(SIX, bytes.fromhex(words))
 
 
-@pytest.mark.parametrize(
-    ("state", "error", "message"),
-    [
-        (ScanState("s", (("coil1", 1), ("coil2", 1))), HardwareError, "s must measure one coil.*; got coil1, coil2"),
-        (ScanState("s", (("coil1", 1),), others="load"), HardwareError, "s: wiring six_coils cannot make coil2 'load'"),
-        (ScanState("s", (("coil9", 1),)), NetworkError, "names the coil 'coil9'"),
-        (ScanState("s", ()), NetworkError, "measures no coil"),
-    ],
-)
+@pytest.mark.parametrize(("state", "error", "message"), [
+    (ScanState("s", (("coil1", 1), ("coil2", 1))), HardwareError, "s must measure one coil.*; got coil1, coil2"),
+    (ScanState("s", (("coil1", 1),), others="load"), HardwareError, "s: wiring six_coils cannot make coil2 'load'"),
+    (ScanState("s", (("coil9", 1),)), NetworkError, "names the coil 'coil9'"),
+    (ScanState("s", ()), NetworkError, "measures no coil"),
+])  # fmt: skip
 def test_states_that_cannot_be(state, error, message):
     with pytest.raises(error, match=message):
         SIX.words(state)
@@ -359,30 +349,27 @@ def test_small_file(tmp_path):
     assert wiring == parse_wiring(SMALL, "small")
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("schema = 1", "schema = 2", "small: schema"),
-        ("schema = 1", "schema = ", "small: not valid TOML"),
-        ("schema = 1", "schema = 1\nx = " + "[" * 2000, "small: not valid TOML"),
-        ('title = "one coil"', 'titel = "one coil"', "wiring has no key 'titel'; did you mean title"),
-        ('coils = ["one"]', "coils = []", "small: wiring.coils"),
-        ('coils = ["one"]', 'coils = ["one", "one"]', "names the coil 'one' twice"),
-        ('coils = ["one"]', 'coils = ["one", "two"]', "must have a switch that grounds two.a"),
-        ('coils = ["one"]', 'coils = ["two"]', "U1.S1A goes to one.a; there are the coils two"),
-        ('"S1A", "S2A", ', '"S1A", "S1A", ', "device U1: bits must name each of"),
-        ('bits = ["S1A", ', "bits = [", "wiring.part.ADG739.bits"),
-        ('part = "ADG739"', 'part = "ADG714"', "U1 is a ADG714, but \\[wiring.part\\] has ADG739"),
-        ("S1A = {", "S5A = {", "U1 has no switch 'S5A'"),
-        ('end = "a", net = "ground"', 'end = "c", net = "ground"', "wiring.device.0.switch.S1A.end"),
-        ('net = "INA"', 'net = "INC"', "wiring.device.0.switch.S2A.net"),
-        ('net = "INA"', 'net = "ground"', "two switches from one.a to ground"),
-        ('net = "INA"', 'net = "INB"', "must join one.a to INA and one.b to INB"),
-        ('S2B = { coil = "one", end = "b", net = "INB" }', "", "must join one.a to INA and one.b to INB"),
-        ('S1B = { coil = "one", end = "b", net = "ground" }', "", "must have a switch that grounds one.b"),
-        ('name = "U1"', "", "wiring.device.0.name is missing"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("schema = 1", "schema = 2", "small: schema"),
+    ("schema = 1", "schema = ", "small: not valid TOML"),
+    ("schema = 1", "schema = 1\nx = " + "[" * 2000, "small: not valid TOML"),
+    ('title = "one coil"', 'titel = "one coil"', "wiring has no key 'titel'; did you mean title"),
+    ('coils = ["one"]', "coils = []", "small: wiring.coils"),
+    ('coils = ["one"]', 'coils = ["one", "one"]', "names the coil 'one' twice"),
+    ('coils = ["one"]', 'coils = ["one", "two"]', "must have a switch that grounds two.a"),
+    ('coils = ["one"]', 'coils = ["two"]', "U1.S1A goes to one.a; there are the coils two"),
+    ('"S1A", "S2A", ', '"S1A", "S1A", ', "device U1: bits must name each of"),
+    ('bits = ["S1A", ', "bits = [", "wiring.part.ADG739.bits"),
+    ('part = "ADG739"', 'part = "ADG714"', "U1 is a ADG714, but \\[wiring.part\\] has ADG739"),
+    ("S1A = {", "S5A = {", "U1 has no switch 'S5A'"),
+    ('end = "a", net = "ground"', 'end = "c", net = "ground"', "wiring.device.0.switch.S1A.end"),
+    ('net = "INA"', 'net = "INC"', "wiring.device.0.switch.S2A.net"),
+    ('net = "INA"', 'net = "ground"', "two switches from one.a to ground"),
+    ('net = "INA"', 'net = "INB"', "must join one.a to INA and one.b to INB"),
+    ('S2B = { coil = "one", end = "b", net = "INB" }', "", "must join one.a to INA and one.b to INB"),
+    ('S1B = { coil = "one", end = "b", net = "ground" }', "", "must have a switch that grounds one.b"),
+    ('name = "U1"', "", "wiring.device.0.name is missing"),
+])  # fmt: skip
 def test_bad_files(old, new, message):
     with pytest.raises(HardwareError, match=message) as raised:
         parse_wiring(SMALL.replace(old, new), "small")
