@@ -111,9 +111,6 @@ def conversion(rcount=1000, settle=40, reference=REFERENCE, clock=CLOCK):
     return 16384 / clock + 16 * settle / reference + (16 * rcount + 4) / reference
 
 
-# ------------------------------------------------------------------------------------------ registers
-
-
 def test_reset_values_and_that_nothing_else_is_there():
     chip = Chip(strict=False)
     assert {address: chip.read(address) for address in RESETS} == RESETS
@@ -191,9 +188,6 @@ def test_an_ldc1612_has_the_same_identity_half_of_the_registers_and_no_channel_2
     assert "channel 2" in chip.misuse.notes[0]
 
 
-# ---------------------------------------------------------------------------------------------- timing
-
-
 def ready_at(chip, seconds, config=AWAKE, **registers):
     """Wake; the first result must come after this time and not before."""
     chip.wake(config, **registers)
@@ -262,9 +256,6 @@ def test_nothing_comes_without_a_clock_or_with_a_divider_0():
         chip.wait(10)
         assert chip.read(0x18) == 0
         assert chip.misuse.notes
-
-
-# ---------------------------------------------------------------------------------------------- results
 
 
 @example(2e6, 1, 1, 0, 1000)
@@ -343,9 +334,6 @@ def test_the_noise_is_what_is_stated_and_the_same_for_the_same_seed():
     first, same, other = (Chip(noise=1e-5, seed=seed).result() for seed in (1, 1, 2))
     assert first == same
     assert first[2] != other[2]
-
-
-# ------------------------------------------------------------------------------- the clock of the chip
 
 
 def test_what_every_clock_in_its_range_does_to_the_frequency():
@@ -511,9 +499,6 @@ def test_flags_go_by_reading_or_by_the_next_good_result(on_read):
     assert chip.read(0x00) >> 12 == 0
 
 
-# ---------------------------------------------------------------------------------------------- the drive
-
-
 @pytest.mark.parametrize("code", DRIVES)
 def test_the_chip_finds_a_drive_that_the_table_allows(code):
     microamperes, low, high = DRIVES[code]
@@ -539,9 +524,6 @@ def test_high_current_drives_a_small_resistance():
     # the data sheet says "up to 6 mA" and "down to 250 Ω", nothing between
     chip = Chip(sensors=small).converted(AWAKE | 0x40, DRIVE0=30 << 11)
     assert chip.read(0x18) == 0x0048
-
-
-# ---------------------------------------------------------------------------------------------- misuse
 
 
 @pytest.mark.parametrize(("registers", "config", "bench", "said"), [
@@ -638,9 +620,6 @@ def test_no_treatment_breaks_the_chip(steps, unread, gated, on_read):
     assert {a: chip.chip.peek(a) for a in RESETS} == RESETS
 
 
-# ---------------------------------------------------------------------------------------------- the bus
-
-
 def on_a_bus():
     chip = Chip()
     return chip, EmulatedBus(chip.chip, chip.clock)
@@ -675,9 +654,6 @@ def test_faults_of_the_bus():
     bus.flip(0)
     bus.write(0x1B, 0x020C)
     assert bus.read(0x1B) == 0x020D
-
-
-# ---------------------------------------------------------------------------------------------- small parts
 
 
 def test_the_virtual_clock_never_steps_back_and_notes_do_not_grow_without_end():

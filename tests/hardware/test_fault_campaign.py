@@ -102,9 +102,6 @@ def interrupted(bench, kind, *, streams=(True,)):
     assert bench.goes_on()
 
 
-# lines from the board
-
-
 LEAVES_BYTES = {"flipped", "digit_changed", "dropped", "repeated", "inserted", "swapped", "begun", "ended", "noisy"}
 
 
@@ -154,9 +151,6 @@ def test_lines_of_a_stream_without_the_checksum(monkeypatch):
         bench.renew()
     bench.close()
     assert len(bench.witness.wrong) > 50
-
-
-# commands and replies
 
 
 OF_COMMANDS = [DAMAGES[kind] for kind in ("flipped", "dropped", "inserted", "begun", "missing")]
@@ -218,9 +212,6 @@ def test_settings_over_a_bad_line(bench):
     assert arrived >= 3
     bench.reader.configure(SETTINGS)
     assert bench.goes_on()
-
-
-# converter and switches
 
 
 RESULTS = [  # flags of the data, bits of STATUS
@@ -371,9 +362,6 @@ def test_a_broken_chain_ends_the_stream(bench):
             bench.chain.stuck = {}
         bench.reader.configure(SETTINGS)
     assert bench.witness.named[SampleFault.SWITCHES_DIFFER] > FAULTS["broken chain"]
-
-
-# board and port
 
 
 @pytest.mark.slow

@@ -120,9 +120,6 @@ def scan_words(reply):
     return reply.split(",")[-6:]
 
 
-# ------------------------------------------------------------------------------------------------------------- start-up
-
-
 @pytest.mark.slow
 def test_chips_are_made_safe_before_anything_else(fresh):
     assert fresh.chain.history[0] == (b"\x11" * 6, True)
@@ -157,9 +154,6 @@ def test_another_boot_number_and_no_configuration_after_every_start(board):
     assert board.mode == "u"
     assert board.ask("SCAN").startswith("ERR,3")
     assert board.resting
-
-
-# ------------------------------------------------------------------------------------------------------------- commands
 
 
 def test_hello(fresh):
@@ -299,9 +293,6 @@ def test_peek_and_chain(wired_back, answer):
     assert board.ask("CHAIN") == ("OK,differ" if wired_back else "OK,none")
 
 
-# ------------------------------------------------------------------------------------------------------- repeats, lease
-
-
 def test_a_repeat_gets_the_last_reply_and_does_nothing(board):
     board.send("SCAN")
     reply = board.lines(0.2)
@@ -353,9 +344,6 @@ def test_every_command_renews_the_lease(board, command):
         lines = board.lines(0.8 * LEASE)
         assert not [line for line in lines if line.startswith("E")]
     assert [line for line in board.lines(LEASE) if line.startswith("E1")]
-
-
-# --------------------------------------------------------------------------------------------------------------- errors
 
 
 def raising(error, verb=None, register=None):
@@ -468,9 +456,6 @@ def test_commands_that_meet_a_dead_bus(board, command):
     assert board.resting
 
 
-# ----------------------------------------------------------------------------------------- switching that is illegal
-
-
 def with_words(words, *, safe=SAFE, wiring=SETTINGS.wiring):
     return replace(SETTINGS, safe_words=safe, wiring=wiring, states=(StateSettings("state", words, 6),))
 
@@ -523,9 +508,6 @@ def test_rules_of_switching_agree_with_pythons(data):
     except HardwareError:
         legal = False
     assert board.configure(plan)[-1].startswith("OK," if legal else "ERR,4,")
-
-
-# --------------------------------------------------------------------------------------------------- faults of chips
 
 
 def state_of(board):
@@ -684,9 +666,6 @@ def test_switches_that_differ_end_the_stream():
     assert not {state.words for state in SETTINGS.states} & {words for words, _ in board.chain.history}
 
 
-# -------------------------------------------------------------------------------------------------- bytes and bounds
-
-
 @pytest.mark.parametrize(("data", "dropped"), [
     (b"\n\r\n\n", 0), (b"x\n", 1), (b">00,PING*0000\n", 1), (seal(">00,PING").lower(), 1), (b"\x00\xff\n\x80\n", 2),
     (b"a" * 513 + b"\n", 1), (b"a" * 100_000 + b"\n", 1), (seal("S00,PING"), 1), (seal(">00PING"), 1),
@@ -831,9 +810,6 @@ def test_no_access_outside_its_memory(tmp_path_factory, one_fault_in):
     done = subprocess.run(command, check=False, input=data, capture_output=True, timeout=600)
     assert (done.returncode, done.stderr) == (0, b"")
     assert int(done.stdout) > 1000
-
-
-# ------------------------------------------------------------------------------------------------- size of the thing
 
 
 def test_memory_is_bounded_and_static(fresh):
