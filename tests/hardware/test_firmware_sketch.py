@@ -166,8 +166,7 @@ def test_coils_are_grounded_and_pins_at_rest_before_the_port_is_opened(sketch):
     assert ("write", 0x1A, 0x2801) in sketch.converter.log
     assert sketch.calls[-1] == ("open", 115200)
     # pins reach their rest without a start or stop: one is of the bus clear, one of what puts the converter to sleep
-    assert sketch.i2c.stops == 2
-    assert sketch.i2c.misuse == []
+    assert (sketch.i2c.stops, sketch.i2c.misuse) == (2, [])
     assert sketch.modes[SCL] == sketch.modes[SDA] == OPEN_DRAIN
     assert (sketch.i2c.scl, sketch.i2c.sda) == (True, True)
     assert sketch.spi.level == {"din": sketch.spi.level["din"], "sclk": False, "sync": True}
@@ -182,8 +181,7 @@ def test_hello_and_scan_over_the_wires(sketch):
     measured = {words for words, slept in sketch.chain.history}
     assert {state.words for state in SETTINGS.states} <= measured
     assert all(slept for _, slept in sketch.chain.history[1:])
-    assert sketch.i2c.misuse == []
-    assert set(sketch.spi.frames[1:]) == {48}
+    assert (sketch.i2c.misuse, set(sketch.spi.frames[1:])) == ([], {48})
 
 
 def test_clock_keeps_the_limits_of_the_converter(sketch):
@@ -210,8 +208,7 @@ def test_no_acknowledgement_is_told_from_a_bus_that_is_held(sketch):
     assert sketch.scan() == ["!2"] * 6
     assert sketch.clock.now() - before < 0.1  # s; the guard is 1 ms a transfer
     sketch.i2c.stuck_scl = False
-    assert sketch.ask("STOP") == "OK"
-    assert sketch.scan() == READ
+    assert (sketch.ask("STOP"), sketch.scan()) == ("OK", READ)
 
 
 def test_a_converter_that_is_not_there(build):
@@ -226,8 +223,7 @@ def test_nine_clocks_free_a_bus_that_the_converter_holds(sketch):
     sketch.i2c.holds_sda, sketch.i2c.sending, sketch.i2c.count = True, [0x00, 0xFF], 3
     sketch.i2c.receiving = sketch.i2c.acknowledging = False
     clocks = sketch.i2c.clocks
-    assert sketch.ask("STOP") == "OK"
-    assert sketch.converter.log[-1] == ("write", 0x1A, 0x2801)
+    assert (sketch.ask("STOP"), sketch.converter.log[-1]) == ("OK", ("write", 0x1A, 0x2801))
     # nine of the clear and one of its stop; the first try never came to a clock; four bytes and a start and a stop
     assert sketch.i2c.clocks - clocks == pytest.approx(10 + 36 + 2, abs=2)
 
@@ -237,8 +233,7 @@ def test_chain_that_is_wired_back(build):
     sketch = Sketch(build(wired_back=True))
     assert sketch.ask("HELLO").endswith(",readback")
     assert sketch.configure()[-1].startswith("OK")
-    assert sketch.ask("CHAIN") == "OK,same"
-    assert sketch.scan() == READ
+    assert (sketch.ask("CHAIN"), sketch.scan()) == ("OK,same", READ)
     sketch.spi.register[-1] ^= 1
     assert sketch.scan() == ["!5", *READ[1:]]
 

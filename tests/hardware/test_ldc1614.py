@@ -167,8 +167,7 @@ def test_limits():
 @pytest.mark.parametrize(("quality", "count"), [(10, 7), (20, 14), (40, 28)])
 def test_settle_count(quality, count):
     # data sheet's rule at 21.7 MHz and 2 MHz
-    assert settle_count(2e6, quality, 21.7e6) == count
-    assert settle_count(10e6, 1, 21.7e6) == 4
+    assert (settle_count(2e6, quality, 21.7e6), settle_count(10e6, 1, 21.7e6)) == (count, 4)
 
 
 @pytest.mark.parametrize(("call", "message"), [

@@ -239,10 +239,8 @@ def test_time_is_unwrapped_over_pauses_of_any_length(start, steps, skew):
 
 def test_an_older_time_stays_older():
     clock = BoardTime()
-    assert clock.unwrap(2**32 - 10, 0.0) == 2**32 - 10
-    assert clock.unwrap(5, 0.1) == 2**32 + 5
-    assert clock.unwrap(2**32 - 20, 0.2) == 2**32 - 20
-    assert clock.unwrap(6, 0.3) == 2**32 + 6
+    assert (clock.unwrap(2**32 - 10, 0.0), clock.unwrap(5, 0.1)) == (2**32 - 10, 2**32 + 5)
+    assert (clock.unwrap(2**32 - 20, 0.2), clock.unwrap(6, 0.3)) == (2**32 - 20, 2**32 + 6)
 
 
 def scan_of(sequence, *, configuration=0xD9A4, states=2):

@@ -184,8 +184,7 @@ def test_verdicts(sample, verdict, reason):
     state = _one(sample)
     assert (state.verdict, reason in state.reasons) == (verdict, True)
     mixed = read_scan(_scan([GOOD, sample, *[GOOD] * 4]), SETTINGS, C)
-    assert mixed.verdict == verdict
-    assert mixed.states[0].verdict == "good"
+    assert (mixed.verdict, mixed.states[0].verdict) == (verdict, "good")
     assert ("coil2" in mixed.inductances) == (verdict != "bad")
 
 

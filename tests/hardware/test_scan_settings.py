@@ -31,8 +31,7 @@ def test_registers_of_the_reference_board():
     assert [address for address, _ in DEFAULT.registers] == [0x08, 0x0C, 0x10, 0x14, 0x19, 0x1A, 0x1B]
     assert DEFAULT.drive_register(DEFAULT.states[0]) == 6 << 11
     assert [state.name for state in DEFAULT.states] == list(WIRING.coils)
-    assert DEFAULT.states[0].words.hex() == "111111111122"
-    assert DEFAULT.reference == 21.7e6
+    assert (DEFAULT.states[0].words.hex(), DEFAULT.reference) == ("111111111122", 21.7e6)
 
 
 def test_edges_of_the_ranges():
