@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import functools
+import operator
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614_registers import (
-    ASLEEP,
-    DEVICE,
-    MANUFACTURER,
-    check_value,
-    decode,
-    encode,
-    register,
-    registers,
-)
+
+from coilarray.hardware.chips.ldc1614_registers import (  # isort: skip
+    ASLEEP, DEVICE, MANUFACTURER, check_value, decode, encode, register, registers,
+)  # fmt: skip
 
 RESETS = {
     **{f"DATA{k}_{part}": 0 for k in range(4) for part in ("MSB", "LSB")},
@@ -55,11 +50,7 @@ def test_addresses():
 @pytest.mark.parametrize("name", registers())
 def test_every_bit_once(name):
     masks = [field.mask for field in register(name).fields]
-    assert sum(masks) == 0xFFFF
-    together = 0
-    for mask in masks:
-        assert together & mask == 0
-        together |= mask
+    assert sum(masks) == functools.reduce(operator.or_, masks) == 0xFFFF
     assert all(field.reset <= field.largest for field in register(name).fields)
 
 

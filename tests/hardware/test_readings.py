@@ -130,9 +130,8 @@ def test_golden_reading():
     assert [state.name for state in reading.states] == list(WIRING.coils)
     assert reading.states[0].frequency == pytest.approx(2e6, abs=0.05)  # half a step of 0.0808 Hz
     assert reading.states[0].inductance == pytest.approx(52.77e-6, rel=1e-4)
-    assert (reading.verdict, reading.sequence, reading.time, reading.received, reading.boot) == (
-        "good", 7, 1.5, 1e9, 0xB007,
-    )  # fmt: skip
+    of_scan = reading.verdict, reading.sequence, reading.time, reading.received, reading.boot
+    assert of_scan == ("good", 7, 1.5, 1e9, 0xB007)
     assert set(reading.inductances) == set(WIRING.coils)
 
 
@@ -142,9 +141,8 @@ def test_golden_reading():
 )  # fmt: skip
 def test_inductance_there_and_back(L, capacitance, quality, offset, divider):
     """From L to the nearest code and back: half a step of the code, twice in L."""
-    settings = scan_settings(
-        WIRING, [ScanState("coil1", (("coil1", 1),))], frequency=8e6, offset=offset, fin_divider=divider
-    )
+    plan = [ScanState("coil1", (("coil1", 1),))]
+    settings = scan_settings(WIRING, plan, frequency=8e6, offset=offset, fin_divider=divider)
     f = oscillation_frequency(L, capacitance, quality)
     code = frequency_to_code(f, settings.reference, divider=divider, offset=offset)
     (state,) = read_scan(_scan([_sample(code)], settings), settings, capacitance, qualities=quality).states
@@ -158,10 +156,7 @@ def test_inductance_there_and_back(L, capacitance, quality, offset, divider):
     assert (state.verdict == "good") == (f / divider < settings.reference / 4)
 
 
-@given(
-    st.integers(0, 0xFFFF), st.integers(0, 0xFFFF), st.just(READY) | st.integers(0, 0xFFFF),
-    st.sampled_from(SampleFault),
-)  # fmt: skip
+@given(*[st.integers(0, 0xFFFF)] * 2, st.just(READY) | st.integers(0, 0xFFFF), st.sampled_from(SampleFault))
 def test_a_number_only_where_it_is_a_measurement(msb, lsb, status, fault):
     state = _one(RawSample(msb, lsb, status, fault))
     assert (state.frequency is None) == (state.inductance is None) == (state.verdict == "bad")
@@ -191,15 +186,13 @@ def test_verdicts(sample, verdict, reason):
 def test_capacitances_and_qualities_by_name():
     capacitances = {coil: (100 + k) * 1e-12 for k, coil in enumerate(WIRING.coils)}
     qualities = {coil: 20.0 + k for k, coil in enumerate(WIRING.coils)}
-    states = read_scan(_scan([GOOD] * 6), SETTINGS, capacitances, qualities=qualities).states
-    for state in states:
+    for state in read_scan(_scan([GOOD] * 6), SETTINGS, capacitances, qualities=qualities).states:
         f = oscillation_frequency(state.inductance, capacitances[state.name], qualities[state.name])
         assert f == pytest.approx(state.frequency, rel=1e-13)  # rounding
 
 
 def test_least_quality_has_an_inductance_up_to_the_highest_frequency():
-    code = frequency_to_code(9.99e6, ONE.reference)
-    state = _one(_sample(code), qualities=2.0)
+    state = _one(_sample(frequency_to_code(9.99e6, ONE.reference)), qualities=2.0)
     assert oscillation_frequency(state.inductance, C, 2.0) == pytest.approx(9.99e6, rel=1e-7)  # a step is 8e-9
 
 

@@ -25,10 +25,8 @@ DEFAULT = scan_settings(WIRING)
 
 def test_registers_of_the_reference_board():
     # facts, 1.8; SETTLECOUNT ⌈60·21.7/(16·2)⌉ = 41
-    assert dict(DEFAULT.registers) == {
-        0x08: 0xFFFF, 0x0C: 0, 0x10: 41, 0x14: 0x1002, 0x19: 0xF8FD, 0x1A: 0x1401, 0x1B: 0x020C,
-    }  # fmt: skip
-    assert [address for address, _ in DEFAULT.registers] == [0x08, 0x0C, 0x10, 0x14, 0x19, 0x1A, 0x1B]
+    values = 0xFFFF, 0, 41, 0x1002, 0xF8FD, 0x1401, 0x020C
+    assert DEFAULT.registers == tuple(zip((0x08, 0x0C, 0x10, 0x14, 0x19, 0x1A, 0x1B), values, strict=True))
     assert DEFAULT.drive_register(DEFAULT.states[0]) == 6 << 11
     assert [state.name for state in DEFAULT.states] == list(WIRING.coils)
     assert (DEFAULT.states[0].words.hex(), DEFAULT.reference) == ("111111111122", 21.7e6)
@@ -53,12 +51,10 @@ def test_edges_of_the_ranges():
 
 def test_worked_example_of_the_data_sheet():
     # 2.4 MHz, Q 10, f_ref 20 MHz of 40 MHz by two: SETTLECOUNT 5.2, so 6; its RCOUNT 0x04D6, IDRIVE 18
-    settings = scan_settings(
-        WIRING, clock=40e6, external_clock=True, frequency=2.4e6, quality=10, rcount=0x04D6, drives=18
-    )
-    assert dict(settings.registers) == {
-        0x08: 0x04D6, 0x0C: 0, 0x10: 6, 0x14: 0x1002, 0x19: 0xF8FD, 0x1A: 0x1601, 0x1B: 0x020C,
-    }  # fmt: skip
+    given = {"clock": 40e6, "external_clock": True, "frequency": 2.4e6, "quality": 10}
+    settings = scan_settings(WIRING, **given, rcount=0x04D6, drives=18)
+    values = 0x04D6, 0, 6, 0x1002, 0xF8FD, 0x1601, 0x020C
+    assert settings.registers == tuple(zip((0x08, 0x0C, 0x10, 0x14, 0x19, 0x1A, 0x1B), values, strict=True))
     assert settings.drive_register(settings.states[0]) == 0x9000
 
 
@@ -108,16 +104,12 @@ def test_rate_is_reached_by_the_emulated_board(rate, bus_rate):
 )  # fmt: skip
 def test_what_is_made_keeps_the_rules(frequency, quality, clock, external, rcount, drive):
     """Every setting that is made at all: the rules of the data sheet's table 43, written out again."""
+    given = {"frequency": frequency, "quality": quality, "clock": clock, "external_clock": external}
     try:
-        settings = scan_settings(
-            WIRING, frequency=frequency, quality=quality, clock=clock, external_clock=external, rcount=rcount,
-            drives=drive,
-        )  # fmt: skip
+        settings = scan_settings(WIRING, **given, rcount=rcount, drives=drive)
     except HardwareError:
-        if external:
-            assert not 2e6 <= clock <= 40e6 or frequency >= 15 / 4 * min(clock, 35e6) / 2
-        else:
-            assert not 35e6 <= clock <= 55e6
+        low, high = (2e6, 40e6) if external else (35e6, 55e6)
+        assert not low <= clock <= high or (external and frequency >= 15 / 4 * min(clock, 35e6) / 2)
         return
     assert frequency / settings.fin_divider < settings.reference / 4
     assert settings.fin_divider >= 2 or frequency < 8.75e6
@@ -212,12 +204,11 @@ def test_lengths_must_agree():
 
 
 def test_json():
-    text = DEFAULT.to_json()
-    assert "\n" not in text
-    assert ScanSettings.from_json(text) == DEFAULT
-    assert json.loads(text)["hash"] == f"{DEFAULT.hash:04X}"
     named = replace(DEFAULT, states=(replace(DEFAULT.states[0], name='µ "a"\n'), *DEFAULT.states[1:]))
-    assert ScanSettings.from_json(named.to_json()) == named
+    for settings in (DEFAULT, named):
+        text = settings.to_json()
+        assert "\n" not in text
+        assert (ScanSettings.from_json(text), json.loads(text)["hash"]) == (settings, f"{settings.hash:04X}")
 
 
 @pytest.mark.parametrize(("changes", "message"), [

@@ -172,11 +172,12 @@ def test_a_port_that_takes_no_bytes_does_not_block(terminal, monkeypatch):
         port.write(b"x" * 1_000_000)
 
 
-def test_a_port_that_is_unplugged_is_lost(terminal, port):
+@pytest.mark.parametrize(("call", "argument"), [("read", 0.1), ("read", 0.0), ("write", b"x")])
+def test_a_port_that_is_unplugged_is_lost(terminal, port, call, argument):
     unplugged(terminal)
-    for call in [lambda: port.read(0.1), lambda: port.read(0.0), lambda: port.write(b"x")] * 3:
+    for _ in range(3):
         with pytest.raises(DeviceLost, match=f"{terminal.name} is gone"):
-            call()
+            getattr(port, call)(argument)
     port.close()
     port.close()
 

@@ -20,15 +20,10 @@ from coilarray.errors import HardwareError, NetworkError
 from coilarray.hardware.chips.adg739 import ALL_OPEN, SWITCHES, chain_bytes, switch_word
 from coilarray.hardware.scan import wirings
 from coilarray.hardware.scan.closure import check_switching
-from coilarray.hardware.scan.wiring import (
-    Device,
-    Switch,
-    Terminal,
-    Wiring,
-    load_wiring,
-    one_device_a_coil,
-    parse_wiring,
-)
+
+from coilarray.hardware.scan.wiring import (  # isort: skip
+    Device, Switch, Terminal, Wiring, load_wiring, one_device_a_coil, parse_wiring,
+)  # fmt: skip
 
 SIX, FOUR = load_wiring("six_coils"), load_wiring("six_coils_4")
 BOTH = pytest.mark.parametrize("wiring", [SIX, FOUR], ids=["six", "four"])
@@ -82,11 +77,9 @@ def test_refused_switches(call, message):
 def _two_coils(devices):
     """The part of a bundled wiring that two of its coils need, so that all its words can be tried."""
     coils = ("coil1", "coil2")
-    kept = tuple(
-        replace(device, switches=tuple(switch for switch in device.switches if switch.terminal.coil in coils))
-        for device in devices
-    )
-    return Wiring("two coils", "", coils, kept)
+    kept = [[switch for switch in device.switches if switch.terminal.coil in coils] for device in devices]
+    devices = (replace(device, switches=tuple(some)) for device, some in zip(devices, kept, strict=True))
+    return Wiring("two coils", "", coils, tuple(devices))
 
 
 TWO = _two_coils(SIX.devices[:2])
@@ -122,9 +115,7 @@ def _is_legal(wiring, words):
     if stray or any(sum(net in group[one] for net in NETS) > 1 for one in NETS):
         return False
     measured = on["INA"] + on["INB"]
-    if not measured:
-        return True
-    return len(on["INA"]) == len(on["INB"]) == 1 and measured[0].coil == measured[1].coil
+    return not measured or (len(on["INA"]) == len(on["INB"]) == 1 and measured[0].coil == measured[1].coil)
 
 
 def check(wiring, words, safe_words=None):
@@ -198,19 +189,12 @@ def test_no_other_safe_words_pass_that_differ_in_one_switch(wiring):
             check(wiring, safe, words)
 
 
-@st.composite
-def states(draw):
-    coils = draw(st.permutations(SIX.coils))
-    passive = st.sampled_from(sorted(GROUNDED))
-    exceptions = draw(st.dictionaries(st.sampled_from(coils[1:]), passive))
-    sense = draw(st.sampled_from([1, -1]))
-    return ScanState("state", ((coils[0], sense),), others=draw(passive), exceptions=exceptions)
-
-
 @pytest.mark.slow
-@given(states())
-def test_states_join_what_they_say(state):
-    ((measured, sense),) = state.measured
+@given(st.permutations(SIX.coils), st.sampled_from([1, -1]), st.data())
+def test_states_join_what_they_say(coils, sense, data):
+    measured, passive = coils[0], st.sampled_from(sorted(GROUNDED))
+    exceptions = data.draw(st.dictionaries(st.sampled_from(coils[1:]), passive))
+    state = ScanState("state", ((measured, sense),), others=data.draw(passive), exceptions=exceptions)
     wanted = {}
     for coil in SIX.coils:
         for end, pin in zip("ab", ("INA", "INB")[::sense], strict=True):
@@ -273,12 +257,10 @@ def test_order_of_the_bits_is_a_table(bits):
     other = replace(SIX, devices=tuple(replace(device, bits=tuple(bits)) for device in SIX.devices))
     for state in paper_plan(SIX.coils):
         assert nets_of(other, other.words(state)) == nets_of(SIX, SIX.words(state))
-    for plain, moved in zip(_bytes(SIX.encode()), _bytes(other.encode()), strict=True):
-        assert dict(zip(SWITCHES, plain, strict=True)) == dict(zip(bits, moved, strict=True))
-
-
-def _bytes(codes):
-    return [codes[start : start + 8] for start in range(0, len(codes), 8)]
+    plain, moved = SIX.encode(), other.encode()
+    for start in range(0, len(plain), 8):
+        one = dict(zip(SWITCHES, plain[start : start + 8], strict=True))
+        assert one == dict(zip(bits, moved[start : start + 8], strict=True))
 
 
 def test_every_bundled_wiring_loads():
@@ -379,15 +361,14 @@ def test_bad_files(old, new, message):
 
 def test_bad_wirings():
     (device,) = parse_wiring(SMALL).devices
-    with pytest.raises(HardwareError, match="names the device 'U1' twice"):
-        Wiring("w", "", ("one",), (device, device))
-    with pytest.raises(HardwareError, match="1 to 31 coils and 1 to 255 devices; got 1 and 0"):
-        Wiring("w", "", ("one",), ())
-    with pytest.raises(HardwareError, match="1 to 31 coils and 1 to 255 devices; got 32 and 1"):
-        Wiring("w", "", tuple(f"coil{k}" for k in range(32)), (device,))
     twice = Device("U1", "ADG739", SWITCHES, (*device.switches, Switch("S1A", Terminal("one", "a"), "other")))
-    with pytest.raises(HardwareError, match="U1 has S1A twice"):
-        Wiring("w", "", ("one",), (twice,))
+    for coils, devices, message in (
+        (("one",), (device, device), "names the device 'U1' twice"), (("one",), (twice,), "U1 has S1A twice"),
+        (("one",), (), "1 to 31 coils and 1 to 255 devices; got 1 and 0"),
+        (tuple(f"coil{k}" for k in range(32)), (device,), "1 to 31 coils and 1 to 255 devices; got 32 and 1"),
+    ):  # fmt: skip
+        with pytest.raises(HardwareError, match=message):
+            Wiring("w", "", coils, devices)
 
 
 def test_unreadable_files(tmp_path):
