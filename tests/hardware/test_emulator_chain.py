@@ -78,9 +78,7 @@ def test_of_more_bytes_the_last_count_and_of_fewer_the_old_move_on(data):
 
 
 @pytest.mark.parametrize(("mode", "slips"), [(1, 0), (2, 0), (0, 1), (3, 1)])
-def test_modes_of_spi_that_are_not_stable_at_the_falling_edge_slip_by_a_bit_which_the_read_back_shows(
-    chain, mode, slips
-):
+def test_modes_of_spi_that_are_not_stable_at_the_falling_edge_slip_by_a_bit(chain, mode, slips):
     chain.transfer(SENT, mode=mode)
     assert int.from_bytes(chain.words) == int.from_bytes(SENT) >> slips
     assert (chain.transfer(SENT, mode=mode) == SENT) == (not slips)

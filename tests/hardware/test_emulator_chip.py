@@ -242,9 +242,7 @@ def test_nothing_comes_without_a_clock_or_with_a_divider_0():
 
 
 @example(2e6, 1, 1, 0, 1000)
-@given(
-    st.floats(1e4, 5e6), st.integers(1, 15), st.integers(1, 20), st.integers(0, 0xFFFF), st.integers(10, 0xFFFF)
-)  # fmt: skip
+@given(st.floats(1e4, 5e6), *(st.integers(*ends) for ends in ((1, 15), (1, 20), (0, 0xFFFF), (10, 0xFFFF))))
 def test_every_code_is_equation_6(frequency, fin, fref, offset, rcount):
     chip = Chip(strict=False, sensors={0: replace(GOOD, frequency=frequency)})
     divider = 1 + fref
@@ -360,14 +358,10 @@ def test_every_flag_has_its_cause_and_its_gate(cause):
     chip = provoked(cause, 0xF8FD)
     assert (chip.chip.interrupt, chip.read(0x18)) == (True, status | 0x48)
     assert chip.read(0x00) >> 12 == flags
-    # nothing shows with all gates closed; UNREADCONV needs none
-    chip = provoked(cause, 0x0000)
-    assert not chip.chip.interrupt
-    assert (chip.read(0x18), chip.read(0x00) >> 12) == (0x0008, 0)
-    # the gates of the others alone show nothing
-    chip = provoked(cause, 0xF8FD & ~(out | interrupt | 1))
-    assert not chip.chip.interrupt
-    assert (chip.read(0x18), chip.read(0x00) >> 12) == (0x0008, 0)
+    # nothing shows with all gates closed, or with those of the others alone; UNREADCONV needs none
+    for gates in (0x0000, 0xF8FD & ~(out | interrupt | 1)):
+        chip = provoked(cause, gates)
+        assert (chip.chip.interrupt, chip.read(0x18), chip.read(0x00) >> 12) == (False, 0x0008, 0)
     # its own alone show it
     assert provoked(cause, out).read(0x00) >> 12 == flags
     assert provoked(cause, interrupt).read(0x18) == status | 0x0008
@@ -441,9 +435,8 @@ def test_unread_and_ready(cleared):
 
 @pytest.mark.parametrize("on_read", [False, True])
 def test_flags_go_by_reading_or_by_the_next_good_result(on_read):
-    chip = Chip(
-        sensors={0: replace(GOOD, parallel_resistance=12e3)}, open_points=OpenPoints(flags_clear_on_read=on_read)
-    ).converted()
+    weak = {0: replace(GOOD, parallel_resistance=12e3)}
+    chip = Chip(sensors=weak, open_points=OpenPoints(flags_clear_on_read=on_read)).converted()
     assert chip.read(0x00) >> 12 == 1
     assert chip.read(0x00) >> 12 == (0 if on_read else 1)
     chip.bench.sensors[0] = GOOD

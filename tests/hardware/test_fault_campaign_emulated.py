@@ -64,13 +64,11 @@ def test_every_value_is_the_inductance_of_its_coil():
     places = [(device, bit) for device in range(6) for bit in range(8) if chain.devices[device][bit] is not None]
     stuck = [("stick", *place, state) for place in places for state in ("open", "closed")]
     others = {
-        "hold": bus.hold,
-        "refuse": lambda: bus.refuse(noise.randint(1, 60)),
-        "brown-out": chip.brown_out,
-        "shut": lambda: chip.shut_down(True),
+        "hold": bus.hold, "refuse": lambda: bus.refuse(noise.randint(1, 60)),
+        "brown-out": chip.brown_out, "shut": lambda: chip.shut_down(True),
         "loss": lambda: setattr(world, "resistance", noise.choice([200.0, 400.0])),
         "broken": lambda: setattr(bench.board.switches, "broken", True),
-    }
+    }  # fmt: skip
     plan = [*stuck, *((kind,) for kind in others for _ in range(OTHERS))]
     resistance = world.resistance
     for kind, *arguments in plan:

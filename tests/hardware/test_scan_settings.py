@@ -123,18 +123,16 @@ def test_what_is_made_keeps_the_rules(frequency, quality, clock, external, rcoun
     assert ScanSettings.from_json(settings.to_json()) == settings
 
 
+NOT_POSITIVE = [("rate", 0.0), ("rate", math.inf), ("clock", math.nan), ("clock", -1.0), ("frequency", 0.0),
+                ("quality", math.inf)]  # fmt: skip
+
+
 @pytest.mark.parametrize(("given", "message"), [
     ({"rcount": 4}, "RCOUNT must be 5 to 65535; got 4"),
     ({"rcount": 0x10000}, "RCOUNT must be 5 to 65535; got 65536"),
     ({"rcount": 100.5}, "RCOUNT0 must be an integer from 0 to 65535; got 100.5"),
     ({"rcount": 100, "rate": 10.0}, "give rate or rcount, not both; got 10.0 and 100"),
-    *(
-        ({name: value}, f"{name} must be positive and finite; got {value}")
-        for name, value in (
-            ("rate", 0.0), ("rate", math.inf), ("clock", math.nan), ("clock", -1.0), ("frequency", 0.0),
-            ("quality", math.inf),
-        )
-    ),
+    *(({name: value}, f"{name} must be positive and finite; got {value}") for name, value in NOT_POSITIVE),
     ({"rate": 200.0}, r"rate must be at most \d+\.\d scans/s of 6 states on an I²C bus of 400 kHz; got 200"),
     ({"rate": 100.0, "bus_rate": 100e3}, r"rate must be at most \d+\.\d+ scans/s .* of 100 kHz; got 100"),
     ({"rate": 1.0, "bus_rate": 0.0}, "bus_rate must be positive and finite; got 0.0"),
