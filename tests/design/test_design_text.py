@@ -108,9 +108,6 @@ def test_points_stand_one_a_line_and_no_line_is_long():
     same(parse_design(text(array)).array, array)
 
 
-# ---- names
-
-
 @pytest.mark.parametrize(("given_names", "expected"), [
     (["/coil1", "coil1"], ["coil1", "coil1_2"]),
     (["Net-(J1-Pad1)", "-x", "", "a b/c"], ["Net-_J1-Pad1_", "x", "_", "a_b_c"]),
@@ -130,9 +127,6 @@ def test_any_names_make_a_readable_design(names):
     array = CoilArray(Stackup((names[0],), (35e-6,), (), ()), placements)
     found = parse_design(text(array, name=names[0])).array
     assert len(set(found.names)) == len(names)
-
-
-# ---- assumptions
 
 
 def test_assumptions_are_carried_to_the_keys_they_are_of():

@@ -89,9 +89,6 @@ def same_text(design):
     return ca.parse_design(design_text(design), design.name)
 
 
-# ---- documents
-
-
 @pytest.mark.parametrize("name", names())
 def test_the_document_of_a_bundled_design_has_the_keys_and_values_of_its_file(name):
     file = ca.load_design_file(name)
@@ -151,9 +148,6 @@ def test_all_digits_stand_in_the_document(kind, pitch, angles, sizes, sides, val
     assert build_design(document).digest == design.digest
 
 
-# ---- identity
-
-
 def test_a_design_made_in_python_is_the_one_in_the_file():
     file, made = ca.load_design("gast2020"), gast2020_in_python()
     assert made.digest == file.digest
@@ -197,9 +191,6 @@ def test_the_origin_follows_its_coil():
     assert there == pytest.approx(np.add(design.indentation.origin_point, (1e-3, 0)), abs=1e-15)
 
 
-# ---- what is refused
-
-
 @pytest.mark.parametrize(("change", "line"), [
     ({"sheets": (ca.Sheet("s", 1e-3), ca.Sheet("s", 2e-3))}, "elastomer sheets must have different names; got s, s."),
     ({"sheets": (ca.Sheet("s", 9e-3),)}, "elastomer.0.youngs_modulus_kPa is missing; [indentation] needs it"),
@@ -222,9 +213,6 @@ def test_an_indentation_that_cannot_be():
         ca.Indentation(ca.Hemisphere(1e-3), (2e-3, 1e-3))
     with pytest.raises(ca.DesignError, match="names no coil"):
         ca.Design(ROW.array, (ca.Sheet("s", 1e-2, 1.0, 1e4),), ca.Indentation(ca.Hemisphere(1e-3), (1e-3,), origin="x"))
-
-
-# ---- what takes it
 
 
 def test_a_sweep_is_one_line():

@@ -49,9 +49,6 @@ def margins(array, rule):
     return {(m.layer, m.feature): m for m in check_rules(array, FabRules()) if m.rule == rule}
 
 
-# ---- one width is a special case
-
-
 def test_a_number_and_equal_widths_are_the_same_coil():
     line = spiral_coil(Spiral(6, 8e-3, 5, 0.15e-3, 0.15e-3), 1, VIA).lines[0]
     number = path_coil([line], 0.15e-3, 0.15e-3, VIA)
@@ -85,9 +82,6 @@ def test_widths_that_cannot_be():
         ("wide", "trace_width must be a number, or numbers"),
     ):
         refused(GeometryError, message, path_coil, [BENT], widths, 1e-4, VIA)
-
-
-# ---- copper
 
 
 @given(widths=st.lists(st.floats(0.05e-3, 0.5e-3), min_size=2, max_size=8))
@@ -129,9 +123,6 @@ def test_every_segment_has_its_own_width():
     assert (worst.value, worst.x, worst.y) == pytest.approx((0.08e-3, 4e-3, 0.0), rel=ROUNDING)
 
 
-# ---- rules
-
-
 def test_gaps_count_from_the_wide_part():
     pitch = 0.6e-3
     array = one_line([[NARROW, NARROW, WIDE]], [(0, 0), (5e-3, 0), (5e-3, pitch), (0, pitch)])
@@ -149,9 +140,6 @@ def test_gaps_count_from_the_wide_part():
     worst = margins(on_board(a, b), "clearance")[("L1", "A – B")]
     assert worst.value == pytest.approx(1e-3 - (NARROW + WIDE) / 2, abs=ROUNDING)
     assert worst.x > 2e-3 - ROUNDING
-
-
-# ---- several lines on one layer
 
 
 def three_lines(apart=1e-3):
@@ -194,9 +182,6 @@ def test_separate_lines_of_a_net_keep_their_spacing():
     message = r"lines 0 and 2 of A meet on L1, at \(2, 0\) mm of the coil"
     refused(GeometryError, message, Placement, "A", coil, ("L1", "L2", "L1"), 0, 0)
     assert Placement("A", coil, ("L1", "L2", "L3"), 0, 0).lines_on("L1") == (0,)
-
-
-# ---- capacitance and potential: a jumper changes little
 
 
 SPIRAL = Spiral(6, 6e-3, 4, 0.3e-3, 0.3e-3)
@@ -255,9 +240,6 @@ def test_coils_overlap_where_one_is_wide():
     line = [(0, 0.45e-3), (2e-3, 0.45e-3), (5e-3, 0.45e-3)]
     b = Placement("B", path_coil([line], [[NARROW, 0.8e-3]], 1e-4, VIA), ("L1",), 0, 0)
     refused(GeometryError, "the copper of A and B overlaps on L1", coil_capacitance, on_board(a, b))
-
-
-# ---- design files
 
 
 PATH = """

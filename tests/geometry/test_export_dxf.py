@@ -145,9 +145,6 @@ def test_wherever_the_coil_lies(tmp_path_factory, rotation, x, y):
     assert_same_area(written(array, tmp_path_factory.mktemp("dxf")), array)
 
 
-# ---- what cannot be written
-
-
 def board_of_layers(*names):
     coil = path_coil([[(0, 0), (1e-2, 0)]], 0.2e-3, 0.2e-3, VIA)
     return CoilArray(replace(many_layers(len(names)), names=names), (Placement("A", coil, names[:1], 0, 0),))

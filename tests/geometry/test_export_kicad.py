@@ -120,9 +120,6 @@ def reader(board: Node) -> Any:
     return lambda point: (point - origin) * (1, -1)
 
 
-# ---- text
-
-
 @given(st.integers(-(2**31), 2**31 - 1))
 def test_millimetres_are_exact(nm: int) -> None:
     assert round(float(mm(nm)) * 1e6) == nm
@@ -140,9 +137,6 @@ def test_points_keep_their_place_to_half_a_nanometre(x: float, y: float, x0: int
     # the nearest whole number, and the rounding of the multiplication by 1e9
     assert abs((u - x0) * 1e-9 - x) < 0.501e-9
     assert abs((y0 - v) * 1e-9 - y) < 0.501e-9
-
-
-# ---- the board
 
 
 @pytest.mark.slow
@@ -295,9 +289,6 @@ def test_the_title_is_the_name_where_there_is_none(tmp_path: Path) -> None:
         assert board.need("title_block").need("title").text() == title
 
 
-# ---- names on the silk screen
-
-
 def test_names_meet_no_pad_no_name_and_no_edge(exported: Any) -> None:
     array = exported[0]
     labels = silk_labels(array)
@@ -322,9 +313,6 @@ def test_a_name_without_a_place_is_not_printed(tmp_path: Path) -> None:
     assert footprint.need("fp_text").need("layer").text() == "F.Fab"
 
 
-# ---- rules
-
-
 def test_the_limits_are_the_rules_of_the_project(tmp_path: Path) -> None:
     rules = FabRules(0.11e-3, 0.12e-3, 0.23e-3, 0.14e-3, 0.35e-3, 0.26e-3)
     project = json.loads(export(hexagonal_board(4), tmp_path, rules=rules)[1].read_text())
@@ -338,9 +326,6 @@ def test_the_limits_are_the_rules_of_the_project(tmp_path: Path) -> None:
     (default,) = project["net_settings"]["classes"]
     assert default == {"name": "Default", "clearance": 0.12, "track_width": 0.1, "via_diameter": 0.45, "via_drill": 0.2}
     assert project["meta"]["filename"] == "board.kicad_pro"
-
-
-# ---- footprints
 
 
 def test_one_footprint_a_shape_and_set_of_layers(tmp_path: Path) -> None:
@@ -370,9 +355,6 @@ def test_a_footprint_is_the_winding_about_its_middle(exported: Any) -> None:
         vias = placement.coil.via_points
         assert list(pads) == [*(f"V{k + 1}" for k in range(len(vias))), "1", "2"]
         assert np.abs(np.array(list(pads.values())) - [*vias, *placement.coil.terminal_points]).max() < 0.6 * NANOMETRE
-
-
-# ---- errors
 
 
 def test_layers_that_kicad_cannot_hold(tmp_path: Path) -> None:
@@ -487,9 +469,6 @@ def test_a_board_that_is_refused_leaves_all_as_it_was(tmp_path: Path, old: bool)
 
     refused(RuleViolationError, "not this one", export, OTHER, tmp_path, check=refuse)
     assert contents(tmp_path) == before
-
-
-# ---- what KiCad itself says
 
 
 @pytest.fixture(scope="module")

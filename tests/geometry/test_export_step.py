@@ -222,9 +222,6 @@ def test_overlapping_holes_still_make_solids(tmp_path):
         assert parts[name].volume == pytest.approx(solid.volume * 1e9, rel=2e-3), name
 
 
-# ---- which edges are arcs
-
-
 CIRCLES = np.array([(0.0, 0.0, 0.25e-3), (1e-3, 0.5e-3, 0.5e-3)])
 
 
@@ -256,9 +253,6 @@ def test_a_pad_with_a_trace_keeps_its_arc(width, angle):
     assert 128 - hidden - 4 <= (owners == 0).sum() <= 128 - hidden + 2
     straight = ring[owners < 0]
     assert len(straight) >= 3
-
-
-# ---- what cannot be written
 
 
 def test_files_that_cannot_be(tmp_path, monkeypatch):

@@ -105,9 +105,6 @@ def lacking(name: str) -> dict[str, str]:
     return {other: text for other, text in BOARD.items() if other != name}
 
 
-# ---- our own export
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("through_holes", [True, False])
 def test_export_and_import_give_the_same_inductances(through_holes: bool, tmp_path: Path) -> None:
@@ -204,9 +201,6 @@ def test_a_stackup_that_is_given_wins_over_the_job_file_which_may_say_little(tmp
     # equal parts in series, as in test_readers_kicad.py
     assert board.stackup.epsilon_r == pytest.approx((2 / (1 / 4.4 + 1 / 3.3),))
     assert board.stackup.dielectric_thickness == pytest.approx((1.6e-3 - 70e-6,))
-
-
-# ---- other makes
 
 
 def test_boards_of_one_and_two_layers(tmp_path: Path) -> None:
@@ -409,9 +403,6 @@ def test_kicads_own_plots_of_a_design_are_its_copper_with_the_same_inductances(k
     array = small_board()
     board = read_gerbers(kicad_plots, array.stackup)
     assert check_nets(array, *board_layers(board)).faults == ()
-
-
-# ---- bad input
 
 
 def test_paths_that_are_no_board_or_a_damaged_one(tmp_path: Path) -> None:

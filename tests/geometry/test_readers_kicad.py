@@ -33,9 +33,6 @@ from coilarray.geometry.readers.sexpr import Quoted, parse_sexpr, read_sexpr
 ROUNDING = 1e-15  # m: coordinates of 0.1 m in float64
 
 
-# ---- s-expressions
-
-
 def test_nodes_words_lines_and_escapes():
     root = parse_sexpr('(a 1 "1"\n  (b "two words" (c))\r\n\t(d -2.5e-3)\n\n(b x) )\n')
     assert root.name == "a"
@@ -102,9 +99,6 @@ def test_files_that_cannot_be_read(tmp_path):
     refused(BoardError, r"b\.kicad_pcb: the file is no text in UTF-8", read_sexpr, binary)
 
 
-# ---- versions
-
-
 @pytest.mark.parametrize("version", [KICAD_6, KICAD_7, KICAD_8, KICAD_9])
 def test_kicad_6_to_9(read, version):
     found = read(board(segment((0, 0), (5, 2)), version=version))
@@ -132,9 +126,6 @@ def test_files_that_are_no_board(read):
         (f'(kicad_pcb (version {KICAD_6})\n(layers (44 "Edge.Cuts" user)))', ":2: the board has no copper layer"),
     ):
         refused(BoardError, message, read, text)
-
-
-# ---- layers and stack-up
 
 
 def test_layers_go_from_top_to_bottom_by_their_names(read):
@@ -201,9 +192,6 @@ def test_stackups_that_cannot_be(read):
         (SUBLAYERS.replace("4.4", "x"), "must have a number; got 'x'"),
     ):
         refused(BoardError, rf"b\.kicad_pcb:\d+: .*{message}", read, board(setup=setup))
-
-
-# ---- places and nets
 
 
 def test_places_and_nets(read):
@@ -316,9 +304,6 @@ def test_pads_and_drawings_turn_with_their_footprint(read):
     assert found.what == "a drawn line"
 
 
-# ---- arcs
-
-
 @given(radius=st.floats(0.05e-3, 20e-3), first=st.floats(-4, 4), turn=st.floats(-6.2, 6.2), part=st.floats(0.1, 0.9))
 @settings(max_examples=40)
 def test_pieces_of_an_arc_stay_on_it_and_keep_its_area(radius, first, turn, part):
@@ -362,9 +347,6 @@ def test_a_curved_track(read):
     assert (points[1:, 1] > 0).all()  # over the top: y is down in the file
     assert {(track.layer, track.net, track.width) for track in tracks} == {("B.Cu", "B", 0.15e-3)}
     assert all(a.end == b.start for a, b in pairwise(tracks))
-
-
-# ---- copper that is no track
 
 
 ZONE = """(zone (net 1) (net_name "A") (layer "F.Cu") (tstamp 0) (hatch edge 0.5)
@@ -474,9 +456,6 @@ def test_what_is_unknown_is_copper_where_it_has_a_net_and_groups_and_pictures_ar
     assert areas(read, '(image (at 100 100) (layer "F.Cu"))') == ()
 
 
-# ---- values that cannot be
-
-
 @pytest.mark.parametrize(
     ("item", "message"),
     [
@@ -508,9 +487,6 @@ def test_items_that_cannot_be(read, item, message):
     text = board("", item)
     line = text[: text.index(item)].count("\n") + 1
     refused(BoardError, rf"b\.kicad_pcb:{line}: .*{message}", read, text)
-
-
-# ---- a real KiCad
 
 
 SAVE_AGAIN = "import pcbnew, sys; pcbnew.SaveBoard(sys.argv[2], pcbnew.LoadBoard(sys.argv[1]))"

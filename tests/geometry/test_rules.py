@@ -52,9 +52,6 @@ def straight(y, x0=0.0, x1=5e-3):
     return [[(x0, y), (x1, y)]]
 
 
-# ---- whole coils
-
-
 def test_the_reference_board_keeps_the_default_rules():
     array = reference_board(count=2)
     require_rules(array, FabRules(min_gap=0.1e-3))
@@ -128,9 +125,6 @@ def test_turns_too_close_are_found():
     assert 3.5e-3 < math.hypot(worst.x, worst.y) < 6e-3
 
 
-# ---- spacing within one net
-
-
 def test_hairpins():
     for gap in (0.05e-3, 0.1e-3, 0.3e-3):
         array = board([[(0, 0), (5e-3, 0), (5e-3, W + gap), (0, W + gap)]])
@@ -190,9 +184,6 @@ def test_separate_pads_and_barrels_of_one_net():
     assert spacing(close, "L4").value == pytest.approx(near - 0.45e-3, abs=ROUNDING)
 
 
-# ---- different nets
-
-
 @given(gap=st.floats(-0.15e-3, 0.9e-3))
 @settings(max_examples=20)
 def test_clearance_is_continuous_through_contact(gap):
@@ -229,9 +220,6 @@ def test_what_is_listed_and_in_which_order():
     assert broken(board(straight(0), straight(W + 0.1e-3), width=W)) == []
     assert broken(board(straight(0), straight(W + 0.0989e-3), width=W)) != []
     assert broken(board(straight(0), width=0.1e-3)) == []
-
-
-# ---- holes, widths, edge
 
 
 def test_holes_widths_and_edge():

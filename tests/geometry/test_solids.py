@@ -111,9 +111,6 @@ def test_geometry_is_imported_without_trimesh():
     assert done.stdout.strip() == "False"
 
 
-# ---- files
-
-
 @pytest.fixture(scope="module")
 def parts():
     return solids(BOARDS["triangle"], SHEETS)

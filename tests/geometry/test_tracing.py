@@ -70,9 +70,6 @@ def hole(x, y, *, net="A", kind="via", number="", pad=0.6e-3):
     return Hole(x / 1e3, y / 1e3, 0.3e-3, pad, ("top", "bottom"), net, kind, "file:hole", number)
 
 
-# ---- round trips
-
-
 def small_array(**options):
     """Three coils of two shapes on four layers, one of them turned."""
     coil = spiral_coil(Spiral(6, 4e-3, 5, 0.15e-3, 0.15e-3, 0.2), 2, VIA, LEADS)
@@ -144,9 +141,6 @@ def test_any_spiral_keeps_its_sense_turns_and_length(sides, layers, winding, rot
     assert math.hypot(*coil.centre) < 0.35e-3
 
 
-# ---- order, direction, joints
-
-
 def test_where_the_current_enters(read):
     cases = (
         *((("1", "2"), OUTER), (("2", "1"), INNER), (("A10", "A2"), INNER), (("3", "2"), INNER), (("", "7"), INNER)),
@@ -211,9 +205,6 @@ def test_copper_that_lies_twice_is_one_path():
         assert coil.length == pytest.approx(9e-3, rel=1e-12)
         np.testing.assert_allclose(sorted(coil.lines[0][[0, -1], 0]), [0, 9e-3], atol=1e-15)
         assert (np.diff(coil.lines[0][:, 0]) > 0).all() or (np.diff(coil.lines[0][:, 0]) < 0).all()
-
-
-# ---- what is no path
 
 
 PIECES = r"it has 2 that do not meet, at \(0, 0\) mm on top \(file:1\) and at \(0, 3\) mm on top \(file:2\)"
@@ -286,9 +277,6 @@ def test_copper_of_no_concern(read):
         assert len(trace_coils(read(board(path(*SPIRAL), item)), ["A"]).coils) == 1
 
 
-# ---- pads and holes that join turns
-
-
 def surface_pad(x, y, width, height, *, net="A", at="file:pad"):
     """Return a rectangular pad on top, in mm."""
     corners = np.array((x - width / 2, y - height / 2, x + width / 2, y + height / 2)) * 1e-3
@@ -356,9 +344,6 @@ def test_copper_without_a_net_that_touches_what_has_one_is_no_coil():
     refused(BoardError, message, trace_coils, bare, ["A"])
 
 
-# ---- layers without copper
-
-
 def test_the_back_and_the_margin_of_a_board(read):
     found = as_array(read(board(path(*SPIRAL))))
     assert found.array.stackup == Stackup(("F.Cu",), (35e-6,), (), ())
@@ -375,9 +360,6 @@ def test_the_back_and_the_margin_of_a_board(read):
     uneven = as_array(replace(board_copper, edge=(-8e-3, -8e-3, 20e-3, 3e-3)))
     assert uneven.array.board_margin == 0
     assert any("2.9, 2.9, 14.9, -2.1 mm" in note for note in uneven.notes)
-
-
-# ---- which nets are coils
 
 
 def test_without_names_the_nets_that_wind_are_coils(read):
@@ -416,9 +398,6 @@ def test_names_of_coils_are_new_or_in_the_given_order_of_nets_which_need_not_win
     assert [coil.name for coil in trace_coils(read(text), ["B", "A", "B"]).coils] == ["B", "A"]
 
 
-# ---- centre, turns, gap
-
-
 def test_turns_length_and_gap_of_a_square_spiral():
     coil = traced(copper(*line(*SPIRAL)))
     # from the corner at (-5, 5) anticlockwise; the last side ends 1 mm beyond a whole turn's corner
@@ -443,9 +422,6 @@ def test_paths_without_turns_or_gap():
     coil = traced(copper(*line((0, 0), (5, 0), (9, 0))))
     assert coil.turns == 0
     assert coil.centre == pytest.approx((4.5e-3, 0))
-
-
-# ---- holes of several sizes, margins
 
 
 def test_holes_of_several_sizes_or_depths_or_that_lead_nowhere(read):
