@@ -135,30 +135,27 @@ def test_a_coil_of_too_much_resistance_has_no_resonance():
         couple(["a"], [[1e-5]], 1e4, 100e-12)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: active_coil([[1e-6, 0]], 0, 0, F), "must be square"),
-        (lambda: active_coil([[np.nan]], 0, 0, F), "finite with a positive diagonal"),
-        (lambda: active_coil([[-1e-6]], 0, 0, F), "finite with a positive diagonal"),
-        (lambda: active_coil([[1e-6]], -1, 0, F), "resistances must be finite and not negative"),
-        (lambda: active_coil([[1e-6]], [1, 2], 0, F), "resistance must be one number or 1"),
-        (lambda: active_coil([[1e-6]], 0, 1, F), "the active coil must be 0 to 0; got 1"),
-        (lambda: active_coil([[1e-6]], 0, 0, 0), "frequency must be positive and finite; got 0"),
-        (lambda: active_coil([[1e-6]], 0, 0, F, ["loose"]), "must be 1 of 'short' or 'open'"),
-        (lambda: active_coil([[1e-6]], 0, 0, F, short_resistance=-1), "short_resistance must be finite"),
-        (lambda: active_coil([[1, 1], [1, 1]], 0, 0, F), "must be positive definite; .* coils lie in one place"),
-        (lambda: active_coil([[2, 1], [0, 2]], 0, 0, F), "must be symmetric; between coils 1 and 2 it has"),
-        (lambda: couple(["a", "b"], [[1, 2], [2, 1]], 0, 1e-12), "must be positive definite"),
-        (lambda: impedance_matrix([[1e-6]], 0, -1.0), "frequency must be positive and finite; got -1"),
-        (lambda: couple(["a"], [[1e-6]], 0, -1e-12), "capacitance must be positive and finite"),
-        (lambda: couple(["a"], [[1e-6]], 0, 1e-12, ["loose"]), "must be 1 of 'short' or 'open'"),
-        (lambda: every_active_coil([[1, 2], [2, 1]], 0, F), "must be positive definite"),
-        (lambda: every_active_coil([[1e-6]], 0, 0.0), "frequency must be positive and finite; got 0"),
-        (lambda: every_active_coil([[1e-6]], 0, F, -1.0), "short_resistance must be finite"),
-        (lambda: couple(["a", "b"], [[1e-6]], 0, 1e-12), "2 names need an inductance matrix"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: active_coil([[1e-6, 0]], 0, 0, F), "must be square"),
+    (lambda: active_coil([[np.nan]], 0, 0, F), "finite with a positive diagonal"),
+    (lambda: active_coil([[-1e-6]], 0, 0, F), "finite with a positive diagonal"),
+    (lambda: active_coil([[1e-6]], -1, 0, F), "resistances must be finite and not negative"),
+    (lambda: active_coil([[1e-6]], [1, 2], 0, F), "resistance must be one number or 1"),
+    (lambda: active_coil([[1e-6]], 0, 1, F), "the active coil must be 0 to 0; got 1"),
+    (lambda: active_coil([[1e-6]], 0, 0, 0), "frequency must be positive and finite; got 0"),
+    (lambda: active_coil([[1e-6]], 0, 0, F, ["loose"]), "must be 1 of 'short' or 'open'"),
+    (lambda: active_coil([[1e-6]], 0, 0, F, short_resistance=-1), "short_resistance must be finite"),
+    (lambda: active_coil([[1, 1], [1, 1]], 0, 0, F), "must be positive definite; .* coils lie in one place"),
+    (lambda: active_coil([[2, 1], [0, 2]], 0, 0, F), "must be symmetric; between coils 1 and 2 it has"),
+    (lambda: couple(["a", "b"], [[1, 2], [2, 1]], 0, 1e-12), "must be positive definite"),
+    (lambda: impedance_matrix([[1e-6]], 0, -1.0), "frequency must be positive and finite; got -1"),
+    (lambda: couple(["a"], [[1e-6]], 0, -1e-12), "capacitance must be positive and finite"),
+    (lambda: couple(["a"], [[1e-6]], 0, 1e-12, ["loose"]), "must be 1 of 'short' or 'open'"),
+    (lambda: every_active_coil([[1, 2], [2, 1]], 0, F), "must be positive definite"),
+    (lambda: every_active_coil([[1e-6]], 0, 0.0), "frequency must be positive and finite; got 0"),
+    (lambda: every_active_coil([[1e-6]], 0, F, -1.0), "short_resistance must be finite"),
+    (lambda: couple(["a", "b"], [[1e-6]], 0, 1e-12), "2 names need an inductance matrix"),
+])  # fmt: skip
 def test_bad_input(call, message):
     with pytest.raises(ValueError, match=message):
         call()

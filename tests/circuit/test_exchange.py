@@ -85,14 +85,11 @@ def test_plain_names_are_distinct(names):
     assert all(re.fullmatch(r"\w+", name, re.ASCII) for name in plain)
 
 
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
-        ([], "names must be one or more; got 0"),
-        (["a", " "], "every coil needs a name; got an empty one"),
-        (["a", "b", "a"], "names must be all different; got 'a' more than once"),
-    ],
-)
+@pytest.mark.parametrize(("names", "message"), [
+    ([], "names must be one or more; got 0"),
+    (["a", " "], "every coil needs a name; got an empty one"),
+    (["a", "b", "a"], "names must be all different; got 'a' more than once"),
+])  # fmt: skip
 def test_bad_names(names, message):
     with pytest.raises(ValueError, match=message):
         plain_names(names)
@@ -175,15 +172,12 @@ def same_impedance(Z, expected):
 
 @needs_ngspice
 @pytest.mark.parametrize(("resistance", "short_resistance"), [(1.0, 5.0), (1.0, 0.0), (0.0, 5.0)])
-@pytest.mark.parametrize(
-    ("n", "spread", "states"),
-    [
-        (1, 0.15, ["open"]),
-        (2, 0.9, ["short", "open"]),  # a coupling of 0.9976
-        (3, 0.9, ["short", "open", "short"]),  # up to 0.91
-        (6, 0.3, ["short", "short", "open", "short", "open", "short"]),
-    ],
-)
+@pytest.mark.parametrize(("n", "spread", "states"), [
+    (1, 0.15, ["open"]),
+    (2, 0.9, ["short", "open"]),  # a coupling of 0.9976
+    (3, 0.9, ["short", "open", "short"]),  # up to 0.91
+    (6, 0.3, ["short", "short", "open", "short", "open", "short"]),
+])  # fmt: skip
 def test_ngspice_agrees_with_active_coil(tmp_path, n, spread, states, resistance, short_resistance):
     L, R = random_matrix(n, 5, spread), resistance * np.linspace(2, 12, n)
     names = [f"coil {k}" for k in range(n)]
@@ -298,24 +292,21 @@ def test_capacitors_between_coils_are_those_of_the_network():
     np.testing.assert_allclose(stamp, between_coils(between) + winding, rtol=0, atol=1e-26)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((["A"], np.eye(2), 1.0), "names must be 2; got 1"),
-        ((["A", "A"], np.eye(2), 1.0), "all different"),
-        ((["A", "B"], np.ones((2, 3)), 1.0), "must be square"),
-        ((["A", "B"], [[1, np.nan], [np.nan, 1]], 1.0), "must be finite"),
-        ((["A", "B"], [[1, 0.1], [0.2, 1]], 1.0), r"symmetric; between coils 1 and 2 it has 0\.1 H and 0\.2 H"),
-        ((["A", "B"], np.eye(2), [1.0, 2, 3]), "one number or 2"),
-        ((["A", "B"], np.eye(2), -1.0), "not negative"),
-        ((["A", "B"], np.eye(2), 1.0, [1e-12]), r"one number or 2; got shape \(1,\)"),
-        ((["A", "B"], np.eye(2), 1.0, -1e-12), "not negative"),
-        ((["A", "B"], np.eye(2), 1.0, [1e-12, np.nan]), "finite"),
-        ((["A", "B"], [[1, 2], [2, 4]], 1.0), "must be positive definite"),  # k = 1: the limit is refused too
-        # every pair alone can exist, the three cannot: eigenvalues 1 − 1.8, 1.9, 1.9
-        ((["A", "B", "C"], [[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]], 1.0), r"smallest of the 3 .* is -0\.8"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ((["A"], np.eye(2), 1.0), "names must be 2; got 1"),
+    ((["A", "A"], np.eye(2), 1.0), "all different"),
+    ((["A", "B"], np.ones((2, 3)), 1.0), "must be square"),
+    ((["A", "B"], [[1, np.nan], [np.nan, 1]], 1.0), "must be finite"),
+    ((["A", "B"], [[1, 0.1], [0.2, 1]], 1.0), r"symmetric; between coils 1 and 2 it has 0\.1 H and 0\.2 H"),
+    ((["A", "B"], np.eye(2), [1.0, 2, 3]), "one number or 2"),
+    ((["A", "B"], np.eye(2), -1.0), "not negative"),
+    ((["A", "B"], np.eye(2), 1.0, [1e-12]), r"one number or 2; got shape \(1,\)"),
+    ((["A", "B"], np.eye(2), 1.0, -1e-12), "not negative"),
+    ((["A", "B"], np.eye(2), 1.0, [1e-12, np.nan]), "finite"),
+    ((["A", "B"], [[1, 2], [2, 4]], 1.0), "must be positive definite"),  # k = 1: the limit is refused too
+    # every pair alone can exist, the three cannot: eigenvalues 1 − 1.8, 1.9, 1.9
+    ((["A", "B", "C"], [[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]], 1.0), r"smallest of the 3 .* is -0\.8"),
+])  # fmt: skip
 def test_bad_subcircuits(arguments, message):
     with pytest.raises(ValueError, match=message) as caught:
         spice_subcircuit(*arguments[:3], capacitance=arguments[3] if len(arguments) > 3 else None)
@@ -366,18 +357,15 @@ def test_fasthenry_vias_and_filaments():
     same_paths(read_fasthenry_input(text), [path])
 
 
-@pytest.mark.parametrize(
-    ("frequencies", "message"),
-    [
-        ([], "at least one frequency"),
-        ([[1e5, 1e6]], r"as one row; got shape \(1, 2\)"),
-        ([1e5, np.nan], "positive and finite"),
-        ([0, 1e5], "positive and finite"),
-        ([1e5, 2e5, 3e5], "rise by one factor"),
-        ([1e6, 1e5], "rise by one factor"),
-        ([1e6, 1.0005e6], r"one factor above 1\.001"),
-    ],
-)
+@pytest.mark.parametrize(("frequencies", "message"), [
+    ([], "at least one frequency"),
+    ([[1e5, 1e6]], r"as one row; got shape \(1, 2\)"),
+    ([1e5, np.nan], "positive and finite"),
+    ([0, 1e5], "positive and finite"),
+    ([1e5, 2e5, 3e5], "rise by one factor"),
+    ([1e6, 1e5], "rise by one factor"),
+    ([1e6, 1.0005e6], r"one factor above 1\.001"),
+])  # fmt: skip
 def test_bad_sweeps(frequencies, message):
     with pytest.raises(ValueError, match=message):
         fasthenry_input(Conductor(SQUARE, 1e-4, 3e-5), frequencies)
@@ -437,30 +425,27 @@ def test_foreign_fasthenry_file():
     np.testing.assert_allclose(via.areas, (0.05 * inch) ** 2 / 2, rtol=1e-15)  # half the conductivity
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("* two wires", "+ two wires", "line 2: nothing to continue"),
-        (".Units in", ".units furlong", "line 3: units must be one of km, m"),
-        ("NA x=0 y=0", "NA x=0", "line 5: node NA has no y"),
-        ("Nc x=2", "Na x=2", "line 8: node Na again"),
-        ("Nc x=2", "Nc x=two", "line 8: cannot read 'x=two'"),
-        ("Nc x=2", "Nc x=1e999", "line 8: numbers must be finite"),
-        ("Nc x=2", "Nc u=1 x=2", "line 8: cannot read 'u'"),
-        ("E1 NA NB", "E1 NA ND", "line 11: a segment needs two nodes given before it; got 'E1 NA ND'"),
-        ("E1 NA NB h=0.01", "E1 NA NB", "line 11: segment E1 needs a positive w and h"),
-        ("wx=-2", "wx=0 wy=0 wz=0", "line 13: the width of segment Evia must lie in the x-y plane"),
-        ("wx=-2 wy=0", "wx=-2 wy=1", "line 13: the width of segment Evia must lie in the x-y plane"),
-        ("sigma=0.7366e6", "rho=-1", "line 13: a resistivity must be positive"),
-        (".External na nc", ".external na", "line 14: a port needs two nodes"),
-        (".External na nc", ".external na n2", "line 14: a port needs one unbranched path from na to n2"),
-        (".External na nc", "* no port", "line 11: the segment is on the path of no port"),
-        ("E2 nc nb", "E3 na nb h=1\nE2 nc nb", "2 segments go on from na"),
-        (".External na nc\n.external N1 N2 Via", "", "at least one .external port; got none"),
-        ("Evia n1", "G1 n1", "line 13: 'G1' is not known"),
-        (".freq", ".equiv na nb\n.freq", "line 16: '.equiv' is not known"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("* two wires", "+ two wires", "line 2: nothing to continue"),
+    (".Units in", ".units furlong", "line 3: units must be one of km, m"),
+    ("NA x=0 y=0", "NA x=0", "line 5: node NA has no y"),
+    ("Nc x=2", "Na x=2", "line 8: node Na again"),
+    ("Nc x=2", "Nc x=two", "line 8: cannot read 'x=two'"),
+    ("Nc x=2", "Nc x=1e999", "line 8: numbers must be finite"),
+    ("Nc x=2", "Nc u=1 x=2", "line 8: cannot read 'u'"),
+    ("E1 NA NB", "E1 NA ND", "line 11: a segment needs two nodes given before it; got 'E1 NA ND'"),
+    ("E1 NA NB h=0.01", "E1 NA NB", "line 11: segment E1 needs a positive w and h"),
+    ("wx=-2", "wx=0 wy=0 wz=0", "line 13: the width of segment Evia must lie in the x-y plane"),
+    ("wx=-2 wy=0", "wx=-2 wy=1", "line 13: the width of segment Evia must lie in the x-y plane"),
+    ("sigma=0.7366e6", "rho=-1", "line 13: a resistivity must be positive"),
+    (".External na nc", ".external na", "line 14: a port needs two nodes"),
+    (".External na nc", ".external na n2", "line 14: a port needs one unbranched path from na to n2"),
+    (".External na nc", "* no port", "line 11: the segment is on the path of no port"),
+    ("E2 nc nb", "E3 na nb h=1\nE2 nc nb", "2 segments go on from na"),
+    (".External na nc\n.external N1 N2 Via", "", "at least one .external port; got none"),
+    ("Evia n1", "G1 n1", "line 13: 'G1' is not known"),
+    (".freq", ".equiv na nb\n.freq", "line 16: '.equiv' is not known"),
+])  # fmt: skip
 def test_bad_fasthenry_files(old, new, message):
     assert old in FOREIGN
     with pytest.raises(ValueError, match=re.escape(message)) as caught:
@@ -491,20 +476,17 @@ def test_zc_matrix():
     ]
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        (ZC, "", "0 rows an impedance matrix are due; got []"),
-        (ZC, "Row 1:  a  to  b\n", "1 rows an impedance matrix are due; got []"),
-        ("Row 2", "Row 3", "line 3: 2 named rows do not fit a matrix of 2 x 2"),
-        ("100000 2 x 2", "100000 3 x 3", "line 3: 2 named rows do not fit a matrix of 3 x 3"),
-        ("Impedance matrix for frequency = 100000", "ADMITTANCE matrix for frequency = 1", "line 3: an admittance"),
-        ("+0.236j", "+nanj", "line 7: 2 rows of 2 impedances are due"),
-        ("+0.236j    2.5e-07      +0.111j", "+0.236j", "line 7: 2 rows of 2 impedances are due"),
-        (ZC.splitlines(keepends=True)[-1], "", "2 rows an impedance matrix are due; got [2, 1]"),
-        ("Row 2", "Column 2", "line 1: not a line of FastHenry's Zc.mat"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "message"), [
+    (ZC, "", "0 rows an impedance matrix are due; got []"),
+    (ZC, "Row 1:  a  to  b\n", "1 rows an impedance matrix are due; got []"),
+    ("Row 2", "Row 3", "line 3: 2 named rows do not fit a matrix of 2 x 2"),
+    ("100000 2 x 2", "100000 3 x 3", "line 3: 2 named rows do not fit a matrix of 3 x 3"),
+    ("Impedance matrix for frequency = 100000", "ADMITTANCE matrix for frequency = 1", "line 3: an admittance"),
+    ("+0.236j", "+nanj", "line 7: 2 rows of 2 impedances are due"),
+    ("+0.236j    2.5e-07      +0.111j", "+0.236j", "line 7: 2 rows of 2 impedances are due"),
+    (ZC.splitlines(keepends=True)[-1], "", "2 rows an impedance matrix are due; got [2, 1]"),
+    ("Row 2", "Column 2", "line 1: not a line of FastHenry's Zc.mat"),
+])  # fmt: skip
 def test_bad_zc_matrix(old, new, message):
     assert old in ZC
     with pytest.raises(ValueError, match=re.escape(message)) as caught:
@@ -569,21 +551,18 @@ def test_touchstone_of_one_port(tmp_path, reference):
     assert complex(real, imag) == pytest.approx(S, rel=1e-14)  # one division, rounded
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"frequencies": []}, "at least one frequency"),
-        ({"frequencies": 1e6}, "at least one frequency"),
-        ({"frequencies": [1e6, 1e6]}, "rise from one to the next"),
-        ({"frequencies": [-1, 1e6]}, "rise from one to the next"),
-        ({"frequencies": [1e6]}, r"shape \(1, n, n\), a matrix a frequency; got \(2, 2, 2\)"),
-        ({"impedance": np.ones((2, 2, 3))}, "must have shape"),
-        ({"impedance": np.full((2, 2, 2), np.nan)}, "impedances must be finite"),
-        ({"names": ["A"]}, "names must be 2; got 1"),
-        ({"names": ["A", "A"]}, "all different"),
-        ({"reference_resistance": 0.0}, "positive and finite; got 0.0 Ω"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"frequencies": []}, "at least one frequency"),
+    ({"frequencies": 1e6}, "at least one frequency"),
+    ({"frequencies": [1e6, 1e6]}, "rise from one to the next"),
+    ({"frequencies": [-1, 1e6]}, "rise from one to the next"),
+    ({"frequencies": [1e6]}, r"shape \(1, n, n\), a matrix a frequency; got \(2, 2, 2\)"),
+    ({"impedance": np.ones((2, 2, 3))}, "must have shape"),
+    ({"impedance": np.full((2, 2, 2), np.nan)}, "impedances must be finite"),
+    ({"names": ["A"]}, "names must be 2; got 1"),
+    ({"names": ["A", "A"]}, "all different"),
+    ({"reference_resistance": 0.0}, "positive and finite; got 0.0 Ω"),
+])  # fmt: skip
 def test_bad_touchstone(tmp_path, changes, message):
     path = tmp_path / "array.s2p"
     good = {"names": ["A", "B"], "impedance": impedances(2, [1e6, 2e6]), "frequencies": [1e6, 2e6], "path": path}

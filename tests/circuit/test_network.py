@@ -68,27 +68,23 @@ def _coil(capacitance=0.0):
     return 1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * capacitance)
 
 
-@pytest.mark.parametrize(
-    ("circuit", "state", "Z"),
-    [
-        # series coils pass through every switch
-        (network(L2, 10.0, on_resistance=2.5), measure("a", "b"), 20 + 4 * 2.5 + 1j * OMEGA * 84e-6),
-        (
-            network(L2, 10.0),
-            measure("a", others="load", load_resistance=33.0),
-            10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (10 + 33 + 1j * OMEGA * 40e-6),
-        ),
-        # terminal 1 sits on A: open switches to B and ground; terminal 2 on B: open to A and ground.
-        # Across the coil: two of them, and the two to ground in series
-        (network(L2[:1, :1], off_capacitance=13e-12), measure("a"), _coil(2.5 * 13e-12)),
-        (
-            network(L2[:1, :1], bus_capacitance=50e-12, lead_inductance=20e-9),
-            measure("a"),
-            _coil(25e-12) + 2j * OMEGA * 20e-9,
-        ),
-    ],
-    ids=["series", "load", "off capacitance", "bus and leads"],
-)
+@pytest.mark.parametrize(("circuit", "state", "Z"), [
+    # series coils pass through every switch
+    (network(L2, 10.0, on_resistance=2.5), measure("a", "b"), 20 + 4 * 2.5 + 1j * OMEGA * 84e-6),
+    (
+        network(L2, 10.0),
+        measure("a", others="load", load_resistance=33.0),
+        10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (10 + 33 + 1j * OMEGA * 40e-6),
+    ),
+    # terminal 1 sits on A: open switches to B and ground; terminal 2 on B: open to A and ground.
+    # Across the coil: two of them, and the two to ground in series
+    (network(L2[:1, :1], off_capacitance=13e-12), measure("a"), _coil(2.5 * 13e-12)),
+    (
+        network(L2[:1, :1], bus_capacitance=50e-12, lead_inductance=20e-9),
+        measure("a"),
+        _coil(25e-12) + 2j * OMEGA * 20e-9,
+    ),
+], ids=["series", "load", "off capacitance", "bus and leads"])  # fmt: skip
 def test_impedance_in_closed_form(circuit, state, Z):
     assert solve_state(circuit, state, F).impedance == pytest.approx(Z, rel=1e-12)
 
@@ -223,30 +219,27 @@ def test_resonances_far_from_the_bare_coil():
     assert pair.frequency == pytest.approx(one.frequency, rel=0.15)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: solve_state(network(L2), measure("x"), F), "names the coil 'x'; there are a, b"),
-        (lambda: solve_state(network(L2), measure(), F), "measures no coil"),
-        (lambda: solve_state(network(L2), measure("a", "a"), F), "measures a coil twice"),
-        (lambda: solve_state(network(L2), measure("a", exceptions={"a": "open"}), F), "a and also makes it open"),
-        (lambda: solve_state(network(L2), measure("a", exceptions={"q": "open"}), F), "names the coil 'q'"),
-        (lambda: solve_state(network(L2), measure("a", others="loose"), F), "got 'loose'"),
-        (lambda: solve_state(network(L2), measure("a", connection="ring"), F), "in series or parallel; got 'ring'"),
-        (lambda: solve_state(network(L2), ScanState("s", (("a", 2),)), F), "the sense 1 or -1"),
-        (lambda: solve_state(network(L2), measure("a", load_resistance=-1.0), F), "load_resistance of state a must be"),
-        (lambda: solve_state(network(L2), measure("a"), 0.0), "frequency must be positive"),
-        (lambda: network(np.array([[1, 2], [2, 1]])), "must be positive definite"),
-        (lambda: network(np.array([[np.nan]])), "must be finite"),
-        (lambda: network(L2, on_resistance=-1), "on_resistance must be finite and not negative"),
-        (lambda: network(L2, tank_capacitance=0), "tank_capacitance must be positive"),
-        (lambda: network(L2, tank_at="moon"), "tank_at must be 'converter' or 'coil'; got 'moon'"),
-        (lambda: network(L2, mutual=-1e-12), "a mutual capacitance matrix"),
-        (lambda: network(L2, C=-1e-12), "winding capacitances, finite and not negative"),
-        (lambda: replace(network(L2), names=("a",)), "1 coils need an inductance matrix"),
-        (lambda: resonate(network(L2, 1e6), measure("a")), "state a has no resonance between"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: solve_state(network(L2), measure("x"), F), "names the coil 'x'; there are a, b"),
+    (lambda: solve_state(network(L2), measure(), F), "measures no coil"),
+    (lambda: solve_state(network(L2), measure("a", "a"), F), "measures a coil twice"),
+    (lambda: solve_state(network(L2), measure("a", exceptions={"a": "open"}), F), "a and also makes it open"),
+    (lambda: solve_state(network(L2), measure("a", exceptions={"q": "open"}), F), "names the coil 'q'"),
+    (lambda: solve_state(network(L2), measure("a", others="loose"), F), "got 'loose'"),
+    (lambda: solve_state(network(L2), measure("a", connection="ring"), F), "in series or parallel; got 'ring'"),
+    (lambda: solve_state(network(L2), ScanState("s", (("a", 2),)), F), "the sense 1 or -1"),
+    (lambda: solve_state(network(L2), measure("a", load_resistance=-1.0), F), "load_resistance of state a must be"),
+    (lambda: solve_state(network(L2), measure("a"), 0.0), "frequency must be positive"),
+    (lambda: network(np.array([[1, 2], [2, 1]])), "must be positive definite"),
+    (lambda: network(np.array([[np.nan]])), "must be finite"),
+    (lambda: network(L2, on_resistance=-1), "on_resistance must be finite and not negative"),
+    (lambda: network(L2, tank_capacitance=0), "tank_capacitance must be positive"),
+    (lambda: network(L2, tank_at="moon"), "tank_at must be 'converter' or 'coil'; got 'moon'"),
+    (lambda: network(L2, mutual=-1e-12), "a mutual capacitance matrix"),
+    (lambda: network(L2, C=-1e-12), "winding capacitances, finite and not negative"),
+    (lambda: replace(network(L2), names=("a",)), "1 coils need an inductance matrix"),
+    (lambda: resonate(network(L2, 1e6), measure("a")), "state a has no resonance between"),
+])  # fmt: skip
 def test_bad_networks_are_refused_by_name(call, message):
     with pytest.raises(NetworkError, match=message):
         call()

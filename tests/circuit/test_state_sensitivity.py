@@ -151,14 +151,11 @@ def test_delta_of_a_lossy_circuit_is_the_slope_of_its_resonance(others):
     assert delta == pytest.approx(list(slopes(circuit, plan, change)), rel=1e-6, abs=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("plan", "switches", "message"),
-    [
-        ([ScanState("both", (("a", 1), ("b", 1)))], SWITCHES, "state both must measure one coil"),
-        ([ScanState("x", (("x", 1),))], SWITCHES, "'x'"),
-        (paper_plan(NAMES), replace(SWITCHES, on_resistance=5e3), "state a has no resonance"),
-    ],
-)
+@pytest.mark.parametrize(("plan", "switches", "message"), [
+    ([ScanState("both", (("a", 1), ("b", 1)))], SWITCHES, "state both must measure one coil"),
+    ([ScanState("x", (("x", 1),))], SWITCHES, "'x'"),
+    (paper_plan(NAMES), replace(SWITCHES, on_resistance=5e3), "state a has no resonance"),
+])  # fmt: skip
 def test_what_cannot_be_treated_is_refused(plan, switches, message):
     L, R, _ = coils(4)
     with pytest.raises(NetworkError, match=message):

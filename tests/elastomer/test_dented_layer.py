@@ -171,17 +171,14 @@ def test_the_three_dimensional_fem_agrees():
         np.testing.assert_allclose(change, place["extrapolated"], rtol=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("finer", "tolerance"),
-    [
-        ({"harmonics": 14}, 1e-5),
-        ({"decays": 12.0}, 5e-5),
-        ({"width": 0.125}, 2e-4),
-        ({"rows": 12}, 2e-4),
-        ({"growth": 1.1}, 2e-4),
-        ({"rank": 1e-10}, 1e-8),
-    ],
-)
+@pytest.mark.parametrize(("finer", "tolerance"), [
+    ({"harmonics": 14}, 1e-5),
+    ({"decays": 12.0}, 5e-5),
+    ({"width": 0.125}, 2e-4),
+    ({"rows": 12}, 2e-4),
+    ({"growth": 1.1}, 2e-4),
+    ({"rank": 1e-10}, 1e-8),
+])  # fmt: skip
 def test_defaults_are_converged(usual, finer, tolerance):
     """Changes against the defaults, relative to the largest entry at each place: none is above 2e-4."""
     fine = dent_inductance(PAIR, [smooth_dent()], PLACES, replace(LayerMesh(), **finer))[0]
@@ -246,32 +243,26 @@ def test_open_paths_are_closed_between_their_ends():
     assert opened == pytest.approx(closed, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (([COIL], [smooth_dent()], [[0.0, np.nan]]), "positions must be finite"),
-        (([COIL], [smooth_dent()], [0.0, 1.0]), "shape"),
-        (([np.add(COIL, [0, 0, 1e-3])], [smooth_dent()], PLACES), "below the sheets"),
-        (([COIL], [smooth_dent(), smooth_dent(mu=3.0)], PLACES), "same sheets"),
-        (([COIL], [replace(smooth_dent(), symmetry="plane")], PLACES), "about an axis"),
-        (([COIL], [smooth_dent(0.19e-3, thicknesses=(0.2e-3, 0.1e-3))], PLACES * 100), "too close"),
-        (([COIL], [smooth_dent()], PLACES, None, "second order"), "full, first order, Born; got 'second order'"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    (([COIL], [smooth_dent()], [[0.0, np.nan]]), "positions must be finite"),
+    (([COIL], [smooth_dent()], [0.0, 1.0]), "shape"),
+    (([np.add(COIL, [0, 0, 1e-3])], [smooth_dent()], PLACES), "below the sheets"),
+    (([COIL], [smooth_dent(), smooth_dent(mu=3.0)], PLACES), "same sheets"),
+    (([COIL], [replace(smooth_dent(), symmetry="plane")], PLACES), "about an axis"),
+    (([COIL], [smooth_dent(0.19e-3, thicknesses=(0.2e-3, 0.1e-3))], PLACES * 100), "too close"),
+    (([COIL], [smooth_dent()], PLACES, None, "second order"), "full, first order, Born; got 'second order'"),
+])  # fmt: skip
 def test_bad_input_of_dent_inductance(arguments, message):
     with pytest.raises(ElastomerError, match=message):
         dent_inductance(*arguments)
 
 
-@pytest.mark.parametrize(
-    ("r", "displacement", "message"),
-    [
-        ([0.0, 1e-3, 2e-3], [[0, 0, -2e-3], [0, 0, -1e-3], [0, 0, 0]], "faces of sheet 2 cross"),
-        ([0.0, 1e-3, 2e-3], np.zeros((3, 2)), r"shape \(3, 3\)"),
-        ([2e-3, 1e-3, 0.0], np.zeros((3, 3)), "rise from 0"),
-        ([0.0, 1e-3, 2e-3], np.full((3, 3), np.nan), "finite"),
-    ],
-)
+@pytest.mark.parametrize(("r", "displacement", "message"), [
+    ([0.0, 1e-3, 2e-3], [[0, 0, -2e-3], [0, 0, -1e-3], [0, 0, 0]], "faces of sheet 2 cross"),
+    ([0.0, 1e-3, 2e-3], np.zeros((3, 2)), r"shape \(3, 3\)"),
+    ([2e-3, 1e-3, 0.0], np.zeros((3, 3)), "rise from 0"),
+    ([0.0, 1e-3, 2e-3], np.full((3, 3), np.nan), "finite"),
+])  # fmt: skip
 def test_impossible_dents_are_refused(r, displacement, message):
     with pytest.raises(ElastomerError, match=message):
         Dent(THICKNESSES, (1.0, 2.7), np.array(r), np.array(displacement))

@@ -412,21 +412,18 @@ def test_the_term_is_far_below_the_magnetic_one_and_its_bound():
     assert most < float(bound) < 1e-5
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"positions": [[0.0, np.nan]]}, "positions must be finite"),
-        ({"positions": [0.0, 1.0]}, "shape"),
-        ({"permittivity": 0.9}, "permittivity must be at least 1; got 0.9"),
-        ({"permittivity": np.nan}, "permittivity must be at least 1; got nan"),
-        ({"permittivity": np.inf}, "permittivity must be at least 1; got inf"),
-        ({"zero_at": -0.1}, "from 0 to 1; got -0.1"),
-        ({"zero_at": np.nan}, "from 0 to 1; got nan"),
-        ({"dents": [replace(ringed(), symmetry="plane")]}, "about an axis"),
-        ({"dents": [ringed(), dented(0 * RADII, (1e-3, 2e-3))]}, "same sheets"),
-        ({"dents": [dented(-0.29e-3 * np.exp(-((RADII / 3e-3) ** 2)), (0.2e-3, 0.11e-3))]}, "too close"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"positions": [[0.0, np.nan]]}, "positions must be finite"),
+    ({"positions": [0.0, 1.0]}, "shape"),
+    ({"permittivity": 0.9}, "permittivity must be at least 1; got 0.9"),
+    ({"permittivity": np.nan}, "permittivity must be at least 1; got nan"),
+    ({"permittivity": np.inf}, "permittivity must be at least 1; got inf"),
+    ({"zero_at": -0.1}, "from 0 to 1; got -0.1"),
+    ({"zero_at": np.nan}, "from 0 to 1; got nan"),
+    ({"dents": [replace(ringed(), symmetry="plane")]}, "about an axis"),
+    ({"dents": [ringed(), dented(0 * RADII, (1e-3, 2e-3))]}, "same sheets"),
+    ({"dents": [dented(-0.29e-3 * np.exp(-((RADII / 3e-3) ** 2)), (0.2e-3, 0.11e-3))]}, "too close"),
+])  # fmt: skip
 def test_bad_input(change, message):
     arguments = {"dents": [ringed()], "positions": PLACES, "permittivity": 3.0, **change}
     with pytest.raises(ElastomerError, match=message):

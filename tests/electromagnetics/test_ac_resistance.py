@@ -269,17 +269,13 @@ def test_racetrack_against_its_two_sides():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "path",
-    [
-        spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3)),
-        spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3), (0.0, -0.2e-3)),
-        spiral_path(Spiral(6, 6e-3, 10, 0.2e-3, 0.05e-3)),
-        spiral_path(Spiral(72, 9e-3, 6, 0.15e-3, 0.15e-3, circular=True)),
-        spiral_path(Spiral(4, 15e-3, 6, 1e-3, 0.2e-3)),
-    ],
-    ids=["hexagon", "two layers", "tight", "circle", "wide"],
-)
+@pytest.mark.parametrize("path", [
+    spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3)),
+    spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3), (0.0, -0.2e-3)),
+    spiral_path(Spiral(6, 6e-3, 10, 0.2e-3, 0.05e-3)),
+    spiral_path(Spiral(72, 9e-3, 6, 0.15e-3, 0.15e-3, circular=True)),
+    spiral_path(Spiral(4, 15e-3, 6, 1e-3, 0.2e-3)),
+], ids=["hexagon", "two layers", "tight", "circle", "wide"])  # fmt: skip
 def test_switch_between_models(path):
     f = switch_frequency(path.widths[0]) * np.array([1 - 1e-9, 1 + 1e-9])
     result = resistance_matrix(path, f)
@@ -379,21 +375,18 @@ def test_bad_frequency(solve, frequency):
         solve(frequency)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        *(
-            (lambda rho=rho: cross_section(W, T, 1e6, rho), "resistivity must be positive")
-            for rho in (0.0, -1.0, np.nan)
-        ),
-        *((lambda rho=rho: resistance_matrix(BAR, 1e6, rho), "resistivity must be") for rho in (0.0, -1.0, np.nan)),
-        (lambda: cross_section(-1.0, T, 1e6), "width of a trace must be positive and finite"),
-        (lambda: cross_section(1.0, T, 1e8), "at most 300 skin depths"),
-        (lambda: resistance_matrix(BAR.vertices, 1e6), "path 1 has segments without a cross-section"),
-        (lambda: resistance_matrix(Conductor(BAR.vertices, areas=1e-8), 1e6), "without a cross-section"),
-        (lambda: resistance_matrix(BAR, []), "frequencies must have shape"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    *(
+        (lambda rho=rho: cross_section(W, T, 1e6, rho), "resistivity must be positive")
+        for rho in (0.0, -1.0, np.nan)
+    ),
+    *((lambda rho=rho: resistance_matrix(BAR, 1e6, rho), "resistivity must be") for rho in (0.0, -1.0, np.nan)),
+    (lambda: cross_section(-1.0, T, 1e6), "width of a trace must be positive and finite"),
+    (lambda: cross_section(1.0, T, 1e8), "at most 300 skin depths"),
+    (lambda: resistance_matrix(BAR.vertices, 1e6), "path 1 has segments without a cross-section"),
+    (lambda: resistance_matrix(Conductor(BAR.vertices, areas=1e-8), 1e6), "without a cross-section"),
+    (lambda: resistance_matrix(BAR, []), "frequencies must have shape"),
+])  # fmt: skip
 def test_bad_input(call, message):
     with pytest.raises(ValueError, match=message) as caught:
         call()

@@ -374,42 +374,36 @@ def test_elastomer_adds_capacitance_and_apparent_inductance():
 # --- bad input -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: LayeredMedium((0.0,), (1, 4.5, 1)), "positive, finite thickness; got 0.0 m"),
-        (lambda: LayeredMedium((1e-4,), (1, -4.5, 1)), "relative permittivity must be at least 1; got -4.5"),
-        (lambda: LayeredMedium((1e-4,), (1, 4.5)), "need 3 permittivities; got 2"),
-        (lambda: LayeredMedium((), (1, 1), ground_below=0.0), "distance to ground must be positive"),
-        (lambda: strip_capacitance(AIR, [0, 0], [0, 1e-4], [2e-4] * 2, period=1e-2), "copper overlaps on plane 0"),
-        (lambda: strip_capacitance(AIR, [0], [0], [2e-4], period=1e-4), "do not fit into the period of 0.1 mm"),
-        (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, mirror=True), "do not fit"),
-        (lambda: strip_capacitance(AIR, [0], [0], [0.0], period=1e-3), "positive widths; got a width of 0.0 m"),
-        (lambda: crossed_grid_capacitance(AIR, [0], [2e-4], [1e-4], [0], [0]), "narrower than their pitch"),
-        (lambda: coil_capacitance(_one(2, HEXAGON), relative_permittivity=0.5), "at least 1; got 0.5"),
-        (lambda: coil_capacitance(_pair(shift=(1e-3, 0), layers=("A", "A"))), "one and two overlaps on A"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: LayeredMedium((0.0,), (1, 4.5, 1)), "positive, finite thickness; got 0.0 m"),
+    (lambda: LayeredMedium((1e-4,), (1, -4.5, 1)), "relative permittivity must be at least 1; got -4.5"),
+    (lambda: LayeredMedium((1e-4,), (1, 4.5)), "need 3 permittivities; got 2"),
+    (lambda: LayeredMedium((), (1, 1), ground_below=0.0), "distance to ground must be positive"),
+    (lambda: strip_capacitance(AIR, [0, 0], [0, 1e-4], [2e-4] * 2, period=1e-2), "copper overlaps on plane 0"),
+    (lambda: strip_capacitance(AIR, [0], [0], [2e-4], period=1e-4), "do not fit into the period of 0.1 mm"),
+    (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, mirror=True), "do not fit"),
+    (lambda: strip_capacitance(AIR, [0], [0], [0.0], period=1e-3), "positive widths; got a width of 0.0 m"),
+    (lambda: crossed_grid_capacitance(AIR, [0], [2e-4], [1e-4], [0], [0]), "narrower than their pitch"),
+    (lambda: coil_capacitance(_one(2, HEXAGON), relative_permittivity=0.5), "at least 1; got 0.5"),
+    (lambda: coil_capacitance(_pair(shift=(1e-3, 0), layers=("A", "A"))), "one and two overlaps on A"),
+])  # fmt: skip
 def test_bad_geometry_is_refused_in_one_line(call, message):
     with pytest.raises(GeometryError, match=message) as caught:
         call()
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: strip_capacitance(AIR, [1], [0], [1e-4], period=1e-3), "planes must be 0 to 0; got 1 to 1"),
-        (lambda: strip_capacitance(AIR, [0], [0, 1], [1e-4], period=1e-3), "must be of one length"),
-        (lambda: strip_capacitance(AIR, [0], [0], [1e-4], [1], period=1e-3), "numbered 0, 1, … without a hole"),
-        (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=-1.0), "period must be positive"),
-        (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, basis=0), "basis must be at least 1; got 0"),
-        (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, cutoff=0.0), "cutoff must be positive"),
-        (lambda: self_resonance(0.0, 1e-12), "inductance must be finite and positive; got 0.0 H"),
-        (lambda: elastomer_effect(_one(2, HEXAGON), 3.0, -1e-12), "tank_capacitance must be finite and not negative"),
-        (lambda: elastomer_effect(_one(2, HEXAGON), 3.0, 0.0, undisturbed=-1.0), "undisturbed must be finite"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: strip_capacitance(AIR, [1], [0], [1e-4], period=1e-3), "planes must be 0 to 0; got 1 to 1"),
+    (lambda: strip_capacitance(AIR, [0], [0, 1], [1e-4], period=1e-3), "must be of one length"),
+    (lambda: strip_capacitance(AIR, [0], [0], [1e-4], [1], period=1e-3), "numbered 0, 1, … without a hole"),
+    (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=-1.0), "period must be positive"),
+    (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, basis=0), "basis must be at least 1; got 0"),
+    (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, cutoff=0.0), "cutoff must be positive"),
+    (lambda: self_resonance(0.0, 1e-12), "inductance must be finite and positive; got 0.0 H"),
+    (lambda: elastomer_effect(_one(2, HEXAGON), 3.0, -1e-12), "tank_capacitance must be finite and not negative"),
+    (lambda: elastomer_effect(_one(2, HEXAGON), 3.0, 0.0, undisturbed=-1.0), "undisturbed must be finite"),
+])  # fmt: skip
 def test_bad_arguments_are_refused_in_one_line(call, message):
     with pytest.raises(ValueError, match=message) as caught:
         call()

@@ -269,24 +269,21 @@ def test_progress_counts_up():
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (([TRIANGLE], [1, 2]), r"points must have shape \(\.\.\., 3\); got \(2,\)"),
-        (([TRIANGLE], [1, 2, np.nan]), "points must be finite"),
-        (([TRIANGLE], [1, 2, 1e200]), "points must be at most 1e"),
-        (([TRIANGLE], "here"), "points must be numbers"),
-        (([TRIANGLE], [1, 2, 3], 1e300), "currents must be finite and at most"),
-        (([TRIANGLE], [1, 2, 3], "much"), "currents must be one number or 1"),
-        (([TRIANGLE * 1e200], [1, 2, 3]), "vertices of path 1 must be at most"),
-        (([TRIANGLE], [1, 2, 3], [1, 2]), r"currents must be one number or 1, one a path; got shape \(2,\)"),
-        (([TRIANGLE], [1, 2, 3], np.inf), "currents must be finite"),
-        (([], [1, 2, 3]), "at least one current path"),
-        (([[[0, 0, 0]]], [1, 2, 3]), "vertices of path 1 must have shape"),
-        (([[[0, 0, 0], [0, 0, 0]]], [1, 2, 3]), "segment 0 of path 1 has length zero"),
-        (([[[0, 0, 0], [1, np.nan, 0]]], [1, 2, 3]), "vertex 1 is not"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    (([TRIANGLE], [1, 2]), r"points must have shape \(\.\.\., 3\); got \(2,\)"),
+    (([TRIANGLE], [1, 2, np.nan]), "points must be finite"),
+    (([TRIANGLE], [1, 2, 1e200]), "points must be at most 1e"),
+    (([TRIANGLE], "here"), "points must be numbers"),
+    (([TRIANGLE], [1, 2, 3], 1e300), "currents must be finite and at most"),
+    (([TRIANGLE], [1, 2, 3], "much"), "currents must be one number or 1"),
+    (([TRIANGLE * 1e200], [1, 2, 3]), "vertices of path 1 must be at most"),
+    (([TRIANGLE], [1, 2, 3], [1, 2]), r"currents must be one number or 1, one a path; got shape \(2,\)"),
+    (([TRIANGLE], [1, 2, 3], np.inf), "currents must be finite"),
+    (([], [1, 2, 3]), "at least one current path"),
+    (([[[0, 0, 0]]], [1, 2, 3]), "vertices of path 1 must have shape"),
+    (([[[0, 0, 0], [0, 0, 0]]], [1, 2, 3]), "segment 0 of path 1 has length zero"),
+    (([[[0, 0, 0], [1, np.nan, 0]]], [1, 2, 3]), "vertex 1 is not"),
+])  # fmt: skip
 def test_bad_input(arguments, message):
     with pytest.raises(GeometryError, match=message):
         magnetic_field(*arguments)

@@ -46,18 +46,15 @@ def _brute_force(first, second, n=8):
     return sum(p * q * straight_filaments(*a, *b) for p, *a in strands(first) for q, *b in strands(second))
 
 
-@pytest.mark.parametrize(
-    ("start", "end"),
-    [
-        ([1e-3, 0.3e-3, 0], [9e-3, 0.3e-3, 0]),  # the next turn
-        ([1e-3, 0.3e-3, 0], [9e-3, 0.33e-3, 0]),  # the next turn of a spiral, slightly tilted
-        ([9e-3, 0.6e-3, 0], [1e-3, 0.62e-3, 0]),  # two turns on, the other way
-        ([0, 0, 0.25e-3], [10e-3, 0, 0.25e-3]),  # the layer below
-        ([2e-3, 3e-3, 0.25e-3], [4e-3, -3e-3, 0.25e-3]),  # a crossing on another layer
-        ([10.5e-3, 0.3e-3, 0], [14e-3, 6e-3, 0]),  # round the corner
-        ([0, 5e-3, 0], [10e-3, 5e-3, 0]),  # far
-    ],
-)
+@pytest.mark.parametrize(("start", "end"), [
+    ([1e-3, 0.3e-3, 0], [9e-3, 0.3e-3, 0]),  # the next turn
+    ([1e-3, 0.3e-3, 0], [9e-3, 0.33e-3, 0]),  # the next turn of a spiral, slightly tilted
+    ([9e-3, 0.6e-3, 0], [1e-3, 0.62e-3, 0]),  # two turns on, the other way
+    ([0, 0, 0.25e-3], [10e-3, 0, 0.25e-3]),  # the layer below
+    ([2e-3, 3e-3, 0.25e-3], [4e-3, -3e-3, 0.25e-3]),  # a crossing on another layer
+    ([10.5e-3, 0.3e-3, 0], [14e-3, 6e-3, 0]),  # round the corner
+    ([0, 5e-3, 0], [10e-3, 5e-3, 0]),  # far
+])  # fmt: skip
 def test_pairs_of_bars_against_a_mean_over_the_cross_sections(start, end):
     first = Conductor([[0, 0, 0], [10e-3, 0, 0]], W, T)
     second = Conductor([start, end], W, T)
@@ -261,32 +258,29 @@ def test_wide_trace_against_the_current_sheet_limit():
     assert pytest.approx(expected, rel=2 * width / length) == L
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: inductance_matrix([[[0, 0, 0], [1, 0, 0]]]), "the self-inductance of a thin filament is infinite"),
-        (lambda: self_inductance(np.array([[0, 0, 0], [1, 0, 0.0]])), "path 1 has segments without a cross-section"),
-        (lambda: straight_filaments([0, 0, 0], [1, 0, 0], [0.5, 0, 0], [2, 0, 0]), "run over each other"),
-        (lambda: straight_filaments([0, 0, 0], [0, 0, 0], [0.5, 0, 0], [2, 0, 0]), "the first filament has length"),
-        (lambda: mutual_inductance([[[0, 0, 0], [1, 0, 0]]], [[[0, 0, 0], [1, 0, 0]]]), "path 1 and path 1 run over"),
-        (lambda: rectangular_bars((1, 0, 1)), "length, width and thickness of a bar must be positive"),
-        (lambda: rectangular_bars((1, 1, 1), offset=(np.nan, 0, 0)), "offset between two bars must be finite"),
-        (lambda: Conductor([[0, 0, 0], [1, 0, 0]], -1.0, 1.0), "widths of path must be finite and not negative"),
-        (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1.0, 0.0), "both zero or both positive"),
-        (lambda: Conductor([[0, 0, 0], [1, 0, 0]], [1.0, 2.0], 1.0), "widths of path must be one number or 1"),
-        (lambda: inductance_matrix(hexagon(), accuracy="fast"), "accuracy must be one of full, screen; got 'fast'"),
-        (lambda: mutual_inductance(hexagon(), hexagon(z=1e-3), accuracy="fast"), "accuracy must be one of full"),
-        (lambda: straight_filaments([0, 0, 0], [1, 2, 3], [0.5, 1, 1.5], [2, 4, 6]), "run over each other"),
-        (lambda: straight_filaments([0, 0, 0], [1, 2, 3], [2, 4, 6], [0.5, 1, 1.5]), "run over each other"),
-        (lambda: rectangular_bars((1e200, 1, 1)), "length, width and thickness of a bar must be positive"),
-        (lambda: rectangular_bars((1, 1e-200, 1)), "length, width and thickness of a bar must be positive"),
-        (lambda: rectangular_bars((1, 1)), "length, width and thickness of a bar must be positive"),
-        (lambda: rectangular_bars((1, 1, 1), offset=(0, 0, 1e200)), "offset between two bars must be finite"),
-        (lambda: Conductor([[0, 0, 0], [1e200, 0, 0]]), "vertices of path must be at most"),
-        (lambda: Conductor([[0, 0, 0], [1e-60, 0, 0]]), "segment 0 of path has length zero"),
-        (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1e-200, 1.0), "widths of path must be zero or 1e-30 to"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: inductance_matrix([[[0, 0, 0], [1, 0, 0]]]), "the self-inductance of a thin filament is infinite"),
+    (lambda: self_inductance(np.array([[0, 0, 0], [1, 0, 0.0]])), "path 1 has segments without a cross-section"),
+    (lambda: straight_filaments([0, 0, 0], [1, 0, 0], [0.5, 0, 0], [2, 0, 0]), "run over each other"),
+    (lambda: straight_filaments([0, 0, 0], [0, 0, 0], [0.5, 0, 0], [2, 0, 0]), "the first filament has length"),
+    (lambda: mutual_inductance([[[0, 0, 0], [1, 0, 0]]], [[[0, 0, 0], [1, 0, 0]]]), "path 1 and path 1 run over"),
+    (lambda: rectangular_bars((1, 0, 1)), "length, width and thickness of a bar must be positive"),
+    (lambda: rectangular_bars((1, 1, 1), offset=(np.nan, 0, 0)), "offset between two bars must be finite"),
+    (lambda: Conductor([[0, 0, 0], [1, 0, 0]], -1.0, 1.0), "widths of path must be finite and not negative"),
+    (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1.0, 0.0), "both zero or both positive"),
+    (lambda: Conductor([[0, 0, 0], [1, 0, 0]], [1.0, 2.0], 1.0), "widths of path must be one number or 1"),
+    (lambda: inductance_matrix(hexagon(), accuracy="fast"), "accuracy must be one of full, screen; got 'fast'"),
+    (lambda: mutual_inductance(hexagon(), hexagon(z=1e-3), accuracy="fast"), "accuracy must be one of full"),
+    (lambda: straight_filaments([0, 0, 0], [1, 2, 3], [0.5, 1, 1.5], [2, 4, 6]), "run over each other"),
+    (lambda: straight_filaments([0, 0, 0], [1, 2, 3], [2, 4, 6], [0.5, 1, 1.5]), "run over each other"),
+    (lambda: rectangular_bars((1e200, 1, 1)), "length, width and thickness of a bar must be positive"),
+    (lambda: rectangular_bars((1, 1e-200, 1)), "length, width and thickness of a bar must be positive"),
+    (lambda: rectangular_bars((1, 1)), "length, width and thickness of a bar must be positive"),
+    (lambda: rectangular_bars((1, 1, 1), offset=(0, 0, 1e200)), "offset between two bars must be finite"),
+    (lambda: Conductor([[0, 0, 0], [1e200, 0, 0]]), "vertices of path must be at most"),
+    (lambda: Conductor([[0, 0, 0], [1e-60, 0, 0]]), "segment 0 of path has length zero"),
+    (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1e-200, 1.0), "widths of path must be zero or 1e-30 to"),
+])  # fmt: skip
 def test_bad_input(call, message):
     with pytest.raises(GeometryError, match=message):
         call()

@@ -131,19 +131,16 @@ def test_a_place_on_the_edge_but_for_rounding_is_inside():
 BOTH = forward_model(xr.concat([WIDE, WIDE.assign_coords(state=["b"])], "state"))
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"places": np.zeros((3, 2))}, "places must have shape"),
-        ({"measured": np.zeros(4)}, "places must have shape"),
-        ({"measured": np.full(121, np.nan)}, "must be finite"),
-        ({"largest_shift": (-1e-3, 0.0)}, "largest_shift must be two lengths"),
-        ({"largest_shift": (np.inf, 0.0)}, "largest_shift must be two lengths"),
-        ({"noise": np.ones(3)}, "noise must be one number or one for each place"),
-        ({"noise": -1e-5}, "noise must be finite and not negative"),
-        ({"model": BOTH}, "by one state; the model has coil1, b"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"places": np.zeros((3, 2))}, "places must have shape"),
+    ({"measured": np.zeros(4)}, "places must have shape"),
+    ({"measured": np.full(121, np.nan)}, "must be finite"),
+    ({"largest_shift": (-1e-3, 0.0)}, "largest_shift must be two lengths"),
+    ({"largest_shift": (np.inf, 0.0)}, "largest_shift must be two lengths"),
+    ({"noise": np.ones(3)}, "noise must be one number or one for each place"),
+    ({"noise": -1e-5}, "noise must be finite and not negative"),
+    ({"model": BOTH}, "by one state; the model has coil1, b"),
+])  # fmt: skip
 def test_bad_input(changes, words):
     values = {"model": MODEL, "places": GRID, "measured": np.zeros(121), "largest_shift": SHIFT, "noise": 1e-5}
     with pytest.raises(LocalizeError, match=words):

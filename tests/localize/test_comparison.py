@@ -223,26 +223,23 @@ def test_a_comparison_goes_through_a_file_and_tells_its_progress(tmp_path):
     assert told == [(1, 2), (2, 2)]
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda m, s: (m.drop_vars("delta"), s), "a measured response must have delta"),
-        (lambda m, s: (m.isel(depth=0), s), "a measured response must have delta"),
-        (lambda m, s: (m.drop_vars("x"), s), "a measured response must have delta"),
-        (lambda m, s: (m.assign(delta=m.delta / 0.0), s), "must not be infinite"),
-        (lambda m, s: (m.assign_coords(state=["a", "a", "b"]), s), "must have different names; got a, a, b"),
-        (lambda m, s: (m.isel(x=slice(None, None, -1)), s), "x of a measured response must be finite and rise"),
-        (lambda m, s: (m.isel(x=slice(0, 0)), s), "a measured response must have at least 1 positions along x; got 0"),
-        (lambda m, s: (m, s.drop_vars("delta")), "a response must have the variable delta"),
-        (lambda m, s: (m, s.drop_vars("state")), "a simulated response must have the coordinate state"),
-        (lambda m, s: (m, s.isel(x=slice(3))), "at least 4 positions along x"),
-        (lambda m, s: (m, s.assign(delta=s.delta * np.nan)), "delta of a response must be finite"),
-        (lambda m, s: (m.assign(delta_std=m.delta * 0 - 1), s), "delta_std of the measured response must be finite"),
-        (lambda m, s: (m, s.assign(delta_std=s.delta / 0.0)), "delta_std of the simulated response must be finite"),
-        (lambda m, s: (m.assign(delta_std=("coil", [1.0])), s), "delta_std of the measured response must be over"),
-        (lambda m, s: (m.assign_coords(x=m.x + 1.0), s), "no measured position is in the simulated map"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda m, s: (m.drop_vars("delta"), s), "a measured response must have delta"),
+    (lambda m, s: (m.isel(depth=0), s), "a measured response must have delta"),
+    (lambda m, s: (m.drop_vars("x"), s), "a measured response must have delta"),
+    (lambda m, s: (m.assign(delta=m.delta / 0.0), s), "must not be infinite"),
+    (lambda m, s: (m.assign_coords(state=["a", "a", "b"]), s), "must have different names; got a, a, b"),
+    (lambda m, s: (m.isel(x=slice(None, None, -1)), s), "x of a measured response must be finite and rise"),
+    (lambda m, s: (m.isel(x=slice(0, 0)), s), "a measured response must have at least 1 positions along x; got 0"),
+    (lambda m, s: (m, s.drop_vars("delta")), "a response must have the variable delta"),
+    (lambda m, s: (m, s.drop_vars("state")), "a simulated response must have the coordinate state"),
+    (lambda m, s: (m, s.isel(x=slice(3))), "at least 4 positions along x"),
+    (lambda m, s: (m, s.assign(delta=s.delta * np.nan)), "delta of a response must be finite"),
+    (lambda m, s: (m.assign(delta_std=m.delta * 0 - 1), s), "delta_std of the measured response must be finite"),
+    (lambda m, s: (m, s.assign(delta_std=s.delta / 0.0)), "delta_std of the simulated response must be finite"),
+    (lambda m, s: (m.assign(delta_std=("coil", [1.0])), s), "delta_std of the measured response must be over"),
+    (lambda m, s: (m.assign_coords(x=m.x + 1.0), s), "no measured position is in the simulated map"),
+])  # fmt: skip
 @pytest.mark.filterwarnings("ignore:divide by zero", "ignore:invalid value")
 def test_bad_responses(change, words):
     with pytest.raises(LocalizeError, match=words):

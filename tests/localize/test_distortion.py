@@ -120,18 +120,15 @@ def test_values_enter_the_design():
     assert given == Imperfections(tilt=(0.002, 0.0), depth_error=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"unknowns": [Unknown("x0", "m", 0, -1, 1)]}, "one of depth_error"),
-        ({"unknowns": [Unknown("tilt", "1", 2, -1, 1)]}, "between its bounds"),
-        ({"unknowns": []}, "at least one unknown"),
-        ({"states": ("coil5",)}, "published"),
-        ({"base": "glued"}, "bonded or frictionless"),
-        ({"design": replace(PAPER, indentation=None)}, r"no \[indenter\]"),
-        ({"design": replace(PAPER, sheets=PAPER.sheets[:1])}, "exactly one magnetic sheet"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"unknowns": [Unknown("x0", "m", 0, -1, 1)]}, "one of depth_error"),
+    ({"unknowns": [Unknown("tilt", "1", 2, -1, 1)]}, "between its bounds"),
+    ({"unknowns": []}, "at least one unknown"),
+    ({"states": ("coil5",)}, "published"),
+    ({"base": "glued"}, "bonded or frictionless"),
+    ({"design": replace(PAPER, indentation=None)}, r"no \[indenter\]"),
+    ({"design": replace(PAPER, sheets=PAPER.sheets[:1])}, "exactly one magnetic sheet"),
+])  # fmt: skip
 def test_bad_input_of_the_calibration(arguments, message):
     with pytest.raises((LocalizeError, ElastomerError), match=message):
         calibrate(**{"design": PAPER, "states": ("coil2",), "unknowns": UNKNOWNS, **arguments})

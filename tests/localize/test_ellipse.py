@@ -151,18 +151,15 @@ def test_distance_is_along_the_ray():
     assert ellipse.distance([7e-3, 1e-3, 1e-3], [0.0, 3e-3, 0.0]) == pytest.approx([1e-3, -1e-3, -5e-3], rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "text"),
-    [
-        ([0, 1], [0, 1], "at least three finite points"),
-        ([0, 1, np.nan], [0, 1, 2], "at least three finite points"),
-        ([0, 1, 2], [0, 1], "of one shape"),
-        ([1, 1, 1], [2, 2, 2], "more than one place"),
-        ([0, 1, 2, 3], [0, 0, 0, 0], "many conics"),
-        ([0.0, 1, 4, 9, 1, 4, 9], [0.0, 1, 2, 3, -1, -2, -3], "no ellipse"),  # a parabola
-        ([1.0, 1.25, 5 / 3, 1.25, 5 / 3], [0.0, 0.75, 4 / 3, -0.75, -4 / 3], "no ellipse"),  # a hyperbola
-    ],
-)
+@pytest.mark.parametrize(("x", "y", "text"), [
+    ([0, 1], [0, 1], "at least three finite points"),
+    ([0, 1, np.nan], [0, 1, 2], "at least three finite points"),
+    ([0, 1, 2], [0, 1], "of one shape"),
+    ([1, 1, 1], [2, 2, 2], "more than one place"),
+    ([0, 1, 2, 3], [0, 0, 0, 0], "many conics"),
+    ([0.0, 1, 4, 9, 1, 4, 9], [0.0, 1, 2, 3, -1, -2, -3], "no ellipse"),  # a parabola
+    ([1.0, 1.25, 5 / 3, 1.25, 5 / 3], [0.0, 0.75, 4 / 3, -0.75, -4 / 3], "no ellipse"),  # a hyperbola
+])  # fmt: skip
 def test_points_of_no_ellipse_are_refused(x, y, text):
     with pytest.raises(LocalizeError, match=text):
         fit_ellipse(x, y)
@@ -322,32 +319,29 @@ MAP = response(HILL)
 LOW = MAP.isel(y=slice(2, 5))
 
 
-@pytest.mark.parametrize(
-    ("dataset", "settings", "text"),
-    [
-        (MAP.drop_vars("delta"), {}, "must have delta with the dimensions"),
-        (MAP.isel(depth=0), {}, "must have delta with the dimensions"),
-        (MAP, {"depth": 1}, "index of 1 depths"),
-        (MAP, {"depth": 2e-3}, "has the depths 1 mm; got 2 mm"),
-        (MAP, {"states": ["coil9"]}, "no state 'coil9'"),
-        (MAP, {"states": []}, "one state or more"),
-        (MAP, {"states": ["coil1", "coil1"]}, "each once"),
-        (MAP, {"refinement": 0}, "refinement must be a positive integer; got 0"),
-        (MAP, {"refinement": 2.5}, "refinement must be a positive integer"),
-        (MAP, {"threshold": 0.0}, "threshold must be positive"),
-        (MAP, {"step": -1e-5}, "step must be positive"),
-        (MAP, {"lowest": np.nan}, "lowest must be positive"),
-        (gap(), {"states": ["coil1"]}, r"δ at \(-20, -2\) mm is not"),
-        (MAP.isel(y=slice(3, None)), {"states": ["coil1"]}, "edge of the map"),
-        (LOW, {}, "at least 4 positions along y; got 3"),
-        (MAP.isel(x=slice(12, 15)), {}, "at least 4 positions along x; got 3"),
-        (MAP.assign_coords(y=WINDOW_Y[::-1]), {}, "y must be finite and rising"),
-        (0 * MAP, {}, "no closed curves"),
-        (MAP - 2e-3, {}, "no closed curves"),
-        (MAP, {"states": ["coil1"], "lowest": 2e-3}, "no level of coil1 is an ellipse"),
-        (MAP.assign_coords(coil=["coil1"], coil_y=("coil", [12e-3])), {}, "coil1 is at y = 12 mm"),
-    ],
-)
+@pytest.mark.parametrize(("dataset", "settings", "text"), [
+    (MAP.drop_vars("delta"), {}, "must have delta with the dimensions"),
+    (MAP.isel(depth=0), {}, "must have delta with the dimensions"),
+    (MAP, {"depth": 1}, "index of 1 depths"),
+    (MAP, {"depth": 2e-3}, "has the depths 1 mm; got 2 mm"),
+    (MAP, {"states": ["coil9"]}, "no state 'coil9'"),
+    (MAP, {"states": []}, "one state or more"),
+    (MAP, {"states": ["coil1", "coil1"]}, "each once"),
+    (MAP, {"refinement": 0}, "refinement must be a positive integer; got 0"),
+    (MAP, {"refinement": 2.5}, "refinement must be a positive integer"),
+    (MAP, {"threshold": 0.0}, "threshold must be positive"),
+    (MAP, {"step": -1e-5}, "step must be positive"),
+    (MAP, {"lowest": np.nan}, "lowest must be positive"),
+    (gap(), {"states": ["coil1"]}, r"δ at \(-20, -2\) mm is not"),
+    (MAP.isel(y=slice(3, None)), {"states": ["coil1"]}, "edge of the map"),
+    (LOW, {}, "at least 4 positions along y; got 3"),
+    (MAP.isel(x=slice(12, 15)), {}, "at least 4 positions along x; got 3"),
+    (MAP.assign_coords(y=WINDOW_Y[::-1]), {}, "y must be finite and rising"),
+    (0 * MAP, {}, "no closed curves"),
+    (MAP - 2e-3, {}, "no closed curves"),
+    (MAP, {"states": ["coil1"], "lowest": 2e-3}, "no level of coil1 is an ellipse"),
+    (MAP.assign_coords(coil=["coil1"], coil_y=("coil", [12e-3])), {}, "coil1 is at y = 12 mm"),
+])  # fmt: skip
 def test_bad_maps_and_settings_are_named(dataset, settings, text):
     with pytest.raises(LocalizeError, match=text):
         fit_ellipses(dataset, **settings)
@@ -437,15 +431,12 @@ def test_touching_ellipses_meet_on_the_axis(pair):
     assert x == pytest.approx(pair[0].x0 + pair[0].A, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("first", "second", "text"),
-    [
-        ((-3, 2, 2), (3, 3, 2), "do not meet: 1 mm lie between them"),
-        ((0, 5, 5), (1, 2, 2), "one lies within the other"),
-        ((0, 5, 5), (0, 5, 5), "one lies within the other"),
-        ((-0.1, 5, 2), (0.1, 2, 5), "more than one x"),
-    ],
-)
+@pytest.mark.parametrize(("first", "second", "text"), [
+    ((-3, 2, 2), (3, 3, 2), "do not meet: 1 mm lie between them"),
+    ((0, 5, 5), (1, 2, 2), "one lies within the other"),
+    ((0, 5, 5), (0, 5, 5), "one lies within the other"),
+    ((-0.1, 5, 2), (0.1, 2, 5), "more than one x"),
+])  # fmt: skip
 def test_ellipses_that_give_no_single_x(first, second, text):
     with pytest.raises(LocalizeError, match=text):
         crossing(*(Ellipse(*(1e-3 * value for value in given)) for given in (first, second)))
@@ -498,17 +489,14 @@ def test_usual_pair_is_the_largest_and_its_greater_neighbour():
 GOOD = {"coil1": 3e-4, "coil2": 4e-4, "coil3": 1e-4}
 
 
-@pytest.mark.parametrize(
-    ("readings", "text"),
-    [
-        ({"coil1": 3e-4, "coil2": 4e-4}, "the reading of coil3 is missing"),
-        ({**GOOD, "coil3": np.nan}, "the reading of coil3 must be finite; got nan"),
-        ({**GOOD, "coil1": np.inf}, "the reading of coil1 must be finite"),
-        ({**GOOD, "coil2": 2e-3}, "δ of coil2 must be within the model, 0 to 0.001; got 0.002"),
-        ({**GOOD, "coil1": -1e-5, "coil3": -2e-5}, "δ of coil1 must be within the model"),
-        ({**GOOD, "coil1": 9e-4, "coil2": 9e-4}, "coil1 and coil2 give no position, the ellipses do not meet"),
-    ],
-)
+@pytest.mark.parametrize(("readings", "text"), [
+    ({"coil1": 3e-4, "coil2": 4e-4}, "the reading of coil3 is missing"),
+    ({**GOOD, "coil3": np.nan}, "the reading of coil3 must be finite; got nan"),
+    ({**GOOD, "coil1": np.inf}, "the reading of coil1 must be finite"),
+    ({**GOOD, "coil2": 2e-3}, "δ of coil2 must be within the model, 0 to 0.001; got 0.002"),
+    ({**GOOD, "coil1": -1e-5, "coil3": -2e-5}, "δ of coil1 must be within the model"),
+    ({**GOOD, "coil1": 9e-4, "coil2": 9e-4}, "coil1 and coil2 give no position, the ellipses do not meet"),
+])  # fmt: skip
 def test_bad_readings_are_named(readings, text):
     with pytest.raises(LocalizeError, match=text):
         locate_x(ROW, readings)
@@ -517,22 +505,19 @@ def test_bad_readings_are_named(readings, text):
 COIL = ROW.coils[0]
 
 
-@pytest.mark.parametrize(
-    ("call", "text"),
-    [
-        (lambda: EllipseModel(()), "one coil or more"),
-        (lambda: EllipseModel((COIL, COIL)), "each of its own name"),
-        (lambda: ROW["coil9"], "the model has no coil 'coil9'"),
-        (lambda: locate_x(EllipseModel((COIL,)), GOOD), "two coils are needed"),
-        (lambda: intersect(ROW, GOOD, "coil1", "coil1"), "got coil1 twice"),
-        (lambda: replace(COIL, x0=(0.0, 0.0, np.nan, 0.0, 0.0)), "5 finite coefficients"),
-        (lambda: replace(COIL, x0=(0.0, 0.0, 0.0, 0.0)), "5 finite coefficients"),
-        (lambda: replace(COIL, lowest=1e-3), "must rise"),
-        (lambda: replace(COIL, centre=np.nan), "centre of coil1 must be positive"),
-        (lambda: replace(COIL, A=(0.0, 0.0, 0.0, 0.0, -1e-3)).ellipse(5e-4), "has no ellipse at δ"),
-        (lambda: Ellipse(0.0, 1.0, -1.0), "positive semi-axes"),
-    ],
-)
+@pytest.mark.parametrize(("call", "text"), [
+    (lambda: EllipseModel(()), "one coil or more"),
+    (lambda: EllipseModel((COIL, COIL)), "each of its own name"),
+    (lambda: ROW["coil9"], "the model has no coil 'coil9'"),
+    (lambda: locate_x(EllipseModel((COIL,)), GOOD), "two coils are needed"),
+    (lambda: intersect(ROW, GOOD, "coil1", "coil1"), "got coil1 twice"),
+    (lambda: replace(COIL, x0=(0.0, 0.0, np.nan, 0.0, 0.0)), "5 finite coefficients"),
+    (lambda: replace(COIL, x0=(0.0, 0.0, 0.0, 0.0)), "5 finite coefficients"),
+    (lambda: replace(COIL, lowest=1e-3), "must rise"),
+    (lambda: replace(COIL, centre=np.nan), "centre of coil1 must be positive"),
+    (lambda: replace(COIL, A=(0.0, 0.0, 0.0, 0.0, -1e-3)).ellipse(5e-4), "has no ellipse at δ"),
+    (lambda: Ellipse(0.0, 1.0, -1.0), "positive semi-axes"),
+])  # fmt: skip
 def test_bad_models_are_named(call, text):
     with pytest.raises(LocalizeError, match=text):
         call()

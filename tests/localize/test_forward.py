@@ -117,22 +117,19 @@ def test_some_states():
         assert checked_noise(MODEL, noise).tolist() == [2e-5] * 5
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: MODEL.select(["coil9"]), r"no state 'coil9'; there are coil1, coil2"),
-        (lambda: MODEL.select([]), r"named once each"),
-        (lambda: MODEL.select(["coil1", "coil1"]), r"named once each"),
-        (lambda: MODEL.delta([[0, 0, 1e-3], [0, 0.02, 1e-3]]), r"y of a point .* -0\.01 to 0\.01 m; got 0\.02 m"),
-        (lambda: MODEL.jacobian([0, 0, 5e-3]), r"depth of a point"),
-        (lambda: MODEL.delta([np.nan, 0, 1e-3]), r"x of a point"),
-        (lambda: MODEL.delta(1.0), r"last axis; got shape"),
-        (lambda: MODEL.delta([1.0, 2.0]), r"last axis; got shape"),
-        *[(lambda bad=bad: checked_noise(MODEL, bad), r"noise must be positive and finite")
-          for bad in (0, -1e-5, np.nan, np.inf, [1e-5] * 4 + [0])],
-        (lambda: checked_noise(MODEL, [1e-5] * 4), r"one for each of the 5 states; got shape \(4,\)"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: MODEL.select(["coil9"]), r"no state 'coil9'; there are coil1, coil2"),
+    (lambda: MODEL.select([]), r"named once each"),
+    (lambda: MODEL.select(["coil1", "coil1"]), r"named once each"),
+    (lambda: MODEL.delta([[0, 0, 1e-3], [0, 0.02, 1e-3]]), r"y of a point .* -0\.01 to 0\.01 m; got 0\.02 m"),
+    (lambda: MODEL.jacobian([0, 0, 5e-3]), r"depth of a point"),
+    (lambda: MODEL.delta([np.nan, 0, 1e-3]), r"x of a point"),
+    (lambda: MODEL.delta(1.0), r"last axis; got shape"),
+    (lambda: MODEL.delta([1.0, 2.0]), r"last axis; got shape"),
+    *[(lambda bad=bad: checked_noise(MODEL, bad), r"noise must be positive and finite")
+      for bad in (0, -1e-5, np.nan, np.inf, [1e-5] * 4 + [0])],
+    (lambda: checked_noise(MODEL, [1e-5] * 4), r"one for each of the 5 states; got shape \(4,\)"),
+])  # fmt: skip
 def test_bad_arguments(call, message):
     with pytest.raises(LocalizeError, match=message):
         call()
@@ -141,21 +138,18 @@ def test_bad_arguments(call, message):
 GOOD = board(FIELD, 4e-3)
 
 
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        (GOOD.rename(delta="other"), r"variable delta"),
-        (GOOD.isel(depth=0), r"dimensions depth, y, x and state"),
-        (GOOD.drop_vars("x"), r"coordinates for all dimensions; x is missing"),
-        (GOOD.isel(x=slice(3)), r"at least 4 positions along x; got 3"),
-        (GOOD.isel(y=slice(2)), r"at least 4 positions along y; got 2"),
-        (GOOD.isel(state=slice(0)), r"must be finite everywhere"),
-        (GOOD.where(GOOD.x > -0.01), r"must be finite everywhere"),
-        (GOOD.isel(x=slice(None, None, -1)), r"x of a response must be finite and rise"),
-        (GOOD.assign_coords(depth=GOOD.depth - 1e-3), r"depth of a response must not be negative; got -0\.0008"),
-        (GOOD.assign_coords(state=list("aabcd")), r"different names; got a, a, b"),
-    ],
-)
+@pytest.mark.parametrize(("table", "message"), [
+    (GOOD.rename(delta="other"), r"variable delta"),
+    (GOOD.isel(depth=0), r"dimensions depth, y, x and state"),
+    (GOOD.drop_vars("x"), r"coordinates for all dimensions; x is missing"),
+    (GOOD.isel(x=slice(3)), r"at least 4 positions along x; got 3"),
+    (GOOD.isel(y=slice(2)), r"at least 4 positions along y; got 2"),
+    (GOOD.isel(state=slice(0)), r"must be finite everywhere"),
+    (GOOD.where(GOOD.x > -0.01), r"must be finite everywhere"),
+    (GOOD.isel(x=slice(None, None, -1)), r"x of a response must be finite and rise"),
+    (GOOD.assign_coords(depth=GOOD.depth - 1e-3), r"depth of a response must not be negative; got -0\.0008"),
+    (GOOD.assign_coords(state=list("aabcd")), r"different names; got a, a, b"),
+])  # fmt: skip
 def test_bad_tables(table, message):
     with pytest.raises(LocalizeError, match=message):
         forward_model(table)

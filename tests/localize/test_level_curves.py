@@ -56,14 +56,11 @@ def test_noise_that_takes_the_hill_away_is_survived():
     assert curves.values.shape == curves.deviations.shape
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda delta: delta.where(delta.x > 0), "the map has gaps"),
-        (lambda delta: -delta, "no closed curves"),
-        (lambda delta: delta.x + 0 * delta, "no closed curves"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda delta: delta.where(delta.x > 0), "the map has gaps"),
+    (lambda delta: -delta, "no closed curves"),
+    (lambda delta: delta.x + 0 * delta, "no closed curves"),
+])  # fmt: skip
 def test_maps_without_ellipses_say_why(change, words):
     curves = level_curves(MAP.assign(delta=change(MAP.delta).transpose(*MAP.delta.dims)), NOISE)
     assert words in curves.problem

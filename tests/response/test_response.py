@@ -184,32 +184,26 @@ def test_dataset_is_complete_and_can_be_stored(plain, tmp_path):
 OUTSIDE = read("gast2020").replace("step_mm = 2", "sample_x_mm = [-20, 20]\nsample_y_mm = [-8, 8]\nstep_mm = 2", 1)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"depths": [9e-3]}, "deep|depth"),
-        ({"depths": [1e-3, 0.5e-3]}, "depths must be finite and rising"),
-        ({"x": [np.nan]}, "x must be finite"),
-        ({"imperfections": Imperfections(thickness_errors={"foam": 1e-3})}, "foam.*base, magnetic"),
-        ({"imperfections": Imperfections(tilt=(0.1, 0.0))}, "loses contact"),
-        ({"design": parse_design(OUTSIDE), "x": [-19e-3]}, "outside the sample"),
-        ({"design": replace(PAPER, indentation=None)}, r"no \[indenter\]"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"depths": [9e-3]}, "deep|depth"),
+    ({"depths": [1e-3, 0.5e-3]}, "depths must be finite and rising"),
+    ({"x": [np.nan]}, "x must be finite"),
+    ({"imperfections": Imperfections(thickness_errors={"foam": 1e-3})}, "foam.*base, magnetic"),
+    ({"imperfections": Imperfections(tilt=(0.1, 0.0))}, "loses contact"),
+    ({"design": parse_design(OUTSIDE), "x": [-19e-3]}, "outside the sample"),
+    ({"design": replace(PAPER, indentation=None)}, r"no \[indenter\]"),
+])  # fmt: skip
 def test_bad_input_of_the_response(changes, message):
     with pytest.raises(ElastomerError, match=message):
         nominal(**changes)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"depth_error": np.nan}, "finite"),
-        ({"noise": -1}, "noise must not be negative; got -1"),
-        ({"seed": -1}, "seed must not be negative; got -1"),
-        ({"tilt": (0.5, 0.0)}, r"tilt must be at most 0.1.*0.5"),
-    ],
-)
+@pytest.mark.parametrize(("wrong", "message"), [
+    ({"depth_error": np.nan}, "finite"),
+    ({"noise": -1}, "noise must not be negative; got -1"),
+    ({"seed": -1}, "seed must not be negative; got -1"),
+    ({"tilt": (0.5, 0.0)}, r"tilt must be at most 0.1.*0.5"),
+])  # fmt: skip
 def test_bad_imperfections_are_refused(wrong, message):
     with pytest.raises(ElastomerError, match=message):
         Imperfections(**wrong)
@@ -263,20 +257,17 @@ def pressed_by(indenter):
     return replace(FEM, indentation=replace(FEM.indentation, indenter=indenter))
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: line_response(FEM, "coil9"), "no coil 'coil9'"),
-        (lambda: line_response(replace(FEM, indentation=None)), r"no \[indenter\]"),
-        (lambda: line_response(pressed_by(FlatPunch(2e-3))), "round indenter"),
-        (lambda: line_response(pressed_by(Cone(0.5, radius=2e-3))), "round indenter"),
-        (lambda: cross_section(LOOP, 10.0), "as often to as fro"),
-        (lambda: line_dent_inductance(WIRES, [DENT], [0.0]), "plane strain"),
-        (lambda: line_dent_inductance(WIRES, [replace(DENT, symmetry="plane")], [np.inf]), "finite"),
-        (lambda: line_inductance(replace(WIRES, z=WIRES.z + 1e-3), SHEETS), "below the sheets"),
-        (lambda: line_inductance(replace(WIRES, widths=0 * WIRES.widths), SHEETS), "cross-sections"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: line_response(FEM, "coil9"), "no coil 'coil9'"),
+    (lambda: line_response(replace(FEM, indentation=None)), r"no \[indenter\]"),
+    (lambda: line_response(pressed_by(FlatPunch(2e-3))), "round indenter"),
+    (lambda: line_response(pressed_by(Cone(0.5, radius=2e-3))), "round indenter"),
+    (lambda: cross_section(LOOP, 10.0), "as often to as fro"),
+    (lambda: line_dent_inductance(WIRES, [DENT], [0.0]), "plane strain"),
+    (lambda: line_dent_inductance(WIRES, [replace(DENT, symmetry="plane")], [np.inf]), "finite"),
+    (lambda: line_inductance(replace(WIRES, z=WIRES.z + 1e-3), SHEETS), "below the sheets"),
+    (lambda: line_inductance(replace(WIRES, widths=0 * WIRES.widths), SHEETS), "cross-sections"),
+])  # fmt: skip
 def test_bad_input_of_the_two_dimensional_model(call, message):
     with pytest.raises(ElastomerError, match=message):
         call()
