@@ -95,8 +95,7 @@ def test_couple_is_where_the_converter_oscillates():
 
 
 def test_couple_gives_one_dataset():
-    L = random_matrix(3, 2)
-    result = couple(["a", "b", "c"], L, 10.0, 120e-12, ["short", "open", "short"])
+    result = couple(["a", "b", "c"], random_matrix(3, 2), 10.0, 120e-12, ["short", "open", "short"])
     assert result.coil.values.tolist() == ["a", "b", "c"]
     for name, variable in result.data_vars.items():
         assert "units" in variable.attrs or name == "termination"
@@ -116,8 +115,7 @@ def test_couple_gives_one_dataset():
 
 
 def test_lossless_coil_has_no_quality_factor():
-    result = couple(["a"], [[50e-6]], 0.0, 120e-12)
-    assert result.quality_factor.values[0] == np.inf
+    assert couple(["a"], [[50e-6]], 0.0, 120e-12).quality_factor.values[0] == np.inf
 
 
 @pytest.mark.parametrize("k", [0.9, 0.99, 0.9999])

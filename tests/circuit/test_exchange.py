@@ -230,15 +230,13 @@ def test_ngspice_agrees_with_the_network(tmp_path, state):
 @pytest.mark.slow
 @needs_ngspice
 def test_ngspice_on_the_board_of_the_paper(tmp_path, board):
-    ideal = design_circuit(load_design("gast2020"), ideal=True)
-    export_network(ideal, tmp_path / "board.cir")
+    export_network(design_circuit(load_design("gast2020"), ideal=True), tmp_path / "board.cir")
     text = (tmp_path / "board.cir").read_text(encoding="utf-8")
     assert "without alternating-current resistance" in text
     names, L, R = board.coil.values.tolist(), board.inductance.values, board.resistance.values
     for active, states in ((0, ["short"] * 6), (2, ["short"] * 6), (3, ["open"] * 6)):
         Z = ngspice(tmp_path, text, names, active, states, 5.0, FREQUENCIES)
-        expected = [active_coil(L, R, active, f, states, 5.0).impedance for f in FREQUENCIES]
-        same_impedance(Z, expected)
+        same_impedance(Z, [active_coil(L, R, active, f, states, 5.0).impedance for f in FREQUENCIES])
 
 
 @pytest.mark.slow

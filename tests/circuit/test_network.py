@@ -40,8 +40,7 @@ def measure(*coils, connection="series", **others):
 def test_the_paper_plan_is_the_reduction_of_the_matrix(n, seed, resistance, on):
     """Nodal analysis against the direct formula: two independent ways to the same impedance."""
     L = random_matrix(n, seed)
-    state = paper_plan("abcdef"[:n])[0]
-    result = solve_state(network(L, resistance, on_resistance=on), state, F)
+    result = solve_state(network(L, resistance, on_resistance=on), paper_plan("abcdef"[:n])[0], F)
     # both ends of a grounded coil go through a switch; so do both ends of the measured one
     expected = active_coil(L, resistance, 0, F, short_resistance=2 * on)
     assert result.impedance == pytest.approx(expected.impedance + 2 * on, rel=1e-11)
@@ -101,16 +100,14 @@ def test_an_open_coil_with_capacitance_is_not_passive():
     C = 100e-12
     result = solve_state(network(L2, 0.0, C=C), measure("a", others="open"), F)
     # the measured coil has the capacitance as well, in parallel
-    neighbour = 1j * OMEGA * 40e-6 + 1 / (1j * OMEGA * C)
-    Z = 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / neighbour
+    Z = 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (1j * OMEGA * 40e-6 + 1 / (1j * OMEGA * C))
     Z = 1 / (1 / Z + 1j * OMEGA * C)
     assert result.impedance == pytest.approx(Z, rel=1e-11)
     # below its own resonance it raises the inductance, above it lowers it, as a short does
     own = 1 / (2 * np.pi * math.sqrt(40e-6 * C))
     for f, sign in ((0.8 * own, 1), (1.25 * own, -1)):
         z = solve_state(network(L2, 0.0, C=C), measure("a", others="open"), f).impedance
-        bare = 1 / (1 / z - 2j * np.pi * f * C)
-        assert np.sign(bare.imag / (2 * np.pi * f) - 50e-6) == sign
+        assert np.sign((1 / (1 / z - 2j * np.pi * f * C)).imag / (2 * np.pi * f) - 50e-6) == sign
 
 
 def test_capacitance_to_a_grounded_neighbour():
@@ -118,8 +115,7 @@ def test_capacitance_to_a_grounded_neighbour():
     L = np.diag([50e-6, 40e-6])
     result = solve_state(network(L, 0.0, mutual=C), measure("a", exceptions={"b": "ground"}), F)
     # the coil floats: its mean is at the neighbour's potential and only d²/12 is left, C/12
-    Z = 1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * C / 12)
-    assert result.impedance == pytest.approx(Z, rel=1e-9)
+    assert result.impedance == pytest.approx(1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * C / 12), rel=1e-9)
     # both neighbours' ends open: it takes the mean as well; the energy is the same
     free = solve_state(network(L, 0.0, mutual=C), measure("a", others="open"), 1e3)
     assert free.apparent_inductance == pytest.approx(50e-6, rel=1e-6)
@@ -198,8 +194,7 @@ def test_loaded_quality():
 def test_self_resonance_of_a_state():
     C = 20e-12
     circuit = network(L2, 5.0, C=C)
-    series = measure("a", "b", others="open")
-    found = self_resonance_of(circuit, resonate(circuit, series))
+    found = self_resonance_of(circuit, resonate(circuit, measure("a", "b", others="open")))
     # two coils in series, a capacitance across each: the lowest mode of (L − 1/(ω² C)) i = 0 at the port
     omega2 = np.linalg.eigvals(np.linalg.inv(L2 * C)).real
     assert found == pytest.approx(math.sqrt(omega2.min()) / (2 * math.pi), rel=0.05)

@@ -71,11 +71,9 @@ def test_a_table_gives_the_amplitudes_between_its_offsets(solved):
     scattering, spectra = solved
     axis, grid = offset_grid(REACH / 1.5, DENT.clearance)
     between = np.random.default_rng(2).uniform(-REACH / 1.5, REACH / 1.5, (80, 2))
-    together = [np.concatenate((grid, between))] * 2
-    dent = dent_amplitudes(scattering, spectra, together, 1e-4)
+    dent = dent_amplitudes(scattering, spectra, [np.concatenate((grid, between))] * 2, 1e-4)
     for amplitudes in dent.amplitudes:
-        table = amplitude_table(axis, amplitudes[: len(grid)])
-        known, found = amplitudes[len(grid) :], table(between)
+        known, found = amplitudes[len(grid) :], amplitude_table(axis, amplitudes[: len(grid)])(between)
         change, expected = ((one * dent.strengths * one).sum(axis=1) for one in (found, known))
         # splines of the fifth degree over a third of the clearance; measured 2e-5
         assert np.abs(change - expected).max() < 1e-4 * np.abs(expected).max()

@@ -101,8 +101,7 @@ def loop_field_squared(r, z, radius):
     K, E = (integral(4 * radius * r / outer) for integral in (ellipk, ellipe))
     factor = MU_0 / (2 * np.pi * np.sqrt(outer))
     along = factor * (K + (radius**2 - r**2 - z**2) / inner * E)
-    outwards = factor * z / r * (-K + (radius**2 + r**2 + z**2) / inner * E)
-    return along**2 + outwards**2
+    return along**2 + (factor * z / r * (-K + (radius**2 + r**2 + z**2) / inner * E)) ** 2
 
 
 def born(dent, susceptibility, radius):
@@ -141,9 +140,8 @@ def test_dent_and_coils_moved_together_and_turned_round(pair_change):
     assert pair_change[0, 1] == pytest.approx(pair_change[1, 0], rel=1e-6)
     shift = np.array([0.3, -0.2, 0.0])
     moved = change([PAIR[1][::-1] + shift, PAIR[0] + shift], centre=np.array([3e-3, 1e-3]) + shift[:2])
-    signs = np.array([[1, -1], [-1, 1]])
     # rounding of the places shows in the steps of the solver only
-    assert moved == pytest.approx(signs * pair_change[::-1, ::-1], rel=1e-6)
+    assert moved == pytest.approx(np.array([[1, -1], [-1, 1]]) * pair_change[::-1, ::-1], rel=1e-6)
 
 
 @pytest.mark.parametrize(("wrong", "error", "text"), [

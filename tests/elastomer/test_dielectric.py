@@ -271,8 +271,7 @@ def solved(dent, eps, electrodes, z):
     change = energy.assemble(basis, eps=medium, a=stretch, b=-shear, c=(1 + shear**2) / (1 + stretch) - 1)
     nodes = basis.doflocs
     held = electrodes(*nodes)
-    lid = (nodes[0] > FAR - 1e-9) | (np.abs(nodes[1]) > FAR - 1e-9)
-    held[lid & np.isnan(held)] = 0.0
+    held[((nodes[0] > FAR - 1e-9) | (np.abs(nodes[1]) > FAR - 1e-9)) & np.isnan(held)] = 0.0
     free = np.flatnonzero(np.isnan(held))
     known = np.nan_to_num(held)
 

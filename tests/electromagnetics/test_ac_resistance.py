@@ -221,8 +221,7 @@ def test_direct_current_limit(board):
     np.testing.assert_allclose(np.diag(result.resistance[0]), dc_resistance(board), rtol=1e-10)
     np.testing.assert_allclose(result.dc_resistance, dc_resistance(board), rtol=1e-15)
     assert result.resistance.attrs["units"] == "ohm"
-    low = resistance_matrix(board[:2], [1e4, 2e4]).resistance.values
-    excess = low - np.diag(dc_resistance(board[:2]))
+    excess = resistance_matrix(board[:2], [1e4, 2e4]).resistance.values - np.diag(dc_resistance(board[:2]))
     # eddy reaction is of order (w/δ)⁴/500 = 1e-5 at 20 kHz; rounding of R against its excess: 1e-16/1e-6
     np.testing.assert_allclose(excess[1] / excess[0], 4.0, rtol=1e-4)
 
@@ -231,9 +230,8 @@ def test_direct_current_limit(board):
 def test_symmetric_and_positive_definite(board):
     R = resistance_matrix(board, np.geomspace(1e5, 2e7, 7)).resistance.values
     np.testing.assert_allclose(R, R.transpose(0, 2, 1), rtol=0, atol=1e-14 * R.max())  # rounding
-    dc = dc_resistance(board)
     # more than DC loss for any currents: R − R_dc is positive definite too
-    assert np.linalg.eigvalsh(R - np.diag(dc)).min() > 0
+    assert np.linalg.eigvalsh(R - np.diag(dc_resistance(board))).min() > 0
 
 
 def is_narrow(row):
@@ -277,8 +275,7 @@ def test_racetrack_against_its_two_sides():
     spiral_path(Spiral(4, 15e-3, 6, 1e-3, 0.2e-3)),
 ], ids=["hexagon", "two layers", "tight", "circle", "wide"])  # fmt: skip
 def test_switch_between_models(path):
-    f = switch_frequency(path.widths[0]) * np.array([1 - 1e-9, 1 + 1e-9])
-    result = resistance_matrix(path, f)
+    result = resistance_matrix(path, switch_frequency(path.widths[0]) * np.array([1 - 1e-9, 1 + 1e-9]))
     assert result.model.values[:, 0].tolist() == ["transverse field", "section filaments"]
     below, above = result.resistance.values[:, 0, 0]
     # the jump: what a uniform field over each trace leaves out at w = 2δ; measured at most 6.5e-4
@@ -332,8 +329,7 @@ def test_vias_keep_their_direct_resistance():
 
 
 def test_cut_of_a_spiral():
-    spiral = Spiral(6, 10e-3, 8, 0.15e-3, 0.15e-3)
-    path = spiral_path(spiral, (0.0, -0.2e-3))
+    path = spiral_path(Spiral(6, 10e-3, 8, 0.15e-3, 0.15e-3), (0.0, -0.2e-3))
     crossed, x, z, sign = radial_cut(path.vertices, path.widths)
     assert len(crossed) == 16  # every turn of both layers once
     assert np.unique(np.round(z, 6)).tolist() == [-0.2e-3, 0.0]

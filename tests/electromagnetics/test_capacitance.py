@@ -78,9 +78,8 @@ def test_green_function_is_the_inverse_of_the_tridiagonal_matrix(k, data):
         x = min(k * thickness, 300.0)
         Y[i : i + 2, i : i + 2] += e * np.array([[1 / np.tanh(x), -1 / np.sinh(x)], [-1 / np.sinh(x), 1 / np.tanh(x)]])
     G = LayeredMedium(tuple(d), tuple(epsilon), ground_below=3e-3).green(np.array([k]))[0]
-    expected = np.linalg.inv(EPSILON_0 * k * Y)
     # 1e-5: at k = 1/m Y is nearly singular, and its inverse loses ten digits that the recursion keeps
-    np.testing.assert_allclose(G, expected, rtol=1e-5, atol=1e-9 * G.max())
+    np.testing.assert_allclose(G, np.linalg.inv(EPSILON_0 * k * Y), rtol=1e-5, atol=1e-9 * G.max())
 
 
 @pytest.mark.parametrize("b_over_d", [10, 20, 40])
@@ -159,8 +158,7 @@ def test_convergence_with_the_harmonics_is_of_second_order():
     exact = value(3000)
     # the term oscillates with cos 2ka: take the largest of a period
     coarse, fine = (max(abs(value(ka + d) / exact - 1) for d in np.linspace(0, 3, 8)) for ka in (10, 160))
-    order = math.log(coarse / fine) / math.log(16)
-    assert 1.6 < order < 2.4  # 2 predicted; the maximum is sampled
+    assert 1.6 < math.log(coarse / fine) / math.log(16) < 2.4  # 2 predicted; the maximum is sampled
     assert coarse < 3e-3
 
 
@@ -282,8 +280,7 @@ def test_bundled_board():
     np.testing.assert_allclose(C.coil_capacitance, C.interlayer + C.turn_to_turn, rtol=1e-12)
     matrix = C.capacitance.values
     np.testing.assert_allclose(matrix, matrix.T, rtol=1e-12)
-    off = matrix[~np.eye(6, dtype=bool)]
-    assert (off <= 0).all()
+    assert (matrix[~np.eye(6, dtype=bool)] <= 0).all()
     assert (np.diag(matrix) >= -(matrix.sum(axis=1) - np.diag(matrix)) * (1 - 1e-12)).all()
     apart = np.abs(np.subtract.outer(np.arange(6), np.arange(6)))
     assert (matrix[apart == 1] < -1e-12).all()  # neighbours overlap
@@ -321,8 +318,7 @@ def test_coils_above_each_other_have_the_capacitance_of_their_area():
 
 @pytest.mark.slow
 def test_the_matrix_is_that_of_the_overlap_alone():
-    separate = coil_capacitance(_pair(shift=(20e-3, 0))).capacitance.values
-    np.testing.assert_array_equal(separate, 0)
+    np.testing.assert_array_equal(coil_capacitance(_pair(shift=(20e-3, 0))).capacitance.values, 0)
     first = coil_capacitance(_pair(shift=(10e-3, 0))).capacitance.values[0, 1]
     mirrored = coil_capacitance(_pair(shift=(-10e-3, 0), turn=math.pi)).capacitance.values[0, 1]
     # 2 %: a hexagon is its own image under half a turn, its spiral is not: half a pitch at the edge
@@ -367,8 +363,7 @@ def test_elastomer_adds_capacitance_and_apparent_inductance():
     assert (thick.dent_bound < 0.2 * thin.dent_bound).all()  # the field falls off with the height
     at_once = elastomer_effect(array, 3.0, 120e-12)
     assert (at_once.dent_bound >= at_once.apparent_delta).all()  # nothing known: no less than all of it
-    more = elastomer_effect(array, 4.0, 120e-12)
-    assert (more.change > at_once.change).all()
+    assert (elastomer_effect(array, 4.0, 120e-12).change > at_once.change).all()
 
 
 # --- bad input -------------------------------------------------------------------------------------------------------

@@ -143,5 +143,4 @@ def test_turned_copies():
     M = inductance_matrix(coils)
     # turning a path changes its self-inductance by the rules' error alone
     np.testing.assert_allclose(np.diag(M), L, rtol=1e-6)
-    rows = mutual_inductance(coils[:2], coils[2:])
-    np.testing.assert_allclose(rows, M[:2, 2:], atol=3e-8 * L)
+    np.testing.assert_allclose(mutual_inductance(coils[:2], coils[2:]), M[:2, 2:], atol=3e-8 * L)

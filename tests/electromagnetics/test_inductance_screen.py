@@ -102,8 +102,7 @@ def test_series_cover_every_segment_once():
 
 
 def test_uneven_turns_are_no_series():
-    rng = np.random.default_rng(0)
-    line = np.cumsum(rng.uniform(1e-3, 2e-3, (40, 2)), axis=0)
+    line = np.cumsum(np.random.default_rng(0).uniform(1e-3, 2e-3, (40, 2)), axis=0)
     coil = path_coil([line], 0.1e-3, 0.1e-3, VIA)
     conductor = CoilArray(BOARD, (Placement("A", coil, ("L1",), 0, 0),)).conductors()[0]
     assert (find_series(segment_table(conductor))[:, 2] == 1).all()

@@ -73,12 +73,10 @@ def test_parts_that_differ_are_not_the_same():
     longer = Conductor(COIL.vertices * (1 + 1e-6), COIL.widths, COIL.thicknesses)
     angle = np.radians(30.0)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    turned = Conductor(COIL.vertices @ turn.T, COIL.widths, COIL.thicknesses)
-    paths = [COIL, other_width, longer, turned]
+    paths = [COIL, other_width, longer, Conductor(COIL.vertices @ turn.T, COIL.widths, COIL.thicknesses)]
     # layers 1 + 1 + 1 + 2, for the turned ones mirror each other on another axis; the via is alike but in two
     assert len(find_parts([segment_table(path) for path in paths], np.full(4, QUANTUM)).tables) == 5 + 3
-    coarse = find_parts([segment_table(COIL)] * 2, np.array([QUANTUM, 2 * QUANTUM]))
-    assert len(coarse.tables) == 4
+    assert len(find_parts([segment_table(COIL)] * 2, np.array([QUANTUM, 2 * QUANTUM])).tables) == 4
 
 
 def test_a_path_of_many_heights_is_not_cut():

@@ -84,8 +84,7 @@ def test_a_shift_beyond_the_reach_is_told():
 def test_nothing_is_extrapolated():
     places = grid(half=19e-3)
     found = align(MODEL, places, moved(places, (1e-3, 0.0)), largest_shift=(1.5e-3, 0.0))
-    far = np.abs(places[:, 0] - ROW[0][0])
-    np.testing.assert_array_equal(found.used, far <= 18.5e-3)
+    np.testing.assert_array_equal(found.used, np.abs(places[:, 0] - ROW[0][0]) <= 18.5e-3)
     assert np.isnan(found.shift[1])  # its reach is 0
     assert found.shift[0] == pytest.approx(1e-3, abs=2e-6)
 
@@ -107,8 +106,7 @@ def test_a_shift_that_the_noise_hides_is_not_told():
 
 
 def test_flat_maps_tell_nothing():
-    flat = forward_model(WIDE.assign(delta=0 * WIDE.delta))
-    found = align(flat, GRID, moved(GRID), largest_shift=SHIFT)
+    found = align(forward_model(WIDE.assign(delta=0 * WIDE.delta)), GRID, moved(GRID), largest_shift=SHIFT)
     assert np.isnan([found.scale, found.scale_std, *found.shift, *found.shift_std]).all()
     zero = align(MODEL, GRID, np.zeros(len(GRID)), largest_shift=SHIFT)
     assert zero.scale == 0

@@ -36,8 +36,7 @@ def world(scale=1.0, shift=(0.0, 0.0), x=26e-3, y=8e-3, step=2e-3, depth=(1e-3,)
 
 
 def noisy(dataset, seed=0, noise=NOISE):
-    random = np.random.default_rng(seed)
-    delta = dataset.delta + noise * random.standard_normal(dataset.delta.shape)
+    delta = dataset.delta + noise * np.random.default_rng(seed).standard_normal(dataset.delta.shape)
     return dataset.assign(delta=delta, delta_std=xr.full_like(dataset.delta, noise))
 
 
@@ -155,8 +154,7 @@ def test_states_that_one_alone_has_are_named():
 def test_every_depth_has_its_own_figures():
     depths = [0.5e-3, 1e-3, 1.5e-3]
     simulated = world(depth=[0.5e-3, 0.75e-3, 1e-3, 1.25e-3])
-    measured = world(1.2, depth=depths)
-    found = compared(measured, simulated)
+    found = compared(world(1.2, depth=depths), simulated)
     assert found.depth.values.tolist() == depths[:2]
     assert found.attrs["depths_left_out"] == "0.0015"
     assert found.scale.shape == (2, 3)
@@ -209,8 +207,7 @@ def test_noise_that_some_positions_do_not_tell_is_that_of_the_others():
 
 def test_inductances_stand_beside_each_other():
     first = world().assign(base_inductance=("state", [1e-6, 2e-6, 3e-6]))
-    second = world().isel(state=[1, 2]).assign(base_inductance=("state", [4e-6, 5e-6]))
-    found = compared(first, second)
+    found = compared(first, world().isel(state=[1, 2]).assign(base_inductance=("state", [4e-6, 5e-6])))
     np.testing.assert_allclose(found.base_inductance, [[2e-6, 3e-6], [4e-6, 5e-6]])
     assert "base_inductance" not in compared(first, world())
 

@@ -50,9 +50,8 @@ def test_neighbours_move_x0_by_little(split):
 
 
 def test_opened_neighbours_leave_the_centre(split):
-    opened = split.x0.sel(neighbours="open")
     # 0.02 mm: the refined map's step of 0.1 mm, and one half turn of the winding
-    assert (opened - split.centre).values == pytest.approx(0, abs=0.02e-3)
+    assert (split.x0.sel(neighbours="open") - split.centre).values == pytest.approx(0, abs=0.02e-3)
 
 
 def test_nothing_explains_the_published_x0(split):
@@ -111,8 +110,7 @@ def test_calibration_marks_bounds(monkeypatch):
 
 def test_values_enter_the_design():
     material = {"poissons_ratio": 0.45, "modulus_ratio": 2.0, "relative_permeability": 3.0}
-    values = {**material, "depth_error": 1e-4, "tilt": 0.002}
-    design, given = apply(PAPER, values, "frictionless")
+    design, given = apply(PAPER, {**material, "depth_error": 1e-4, "tilt": 0.002}, "frictionless")
     assert [sheet.poissons_ratio for sheet in design.sheets] == [0.45, 0.45]
     assert design.sheets[1].youngs_modulus == 2 * design.sheets[0].youngs_modulus
     assert (design.sheets[0].relative_permeability, design.sheets[1].relative_permeability) == (1.0, 3.0)

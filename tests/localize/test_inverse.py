@@ -143,8 +143,7 @@ def test_ellipsoids_of_gaussian_modes_hold_the_truth(field):
 
 
 def test_residuals_have_their_probability(field):
-    truth = between_the_coils(2000, 7)
-    found = locate_all(field, noisy(field.delta(truth), seed=8), alarm=0.05)
+    found = locate_all(field, noisy(field.delta(between_the_coils(2000, 7)), seed=8), alarm=0.05)
     assert {location.degrees_of_freedom for location in found} <= {2, 3}
     assert 0.035 < share(found, "no fit") < 0.065  # 5 % ± 0.5 % by counting, three times that
     probability = np.array([location.probability for location in found])
@@ -154,13 +153,11 @@ def test_residuals_have_their_probability(field):
 def test_readings_of_no_position_are_told(field):
     """Power of the residual test: a departure d from all positions is seen as a χ² of non-centrality d²."""
     truth = between_the_coils(1000, 9)
-    tangents = field.jacobian(truth)
     # the direction in which δ leaves the surface of all positions: the last left singular vector of the Jacobian
-    away = np.linalg.svd(tangents)[0][..., -1]
+    away = np.linalg.svd(field.jacobian(truth))[0][..., -1]
     found = locate_all(field, noisy(field.delta(truth) + 5 * NOISE * away, seed=9))
-    power = ncx2.sf(chi2.isf(1e-3, 2), 2, 25)
     # 90 % ± 1 % by counting; the surface is curved by some more
-    assert share(found, "no fit") == pytest.approx(power, abs=0.04)
+    assert share(found, "no fit") == pytest.approx(ncx2.sf(chi2.isf(1e-3, 2), 2, 25), abs=0.04)
     reasons = [one.reason for one in found if one.verdict == "no fit"]
     assert "no position of the table explains the reading" in reasons[0]
     # the wrong sign
@@ -275,8 +272,7 @@ def test_regions_hold_the_truth(paper, paper_model):
 
 def allowed(model, points, noise):
     """Where 1.96 standard deviations of the Cramér–Rao bound are within 0.1 mm of x and 3 % of the depth."""
-    bound = covariance_of(fisher_information(model, points, noise))
-    sigma = np.sqrt(np.diagonal(bound, axis1=1, axis2=2))
+    sigma = np.sqrt(np.diagonal(covariance_of(fisher_information(model, points, noise)), axis1=1, axis2=2))
     return (1.96 * sigma[:, 0] <= 0.1e-3) & (1.96 * sigma[:, 2] <= 0.03 * points[:, 2]), sigma
 
 
@@ -327,8 +323,7 @@ def test_bad_readings_are_refused(field):
     assert [location.verdict for location in found] == ["refused", "found"] * len(bad)
     assert found[2].reason == "a reading must have δ of every state; that of coil2 is missing."
     assert found[2].probability is None
-    alone = locate(field, good)
-    assert places([found[-1].best]) == pytest.approx(places([alone.best]), abs=1e-12)
+    assert places([found[-1].best]) == pytest.approx(places([locate(field, good).best]), abs=1e-12)
     assert locate_all(field, []) == []
 
 

@@ -48,8 +48,7 @@ def test_tables_are_complete():
     assert set(table) == {(key, coil) for key in ("A", "B", "x0") for coil in COILS}
     assert table["B", "coil1"] == (-2.823e13, 7.144e10, -6.048e7, 8.349e3, 12.85)
     assert table["x0", "coil3"] == (6.519e11, -2.95e9, 4.503e6, -3.066e3, 14.19)
-    differing = [key for key, p in table_a1(as_printed=True).items() if p != table[key]]
-    assert differing == [("A", "coil3")]
+    assert [key for key, p in table_a1(as_printed=True).items() if p != table[key]] == [("A", "coil3")]
 
 
 def test_misprint_can_only_be_this_power_of_ten():
@@ -162,8 +161,7 @@ def test_one_arc_does_not_tell_the_centre(fits):
         assert len(fit.step) >= 5
         x0, A, _ = MODEL[name].curves(fit.delta.values)
         assert np.abs(fit.x0.values - x0).min() > 5e-3
-        vertex = fit.x0.values + side * fit.A.values - (x0 + side * A)
-        assert np.abs(vertex).max() < 0.35e-3
+        assert np.abs(fit.x0.values + side * fit.A.values - (x0 + side * A)).max() < 0.35e-3
 
 
 @pytest.mark.slow
@@ -173,8 +171,7 @@ def test_centre_outside_the_map_is_refused():
     quiet = published_map()
     found = fit_ellipses(quiet.assign(delta=quiet.delta + 1e-5 * noise), states=COILS)
     assert "centre outside the map" in found.refused.values
-    kept = found.x0.values[found.refused.values == ""]
-    assert (np.abs(kept) <= 26e-3).all()
+    assert (np.abs(found.x0.values[found.refused.values == ""]) <= 26e-3).all()
 
 
 def test_addition_alone_moves_x_by_less_than_the_papers_error(fits):
