@@ -74,8 +74,7 @@ def test_open_coils_do_nothing():
     assert state.apparent_inductance == pytest.approx(L[1, 1], rel=1e-15)
     assert state.currents.tolist() == [0, 1, 0, 0]
     # a short behind a huge resistance is as good as open
-    nearly = active_coil(L, 3.0, 1, F, short_resistance=1e12)
-    assert nearly.apparent_inductance == pytest.approx(L[1, 1], rel=1e-9)
+    assert active_coil(L, 3.0, 1, F, short_resistance=1e12).apparent_inductance == pytest.approx(L[1, 1], rel=1e-9)
     one = active_coil(L, 3.0, 1, F, ["short", "short", "open", "open"])
     assert one.apparent_inductance == pytest.approx(L[1, 1] - L[0, 1] ** 2 * (OMEGA**2 * L[0, 0]) / (
         9 + (OMEGA * L[0, 0]) ** 2), rel=1e-13)  # fmt: skip

@@ -64,5 +64,4 @@ def test_grounded_coils_carry_no_flux():
     flux = L @ current
     # a resistance of R lets the flux R i/(jω) through
     ohmic = (coupling.resistance.values + design.circuit.short_resistance) * np.abs(current)
-    omega = 2 * np.pi * float(coupling.frequency[0])
-    np.testing.assert_allclose(np.abs(flux[1:]), ohmic[1:] / omega, rtol=1e-9)
+    np.testing.assert_allclose(np.abs(flux[1:]), ohmic[1:] / (2 * np.pi * float(coupling.frequency[0])), rtol=1e-9)

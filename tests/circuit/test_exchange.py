@@ -183,8 +183,7 @@ def test_ngspice_agrees_with_active_coil(tmp_path, n, spread, states, resistance
     names = [f"coil {k}" for k in range(n)]
     active = n - 1
     Z = ngspice(tmp_path, spice_subcircuit(names, L, R), names, active, states, short_resistance, FREQUENCIES)
-    expected = [active_coil(L, R, active, f, states, short_resistance).impedance for f in FREQUENCIES]
-    same_impedance(Z, expected)
+    same_impedance(Z, [active_coil(L, R, active, f, states, short_resistance).impedance for f in FREQUENCIES])
 
 
 @needs_ngspice

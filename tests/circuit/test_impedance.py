@@ -182,8 +182,7 @@ def test_open_neighbours_with_stray_capacitance_take_part():
 
 
 def test_permittivity_is_a_parameter():
-    text = STARTER.replace("elastomer_permittivity = 3.0", "elastomer_permittivity = 1.0")
-    air = scan_design(parse_design(text))
+    air = scan_design(parse_design(STARTER.replace("elastomer_permittivity = 3.0", "elastomer_permittivity = 1.0")))
     np.testing.assert_allclose(air.winding_capacitance, air.bare_winding_capacitance, rtol=1e-12)
     np.testing.assert_allclose(air.elastomer_delta, 0, atol=1e-15)
 

@@ -127,8 +127,7 @@ def test_resonance_where_the_susceptance_vanishes():
     # for a series R the phase is zero at ω² = 1/LC − R²/L²
     state = active_coil(L2, 12.0, 0, result.frequency)
     L, R = state.apparent_inductance, state.effective_resistance
-    expected = math.sqrt(1 / (L * 120e-12) - (R / L) ** 2) / (2 * math.pi)
-    assert result.frequency == pytest.approx(expected, rel=1e-9)
+    assert result.frequency == pytest.approx(math.sqrt(1 / (L * 120e-12) - (R / L) ** 2) / (2 * math.pi), rel=1e-9)
     # what the converter takes for L: that of the coil and R²/(ω²L)
     assert result.effective_inductance == pytest.approx(L + (R / result.frequency / 2 / math.pi) ** 2 / L, rel=1e-9)
     lossless = resonate(network(L2), measure("a"))

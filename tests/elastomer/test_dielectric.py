@@ -209,8 +209,7 @@ def first_order(coil, shape, centre, eps):
     rho, phi = np.hypot(X, Y), np.arctan2(Y, X)
     orders = 16  # the coil's harmonics end at k times its radius, 8
     c = harmonics([surface_potential(coil, BOARD)], k, orders, (coil.x, coil.y))[:, 0]
-    t = np.tanh(k * TOP)
-    transmitted = 1 / (np.cosh(k * TOP) * (1 + t / eps))  # potential at the top over that at the base
+    transmitted = 1 / (np.cosh(k * TOP) * (1 + np.tanh(k * TOP) / eps))  # potential at the top over that at the base
     amplitude = (weights * k / (2 * np.pi) * transmitted)[:, None] * c
     E_t = np.zeros((2, len(rho)))
     D_n = np.zeros(len(rho))
@@ -407,8 +406,7 @@ def test_the_term_is_far_below_the_magnetic_one_and_its_bound():
     for zero_at, most in ((0.5, 3e-7), (0.0, 3e-6), (1.0, 3e-6)):
         feigned = dent_capacitance(board, [ringed()], places, 3.0, zero_at=zero_at)[0, :, 0] / 120e-12
         assert 0 < np.abs(feigned).max() < most  # the magnetic sheet: 8e-4
-    bound = elastomer_effect(board, 3.0, 120e-12, sheets, undisturbed=7e-3).dent_bound[0]
-    assert most < float(bound) < 1e-5
+    assert most < float(elastomer_effect(board, 3.0, 120e-12, sheets, undisturbed=7e-3).dent_bound[0]) < 1e-5
 
 
 @pytest.mark.parametrize(("change", "message"), [

@@ -304,9 +304,8 @@ def test_coils_above_each_other_have_the_capacitance_of_their_area():
     placements = (Placement("one", coil, ("A",), 0, 0), Placement("two", coil, ("B",), 0, 0, rotation=0.5))
     C = -coil_capacitance(CoilArray(_board(2), placements)).capacitance.values[0, 1]
     length = np.hypot(*np.diff(coil.lines[0], axis=0).T).sum()
-    per_length = interlayer_capacitance(0.15e-3, 0.15e-3, 0.2e-3, 4.5, 35e-6)
     # 2 %: the ends of the two spirals, turned, do not quite cover each other; mean over the shift, not aligned (0.4 %)
-    assert pytest.approx(per_length * length, rel=0.02) == C
+    assert pytest.approx(interlayer_capacitance(0.15e-3, 0.15e-3, 0.2e-3, 4.5, 35e-6) * length, rel=0.02) == C
     turned, straight = (-coil_capacitance(_pair(turn=t)).capacitance.values[0, 1] for t in (math.pi / 6, 0.0))
     dodecagon, hexagon = 12 * math.tan(math.pi / 12), 6 * math.tan(math.pi / 6)
     # 2 %: the overlap of two hexagons 30° apart is a dodecagon; likewise, nearly, for the holes

@@ -128,8 +128,7 @@ def test_matrix_of_a_lattice():
     assert (np.diag(M) == M[0, 0]).all()
     assert M[0, 0] == pytest.approx(L, rel=1e-12)
     assert np.linalg.eigvalsh(M)[0] > 0  # stored energy is positive for every set of currents
-    rng = np.random.default_rng(3)
-    for i, j in rng.integers(0, len(coils), (12, 2)).tolist():
+    for i, j in np.random.default_rng(3).integers(0, len(coils), (12, 2)).tolist():
         if i != j:
             # 3e-8 for what is far, 1e-9 for what is near: the two ways round differ by the rules along segments
             near_widths = MUTUAL_NEAR_WIDTHS if needed(coils[i], coils[j]).max() > MOST_NODES else 0.0

@@ -70,8 +70,7 @@ def test_far_windings_are_those_of_all_turns():
 def test_sheet_part():
     design = load_design("gast2020")
     full = layer_inductance(design.array, design.sheets)
-    screened = layer_inductance(design.array, design.sheets, accuracy="screen")
-    assert abs(screened - full).max() < 1e-3 * full.max()
+    assert abs(layer_inductance(design.array, design.sheets, accuracy="screen") - full).max() < 1e-3 * full.max()
 
 
 def test_without_turns_every_segment_counts():
@@ -102,8 +101,7 @@ def test_series_cover_every_segment_once():
 
 
 def test_uneven_turns_are_no_series():
-    line = np.cumsum(np.random.default_rng(0).uniform(1e-3, 2e-3, (40, 2)), axis=0)
-    coil = path_coil([line], 0.1e-3, 0.1e-3, VIA)
+    coil = path_coil([np.cumsum(np.random.default_rng(0).uniform(1e-3, 2e-3, (40, 2)), axis=0)], 0.1e-3, 0.1e-3, VIA)
     conductor = CoilArray(BOARD, (Placement("A", coil, ("L1",), 0, 0),)).conductors()[0]
     assert (find_series(segment_table(conductor))[:, 2] == 1).all()
 

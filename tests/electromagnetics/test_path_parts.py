@@ -125,5 +125,4 @@ def test_matrices_by_parts_are_those_of_whole_paths(monkeypatch, layers, accurac
 
 def test_a_wire_across_a_loop_has_no_part_in_it():
     loop = Conductor([[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]], 1e-4, 1e-5)
-    wire = Conductor([[4e-3, 6e-3, -5e-3], [4e-3, 6e-3, 5e-3]], 1e-4, 1e-5)
-    assert mutual_inductance(loop, wire)[0, 0] == 0.0
+    assert mutual_inductance(loop, Conductor([[4e-3, 6e-3, -5e-3], [4e-3, 6e-3, 5e-3]], 1e-4, 1e-5))[0, 0] == 0.0

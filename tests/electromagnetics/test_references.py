@@ -48,9 +48,8 @@ def test_hexagon_loops(row):
     second = polygon(
         6, v["R2_mm"] * 1e-3, v["z_mm"] * 1e-3, np.radians(v["rot_deg"]), (v["dx_mm"] * 1e-3, v["dy_mm"] * 1e-3)
     )
-    M = mutual_inductance([first], [second])[0, 0]
     # 1e-9: 36 closed forms, none of which dominates
-    assert M * 1e9 == pytest.approx(float(row["M_quad_nH"]), rel=1e-9)
+    assert mutual_inductance([first], [second])[0, 0] * 1e9 == pytest.approx(float(row["M_quad_nH"]), rel=1e-9)
 
 
 @pytest.mark.slow
@@ -83,9 +82,8 @@ def test_polygon_spirals(row):
     # layers in series, their junctions without length: the sum of all entries of the layers' matrix
     # 1e-4: the table is converged to about 1e-5
     assert inductance_matrix(layers).sum() * 1e6 == pytest.approx(float(row["L_own_uH"]), rel=1e-4)
-    R = dc_resistance(layers, resistivity=1 / 5.8e7).sum()
     # 2e-5: the table has six digits, of the length seven
-    assert pytest.approx(float(row["R_FH_ohm"]), rel=2e-5) == R
+    assert pytest.approx(float(row["R_FH_ohm"]), rel=2e-5) == dc_resistance(layers, resistivity=1 / 5.8e7).sum()
     assert sum(layer.lengths.sum() for layer in layers) * 1e3 == pytest.approx(float(row["length_mm"]), rel=1e-5)
 
 

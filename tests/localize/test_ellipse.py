@@ -364,8 +364,7 @@ def test_polynomials_give_quartics_back(wide):
     fits = fit_ellipses(wide, lowest=1e-4)
     delta = fits.delta.values
     p = {"x0": (1e9, -2e6, 3e3, 2.0, 1e-3), "A": (-7e9, 4e6, 2e4, -32.0, 20e-3), "B": (-3e10, 7e7, -6e4, 8.0, 13e-3)}
-    exact = fits.assign({name: (fits.x0.dims, np.polyval(c, delta)) for name, c in p.items()})
-    (coil,) = ellipse_model(exact).coils
+    (coil,) = ellipse_model(fits.assign({name: (fits.x0.dims, np.polyval(c, delta)) for name, c in p.items()})).coils
     at = np.linspace(1e-4, 1e-3, 7)
     for value, c in zip(coil.curves(at), p.values(), strict=True):
         # 1e-12 m: rounding, times the condition of a fit in δ over its peak
@@ -381,8 +380,7 @@ def test_too_few_levels_for_a_polynomial(wide):
 
 
 def test_semiaxis_addition_is_on_one_axis_alone():
-    more = ROW.with_semiaxis_addition()
-    for before, after in zip(ROW.coils, more.coils, strict=True):
+    for before, after in zip(ROW.coils, ROW.with_semiaxis_addition().coils, strict=True):
         x0, A, B = (now - then for now, then in zip(after.curves(4e-4), before.curves(4e-4), strict=True))
         assert (float(x0), float(B)) == (0.0, 0.0)
         assert A == pytest.approx(0.2e-3, rel=1e-12)
@@ -443,12 +441,10 @@ def test_ellipses_that_give_no_single_x(first, second, text):
 
 def test_intersection_names_case_and_coils():
     x, y = -6e-3, 3e-3
-    readings = {coil.name: readings_at(coil, x, y)[0] for coil in ROW.coils[:2]}
-    place = intersect(ROW, readings, "coil1", "coil2")
+    place = intersect(ROW, {coil.name: readings_at(coil, x, y)[0] for coil in ROW.coils[:2]}, "coil1", "coil2")
     assert (place.case, place.coils) == ("two points", ("coil1", "coil2"))
     assert (place.x, place.y) == pytest.approx((x, y), abs=1e-9)
-    on_axis = {coil.name: readings_at(coil, x, 0.0)[0] for coil in ROW.coils[:2]}
-    place = intersect(ROW, on_axis, "coil1", "coil2")
+    place = intersect(ROW, {coil.name: readings_at(coil, x, 0.0)[0] for coil in ROW.coils[:2]}, "coil1", "coil2")
     assert (place.case, place.x) == ("touching", pytest.approx(x, abs=1e-9))
 
 

@@ -77,8 +77,7 @@ def test_nodes_are_kept():
     points = np.stack(np.meshgrid(TABLE.depth, TABLE.y, TABLE.x, indexing="ij")[::-1], axis=-1)
     # rounding of δ of 1e-2
     assert MODEL.delta(points) == pytest.approx(TABLE.delta.values, abs=1e-16)
-    turned = forward_model(TABLE.transpose("state", "x", "depth", "y"))
-    assert (turned.delta(points) == MODEL.delta(points)).all()
+    assert (forward_model(TABLE.transpose("state", "x", "depth", "y")).delta(points) == MODEL.delta(points)).all()
 
 
 def test_error_falls_with_the_fourth_power_of_the_spacing():

@@ -146,8 +146,7 @@ def test_residuals_have_their_probability(field):
     found = locate_all(field, noisy(field.delta(between_the_coils(2000, 7)), seed=8), alarm=0.05)
     assert {location.degrees_of_freedom for location in found} <= {2, 3}
     assert 0.035 < share(found, "no fit") < 0.065  # 5 % ± 0.5 % by counting, three times that
-    probability = np.array([location.probability for location in found])
-    assert np.mean(probability < 0.5) == pytest.approx(0.5, abs=0.035)
+    assert np.mean(np.array([location.probability for location in found]) < 0.5) == pytest.approx(0.5, abs=0.035)
 
 
 def test_readings_of_no_position_are_told(field):
@@ -247,14 +246,12 @@ def test_search_finds_what_many_random_starts_find(paper, paper_model):
     _, points, delta = paper
     readings = noisy(delta, seed=13)[::9]
     found = locate_all(paper_model, readings)
-    random = np.random.default_rng(14)
-    starts = random.uniform(paper_model.lower, paper_model.upper, (len(readings), 100, 3))
+    starts = np.random.default_rng(14).uniform(paper_model.lower, paper_model.upper, (len(readings), 100, 3))
     starts[:, 0] = points[::9]
     _, chi_square = refine(paper_model, np.repeat(readings, 100, axis=0), starts.reshape(-1, 3), np.full(4, NOISE))
     least = chi_square.reshape(-1, 100).min(axis=1)
-    short = [one.best.chi_square - low for one, low in zip(found, least, strict=True) if one.modes]
     # of what counts in the region, 7.8; one reading of the 40 may end in a side valley
-    assert np.sort(short)[-2] < 0.1
+    assert np.sort([one.best.chi_square - low for one, low in zip(found, least, strict=True) if one.modes])[-2] < 0.1
 
 
 def test_regions_hold_the_truth(paper, paper_model):
@@ -290,8 +287,7 @@ def test_goal_is_met_where_the_bound_allows_it(paper, paper_model):
     ok, _ = allowed(paper_model, points, noise)
     away = []
     for seed in range(5):
-        found = locate_all(paper_model, noisy(delta, noise, seed)[ok], noise=noise)
-        away.append(best_places(found) - points[ok])
+        away.append(best_places(locate_all(paper_model, noisy(delta, noise, seed)[ok], noise=noise)) - points[ok])
     error = np.concatenate(away)
     assert len(error) >= 200
     assert np.quantile(np.abs(error[:, 0]), 0.95) <= 0.1e-3

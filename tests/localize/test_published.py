@@ -198,8 +198,7 @@ def test_x_errors_with_noise_off_the_grid(seed):
         response.assign(delta=response.delta + 1e-5 * random.standard_normal(response.delta.shape))
         for response in (published_map(), published_map(x, y))
     )
-    model = ellipse_model(fit_ellipses(sampled, states=COILS)).with_semiaxis_addition()
-    errors, lost = x_errors(model, readings)
+    errors, lost = x_errors(ellipse_model(fit_ellipses(sampled, states=COILS)).with_semiaxis_addition(), readings)
     assert len(errors) + lost == 240
     assert lost <= 5
     assert np.abs(errors).max() < 0.8e-3

@@ -117,9 +117,8 @@ def test_the_automatic_choice_goes_by_the_size_of_the_map(row, monkeypatch):
 def test_to_be_linear_leaves_out_little(row):
     network = replace(design_circuit(PAPER, ideal=True), inductance=row.inductance.values)
     states = state_sensitivity(network, PAPER.plan)
-    linear = row.assign(delta=(row.delta.dims, states.delta(row.inductance_change.values)))
     # second order in ΔL/L of 8e-4, for a part of ΔL that neighbours pass on; measured 1.4e-5
-    assert largest(linear, row) < 3e-5
+    assert largest(row.assign(delta=(row.delta.dims, states.delta(row.inductance_change.values))), row) < 3e-5
 
 
 def test_states_beyond_the_cut_off_are_zero(field):
@@ -151,8 +150,7 @@ def test_large_boards_answer_as_all_their_coils_together():
     frequency = 1 / (2 * np.pi * np.sqrt(states.base_inductance[middle] * design.circuit.capacitance))
     every = every_active_coil(L, R, frequency, design.circuit.short_resistance)
     i = every.currents[:, middle]
-    plain = (i @ change[0] @ i).real / every.apparent_inductance[middle]
-    assert full[0, middle] == pytest.approx(plain, rel=5e-3)
+    assert full[0, middle] == pytest.approx((i @ change[0] @ i).real / every.apparent_inductance[middle], rel=5e-3)
 
 
 def test_tables_give_what_single_offsets_give(row, monkeypatch):
@@ -181,8 +179,7 @@ def test_bad_errors(reach):
 
 
 def test_designs_that_cannot_be_treated(row, monkeypatch):
-    pair = ScanState("pair", (("coil1", 1), ("coil2", 1)))
-    both = replace(PAPER, circuit=replace(PAPER.circuit, scan=(pair,)))
+    both = replace(PAPER, circuit=replace(PAPER.circuit, scan=(ScanState("pair", (("coil1", 1), ("coil2", 1))),)))
     few = {"x": [0.0], "y": [0.0], **quick(row)}
     with pytest.raises(NetworkError, match="state pair must measure one coil"):
         response_map(both, reach=1e-3, **few)
