@@ -68,9 +68,6 @@ def board():
     return couple_design(load_design("gast2020"))
 
 
-# names
-
-
 def test_plain_names():
     assert plain_names(["µ 1", "ä-1", "é.1", "x"]) == ("__1", "__1_2", "__1_3", "x")
     assert plain_names(["a_2", "a", "A"]) == ("a_2", "a", "A_3")  # A_2 is taken by a_2
@@ -93,9 +90,6 @@ def test_plain_names_are_distinct(names):
 def test_bad_names(names, message):
     with pytest.raises(ValueError, match=message):
         plain_names(names)
-
-
-# SPICE
 
 
 def elements(text):
@@ -310,9 +304,6 @@ def test_bad_subcircuits(arguments, message):
     assert "\n" not in str(caught.value)
 
 
-# FastHenry input
-
-
 def same_paths(read, written):
     assert [path.name for path in read] == list(plain_names([path.name for path in written]))
     for a, b in zip(read, written, strict=True):
@@ -450,8 +441,6 @@ def test_bad_fasthenry_files(old, new, message):
     assert "\n" not in str(caught.value)
 
 
-# FastHenry output
-
 ZC = """Row 2:  n2_1  to  n2_5, port name: upper
 Row 1:  n1_1  to  n1_5
 Impedance matrix for frequency = 100000 2 x 2
@@ -504,9 +493,6 @@ def test_fasthenry_itself(tmp_path):
     # six digits of |Z|, of which ωL is 1/20 at 10 kHz: 2e-5; and FastHenry's filaments for bars at right angles
     np.testing.assert_allclose(Z[1].imag / (2 * np.pi * f[1]), L, rtol=0, atol=1e-3 * L.max())
     np.testing.assert_allclose(np.diag(Z[0].real), dc_resistance(loops), rtol=1e-4)  # six digits, reflected loss less
-
-
-# Touchstone
 
 
 def impedances(n, frequencies, seed=2):
@@ -581,9 +567,6 @@ def test_touchstone_without_scikit_rf(tmp_path, monkeypatch):
         touchstone(["A"], [[[1j]]], [1e6], tmp_path / "coil.s1p")
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
-
-
-# by suffix
 
 
 @pytest.mark.slow

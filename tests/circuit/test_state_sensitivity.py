@@ -88,8 +88,6 @@ def test_many_changes_at_once():
     assert delta[1, 2] == pytest.approx(states.delta(change[1, 2]), rel=1e-12)
 
 
-# ------------------------------------------------------------------- the three ways agree
-
 STRAYS = Switches(2.5, 13e-12, 30e-12, 50e-12, 20e-9)
 
 

@@ -158,9 +158,6 @@ def test_what_cannot_be_is_refused_before_anything_is_made(coupling, tmp_path, m
     assert not list(tmp_path.iterdir())
 
 
-# matrices
-
-
 @pytest.fixture(scope="module")
 def coils():
     lattice = hexagonal(4, 3, turns=4).array.conductors()
@@ -204,9 +201,6 @@ def test_matrices_that_cannot_be(coils, tmp_path, monkeypatch):
         with pytest.raises(MemoryLimitError, match="a matrix in blocks of 256 paths, 1 in flight, needs about"):
             write_inductance_matrix(tmp_path / "L.nc", coils, pool)
     assert not list(tmp_path.iterdir())
-
-
-# the command
 
 
 @pytest.fixture

@@ -329,9 +329,6 @@ def test_what_the_copper_s_surroundings_change(zero_at, low, high):
     assert low < solved(pit(), eps, layers, z) / assumed < high
 
 
-# --- symmetries and signs ---
-
-
 def test_air_or_no_dent_changes_nothing():
     assert (dent_capacitance(ARRAY, [ringed()], PLACES, 1.0) == 0).all()
     assert (changed(0.0) == 0).all()

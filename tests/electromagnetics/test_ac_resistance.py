@@ -48,9 +48,6 @@ def switch_frequency(width, resistivity=RESISTIVITY_COPPER):
     return resistivity / (np.pi * MU_0 * (width / WIDE) ** 2)
 
 
-# mean logarithms
-
-
 def gauss_mean_log(x, z, w1, t1, w2, t2, n=16):
     node, weight = np.polynomial.legendre.leggauss(n)
     a, b = node[:, None] / 2, node[None, :] / 2
@@ -82,9 +79,6 @@ def test_far_expansion_meets_the_closed_form():
         inside = mean_log(NEAR * (1 - 1e-12) * x, NEAR * (1 - 1e-12) * z, *sizes)
         # the sixth moments that the expansion leaves out: about (1/6)⁶/800
         assert mean_log(NEAR * (1 + 1e-12) * x, NEAR * (1 + 1e-12) * z, *sizes) == pytest.approx(inside, abs=1e-7)
-
-
-# one trace
 
 
 @pytest.mark.slow
@@ -150,9 +144,6 @@ def test_width_and_thickness_change_places():
     assert upright.normal_field_loss == pytest.approx(flat.lateral_field_loss, rel=1e-9)
 
 
-# parallel traces
-
-
 def reference_bundle(row):
     n, levels = int(row["n_traces"]), [float(z) * 1e-3 for z in row["z_list_mm"].split(";")]
     width, pitch = float(row["w_mm"]) * 1e-3, float(row["pitch_mm"]) * 1e-3
@@ -203,9 +194,6 @@ def test_opposite_currents_crowd_and_mirror():
     # the facing go-and-return pair spreads its current over the faces; the pair in phase pushes it to the edges
     assert same.loss_ratio[0] > opposite.loss_ratio[0] > 1
     assert same.loss_ratio[0] == pytest.approx(same.loss_ratio[1], rel=1e-9)  # mirror images, rounding
-
-
-# coils
 
 
 @pytest.fixture(scope="module")
@@ -358,9 +346,6 @@ def test_progress(board):
     seen = []
     resistance_matrix(board, 1e5, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(k, 6) for k in range(1, 7)]
-
-
-# refusals
 
 
 @pytest.mark.parametrize("frequency", [0.0, -1.0, np.nan, np.inf])

@@ -35,9 +35,6 @@ def _numbers(row):
     return {key: float(value) for key, value in row.items()}
 
 
-# --- strips ----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "row", rows("capacitance_interlayer"), ids=lambda row: "-".join(row[k] for k in ("w_mm", "s_mm", "t_mm", "h_mm"))
 )
@@ -170,9 +167,6 @@ def test_crossed_grids_are_the_mean_over_the_shift_of_parallel_ones():
     # exp(−4πh/p) = 2e-3 of the harmonics' part is what comes back
     assert -C[0, 1] * p == pytest.approx(mean, rel=2e-3)
     np.testing.assert_allclose(C.sum(axis=1), 0, atol=1e-9 * C[0, 0])
-
-
-# --- coils -----------------------------------------------------------------------------------------------------------
 
 
 def _board(layers, h=0.2e-3, epsilon=4.5, copper=35e-6):
@@ -336,9 +330,6 @@ def test_a_coil_between_two_others_shields():
     assert 0 < shielded < 0.2 * alone  # traces as wide as the gaps, half a pitch·4/3 away: little goes through
 
 
-# --- resonance, elastomer --------------------------------------------------------------------------------------------
-
-
 def test_self_resonance():
     np.testing.assert_allclose(self_resonance([57e-6, 4 * 57e-6], 16e-12), np.array([5.2702e6, 2.6351e6]), rtol=1e-4)
 
@@ -363,9 +354,6 @@ def test_elastomer_adds_capacitance_and_apparent_inductance():
     at_once = elastomer_effect(array, 3.0, 120e-12)
     assert (at_once.dent_bound >= at_once.apparent_delta).all()  # nothing known: no less than all of it
     assert (elastomer_effect(array, 4.0, 120e-12).change > at_once.change).all()
-
-
-# --- bad input -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("call", "message"), [

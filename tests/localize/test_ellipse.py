@@ -100,9 +100,6 @@ def off_grid():
     return response_map(load_design("gast2020"), x=x, y=y, ideal=True)
 
 
-# The conic
-
-
 @given(
     x0=st.floats(-0.02, 0.02),
     semi=st.tuples(st.floats(1e-3, 0.02), st.floats(1e-3, 0.02)),
@@ -163,9 +160,6 @@ def test_distance_is_along_the_ray():
 def test_points_of_no_ellipse_are_refused(x, y, text):
     with pytest.raises(LocalizeError, match=text):
         fit_ellipse(x, y)
-
-
-# The refined map and the sweep
 
 
 def test_refined_map_is_exact_for_cubics_and_at_the_samples():
@@ -346,9 +340,6 @@ def test_bad_maps_and_settings_are_named(dataset, settings, text):
         fit_ellipses(dataset, **settings)
 
 
-# The model
-
-
 def straight(name, x0, A, B, highest=1e-3, centre=1e-3):
     """A coil with A and B that fall linearly to a fifth over the range of δ, from 0."""
     fall = -0.8 / highest
@@ -385,9 +376,6 @@ def test_semiaxis_addition_is_on_one_axis_alone():
         assert (float(x0), float(B)) == (0.0, 0.0)
         assert A == pytest.approx(0.2e-3, rel=1e-12)
     assert ROW.with_semiaxis_addition(0.0) == ROW
-
-
-# Two ellipses
 
 
 def test_ellipses_of_one_shape_have_a_linear_equation():
@@ -516,9 +504,6 @@ COIL = ROW.coils[0]
 def test_bad_models_are_named(call, text):
     with pytest.raises(LocalizeError, match=text):
         call()
-
-
-# The simulated board
 
 
 def test_ellipses_of_the_simulated_board(board):

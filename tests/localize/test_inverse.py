@@ -61,9 +61,6 @@ def share(found, verdict):
     return np.mean([location.verdict == verdict for location in found])
 
 
-# ---- without noise ----
-
-
 def test_truth_comes_back(field):
     truth = between_the_coils(200)
     found = locate_all(field, field.delta(truth))
@@ -111,9 +108,6 @@ def test_order_of_the_coils_is_of_no_effect(field, order, k):
     for other in (locate(field.select(names), reading[order]), locate(field, by_name)):
         assert places(other.modes) == pytest.approx(places(first.modes), abs=1e-7)
         assert other.chi_square == pytest.approx(first.chi_square, abs=1e-5)
-
-
-# ---- with noise ----
 
 
 def test_covariance_grows_with_the_noise(field):
@@ -204,9 +198,6 @@ def test_a_press_on_the_border_is_marked(field):
     assert "border of the table in x; the indenter may be outside" in marked[0].reason
 
 
-# ---- the board of the paper ----
-
-
 @pytest.fixture(scope="module")
 def paper():
     """Model of the left half of the board, and δ by the response map between the positions of its table."""
@@ -292,9 +283,6 @@ def test_goal_is_met_where_the_bound_allows_it(paper, paper_model):
     assert len(error) >= 200
     assert np.quantile(np.abs(error[:, 0]), 0.95) <= 0.1e-3
     assert np.quantile(np.abs(error[:, 2]) / np.tile(points[ok, 2], 5), 0.95) <= 0.03
-
-
-# ---- bad input ----
 
 
 def test_bad_readings_are_refused(field):

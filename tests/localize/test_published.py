@@ -84,9 +84,6 @@ def test_model_says_what_the_text_says():
     assert float(MODEL["coil2"].curves(1e-3)[1]) == pytest.approx(6.94e-3, abs=0.01e-3)
 
 
-# Table 2
-
-
 def test_real_positions_have_one_pair_of_readings():
     expected = [
         {"coil1": 8.089e-4, "coil2": 6.468e-4},
@@ -117,9 +114,6 @@ def test_table_2_with_the_addition():
     assert printed == pytest.approx([-0.08, -0.26, 0.71, -0.11], abs=1e-9)
     assert (np.sign(model) == np.sign(printed)).all()
     assert model[[0, 3]] / printed[[0, 3]] == pytest.approx([0.63, 0.55], abs=0.01)
-
-
-# The pipeline on the paper's own ellipses
 
 
 def test_published_map_lies_on_the_ellipses():

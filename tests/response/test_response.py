@@ -209,8 +209,6 @@ def test_bad_imperfections_are_refused(wrong, message):
         Imperfections(**wrong)
 
 
-# the two-dimensional model
-
 LONG, WIDE = 2.0, 20e-3
 CORNERS = [(1, -1), (1, 1), (-1, 1), (-1, -1), (1, -1)]
 LOOP = Conductor([[x * WIDE / 2, y * LONG / 2, 0] for x, y in CORNERS], 1e-3, 35e-6)
