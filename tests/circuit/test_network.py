@@ -24,10 +24,8 @@ OMEGA = 2 * np.pi * F
 
 def network(L, R=0.0, C=0.0, mutual=0.0, **switches):
     n = len(L)
-    resistance = np.diag(np.broadcast_to(np.asarray(R, dtype=float), (n,)))
-    names = tuple("abcdefgh"[:n])
-    between = np.full((n, n), float(mutual))
-    return Network(names, np.asarray(L), lambda f: resistance, np.full(n, float(C)), between, Switches(**switches))
+    R, C, between = R * np.eye(n), np.full(n, float(C)), np.full((n, n), float(mutual))
+    return Network(tuple("abcdefgh"[:n]), np.asarray(L), lambda f: R, C, between, Switches(**switches))
 
 
 def measure(*coils, connection="series", **others):
@@ -49,17 +47,17 @@ def test_the_paper_plan_is_the_reduction_of_the_matrix(n, seed, resistance, on):
 
 def test_series_and_parallel():
     M = L2[0, 1]
-    circuit = network(L2)
     for coils, connection, expected in (
         (("a", "b"), "series", L2[0, 0] + L2[1, 1] + 2 * M),
         (("a", "-b"), "series", L2[0, 0] + L2[1, 1] - 2 * M),
         (("a", "b"), "parallel", (L2[0, 0] * L2[1, 1] - M**2) / (L2[0, 0] + L2[1, 1] - 2 * M)),
         (("a", "-b"), "parallel", (L2[0, 0] * L2[1, 1] - M**2) / (L2[0, 0] + L2[1, 1] + 2 * M)),
     ):
-        result = solve_state(circuit, measure(*coils, connection=connection), F)
+        result = solve_state(network(L2), measure(*coils, connection=connection), F)
         assert result.apparent_inductance == pytest.approx(expected, rel=1e-12)
     # the sense of one coil alone changes nothing
-    assert solve_state(circuit, measure("-a", others="open"), F).apparent_inductance == pytest.approx(50e-6, rel=1e-12)
+    alone = solve_state(network(L2), measure("-a", others="open"), F)
+    assert alone.apparent_inductance == pytest.approx(50e-6, rel=1e-12)
 
 
 def _coil(capacitance=0.0):
@@ -70,19 +68,13 @@ def _coil(capacitance=0.0):
 @pytest.mark.parametrize(("circuit", "state", "Z"), [
     # series coils pass through every switch
     (network(L2, 10.0, on_resistance=2.5), measure("a", "b"), 20 + 4 * 2.5 + 1j * OMEGA * 84e-6),
-    (
-        network(L2, 10.0),
-        measure("a", others="load", load_resistance=33.0),
-        10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (10 + 33 + 1j * OMEGA * 40e-6),
-    ),
+    (network(L2, 10.0), measure("a", others="load", load_resistance=33.0),
+     10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (10 + 33 + 1j * OMEGA * 40e-6)),
     # terminal 1 sits on A: open switches to B and ground; terminal 2 on B: open to A and ground.
     # Across the coil: two of them, and the two to ground in series
     (network(L2[:1, :1], off_capacitance=13e-12), measure("a"), _coil(2.5 * 13e-12)),
-    (
-        network(L2[:1, :1], bus_capacitance=50e-12, lead_inductance=20e-9),
-        measure("a"),
-        _coil(25e-12) + 2j * OMEGA * 20e-9,
-    ),
+    (network(L2[:1, :1], bus_capacitance=50e-12, lead_inductance=20e-9), measure("a"),
+     _coil(25e-12) + 2j * OMEGA * 20e-9),
 ], ids=["series", "load", "off capacitance", "bus and leads"])  # fmt: skip
 def test_impedance_in_closed_form(circuit, state, Z):
     assert solve_state(circuit, state, F).impedance == pytest.approx(Z, rel=1e-12)
