@@ -73,10 +73,10 @@ def test_a_row_answers_as_when_all_is_solved(row, error):
     assert near.base_inductance.values == pytest.approx(row.base_inductance.values, rel=1e-11)
     # one dataset type: all but the changes of every coil, and what was left out
     assert set(near.variables) == set(row.variables) - {"inductance_change", "capacitance_change"}
-    for name in set(near.variables) - {"delta", "base_inductance"}:
-        xr.testing.assert_identical(near[name].variable, row[name].variable)
     for name in near.variables:
         assert (near[name].dims, near[name].attrs) == (row[name].dims, row[name].attrs)
+        if name not in ("delta", "base_inductance"):
+            xr.testing.assert_identical(near[name].variable, row[name].variable)
     assert set(near.attrs) - set(row.attrs) == {"state_cutoff_m", "coil_cutoff_m"}
     assert (near.attrs["error_of_peak"], row.attrs["error_of_peak"]) == (error, 0.0)
     with pytest.raises(ElastomerError, match="near coils alone has no inductance changes"):
@@ -155,8 +155,7 @@ def test_large_boards_answer_as_all_their_coils_together():
 
 def test_tables_give_what_single_offsets_give(row, monkeypatch):
     few = response_map(PAPER, reach=0.02, x=[-26e-3, 0.0, 26e-3], y=[-6e-3, 0.0], **quick(row))
-    tables = []
-    whole = near_module.amplitude_table
+    tables, whole = [], near_module.amplitude_table
     monkeypatch.setattr(near_module, "amplitude_table", lambda *a: tables.append(a) or whole(*a))
     x, y = np.linspace(-26e-3, 26e-3, 105), np.linspace(-6e-3, 6e-3, 13)
     many = response_map(PAPER, reach=0.02, x=x, y=y, **quick(row))
