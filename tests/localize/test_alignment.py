@@ -14,9 +14,8 @@ from coilarray.localize.alignment import align, inside, values_at
 from coilarray.localize.forward import forward_model
 
 SHIFT = (2e-3, 2e-3)
-WIDE = response(
-    lambda points: bells(points, ROW[:1]), ["coil1"], *(np.arange(-20e-3, 20.1e-3, 1e-3) + at for at in ROW[0]), [1e-3]
-)
+AXES = (np.arange(-20e-3, 20.1e-3, 1e-3) + at for at in ROW[0])
+WIDE = response(lambda points: bells(points, ROW[:1]), ["coil1"], *AXES, [1e-3])
 MODEL = forward_model(WIDE)
 
 

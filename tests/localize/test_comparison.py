@@ -18,21 +18,15 @@ from coilarray.localize.published import published_map
 pytestmark = pytest.mark.slow
 
 STATES = ["coil1", "coil2", "coil3"]
-CENTRES = ROW[:3]
 NOISE = 1e-5
 FIGURES = ("scale", "rms_before", "rms_after", "correlation_before", "correlation_after")
-
-
-def hills(points):
-    return bells(points, CENTRES, peak=1.2e-3)
 
 
 def world(scale=1.0, shift=(0.0, 0.0), x=26e-3, y=8e-3, step=2e-3, depth=(1e-3,), states=STATES):
     """Response of the bells, scaled and shifted."""
     axes = (np.arange(-reach, reach + step / 2, step) for reach in (x, y))
-    return response(
-        lambda points: scale * hills(points - [*shift, 0.0])[..., : len(states)], states, *axes, list(depth)
-    )
+    hills = lambda points: scale * bells(points - [*shift, 0.0], ROW[:3], peak=1.2e-3)  # noqa: E731
+    return response(lambda points: hills(points)[..., : len(states)], states, *axes, list(depth))
 
 
 def noisy(dataset, seed=0, noise=NOISE):
@@ -244,8 +238,6 @@ def test_bad_responses(change, words):
 
 
 def test_bad_options():
-    for shift in (-1e-3, np.nan):
-        with pytest.raises(LocalizeError, match="largest_shift must be finite and not negative"):
-            compared(NARROW, NARROW, largest_shift=shift)
-    with pytest.raises(LocalizeError, match="replicates must not be negative"):
-        compared(NARROW, NARROW, replicates=-1)
+    for name, value in (("largest_shift", -1e-3), ("largest_shift", np.nan), ("replicates", -1)):
+        with pytest.raises(LocalizeError, match=f"{name} must (be finite and )?not( be)? negative"):
+            compared(NARROW, NARROW, **{name: value})

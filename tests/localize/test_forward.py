@@ -172,8 +172,7 @@ def test_table_covers_the_coils():
 
 def test_table_is_the_response_on_its_grid(monkeypatch):
     monkeypatch.setattr("coilarray.localize.forward.response_map", lambda design, **asked: asked)
-    design = load_design("gast2020")
-    asked = table_for(design)
+    asked = table_for(design := load_design("gast2020"))
     for name, axis in zip(("depths", "x", "y"), table_grid(design), strict=True):
         assert (asked[name] == axis).all()
 
