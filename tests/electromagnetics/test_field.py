@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from scipy.special import ellipe, ellipk
 from support.references import polygon
 
@@ -26,7 +27,6 @@ from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
 
 pytestmark = pytest.mark.nojit
-
 
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0.2], [0.3, 0.8, -0.1], [0, 0, 0]])
 
@@ -69,10 +69,8 @@ def test_dipole_far_away():
     # the quadrupole of a square vanishes: the correction is (size/distance)² = 1e-8; the sum of four nearly opposite
     # segments keeps 1e-16 · (distance/size)² = 1e-8 of its value
     np.testing.assert_allclose(magnetic_field([square], points), dipole, rtol=1e-7, atol=1e-7 * np.abs(dipole).max())
-    potential = MU_0 / (4 * np.pi) * np.cross(moment, points) / r**3
-    np.testing.assert_allclose(
-        vector_potential([square], points), potential, rtol=1e-7, atol=1e-7 * np.abs(potential).max()
-    )
+    A = MU_0 / (4 * np.pi) * np.cross(moment, points) / r**3
+    np.testing.assert_allclose(vector_potential([square], points), A, rtol=1e-7, atol=1e-7 * np.abs(A).max())
 
 
 @pytest.mark.parametrize("distance", [1e-1, 1e-3, 1e-6, 1e-9])
@@ -121,9 +119,7 @@ def test_on_the_wire_a_segment_adds_nothing():
 def _derivatives(field, points, step):
     """d field_i/d x_j by the fourth-order central difference, shape (n, 3, 3)."""
     out = np.empty((len(points), 3, 3))
-    for j in range(3):
-        e = np.zeros(3)
-        e[j] = step
+    for j, e in enumerate(step * np.eye(3)):
         f = [field([TRIANGLE], points + k * e) for k in (-2, -1, 1, 2)]
         out[:, :, j] = (f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * step)
     return out
@@ -133,8 +129,7 @@ def test_divergence_and_curl():
     points = np.random.default_rng(1).uniform([-1, -1, -0.1], [1.5, 1.5, 2.4], (40, 3))
     points = points[points[:, 2] > 0.4]  # away from the wire, where the differences converge
     B = magnetic_field([TRIANGLE], points)
-    dB = _derivatives(magnetic_field, points, 1e-3)
-    dA = _derivatives(vector_potential, points, 1e-3)
+    dB, dA = (_derivatives(field, points, 1e-3) for field in (magnetic_field, vector_potential))
     curl = np.column_stack((dA[:, 2, 1] - dA[:, 1, 2], dA[:, 0, 2] - dA[:, 2, 0], dA[:, 1, 0] - dA[:, 0, 1]))
     # truncation (step/distance)⁴ ≈ 4e-11 and rounding 1e-16 · distance/step ≈ 1e-13, times small factors
     scale = np.abs(B).max()
@@ -148,10 +143,9 @@ def test_circulation_is_the_enclosed_current():
     # a circle of 96 points around one side: the rule converges geometrically, 0.6^96 < 1e-20
     angle = 2 * np.pi * np.arange(96) / 96
     middle, direction = 0.5 * (TRIANGLE[0] + TRIANGLE[1]), TRIANGLE[1] - TRIANGLE[0]
-    direction = direction / np.linalg.norm(direction)
     u = np.cross(direction, [0, 0, 1])
     u /= np.linalg.norm(u)
-    v = np.cross(direction, u)
+    v = np.cross(direction / np.linalg.norm(direction), u)
     radius = 0.2
     points = middle + radius * (np.outer(np.cos(angle), u) + np.outer(np.sin(angle), v))
     tangent = -np.outer(np.sin(angle), u) + np.outer(np.cos(angle), v)
@@ -170,25 +164,10 @@ def test_flux_is_the_circulation_of_the_potential_and_the_mutual_inductance():
     assert mutual_inductance([TRIANGLE], [other])[0, 0] == pytest.approx(total, rel=1e-11)
 
 
-def _rotation(a, b, c):
-    def about(axis, angle):
-        i, j = [k for k in range(3) if k != axis]
-        R = np.eye(3)
-        R[i, i] = R[j, j] = np.cos(angle)
-        R[i, j], R[j, i] = -np.sin(angle), np.sin(angle)
-        return R
-
-    return about(0, a) @ about(1, b) @ about(2, c)
-
-
-angles = st.floats(0, 6.28)
-lengths = st.floats(-5, 5)
-
-
 @settings(max_examples=30)
-@given(angles, angles, angles, lengths, lengths, lengths, st.floats(1e-6, 1e6))
-def test_rotation_translation_and_scale(a, b, c, x, y, z, scale):
-    R, shift = _rotation(a, b, c), np.array([x, y, z])
+@given(st.tuples(*[st.floats(0, 6.28)] * 3), st.tuples(*[st.floats(-5, 5)] * 3), st.floats(1e-6, 1e6))
+def test_rotation_translation_and_scale(angles, shift, scale):
+    R = Rotation.from_euler("XYZ", angles).as_matrix()
     points = np.array([[0.5, 0.3, 0.7], [2, -1, 0.5]])
     B = magnetic_field([TRIANGLE], points)
     moved = magnetic_field([scale * (TRIANGLE @ R.T + shift)], scale * (points @ R.T + shift))

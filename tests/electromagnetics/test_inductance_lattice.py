@@ -51,12 +51,7 @@ def by_nodes(first, second, count, count_z):
 
 @pytest.mark.slow
 @settings(max_examples=25)
-@given(
-    azimuth=st.floats(0, 2 * np.pi),
-    elevation=st.floats(0, np.pi / 2),
-    distance=st.floats(24e-3, 200e-3),
-    angle=st.floats(0, 2 * np.pi),
-)
+@given(st.floats(0, 2 * np.pi), st.floats(0, np.pi / 2), st.floats(24e-3, 200e-3), st.floats(0, 2 * np.pi))
 def test_equivalent_currents_against_segments(azimuth, elevation, distance, angle):
     level = distance * np.cos(elevation)
     other = moved((level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)), angle)

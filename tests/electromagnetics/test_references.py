@@ -44,10 +44,8 @@ def test_rectangular_bars(row):
 @pytest.mark.parametrize("row", rows("hexagon_loops"), ids=lambda row: "-".join(list(row.values())[:6]))
 def test_hexagon_loops(row):
     v = {key: float(value) for key, value in row.items()}
-    first = polygon(6, v["R1_mm"] * 1e-3)
-    second = polygon(
-        6, v["R2_mm"] * 1e-3, v["z_mm"] * 1e-3, np.radians(v["rot_deg"]), (v["dx_mm"] * 1e-3, v["dy_mm"] * 1e-3)
-    )
+    first, centre = polygon(6, v["R1_mm"] * 1e-3), (v["dx_mm"] * 1e-3, v["dy_mm"] * 1e-3)
+    second = polygon(6, v["R2_mm"] * 1e-3, v["z_mm"] * 1e-3, np.radians(v["rot_deg"]), centre)
     # 1e-9: 36 closed forms, none of which dominates
     assert mutual_inductance([first], [second])[0, 0] * 1e9 == pytest.approx(float(row["M_quad_nH"]), rel=1e-9)
 
