@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from scipy.special import jv
 from support.references import circle, polygon
 
@@ -66,39 +67,34 @@ def usual():
 @given(st.floats(50, 3000), st.floats(1.0, 500), st.floats(0.1e-3, 8e-3), st.floats(0.1e-3, 8e-3))
 @settings(max_examples=20)
 def test_flat_profile_meets_the_interface_conditions(k, mu, base, thickness):
-    thicknesses, permeabilities = (base, thickness), (1.0, mu)
-    waves = np.array([k])
+    waves, sheets = np.array([k]), ((base, thickness), (1.0, mu))
     for height, below, above in ((base, 1.0, mu), (base + thickness, mu, 1.0)):
         d = 1e-4 / k  # one-sided differences of second order err by (kd)² = 1e-8
         z = height + d * np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
-        g = flat_profile(waves, z, thicknesses, permeabilities)[:, 0]
+        g = flat_profile(waves, z, *sheets)[:, 0]
         under = (3 * g[2] - 4 * g[1] + g[0]) / (2 * d)
         over = (-3 * g[2] + 4 * g[3] - g[4]) / (2 * d)
         # relative to k g, the size of a slope; differences of g lose 1e-16/1e-4
         assert below * under == pytest.approx(above * over, abs=1e-6 * max(1.0, mu) * k * g[2])
-    assert reflection(waves, thicknesses, permeabilities)[0] == pytest.approx(
-        flat_profile(waves, np.zeros(1), thicknesses, permeabilities)[0, 0] - 1, abs=1e-12
-    )
+    at_base = flat_profile(waves, np.zeros(1), *sheets)[0, 0]
+    assert reflection(waves, *sheets)[0] == pytest.approx(at_base - 1, abs=1e-12)
 
 
 def test_flat_profile_is_the_image_series():
-    k, mu, z1, t = np.array([100.0, 700.0]), 3.0, 6e-3, 2e-3
+    k, mu, z1, t, z = np.array([100.0, 700.0]), 3.0, 6e-3, 2e-3, 7e-3
     beta, n = (mu - 1) / (mu + 1), np.arange(60)[:, None]
-    z = 7e-3
-    images = (1 - beta) * (
-        beta ** (2 * n) * np.exp(-k * (z + 2 * n * t)) + beta ** (2 * n + 1) * np.exp(-k * (2 * (z1 + (n + 1) * t) - z))
-    )
+    down = beta ** (2 * n + 1) * np.exp(-k * (2 * (z1 + (n + 1) * t) - z))
+    images = (1 - beta) * (beta ** (2 * n) * np.exp(-k * (z + 2 * n * t)) + down).sum(axis=0)
     # 1e-12: 60 terms with a ratio of 1/4
-    assert flat_profile(k, np.array([z]), (z1, t), (1.0, mu))[0] == pytest.approx(images.sum(axis=0), rel=1e-12)
+    assert flat_profile(k, np.array([z]), (z1, t), (1.0, mu))[0] == pytest.approx(images, rel=1e-12)
 
 
 def test_spectrum_gives_the_field_of_biot_savart():
     k, weights = wavenumber_rule(5e-3, 40e-3, LayerMesh(decays=30.0))
     about, r, theta, z = np.array([[5e-3, -2e-3]]), 4e-3, 0.7, 5e-3
     harmonics = harmonics_about(segment_spectra(coil_segments(PAIR), k), about, 40)[:, 0]
-    m = np.arange(41)
+    m, measure = np.arange(41), weights * k / (2 * np.pi) * k * np.exp(-k * z)
     angular = np.exp(1j * m * theta) * np.where(m == 0, 1, 2)
-    measure = weights * k / (2 * np.pi) * k * np.exp(-k * z)
     H_z = np.einsum("k,kcm,km,m->c", measure, harmonics, jv(m, np.outer(k, np.full(41, r))), angular).real
     point = [about[0, 0] + r * np.cos(theta), about[0, 1] + r * np.sin(theta), z]
     for coil, H in zip(PAIR, H_z, strict=True):
@@ -171,12 +167,8 @@ def test_the_three_dimensional_fem_agrees():
 
 
 @pytest.mark.parametrize(("finer", "tolerance"), [
-    ({"harmonics": 14}, 1e-5),
-    ({"decays": 12.0}, 5e-5),
-    ({"width": 0.125}, 2e-4),
-    ({"rows": 12}, 2e-4),
-    ({"growth": 1.1}, 2e-4),
-    ({"rank": 1e-10}, 1e-8),
+    ({"harmonics": 14}, 1e-5), ({"decays": 12.0}, 5e-5), ({"width": 0.125}, 2e-4), ({"rows": 12}, 2e-4),
+    ({"growth": 1.1}, 2e-4), ({"rank": 1e-10}, 1e-8),
 ])  # fmt: skip
 def test_defaults_are_converged(usual, finer, tolerance):
     """Changes against the defaults, relative to the largest entry at each place: none is above 2e-4."""
@@ -198,13 +190,12 @@ def test_elements_converge_with_the_order_of_the_energy():
 @given(st.floats(-np.pi, np.pi), st.floats(-30e-3, 30e-3), st.floats(-30e-3, 30e-3))
 @settings(max_examples=3)
 def test_moving_and_turning_the_board_changes_nothing(angle, dx, dy):
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
     def moved(points):
-        return np.column_stack((points[:, :2] @ turn.T + [dx, dy], points[:, 2:]))
+        return np.add(Rotation.from_euler("z", angle).apply(points), [dx, dy, 0])
 
+    places = moved(np.pad(PLACES, ((0, 0), (0, 1))))[:, :2]
     here = dent_inductance(PAIR, [smooth_dent()], PLACES, COARSE)
-    there = dent_inductance([moved(coil) for coil in PAIR], [smooth_dent()], PLACES @ turn.T + [dx, dy], COARSE)
+    there = dent_inductance([moved(coil) for coil in PAIR], [smooth_dent()], places, COARSE)
     # 1e-9 of the largest: the rule over the wavenumbers depends on the coils' bounding circle
     assert there == pytest.approx(here, abs=1e-9 * np.abs(here).max())
 
