@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from support.coil_paths import at_height
 
 from coilarray import coupling_matrix, inductance_matrix, load_design, mutual_inductance, self_inductance
@@ -142,9 +143,8 @@ shifts = st.floats(-0.02, 0.02)
 def test_rotation_and_translation(angle, x, y, z):
     paths = [hexagon(), hexagon(4e-3, 1e-3, (3e-3, 1e-3)), hexagon(5e-3, -1e-3, (-7e-3, 2e-3))]
     L = inductance_matrix(paths)
-    c, s = np.cos(angle), np.sin(angle)
-    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    moved = [Conductor(p.vertices @ R.T + [x, y, z], p.widths, p.thicknesses) for p in paths]
+    turn = Rotation.from_euler("z", angle)
+    moved = [replace(p, vertices=np.add(turn.apply(p.vertices), [x, y, z])) for p in paths]
     # rounding of coordinates; the choice between rules may fall otherwise at its edge, where they agree to 1e-7
     np.testing.assert_allclose(inductance_matrix(moved), L, rtol=1e-7, atol=1e-7 * L.max())
 

@@ -145,20 +145,6 @@ def test_distance_is_along_the_ray():
     assert ellipse.distance([7e-3, 1e-3, 1e-3], [0.0, 3e-3, 0.0]) == pytest.approx([1e-3, -1e-3, -5e-3], rel=1e-12)
 
 
-@pytest.mark.parametrize(("x", "y", "text"), [
-    ([0, 1], [0, 1], "at least three finite points"),
-    ([0, 1, np.nan], [0, 1, 2], "at least three finite points"),
-    ([0, 1, 2], [0, 1], "of one shape"),
-    ([1, 1, 1], [2, 2, 2], "more than one place"),
-    ([0, 1, 2, 3], [0, 0, 0, 0], "many conics"),
-    ([0.0, 1, 4, 9, 1, 4, 9], [0.0, 1, 2, 3, -1, -2, -3], "no ellipse"),  # a parabola
-    ([1.0, 1.25, 5 / 3, 1.25, 5 / 3], [0.0, 0.75, 4 / 3, -0.75, -4 / 3], "no ellipse"),  # a hyperbola
-])  # fmt: skip
-def test_points_of_no_ellipse_are_refused(x, y, text):
-    with pytest.raises(LocalizeError, match=text):
-        fit_ellipse(x, y)
-
-
 def test_refined_map_is_exact_for_cubics_and_at_the_samples():
     x, y = np.array([0.0, 1.0, 2.5, 3.0, 4.0]) * 1e-3, np.arange(6) * 1e-3
 
@@ -398,17 +384,6 @@ def test_touching_ellipses_meet_on_the_axis(pair):
     assert crossing(*pair) == (pytest.approx(pair[0].x0 + pair[0].A, rel=1e-9), 0)
 
 
-@pytest.mark.parametrize(("first", "second", "text"), [
-    ((-3, 2, 2), (3, 3, 2), "do not meet: 1 mm lie between them"),
-    ((0, 5, 5), (1, 2, 2), "one lies within the other"),
-    ((0, 5, 5), (0, 5, 5), "one lies within the other"),
-    ((-0.1, 5, 2), (0.1, 2, 5), "more than one x"),
-])  # fmt: skip
-def test_ellipses_that_give_no_single_x(first, second, text):
-    with pytest.raises(LocalizeError, match=text):
-        crossing(*(Ellipse(*(1e-3 * value for value in given)) for given in (first, second)))
-
-
 def test_intersection_names_case_and_coils():
     x, y = -6e-3, 3e-3
     place = intersect(ROW, {coil.name: readings_at(coil, x, y)[0] for coil in ROW.coils[:2]}, "coil1", "coil2")
@@ -451,22 +426,11 @@ def test_usual_pair_is_the_largest_and_its_greater_neighbour():
     placed(NEAR, readings, ("coil2", "coil3"), (6e-3, 2e-3))
 
 
+def crossing_in_mm(*pair):
+    return crossing(*(Ellipse(*(1e-3 * value for value in given)) for given in pair))
+
+
 GOOD = {"coil1": 3e-4, "coil2": 4e-4, "coil3": 1e-4}
-
-
-@pytest.mark.parametrize(("readings", "text"), [
-    ({"coil1": 3e-4, "coil2": 4e-4}, "the reading of coil3 is missing"),
-    ({**GOOD, "coil3": np.nan}, "the reading of coil3 must be finite; got nan"),
-    ({**GOOD, "coil1": np.inf}, "the reading of coil1 must be finite"),
-    ({**GOOD, "coil2": 2e-3}, "δ of coil2 must be within the model, 0 to 0.001; got 0.002"),
-    ({**GOOD, "coil1": -1e-5, "coil3": -2e-5}, "δ of coil1 must be within the model"),
-    ({**GOOD, "coil1": 9e-4, "coil2": 9e-4}, "coil1 and coil2 give no position, the ellipses do not meet"),
-])  # fmt: skip
-def test_bad_readings_are_named(readings, text):
-    with pytest.raises(LocalizeError, match=text):
-        locate_x(ROW, readings)
-
-
 COIL = ROW.coils[0]
 
 
@@ -482,8 +446,26 @@ COIL = ROW.coils[0]
     (lambda: replace(COIL, centre=np.nan), "centre of coil1 must be positive"),
     (lambda: replace(COIL, A=(0.0, 0.0, 0.0, 0.0, -1e-3)).ellipse(5e-4), "has no ellipse at δ"),
     (lambda: Ellipse(0.0, 1.0, -1.0), "positive semi-axes"),
+    (lambda: fit_ellipse([0, 1], [0, 1]), "at least three finite points"),
+    (lambda: fit_ellipse([0, 1, np.nan], [0, 1, 2]), "at least three finite points"),
+    (lambda: fit_ellipse([0, 1, 2], [0, 1]), "of one shape"),
+    (lambda: fit_ellipse([1, 1, 1], [2, 2, 2]), "more than one place"),
+    (lambda: fit_ellipse([0, 1, 2, 3], [0, 0, 0, 0]), "many conics"),
+    # a parabola and a hyperbola
+    (lambda: fit_ellipse([0.0, 1, 4, 9, 1, 4, 9], [0.0, 1, 2, 3, -1, -2, -3]), "no ellipse"),
+    (lambda: fit_ellipse([1.0, 1.25, 5 / 3, 1.25, 5 / 3], [0.0, 0.75, 4 / 3, -0.75, -4 / 3]), "no ellipse"),
+    (lambda: crossing_in_mm((-3, 2, 2), (3, 3, 2)), "do not meet: 1 mm lie between them"),
+    (lambda: crossing_in_mm((0, 5, 5), (1, 2, 2)), "one lies within the other"),
+    (lambda: crossing_in_mm((0, 5, 5), (0, 5, 5)), "one lies within the other"),
+    (lambda: crossing_in_mm((-0.1, 5, 2), (0.1, 2, 5)), "more than one x"),
+    (lambda: locate_x(ROW, {"coil1": 3e-4, "coil2": 4e-4}), "the reading of coil3 is missing"),
+    (lambda: locate_x(ROW, {**GOOD, "coil3": np.nan}), "the reading of coil3 must be finite; got nan"),
+    (lambda: locate_x(ROW, {**GOOD, "coil1": np.inf}), "the reading of coil1 must be finite"),
+    (lambda: locate_x(ROW, {**GOOD, "coil2": 2e-3}), "δ of coil2 must be within the model, 0 to 0.001; got 0.002"),
+    (lambda: locate_x(ROW, {**GOOD, "coil1": -1e-5, "coil3": -2e-5}), "δ of coil1 must be within the model"),
+    (lambda: locate_x(ROW, {**GOOD, "coil1": 9e-4, "coil2": 9e-4}), "coil1 and coil2 give no position, .* do not meet"),
 ])  # fmt: skip
-def test_bad_models_are_named(call, text):
+def test_bad_points_ellipses_readings_and_models_are_named(call, text):
     with pytest.raises(LocalizeError, match=text):
         call()
 

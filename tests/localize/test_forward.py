@@ -35,7 +35,7 @@ def inside(model, count, seed=0):
     return np.random.default_rng(seed).uniform(model.lower, model.upper, (count, 3))
 
 
-TABLE = board(FIELD, 2e-3)
+TABLE, GOOD = board(FIELD, 2e-3), board(FIELD, 4e-3)
 MODEL = forward_model(TABLE)
 
 
@@ -128,30 +128,20 @@ def test_some_states():
     *[(lambda bad=bad: checked_noise(MODEL, bad), r"noise must be positive and finite")
       for bad in (0, -1e-5, np.nan, np.inf, [1e-5] * 4 + [0])],
     (lambda: checked_noise(MODEL, [1e-5] * 4), r"one for each of the 5 states; got shape \(4,\)"),
+    (lambda: forward_model(GOOD.rename(delta="other")), r"variable delta"),
+    (lambda: forward_model(GOOD.isel(depth=0)), r"dimensions depth, y, x and state"),
+    (lambda: forward_model(GOOD.drop_vars("x")), r"coordinates for all dimensions; x is missing"),
+    (lambda: forward_model(GOOD.isel(x=slice(3))), r"at least 4 positions along x; got 3"),
+    (lambda: forward_model(GOOD.isel(y=slice(2))), r"at least 4 positions along y; got 2"),
+    (lambda: forward_model(GOOD.isel(state=slice(0))), r"must be finite everywhere"),
+    (lambda: forward_model(GOOD.where(GOOD.x > -0.01)), r"must be finite everywhere"),
+    (lambda: forward_model(GOOD.isel(x=slice(None, None, -1))), r"x of a response must be finite and rise"),
+    (lambda: forward_model(GOOD.assign_coords(depth=GOOD.depth - 1e-3)), r"depth .* not be negative; got -0\.0008"),
+    (lambda: forward_model(GOOD.assign_coords(state=list("aabcd"))), r"different names; got a, a, b"),
 ])  # fmt: skip
-def test_bad_arguments(call, message):
+def test_bad_arguments_and_tables(call, message):
     with pytest.raises(LocalizeError, match=message):
         call()
-
-
-GOOD = board(FIELD, 4e-3)
-
-
-@pytest.mark.parametrize(("table", "message"), [
-    (GOOD.rename(delta="other"), r"variable delta"),
-    (GOOD.isel(depth=0), r"dimensions depth, y, x and state"),
-    (GOOD.drop_vars("x"), r"coordinates for all dimensions; x is missing"),
-    (GOOD.isel(x=slice(3)), r"at least 4 positions along x; got 3"),
-    (GOOD.isel(y=slice(2)), r"at least 4 positions along y; got 2"),
-    (GOOD.isel(state=slice(0)), r"must be finite everywhere"),
-    (GOOD.where(GOOD.x > -0.01), r"must be finite everywhere"),
-    (GOOD.isel(x=slice(None, None, -1)), r"x of a response must be finite and rise"),
-    (GOOD.assign_coords(depth=GOOD.depth - 1e-3), r"depth of a response must not be negative; got -0\.0008"),
-    (GOOD.assign_coords(state=list("aabcd")), r"different names; got a, a, b"),
-])  # fmt: skip
-def test_bad_tables(table, message):
-    with pytest.raises(LocalizeError, match=message):
-        forward_model(table)
 
 
 def test_table_covers_the_coils():
