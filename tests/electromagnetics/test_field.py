@@ -53,7 +53,7 @@ def _loop_field(rho, z):
 
 
 def test_circular_loop_converges_with_second_order():
-    points = np.array([[0.4, 0, 0.3], [1.3, 0, 0.1], [0.9, 0, -0.2], [0.2, 0, 2.0]])
+    points = [[0.4, 0, 0.3], [1.3, 0, 0.1], [0.9, 0, -0.2], [0.2, 0, 2.0]]
     exact = np.array([[radial, 0, axial] for radial, axial in (_loop_field(x, z) for x, _, z in points)])
     errors = [np.abs(magnetic_field([polygon(n, 1.0)], points) - exact).max() for n in (128, 256, 512)]
     # inscribed polygons: second order, nearly reached where sides are shorter than the distance to the wire
@@ -103,13 +103,11 @@ def test_vector_potential_at_any_distance():
 
 
 def test_on_the_wire_a_segment_adds_nothing():
-    wire = np.array([[0, 0, 0], [1, 0, 0]], dtype=float)
-    points = np.array([[0, 0, 0], [0.5, 0, 0], [1, 0, 0], [0.5, 1e-14, 0]])
-    assert (magnetic_field([wire], points) == 0).all()
+    wire, beyond = [[0, 0, 0], [1, 0, 0]], [2.0, 0, 0]
+    points = [[0, 0, 0], [0.5, 0, 0], [1, 0, 0], [0.5, 1e-14, 0]]
     assert (vector_potential([wire], points) == 0).all()
     # on the line but beyond the end: B is zero, A is not
-    beyond = np.array([2.0, 0, 0])
-    assert (magnetic_field([wire], beyond) == 0).all()
+    assert (magnetic_field([wire], [*points, beyond]) == 0).all()
     assert vector_potential([wire], beyond)[0] == pytest.approx(MU_0 / (4 * np.pi) * np.log(2), rel=1e-14)
     # at a vertex the other segments still count
     corner = magnetic_field([TRIANGLE], TRIANGLE[0])
@@ -176,8 +174,7 @@ def test_rotation_translation_and_scale(angles, shift, scale):
 
 
 def test_many_conductors_currents_and_blocks():
-    paths = [polygon(5, 1.0, k * 0.3) for k in range(3)]
-    currents = np.array([1.0, -2.0, 0.0])
+    paths, currents = [polygon(5, 1.0, k * 0.3) for k in range(3)], [1.0, -2.0, 0.0]
     points = np.random.default_rng(0).uniform(-2, 2, (2000, 3))  # several blocks and a rest
     together = magnetic_field(paths, points, currents)
     apart = sum(i * magnetic_field([path], points) for i, path in zip(currents, paths, strict=True))
@@ -219,12 +216,9 @@ def test_grid_points():
     grid = grid_points([0, 1], [2, 3, 4], 5)
     assert grid.shape == (2, 3, 1, 3)
     assert grid[1, 2, 0].tolist() == [1, 4, 5]
-
-
-@pytest.mark.parametrize(("axes", "message"), [(([0, np.nan], 0, 0), "x must be"), ((0, [[1]], 0), "y must be")])
-def test_axes_that_are_no_grid(axes, message):
-    with pytest.raises(GeometryError, match=message):
-        grid_points(*axes)
+    for axes, message in ((([0, np.nan], 0, 0), "x must be"), ((0, [[1]], 0), "y must be")):
+        with pytest.raises(GeometryError, match=message):
+            grid_points(*axes)
 
 
 @pytest.mark.parametrize("size", [1e-29, 1e-9, 1e3, 1e30])

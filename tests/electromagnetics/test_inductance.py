@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from support.coil_paths import at_height
+from support.references import polygon
 
 from coilarray import coupling_matrix, inductance_matrix, load_design, mutual_inductance, self_inductance
 from coilarray.constants import MU_0
@@ -27,11 +28,10 @@ W, T = 0.15e-3, 35e-6
 BAR = Conductor([[0, 0, 0], [10e-3, 0, 0]], W, T)
 
 
-def hexagon(radius=5e-3, z=0.0, centre=(0.0, 0.0), width=W, gap=1e-4):
-    angle = np.pi / 3 * np.arange(7)
-    x, y = centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle)
-    y[-1] -= gap  # an open loop
-    return Conductor(np.column_stack((x, y, np.full(7, z))), width, T)
+def hexagon(radius=5e-3, z=0.0, centre=(0.0, 0.0)):
+    vertices = polygon(6, radius, z, centre=centre)
+    vertices[-1, 1] -= 1e-4  # an open loop
+    return Conductor(vertices, W, T)
 
 
 def _brute_force(first, second, n=8):
