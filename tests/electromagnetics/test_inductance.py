@@ -144,7 +144,7 @@ def test_rotation_and_translation(angle, x, y, z):
     paths = [hexagon(), hexagon(4e-3, 1e-3, (3e-3, 1e-3)), hexagon(5e-3, -1e-3, (-7e-3, 2e-3))]
     L = inductance_matrix(paths)
     turn = Rotation.from_euler("z", angle)
-    moved = [replace(p, vertices=np.add(turn.apply(p.vertices), [x, y, z])) for p in paths]
+    moved = [replace(p, vertices=np.add(turn.apply(p.vertices.copy()), [x, y, z])) for p in paths]
     # rounding of coordinates; the choice between rules may fall otherwise at its edge, where they agree to 1e-7
     np.testing.assert_allclose(inductance_matrix(moved), L, rtol=1e-7, atol=1e-7 * L.max())
 

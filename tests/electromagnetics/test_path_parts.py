@@ -71,7 +71,7 @@ def test_a_mirrored_table_is_the_table_of_the_mirror_image(mirror):
 def test_parts_that_differ_are_not_the_same():
     other_width = Conductor(COIL.vertices, COIL.widths * (1 + 1e-6), COIL.thicknesses)
     longer = Conductor(COIL.vertices * (1 + 1e-6), COIL.widths, COIL.thicknesses)
-    turned = Rotation.from_euler("z", 30, degrees=True).apply(COIL.vertices)
+    turned = Rotation.from_euler("z", 30, degrees=True).apply(COIL.vertices.copy())
     paths = [COIL, other_width, longer, Conductor(turned, COIL.widths, COIL.thicknesses)]
     # layers 1 + 1 + 1 + 2, for the turned ones mirror each other on another axis; the via is alike but in two
     assert len(find_parts([segment_table(path) for path in paths], np.full(4, QUANTUM)).tables) == 5 + 3
