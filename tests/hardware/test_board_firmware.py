@@ -3,8 +3,6 @@
 What stands on the interface `Reader` alone must not see a difference.
 """
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import sys

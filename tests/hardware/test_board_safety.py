@@ -4,8 +4,6 @@ Every transfer on either bus and every wait of a session is a step: configuring,
 is hit once before and once after it is done, by each way in which a program can be interrupted.
 """
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

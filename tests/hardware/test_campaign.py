@@ -1,7 +1,5 @@
 """The paper's campaign: its sequence, what it does when something fails, and the response that comes out of it."""
 
-from __future__ import annotations
-
 import csv
 import io
 import sqlite3
@@ -15,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support import recorded_boards
 from support.recorded_boards import QuickWorld, configured, dent, quick_board, session_of, two_coil_wiring, two_coils
+from support.refusals import refused
 
 from coilarray import load_design
 from coilarray.circuit.network import loaded_quality, resonate
@@ -79,9 +78,6 @@ class Wrapped:
         return getattr(self.inner, name)
 
 
-# the plan
-
-
 def test_the_papers_grid():
     with pytest.raises(HardwareError, match=r"has no \[indenter\] and \[indentation\]"):
         design_campaign(replace(DESIGN, indentation=None))
@@ -128,17 +124,12 @@ def test_plans_come_back(x, y, repeats, scans, dwell, speed):
     ],
 )
 def test_wrong_plans(change, message):
-    with pytest.raises(HardwareError, match=message):
-        replace(SMALL, **change)
+    refused(HardwareError, message, replace, SMALL, **change)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"x": 1}', '{"x": ["a"], "y": [0], "depths": [1]}', "[" * 99999])
 def test_plans_that_cannot_be_read(text):
-    with pytest.raises(HardwareError, match="plan of a campaign cannot be read"):
-        Campaign.from_json(text)
-
-
-# the sequence
+    refused(HardwareError, "plan of a campaign cannot be read", Campaign.from_json, text)
 
 
 def test_the_papers_sequence(path):
@@ -169,9 +160,6 @@ def test_the_papers_sequence(path):
         scans = list(recording.scans())
     assert [(scan.stage, scan.depth) for scan in scans] == [("baseline", 0.0)] * 2 + [("peak", 1e-3)] * 2
     assert all(scan.place == campaign.places[0] for scan in scans)
-
-
-# the response
 
 
 def test_the_response_is_the_boards(path):
@@ -278,9 +266,6 @@ def test_simulated_response_of_the_design(kept, path):
     assert not measured.doubtful.any()  # the drive currents fit the coils
 
 
-# what is not whole
-
-
 def scanning(scan):
     """A reader whose scans are made by a function of the reader that it wraps and of their number, from 1."""
 
@@ -321,8 +306,7 @@ def test_resume_measures_what_is_missing(path, whole, scans):
 def test_not_whole(path, tmp_path):
     with pytest.raises(DeviceLost):
         run(path, SMALL, reader=stopped_after(9))
-    with pytest.raises(HardwareError, match="is not whole: 8 of 12 positions are not measured yet"):
-        response_of(path)
+    refused(HardwareError, "is not whole: 8 of 12 positions are not measured yet", response_of, path)
     part = response_of(path, partial=True)
     assert int(part.delta.notnull().all("state").sum()) == 4
     assert np.isfinite(part.base_inductance).all()
@@ -334,9 +318,6 @@ def test_not_whole(path, tmp_path):
     response = response_of(path)
     assert response.delta.notnull().all()
     assert int(response.delta_std.notnull().all("state").sum()) == 2
-
-
-# what goes wrong
 
 
 def failing(name, times):
@@ -412,13 +393,11 @@ def test_a_board_that_restarted_is_opened_again(path, whole):
 
 
 def test_a_board_that_restarts_for_ever_is_given_up(path):
-    with pytest.raises(HardwareError, match=f"a scan failed {TRIES} times: .*restarted"):
-        run_reconnecting(path, 6, [1] * 100)
+    refused(HardwareError, f"a scan failed {TRIES} times: .*restarted", run_reconnecting, path, 6, [1] * 100)
 
 
 def test_a_board_that_restarted_and_cannot_be_opened_again(path):
-    with pytest.raises(BoardRestarted, match="the board restarted; run again to go on with the recording"):
-        run_reconnecting(path, 6)
+    refused(BoardRestarted, "the board restarted; run again to go on with the recording", run_reconnecting, path, 6)
     run(path, SMALL, resume=True)
 
 
@@ -438,8 +417,7 @@ def test_it_is_given_up(path, name, reason):
 def test_a_dead_coil(path):
     world = QuickWorld()
     world.dead = {"coil2"}
-    with pytest.raises(HardwareError, match=r"coil2 gave no value: .*does not oscillate"):
-        run(path, SMALL, quick_board(world=world))
+    refused(HardwareError, r"coil2 gave no value: .*does not oscillate", run, path, SMALL, quick_board(world=world))
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, OutputError("full"), DeviceLost("gone")])
@@ -462,18 +440,13 @@ def test_places_out_of_reach_are_refused_before_anything_moves(path):
         def move(self, x, y):
             raise AssertionError("moved")
 
-    with pytest.raises(HardwareError, match="out of reach"):
-        run(path, SMALL, stage=Stage)
+    refused(HardwareError, "out of reach", run, path, SMALL, stage=Stage)
 
 
 def test_a_place_that_is_not_of_the_campaign(path):
     with closing(sqlite3.connect(run(path, SMALL))) as connection:
         connection.executescript("UPDATE position SET x = 0.5 WHERE id = 3")
-    with pytest.raises(HardwareError, match="damaged: position 2 is not of its campaign"):
-        response_of(path)
-
-
-# settings of a design
+    refused(HardwareError, "damaged: position 2 is not of its campaign", response_of, path)
 
 
 @pytest.mark.slow
@@ -503,5 +476,4 @@ def test_settings_fit_the_coils(kept):
     ],
 )
 def test_wrong_settings(kept, design, options, message):
-    with pytest.raises(HardwareError, match=message):
-        design_settings(design, two_coil_wiring(), **options)
+    refused(HardwareError, message, design_settings, design, two_coil_wiring(), **options)

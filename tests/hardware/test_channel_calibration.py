@@ -1,7 +1,5 @@
 """Clock, capacitances and drift of a board: found again on emulated boards of which they are known."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -10,6 +8,7 @@ import pytest
 from support.quick_coils import series_tank
 from support.quick_recordings import DESIGN, GRID, campaign_file, quick_map, stream_file
 from support.recorded_boards import QuickWorld, configured, quick_board, session_of
+from support.refusals import refused
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import Drift as Warming
@@ -259,11 +258,7 @@ def test_states_without_enough_scans_are_refused(tmp_path):
     ],
 )
 def test_bad_input(rest, options, words):
-    with pytest.raises(HardwareError, match=words):
-        calibrated(rest, **options)
-
-
-# the file
+    refused(HardwareError, words, calibrated, rest, **options)
 
 
 def test_the_file_gives_every_number_back(campaign, tmp_path):
@@ -320,8 +315,7 @@ def test_bad_files(tmp_path, before, after, words):
 def test_a_state_is_there_once():
     good = calibration_from_toml(GOOD)
     for part in ("channels", "drifts"):
-        with pytest.raises(HardwareError, match="must have a state once"):
-            replace(good, **{part: 2 * getattr(good, part)})
+        refused(HardwareError, "must have a state once", replace, good, **{part: 2 * getattr(good, part)})
 
 
 @pytest.mark.parametrize(
@@ -337,5 +331,4 @@ def test_a_state_is_there_once():
 def test_files_that_cannot_be_read(tmp_path, name, content, message):
     if content is not None:
         (tmp_path / name).write_bytes(content)
-    with pytest.raises(HardwareError, match=message):
-        load_calibration(tmp_path / name)
+    refused(HardwareError, message, load_calibration, tmp_path / name)

@@ -3,13 +3,12 @@
 The chips are those of the emulator, in strict mode: any use that the data sheets do not allow raises.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 
 import pytest
 from support.emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of
+from support.refusals import refused
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.scan.reader import SampleFault
@@ -95,9 +94,6 @@ def reader(board):
     return configured(reader_of(board))
 
 
-# the order of the steps
-
-
 def test_what_a_board_gets_first_is_the_safe_words_and_then_sleep(board):
     _, log = watched(board)
     assert log[:2] == [("shift", SAFE), ("write", 0x1A, 0x2801)]
@@ -164,13 +160,9 @@ def test_words_are_those_of_the_chip_unchanged(board):
     assert reading.inductances == pytest.approx({f"coil{k + 1}": (50 + k) * 1e-6 for k in range(6)}, rel=1.1e-3)
 
 
-# configuring
-
-
 def test_a_read_back_that_differs_is_told_after_three_attempts(board):
     reader, log = watched(board, answer=lambda register, value: value ^ (0x0100 if register == 0x08 else 0))
-    with pytest.raises(BusFault, match=r"RCOUNT0 must read 0x00c8 as written; got 0x01c8\."):
-        configured(reader)
+    refused(BusFault, r"RCOUNT0 must read 0x00c8 as written; got 0x01c8\.", configured, reader)
     assert sum(step == ("write", 0x08, 200) for step in log) == 3
     assert log.count(("write", 0x1C, 0x8000)) == 2
     assert at_rest(board)
@@ -207,8 +199,7 @@ def test_a_converter_that_never_answers_is_identity_zero_and_refused_until_it_do
     board.bus.refuse(10**6)
     reader = reader_of(board)
     assert (reader.identity.manufacturer, reader.identity.device) == (0, 0)
-    with pytest.raises(BusFault, match="did not acknowledge"):
-        configured(reader)
+    refused(BusFault, "did not acknowledge", configured, reader)
     assert board.chain.words == SAFE
     board.bus.refuse(0)
     board.bus.hold()  # held down by a slave, which is freed
@@ -219,8 +210,7 @@ def test_a_converter_that_never_answers_is_identity_zero_and_refused_until_it_do
 
 def test_another_chip_is_refused(board):
     reader, _ = watched(board, answer=lambda register, value: 0x3054 if register == 0x7F else value)
-    with pytest.raises(BusFault, match=r"must be an LDC1614, 5449/3055; got 5449/3054\."):
-        configured(reader)
+    refused(BusFault, r"must be an LDC1614, 5449/3055; got 5449/3054\.", configured, reader)
 
 
 @pytest.mark.parametrize(
@@ -242,19 +232,14 @@ def test_another_chip_is_refused(board):
 def test_settings_that_could_join_what_must_not_be_are_refused(board, reader, change, message):
     if "words" in change:
         change = {"states": (dataclasses.replace(SETTINGS.states[0], name="x", words=change["words"]),)}
-    with pytest.raises(HardwareError, match=message):
-        reader.configure(dataclasses.replace(SETTINGS, **change))
+    refused(HardwareError, message, reader.configure, dataclasses.replace(SETTINGS, **change))
     assert at_rest(board)
-    with pytest.raises(HardwareError, match="must be open and configured before a scan"):
-        reader.scan()
+    refused(HardwareError, "must be open and configured before a scan", reader.scan)
 
 
 def test_settings_of_another_chain_are_refused(reader):
     with pytest.raises(HardwareError, match=r"for 4 switches in a chain; the board was opened with 6\."):
         reader.configure(quick_settings(load_wiring("six_coils_4")))
-
-
-# streams
 
 
 def test_a_stream_counts_from_zero_and_keeps_its_interval(reader):
@@ -287,8 +272,7 @@ def test_an_interval_too_short_is_as_fast_as_it_goes(board, reader):
 
 @pytest.mark.parametrize("interval", [-1.0, float("nan"), float("inf")])
 def test_an_interval_that_cannot_be_is_refused(reader, interval):
-    with pytest.raises(HardwareError, match="interval must be finite and not negative"):
-        reader.scans(interval)
+    refused(HardwareError, "interval must be finite and not negative", reader.scans, interval)
 
 
 def test_closing_the_iterator_rests_the_board_and_it_can_scan_again(board, reader):
@@ -302,17 +286,11 @@ def test_closing_the_iterator_rests_the_board_and_it_can_scan_again(board, reade
 
 def test_a_reader_without_settings_or_closed_says_so(board):
     reader = reader_of(board)
-    with pytest.raises(HardwareError, match="must be open and configured"):
-        reader.scan()
+    refused(HardwareError, "must be open and configured", reader.scan)
     configured(reader).close()
-    with pytest.raises(HardwareError, match="must be open and configured"):
-        next(reader.scans())
-    with pytest.raises(HardwareError, match="the board is closed"):
-        configured(reader)
+    refused(HardwareError, "must be open and configured", next, reader.scans())
+    refused(HardwareError, "the board is closed", configured, reader)
     reader.close()
-
-
-# what goes wrong in a scan
 
 
 @pytest.mark.parametrize("step", range(6 * TRANSFERS_OF_A_STATE))
@@ -349,10 +327,8 @@ def test_three_scans_running_with_a_fault_in_the_same_state_end_the_stream(board
     for _ in range(3):
         assert set(faults(next(stream))) == {SampleFault.NOT_ACKNOWLEDGED}
     assert ("clear",) in log
-    with pytest.raises(BusFault, match=r"state coil1: the converter did not answer in 3 consecutive scans\."):
-        next(stream)
-    with pytest.raises(BusFault, match="3 consecutive scans"):
-        reader.scan()
+    refused(BusFault, r"state coil1: the converter did not answer in 3 consecutive scans\.", next, stream)
+    refused(BusFault, "3 consecutive scans", reader.scan)
     assert board.chain.words == SAFE
 
 
@@ -372,8 +348,7 @@ def test_a_converter_that_is_reset_in_a_scan_gives_no_value_of_it(board, state):
     stream = reader.scans()
     assert set(faults(next(stream))) == {SampleFault.CONVERTER_RESET}
     assert at_rest(board)
-    with pytest.raises(BoardRestarted, match="lost its settings while it was measuring"):
-        next(stream)
+    refused(BoardRestarted, "lost its settings while it was measuring", next, stream)
     with pytest.raises(BoardRestarted):
         reader.scan()
     assert not any(faults(configured(reader).scan()))
@@ -415,8 +390,7 @@ def test_a_broken_data_line_of_the_switches_is_found_by_the_read_back(board, rea
     stream = reader.scans()
     for _ in range(3):  # as the firmware does: `hardware/firmware/PROTOCOL.md`
         assert SampleFault.SWITCHES_DIFFER in faults(next(stream))
-    with pytest.raises(SwitchFault, match=r"returned other words than it was sent in 3 consecutive scans"):
-        next(stream)
+    refused(SwitchFault, r"returned other words than it was sent in 3 consecutive scans", next, stream)
     assert board.chip.asleep
 
 
@@ -449,8 +423,7 @@ def test_after_a_transfer_that_was_cut_off_nothing_is_expected_back(board, reade
         return returned
 
     board.switches.shift = cut_off
-    with pytest.raises(SwitchFault, match="port still busy"):
-        reader.scan()
+    refused(SwitchFault, "port still busy", reader.scan)
     assert cut == []
     assert not any(faults(reader.scan()))
 
@@ -467,8 +440,7 @@ def test_a_port_that_is_gone_is_told_and_the_other_bus_is_still_used(board):
             raise DeviceLost("unplugged")
 
     reader = configured(watched(board, gone)[0])
-    with pytest.raises(DeviceLost, match="unplugged"):
-        reader.scan()
+    refused(DeviceLost, "unplugged", reader.scan)
     assert at_rest(board)
 
 

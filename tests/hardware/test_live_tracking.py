@@ -1,10 +1,9 @@
 """From scan to scan: baselines, δ, positions, and what happens to scans without values; on boards of known formula."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.localize_boards import FIELD, bells, board
+from support.refusals import refused
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.live_tracking import LiveTracker
@@ -158,5 +157,4 @@ def test_rate_and_lost_scans():
     ],
 )
 def test_bad_input(options, words):
-    with pytest.raises(HardwareError, match=words):
-        LiveTracker(MODEL, **options)
+    refused(HardwareError, words, LiveTracker, MODEL, **options)

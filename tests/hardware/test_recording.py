@@ -1,7 +1,5 @@
 """Recordings: what is written is read back to the last bit, and nothing else is taken for one."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -21,6 +19,7 @@ import xarray as xr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.recorded_boards import QuickWorld, configured, quick_board, session_of, two_coils
+from support.refusals import refused
 
 from coilarray.cli.readings import read_readings
 from coilarray.compute.netcdf import load_part, save_dataset
@@ -173,8 +172,7 @@ def test_stream(board, session, recorder):
     "wrong", [{}, {"scans": 1, "seconds": 1.0}, {"scans": 0}, {"seconds": 0.0}, {"seconds": float("nan")}]
 )
 def test_wrong_streams(board, recorder, wrong):
-    with pytest.raises(HardwareError, match="stream must"):
-        record_stream(board.reader, recorder, **wrong)
+    refused(HardwareError, "stream must", record_stream, board.reader, recorder, **wrong)
 
 
 @pytest.mark.parametrize("content", [b"", None])
@@ -241,8 +239,7 @@ def test_resume_refuses_something_else(path, session, change, plan, message):
     ],
 )
 def test_scans_that_are_not_of_the_session(session, recorder, change, error, message):
-    with pytest.raises(error, match=message):
-        recorder.add(change(raw_scan(session, 3)), "stream")
+    refused(error, message, recorder.add, change(raw_scan(session, 3)), "stream")
     assert recorder.count() == 0
     recorder.add(raw_scan(session, 3), "stream")
 
@@ -250,9 +247,6 @@ def test_scans_that_are_not_of_the_session(session, recorder, change, error, mes
 def test_a_recorder_must_be_started(path, session):
     with open_recorder(path) as recorder, pytest.raises(ValueError, match="must be started"):
         recorder.add(raw_scan(session, 0), "stream")
-
-
-# files that are no recordings
 
 
 def changed(path, statements):
@@ -388,9 +382,6 @@ def test_a_full_database(path, session, recorder):
         assert [one.scan.sequence for one in recording.scans()] == list(range(added + 1))
 
 
-# time series
-
-
 def test_series(path, board, session):
     def scan(k):
         if k == 4:
@@ -436,12 +427,9 @@ def test_series_as_csv_is_what_locate_reads_and_comes_back_from_netcdf(tmp_path,
 def test_wrong_series(path, session):
     recorded(path, session, [])
     with open_recording(path) as recording:
-        with pytest.raises(HardwareError, match="has no scan yet"):
-            recorded_series(recording)
-        with pytest.raises(HardwareError, match="baseline must be at least 1"):
-            recorded_series(recording, baseline=0)
-        with pytest.raises(HardwareError, match="holds no campaign, only a time series"):
-            recorded_response(recording)
+        refused(HardwareError, "has no scan yet", recorded_series, recording)
+        refused(HardwareError, "baseline must be at least 1", recorded_series, recording, baseline=0)
+        refused(HardwareError, "holds no campaign, only a time series", recorded_response, recording)
 
 
 def test_lost_scans_are_counted(path, session):

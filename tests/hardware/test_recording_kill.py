@@ -4,8 +4,6 @@ A campaign on an emulated board in virtual time runs in a process of its own, wh
 the board returned, before it is recorded. The processes are forked from one that has imported everything.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import select

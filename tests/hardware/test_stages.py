@@ -1,7 +1,5 @@
 """Stages: a person, the emulator's own, and machines that speak G-code, with everything that these answer."""
 
-from __future__ import annotations
-
 import os
 import re
 import threading
@@ -10,6 +8,7 @@ import pytest
 from support.patience import PATIENCE
 from support.quick_coils import plain_board
 from support.recorded_boards import two_coil_wiring
+from support.refusals import refused
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.recording import GridPlace
@@ -147,8 +146,7 @@ def test_what_a_machine_may_say(line, reply, message):
 def test_a_machine_that_failed_is_not_moved_again(machine, stage):
     machine.instead = {"G1": b"ALARM:1\n"}
     stage.move(0.0, 0.0)
-    with pytest.raises(HardwareError, match="ALARM"):
-        stage.indent(1e-3, SPEED)
+    refused(HardwareError, "ALARM", stage.indent, 1e-3, SPEED)
     sent = len(machine.lines)
     stage.retreat()
     assert len(machine.lines) == sent
@@ -208,10 +206,8 @@ def test_out_of_reach(machine, stage, place):
 
 @pytest.mark.parametrize("speed", [0.0, -1e-3, float("nan"), float("inf")])
 def test_wrong_speeds(stage, speed):
-    with pytest.raises(HardwareError, match="speed of the stage must be positive"):
-        stage.indent(1e-3, speed)
-    with pytest.raises(HardwareError, match="speed of the stage must be positive"):
-        stage.relax(speed)
+    refused(HardwareError, "speed of the stage must be positive", stage.indent, 1e-3, speed)
+    refused(HardwareError, "speed of the stage must be positive", stage.relax, speed)
 
 
 @pytest.mark.parametrize(
@@ -225,13 +221,11 @@ def test_wrong_speeds(stage, speed):
     ],
 )
 def test_wrong_reach(arguments, message):
-    with pytest.raises(HardwareError, match=message):
-        StageLimits(*arguments)
+    refused(HardwareError, message, StageLimits, *arguments)
 
 
 def test_wrong_dialect(machine):
-    with pytest.raises(HardwareError, match="the stage must speak grbl or marlin; got 'klipper'"):
-        GcodeStage(machine, LIMITS, "klipper")
+    refused(HardwareError, "the stage must speak grbl or marlin; got 'klipper'", GcodeStage, machine, LIMITS, "klipper")
 
 
 @pytest.mark.slow
