@@ -29,8 +29,7 @@ class Tripwire:
 
     def __init__(self, at, after, action):
         self._left, self._after, self._action = at, after, action
-        self.steps = 0
-        self.armed = False
+        self.steps, self.armed = 0, False
 
     def step(self, do):
         if not self.armed:

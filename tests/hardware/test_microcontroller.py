@@ -73,6 +73,8 @@ def test_opening_stops_the_board_before_it_greets_it(board):
     assert (reader.identity.manufacturer, reader.identity.device) == (0x5449, 0x3055)
     assert (reader.identity.boot, reader.identity.emulated) == (0x1234ABCD, False)
     assert reader.greeting.most_states == 64
+    board.version = "1.7"  # another minor version is told
+    assert opened(board).identity.kind.endswith("protocol 1.7")
 
 
 def test_a_board_whose_converter_does_not_obey_can_be_opened(board):
@@ -88,8 +90,7 @@ def test_opening_goes_through_a_running_stream_and_half_a_line(board):
     board.send(b"S0000")
     board.clock.sleep(3.0)
     reader = opened(board)
-    assert board.mode == "i"
-    assert reader.counts.scans.passed == 0
+    assert (board.mode, reader.counts.scans.passed) == ("i", 0)
     refused(HardwareError, "must be configured", reader.scan)
 
 
@@ -121,11 +122,6 @@ def test_what_is_no_board_of_this_protocol_is_named_in_time(board, changes, faul
     assert least - 0.01 <= it.seconds <= most + 0.01
 
 
-def test_another_minor_version_is_told(board):
-    board.version = "1.7"
-    assert opened(board).identity.kind.endswith("protocol 1.7")
-
-
 def test_settings_are_told_in_order(board):
     opened(board).configure(SETTINGS)
     assert verbs(board)[3:] == ["BEGIN", *["WIRE"] * 6, "SAFE", *["REG"] * 7, "WAIT", *["STATE"] * 6, "COMMIT"]
@@ -138,29 +134,17 @@ def test_too_many_states_and_illegal_switching_are_refused_before_anything_is_se
     board.sent.clear()
     first, *others = SETTINGS.states
     two = replace(first, words=bytes(a | b for a, b in zip(first.words, others[0].words, strict=True)))
-    for settings, message in (
-        (SETTINGS, "must have at most 5 states; got 6"),
-        (replace(SETTINGS, states=(two, *others[:4])), "coil1"),
-    ):
-        refused(HardwareError, message, reader.configure, settings)
+    refused(HardwareError, "must have at most 5 states; got 6", reader.configure, SETTINGS)
+    refused(HardwareError, "coil1", reader.configure, replace(SETTINGS, states=(two, *others[:4])))
     assert board.sent == []
 
 
 @pytest.mark.parametrize(
-    ("verb", "code", "fault"),
-    [
-        ("BEGIN", 1, faults.CommandRefused),
-        ("REG", 2, faults.CommandRefused),
-        ("STATE", 4, faults.CommandRefused),
-        ("COMMIT", 5, faults.CommandRefused),
-        ("COMMIT", 6, faults.BusFault),
-        ("COMMIT", 7, faults.BusFault),
-        ("COMMIT", 8, faults.BusFault),
-        ("SAFE", "F", faults.CommandRefused),
-    ],
+    ("verb", "code"),
+    [("BEGIN", 1), ("REG", 2), ("STATE", 4), *(("COMMIT", code) for code in (5, 6, 7, 8)), ("SAFE", "F")],
 )
-def test_a_refusal_has_its_name_and_reason(board, verb, code, fault):
-    reader = opened(board)
+def test_a_refusal_has_its_name_and_reason(board, verb, code):
+    reader, fault = opened(board), faults.BusFault if code in (6, 7, 8) else faults.CommandRefused
     board.refuse[verb] = (code, "because")
     refused(fault, rf"refused {verb} \(error {code}, .+\): because\.", reader.configure, SETTINGS)
     refused(HardwareError, "must be configured", reader.scan)
@@ -272,8 +256,7 @@ def test_a_board_that_measures_no_more_is_named_after_its_last_scan(board, reade
 
 
 def test_registers_and_chain(board, reader):
-    assert reader.peek(0x7E) == 0x5449
-    assert reader.check_chain() == "none"
+    assert (reader.peek(0x7E), reader.check_chain()) == (0x5449, "none")
     refused(HardwareError, "address must be 0 to 0xFF", reader.peek, 0x100)
 
 
@@ -289,8 +272,7 @@ def test_a_stream_is_in_order_and_stops_with_its_iterator(board, reader):
     assert steps(scans, 20) == pytest.approx([SCAN_TIME] * 19, abs=2e-6)  # the board's microseconds
     assert [scan.samples[0].lsb for scan in scans] == list(range(20))
     stream.close()
-    assert (board.mode, verbs(board)[-1]) == ("i", "STOP")
-    assert next(reader.scans()).sequence == 0
+    assert (board.mode, verbs(board)[-1], next(reader.scans()).sequence) == ("i", "STOP", 0)
 
 
 def test_an_interval_is_kept(board, reader):
@@ -300,14 +282,11 @@ def test_an_interval_is_kept(board, reader):
         refused(HardwareError, "interval must be 0 to 2147 s", reader.scans, interval)
 
 
-def test_the_lease_is_renewed_while_the_stream_is_fetched(board, reader):
+def test_the_lease_is_renewed_while_the_stream_is_fetched_and_while_a_long_interval_is_waited_for(board, reader):
     for scan in reader.scans():
         if scan.time > 60.0:
             break
     assert 60 / TIMES.ping * 0.8 < verbs(board).count("PING") <= 60 / TIMES.ping + 2
-
-
-def test_the_lease_is_renewed_while_a_long_interval_is_waited_for(board, reader):
     assert steps(reader.scans(100.0), 3) == pytest.approx([100.0] * 2)
 
 
