@@ -4,8 +4,6 @@ Who is compared: the coupling, the scan of `impedance`, the tables of the report
 the state sensitivity, and the emulated board behind the converter.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

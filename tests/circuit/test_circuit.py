@@ -1,7 +1,5 @@
 """Terminations: closed forms for two coils, identities for any number."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The published board: what the model says of it, against what the paper and the project's own estimates say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -10,8 +10,6 @@ Touchstone          scikit-rf's reader against Z; one port against (Z − R)/(Z 
 ==================  =====================================================================================
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

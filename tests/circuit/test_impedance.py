@@ -1,7 +1,5 @@
 """The circuit of a design: its parts put together, against the parts alone and against limits."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The circuit behind the switches, against `coilarray.circuit.active_coil` and against closed forms for two coils."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Who checks whom: the resonance against `network.resonate`, currents against `cir
 change of the resonance that `network.resonances_near` finds, to its order.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

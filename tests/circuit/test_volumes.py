@@ -4,8 +4,6 @@ Who checks whom: the numbers on disk against those in memory, to the last bit fo
 with any workers, and after an interruption.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

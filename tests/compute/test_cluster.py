@@ -1,7 +1,5 @@
 """A real Dask scheduler with real worker processes on the loopback, started as a user starts them."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """Files that are filled block by block, and what is left of them when a run ends early."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

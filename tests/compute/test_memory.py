@@ -1,7 +1,5 @@
 """How much memory there is, by made-up systems, and that large arrays are refused before they are made."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The store and the version of the code: what is kept is found again, and nothing else; locks have one holder."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import functools

@@ -8,8 +8,6 @@ interrupt. `tests/cli/test_sweep.py` does the same by a signal to a process and 
 signal 9.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

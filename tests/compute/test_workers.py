@@ -3,8 +3,6 @@
 The numbers of designs are in `tests/studies/test_points.py`, all of the same on a Dask cluster in `test_cluster.py`.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 import signal

@@ -1,8 +1,6 @@
 """Design files: what is read, and one clear line for everything that cannot be."""
 
 # ruff: noqa: E501 - each case is one line of input and one of output
-from __future__ import annotations
-
 import math
 import tomllib
 

@@ -1,7 +1,5 @@
 """Arrays written as design files: what is read back is the array to 1 nm, with its assumptions and shared shapes."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 

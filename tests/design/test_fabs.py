@@ -4,8 +4,6 @@ Who checks whom: the profiles against numbers copied from the sources a second t
 limits of boards against closed forms of their stack-up. Traces, gaps and holes are those of test_geometry_rules.py.
 """
 
-from __future__ import annotations
-
 import csv
 import html
 import io

@@ -3,8 +3,6 @@
 Checked against each other: a design and that of its document; one made in Python and the same one in a file.
 """
 
-from __future__ import annotations
-
 import math
 import pickle
 import re

@@ -5,8 +5,6 @@ after the other.
 """
 
 # ruff: noqa: E501 - each case is one line of input and one of output
-from __future__ import annotations
-
 import copy
 import pickle
 import re

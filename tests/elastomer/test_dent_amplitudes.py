@@ -4,8 +4,6 @@ Who checks whom: the energies between all amplitudes against `dent_inductance`, 
 angles; a table of splines against amplitudes at its own offsets.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.references import polygon

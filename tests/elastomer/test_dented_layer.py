@@ -6,8 +6,6 @@ against two flat sheets; small depths against the first-order formula and weak s
 meshes anything; and all of it against the three-dimensional FEM whose results benchmarks/dented_layer_3d.json keeps.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

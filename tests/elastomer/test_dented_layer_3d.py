@@ -5,8 +5,6 @@ field (a weak layer under a real dent, which no flat formula sees), and against 
 loop, mesh refinement at the predicted order, reciprocity, and every bad input.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

@@ -7,8 +7,6 @@ with the field taken about another centre; real depths against a finite-element 
 and what is assumed about the copper's surroundings against a round coil solved in them.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Who checks whom: Hashin and Shtrikman's bounds hold for both mixing rules, a roo
 as it is written, and the limits (dilute, full, infinite) are known in closed form.
 """
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -6,8 +6,6 @@ directions; Biot–Savart at the sheet's face for the boundary conditions. The n
 other by where they share the series.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -10,8 +10,6 @@ Who checks whom:
                                            of a square loop   long racetrack
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -5,8 +5,6 @@ closed form, exact scaling and sum rules, and their own convergence; coils again
 code in common), series formulas, and the limits of the areas that overlap.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

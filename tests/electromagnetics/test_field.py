@@ -4,8 +4,6 @@ Who checks whom: B on the axis and off it against closed forms (elliptic integra
 wire and far from it, B against the curl of A, identities for both.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 import subprocess

@@ -4,8 +4,6 @@ Who checks whom: closed forms and other programs in test_references.py; here the
 over both cross-sections, reuse against no reuse, and the identities that every inductance matrix obeys.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import mpmath

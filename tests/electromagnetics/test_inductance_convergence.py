@@ -1,7 +1,5 @@
 """The study that set the accuracy knobs of the inductance matrix: nodes, and how far the cross-section counts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.coil_paths import spiral_path

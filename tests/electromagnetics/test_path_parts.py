@@ -1,7 +1,5 @@
 """Parts of paths make up the path, images of one another are found, and sums by parts are those of whole paths."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

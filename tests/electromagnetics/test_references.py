@@ -4,8 +4,6 @@ Who checks whom: the tables come from mpmath, from an own double-precision code 
 none of them shares code with this package.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arrays and stack-ups: lattice distances and colourings, the frame of the board, heights, every bad input."""
 
-from __future__ import annotations
-
 import math
 from itertools import product
 

@@ -3,8 +3,6 @@
 Clearances of whole coils are measured in test_geometry_rules.py by an independent route.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise, product
 

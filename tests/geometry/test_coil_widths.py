@@ -4,8 +4,6 @@ Who checks whom: closed formulas for areas, resistances and distances; a coil of
 arrays; a spiral against the same spiral with a jumper, half a millimetre of it led over another layer.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Who checks whom: `trace_outline` against the closed formula and against the general buffer of GEOS.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """DXF drawings, read back by ezdxf: units, layers, areas, paths, holes; and everything that cannot be written."""
 
-from __future__ import annotations
-
 import math
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """SVG drawings, read back as XML: size, layers, paths, holes and names; and everything that cannot be written."""
 
-from __future__ import annotations
-
 import re
 from xml.etree import ElementTree as ET
 

@@ -4,8 +4,6 @@ Who checks whom: texts written in board_text.py or here, by KiCad's rules; pad p
 that KiCad 6.0.11 printed; a board that a real KiCad has loaded and saved again; arcs against the circle's formulas.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import os

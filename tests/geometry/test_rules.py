@@ -4,8 +4,6 @@ Who checks whom: closed formulas for parallel traces, pads and overlaps; for who
 taken turn by turn with shapely.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Solids: watertight, volume = area × thickness, at the right height; and the files they are written to."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 Who checks whom: the rule written out here and the lengths of another program (tests/reference) against `Spiral`.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise, product
 

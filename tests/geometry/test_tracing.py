@@ -4,8 +4,6 @@ Who checks whom: boards written by board_text.py against the arrays and points t
 inductance matrix before and after; turns, lengths and gaps against formulas of the square spiral.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

@@ -4,8 +4,6 @@ Who checks whom: the nets found by joining nodes against the direct currents of 
 against both bundled wirings, whose words come from `coilarray.hardware.scan.wiring`.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

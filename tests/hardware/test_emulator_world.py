@@ -5,8 +5,6 @@ position that the emulator interpolates; temperature against the formula of a ta
 against the paper's.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import SimpleNamespace

@@ -15,8 +15,6 @@ That the campaign bites is shown by leaving out the checksum, and the check of t
 values. The numbers of the faults stand in `FAULTS`. Chips at register level are in test_fault_campaign_emulated.py.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import sys

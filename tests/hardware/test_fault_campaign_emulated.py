@@ -6,8 +6,6 @@ A switch that does not ground another coil than the measured one changes a value
 no scan shows that: the self-test must name it, and does.
 """
 
-from __future__ import annotations
-
 import random
 import sys
 

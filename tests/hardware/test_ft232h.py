@@ -3,8 +3,6 @@
 The engine below executes the commands of the chip's application note AN_108; on its pins hang chips that know edges.
 """
 
-from __future__ import annotations
-
 import sys
 from types import SimpleNamespace
 

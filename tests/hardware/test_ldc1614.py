@@ -1,7 +1,5 @@
 """LDC1614: codes, frequencies, limits and times against the data sheet's own examples and the paper's scan time."""
 
-from __future__ import annotations
-
 import math
 import re
 from functools import partial

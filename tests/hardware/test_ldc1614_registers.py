@@ -1,7 +1,5 @@
 """LDC1614 registers: the table covers every bit once, resets and settings are the data sheet's, nothing illegal."""
 
-from __future__ import annotations
-
 import functools
 import operator
 

@@ -3,8 +3,6 @@
 smbus2 itself runs; only the system call below it is played. spidev is a C module, so that a stand-in takes its place.
 """
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import os

@@ -9,8 +9,6 @@
 | time                    | a clock that runs as long as it likes                                            |
 """
 
-from __future__ import annotations
-
 import itertools
 import random
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Readings: which words are a measurement, by the data sheet's rules written out once more, and its inductance."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

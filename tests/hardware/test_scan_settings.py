@@ -1,7 +1,5 @@
 """Scan settings: registers of the reference board, the rules that refuse, scan time, and the hash of the protocol."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """Serial ports: choosing among made-up lists, opening, and losing a pseudo-terminal in every way it can be lost."""
 
-from __future__ import annotations
-
 import os
 import struct
 import threading

@@ -4,8 +4,6 @@ What words join is worked out here a second time, as a graph: every closed switc
 and a net, and what hangs together is one node.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Scale and shift of one map onto another: found again where they are known, told with the right uncertainty."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

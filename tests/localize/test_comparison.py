@@ -1,7 +1,5 @@
 """Measured beside simulated response: what is known to differ is found, what is the same is said to be the same."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

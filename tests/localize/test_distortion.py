@@ -4,8 +4,6 @@ Who checks whom: the effects of single neighbours add up to that of all; opened 
 the published ellipses come back from a map made of them; a calibration finds the values a map was made with.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

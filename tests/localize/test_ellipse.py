@@ -6,8 +6,6 @@ cubic convolution; intersections against closed forms and against points put on 
 simulated board against the positions of the indenter.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ Who checks whom: splines against polynomials that they hold exactly and against 
 order of the error; derivatives against differences; tables against the response map's own grid.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

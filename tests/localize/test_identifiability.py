@@ -4,8 +4,6 @@ Who checks whom: the bound against its closed form on a board whose δ is linear
 on a board without symmetry; singular where a board is symmetric; more coils never tell less.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

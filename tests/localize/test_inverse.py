@@ -5,8 +5,6 @@ between the positions of the table; regions and residuals against their probabil
 starts; the goal of accuracy against the Cramér–Rao bound, which says where it can be met.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

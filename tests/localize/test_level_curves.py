@@ -1,7 +1,5 @@
 """Ellipses of every level of one map: those of `fit_ellipses`, with the scatter that repeated measurements have."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.localize_boards import ROW, board

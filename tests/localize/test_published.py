@@ -9,8 +9,6 @@ the model returns the real position again, whatever its polynomials are; only th
 move it. The rest of Table 2 is the difference of the measured readings from the model's own.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.ellipses import readings_at, x_errors

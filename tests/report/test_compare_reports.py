@@ -1,7 +1,5 @@
 """``benchmarks/compare_reports.py``: every changed number is printed, with its size, and nothing else."""
 
-from __future__ import annotations
-
 import json
 import runpy
 from pathlib import Path

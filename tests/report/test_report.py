@@ -1,7 +1,5 @@
 """The report: complete, self-contained, and every number of the page also in the files."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import html.parser

@@ -1,7 +1,5 @@
 """Tables and page of a comparison: the numbers of its dataset, in SI in the files, and what was not compared named."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

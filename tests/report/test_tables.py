@@ -1,7 +1,5 @@
 """Tables of datasets: names, units and digits come from the attributes, SI in the files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr

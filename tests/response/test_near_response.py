@@ -4,8 +4,6 @@ Who checks whom: δ with `reach` against δ without it, which solves every coil 
 a board of 64 coils against the changes of all of them at some positions; a map from tables against one without.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

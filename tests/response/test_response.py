@@ -5,8 +5,6 @@ iᵀ ΔL i; a tilted sample against a level one where it is level, and its inter
 of the wires against the image series of a long loop; a lifted sheet against another flat one.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A run that is killed with signal 9, in the search and in the local solver, and taken up again: the same trials."""
 
-from __future__ import annotations
-
 import json
 import os
 import runpy

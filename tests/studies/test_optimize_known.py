@@ -10,8 +10,6 @@ differs from that of the middle lines in the square of the width over the distan
 h = R/10: far less than the tolerance, as half and twice the width show.
 """
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """The local solver: it finds minima that are known, keeps bounds, and goes on where it was stopped."""
 
-from __future__ import annotations
-
 import math
 from contextlib import suppress
 from functools import partial

@@ -1,7 +1,5 @@
 """The search: it finds what is known, tries the same points however it is run, and loses nothing."""
 
-from __future__ import annotations
-
 import json
 import sqlite3
 import sys

@@ -1,7 +1,5 @@
 """The files, pictures and page of an optimisation."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

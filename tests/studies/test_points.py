@@ -1,7 +1,5 @@
 """Points: the numbers of the quantities whatever the pool, each design computed once, interrupted runs that go on."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 

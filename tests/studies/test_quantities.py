@@ -1,8 +1,6 @@
 """Quantities of a design against the functions they stand on, against closed forms, and against synthetic responses."""
 
 # ruff: noqa: E501 - each case is one line of input and one of output
-from __future__ import annotations
-
 import math
 import pickle
 

@@ -1,7 +1,5 @@
 """Sweeps: which points, which numbers at which place of the dataset, and every mistake before the work."""
 
-from __future__ import annotations
-
 import json
 import math
 from unittest.mock import Mock

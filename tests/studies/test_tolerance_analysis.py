@@ -1,7 +1,5 @@
 """The whole analysis against closed forms, against drawn boards, and against itself on other workers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

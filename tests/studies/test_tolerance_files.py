@@ -1,7 +1,5 @@
 """Tolerance files: units, defaults that are marked as assumed, and every mistake in one line."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections import Counter

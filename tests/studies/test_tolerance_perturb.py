@@ -1,7 +1,5 @@
 """Errors of a board on its geometry, and what they do to R, L and the tank by closed forms."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from dataclasses import replace

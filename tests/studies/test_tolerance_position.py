@@ -1,7 +1,5 @@
 """Response and located position over the errors of boards, of real boards and of smooth ones of known formula."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import block_diag

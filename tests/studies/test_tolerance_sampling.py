@@ -1,7 +1,5 @@
 """Drawn boards, their statistics, and the linearised spread on functions of known derivatives."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

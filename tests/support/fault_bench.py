@@ -1,7 +1,5 @@
 """Chips that remember, the compiled firmware, a pseudo-terminal and the driver, for tests that spoil one of them."""
 
-from __future__ import annotations
-
 import itertools
 import random
 import time
