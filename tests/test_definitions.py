@@ -1,7 +1,5 @@
 """Every definition has a use: in the product itself, or as documented API."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """Every example runs: docstrings of all modules, and the README with its output."""
 
-from __future__ import annotations
-
 import contextlib
 import doctest
 import importlib

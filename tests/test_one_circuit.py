@@ -4,14 +4,13 @@ Who is compared: the coupling, the scan of `impedance`, the tables of the report
 the state sensitivity, and the emulated board behind the converter.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from coilarray import couple_design, load_design, response_map
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.impedance import scan_design
+from coilarray.circuit.network import resonate
 from coilarray.circuit.state_sensitivity import state_sensitivity
 from coilarray.compute.store import Store
 from coilarray.hardware.emulator.indenter import LIFTED
@@ -20,7 +19,7 @@ from coilarray.hardware.scan.board_network import board_network
 from coilarray.report.circuit_tables import state_table
 from coilarray.report.tables import coil_table
 from coilarray.viz.studio.numbers import circuit_of
-from coilarray.viz.studio.switching import switched
+from coilarray.viz.studio.switching import state_of
 
 pytestmark = pytest.mark.slow
 
@@ -33,7 +32,7 @@ def test_every_place_shows_the_same_coil(tmp_path):
     first = coil_table(design, coupling).records()[0]
     state = state_table(scan_design(design, elastomer=False)).records()[0]
     settings = {name: "measure" if name == "coil1" else "ground" for name in design.array.names}
-    by_hand = switched(circuit_of(design).network, settings)
+    by_hand = resonate(circuit_of(design).network, state_of(settings))
     board = SensorWorld(board_network(design, Store(tmp_path)), lambda: None)
     emulated = board.resonator(design.plan[0], LIFTED, 25.0).frequency
     base = response_map(design, x=[0.0], y=[0.0]).base_inductance

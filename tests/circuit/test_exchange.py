@@ -10,8 +10,6 @@ Touchstone          scikit-rf's reader against Z; one port against (Z − R)/(Z 
 ==================  =====================================================================================
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
@@ -25,15 +23,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.coil_paths import random_matrix
 
-from coilarray import (
-    Conductor,
-    GeometryError,
-    couple_design,
-    coupling_matrix,
-    dc_resistance,
-    inductance_matrix,
-    load_design,
-)
+from coilarray import Conductor, couple_design, coupling_matrix, dc_resistance, inductance_matrix, load_design
 from coilarray.circuit.active_coil import active_coil
 from coilarray.circuit.coupling import bare_network, design_circuit
 from coilarray.circuit.exchange import (
@@ -47,11 +37,11 @@ from coilarray.circuit.exchange import (
 )
 from coilarray.circuit.network import Network, between_coils, solve_state
 from coilarray.design.scan_states import ScanState, Switches
-from coilarray.errors import MissingDependencyError, OutputError
+from coilarray.errors import GeometryError, MissingDependencyError, OutputError
 
 needs_ngspice = pytest.mark.skipif(not shutil.which("ngspice"), reason="ngspice is not installed (Debian: ngspice)")
 needs_fasthenry = pytest.mark.skipif(
-    not shutil.which("fasthenry"), reason="no fasthenry on PATH (neither Debian nor PyPI has it)"
+    not shutil.which("fasthenry"), reason="no fasthenry on PATH; not in Debian or PyPI"
 )
 needs_skrf = pytest.mark.skipif(not find_spec("skrf"), reason="scikit-rf is not installed (extra rf)")
 
@@ -64,11 +54,8 @@ def letters(n):
 
 @pytest.fixture(scope="module")
 def board():
-    """The six coils of the paper as coupled: identical shapes, so small couplings beside large ones."""
+    """Identical shapes, so small couplings beside large ones."""
     return couple_design(load_design("gast2020"))
-
-
-# names
 
 
 def test_plain_names():
@@ -85,20 +72,14 @@ def test_plain_names_are_distinct(names):
     assert all(re.fullmatch(r"\w+", name, re.ASCII) for name in plain)
 
 
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
-        ([], "names must be one or more; got 0"),
-        (["a", " "], "every coil needs a name; got an empty one"),
-        (["a", "b", "a"], "names must be all different; got 'a' more than once"),
-    ],
-)
+@pytest.mark.parametrize(("names", "message"), [
+    ([], "names must be one or more; got 0"),
+    (["a", " "], "every coil needs a name; got an empty one"),
+    (["a", "b", "a"], "names must be all different; got 'a' more than once"),
+])  # fmt: skip
 def test_bad_names(names, message):
     with pytest.raises(ValueError, match=message):
         plain_names(names)
-
-
-# SPICE
 
 
 def elements(text):
@@ -135,8 +116,8 @@ def run_ngspice(tmp_path, subcircuit, lines, output, frequencies):
     runs = [f"ac lin 1 {f!r} {f!r}\nwrdata z{k}.txt {output}" for k, f in enumerate(frequencies)]
     bench = ["* bench", ".include array.cir", *lines, ".control", "set numdgt=16", *runs, ".endc", ".end", ""]
     (tmp_path / "bench.cir").write_text("\n".join(bench), encoding="utf-8")
-    command = ["ngspice", "-b", "bench.cir"]
-    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    about = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 60}
+    run = subprocess.run(["ngspice", "-b", "bench.cir"], **about, check=False)
     log = run.stdout + run.stderr
     assert not re.search("error|singular", log, re.IGNORECASE), log
     rows = [np.loadtxt(tmp_path / f"z{k}.txt") for k in range(len(frequencies))]
@@ -150,13 +131,9 @@ def ngspice(tmp_path, subcircuit, names, active, terminations, short_resistance,
     Every coil has its second pin at ground; the active one is driven with 1 A, so that its voltage is Z.
     """
     pins = " ".join(f"p{k} 0" for k in range(len(names)))
-    shorts = [
-        f"Rs{k} p{k} 0 {short_resistance!r}" if short_resistance else f"Vs{k} p{k} 0 0"
-        for k, state in enumerate(terminations)
-        if state == "short" and k != active
-    ]
-    name = re.search(r"\.subckt (\S+)", subcircuit)[1]
-    lines = [f"X1 {pins} {name}", f"I1 0 p{active} dc 0 ac 1", *shorts]
+    shorted = [k for k, state in enumerate(terminations) if state == "short" and k != active]
+    shorts = [f"Rs{k} p{k} 0 {short_resistance!r}" if short_resistance else f"Vs{k} p{k} 0 0" for k in shorted]
+    lines = [f"X1 {pins} {re.search(r'.subckt (.+?) ', subcircuit)[1]}", f"I1 0 p{active} dc 0 ac 1", *shorts]
     return run_ngspice(tmp_path, subcircuit, lines, f"v(p{active})", frequencies)
 
 
@@ -175,22 +152,17 @@ def same_impedance(Z, expected):
 
 @needs_ngspice
 @pytest.mark.parametrize(("resistance", "short_resistance"), [(1.0, 5.0), (1.0, 0.0), (0.0, 5.0)])
-@pytest.mark.parametrize(
-    ("n", "spread", "states"),
-    [
-        (1, 0.15, ["open"]),
-        (2, 0.9, ["short", "open"]),  # a coupling of 0.9976
-        (3, 0.9, ["short", "open", "short"]),  # up to 0.91
-        (6, 0.3, ["short", "short", "open", "short", "open", "short"]),
-    ],
-)
+@pytest.mark.parametrize(("n", "spread", "states"), [
+    (1, 0.15, ["open"]),
+    (2, 0.9, ["short", "open"]),  # a coupling of 0.9976
+    (3, 0.9, ["short", "open", "short"]),  # up to 0.91
+    (6, 0.3, ["short", "short", "open", "short", "open", "short"]),
+])  # fmt: skip
 def test_ngspice_agrees_with_active_coil(tmp_path, n, spread, states, resistance, short_resistance):
     L, R = random_matrix(n, 5, spread), resistance * np.linspace(2, 12, n)
-    names = [f"coil {k}" for k in range(n)]
-    active = n - 1
+    names, active = [f"coil {k}" for k in range(n)], n - 1
     Z = ngspice(tmp_path, spice_subcircuit(names, L, R), names, active, states, short_resistance, FREQUENCIES)
-    expected = [active_coil(L, R, active, f, states, short_resistance).impedance for f in FREQUENCIES]
-    same_impedance(Z, expected)
+    same_impedance(Z, [active_coil(L, R, active, f, states, short_resistance).impedance for f in FREQUENCIES])
 
 
 @needs_ngspice
@@ -236,15 +208,13 @@ def test_ngspice_agrees_with_the_network(tmp_path, state):
 @pytest.mark.slow
 @needs_ngspice
 def test_ngspice_on_the_board_of_the_paper(tmp_path, board):
-    ideal = design_circuit(load_design("gast2020"), ideal=True)
-    export_network(ideal, tmp_path / "board.cir")
+    export_network(design_circuit(load_design("gast2020"), ideal=True), tmp_path / "board.cir")
     text = (tmp_path / "board.cir").read_text(encoding="utf-8")
     assert "without alternating-current resistance" in text
     names, L, R = board.coil.values.tolist(), board.inductance.values, board.resistance.values
     for active, states in ((0, ["short"] * 6), (2, ["short"] * 6), (3, ["open"] * 6)):
         Z = ngspice(tmp_path, text, names, active, states, 5.0, FREQUENCIES)
-        expected = [active_coil(L, R, active, f, states, 5.0).impedance for f in FREQUENCIES]
-        same_impedance(Z, expected)
+        same_impedance(Z, [active_coil(L, R, active, f, states, 5.0).impedance for f in FREQUENCIES])
 
 
 @pytest.mark.slow
@@ -298,31 +268,25 @@ def test_capacitors_between_coils_are_those_of_the_network():
     np.testing.assert_allclose(stamp, between_coils(between) + winding, rtol=0, atol=1e-26)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((["A"], np.eye(2), 1.0), "names must be 2; got 1"),
-        ((["A", "A"], np.eye(2), 1.0), "all different"),
-        ((["A", "B"], np.ones((2, 3)), 1.0), "must be square"),
-        ((["A", "B"], [[1, np.nan], [np.nan, 1]], 1.0), "must be finite"),
-        ((["A", "B"], [[1, 0.1], [0.2, 1]], 1.0), r"symmetric; between coils 1 and 2 it has 0\.1 H and 0\.2 H"),
-        ((["A", "B"], np.eye(2), [1.0, 2, 3]), "one number or 2"),
-        ((["A", "B"], np.eye(2), -1.0), "not negative"),
-        ((["A", "B"], np.eye(2), 1.0, [1e-12]), r"one number or 2; got shape \(1,\)"),
-        ((["A", "B"], np.eye(2), 1.0, -1e-12), "not negative"),
-        ((["A", "B"], np.eye(2), 1.0, [1e-12, np.nan]), "finite"),
-        ((["A", "B"], [[1, 2], [2, 4]], 1.0), "must be positive definite"),  # k = 1: the limit is refused too
-        # every pair alone can exist, the three cannot: eigenvalues 1 − 1.8, 1.9, 1.9
-        ((["A", "B", "C"], [[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]], 1.0), r"smallest of the 3 .* is -0\.8"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ((["A"], np.eye(2), 1.0), "names must be 2; got 1"),
+    ((["A", "A"], np.eye(2), 1.0), "all different"),
+    ((["A", "B"], np.ones((2, 3)), 1.0), "must be square"),
+    ((["A", "B"], [[1, np.nan], [np.nan, 1]], 1.0), "must be finite"),
+    ((["A", "B"], [[1, 0.1], [0.2, 1]], 1.0), r"symmetric; between coils 1 and 2 it has 0\.1 H and 0\.2 H"),
+    ((["A", "B"], np.eye(2), [1.0, 2, 3]), "one number or 2"),
+    ((["A", "B"], np.eye(2), -1.0), "not negative"),
+    ((["A", "B"], np.eye(2), 1.0, [1e-12]), r"one number or 2; got shape \(1,\)"),
+    ((["A", "B"], np.eye(2), 1.0, -1e-12), "not negative"),
+    ((["A", "B"], np.eye(2), 1.0, [1e-12, np.nan]), "finite"),
+    ((["A", "B"], [[1, 2], [2, 4]], 1.0), "must be positive definite"),  # k = 1: the limit is refused too
+    # every pair alone can exist, the three cannot: eigenvalues 1 − 1.8, 1.9, 1.9
+    ((["A", "B", "C"], [[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]], 1.0), r"smallest of the 3 .* is -0\.8"),
+])  # fmt: skip
 def test_bad_subcircuits(arguments, message):
     with pytest.raises(ValueError, match=message) as caught:
         spice_subcircuit(*arguments[:3], capacitance=arguments[3] if len(arguments) > 3 else None)
     assert "\n" not in str(caught.value)
-
-
-# FastHenry input
 
 
 def same_paths(read, written):
@@ -331,9 +295,8 @@ def same_paths(read, written):
         assert a.vertices.shape == b.vertices.shape
         # 17 digits and one scaling by 1000: rounding of 1e-16 × 0.1 m, far inside the 1e-9 m that a board needs
         np.testing.assert_allclose(a.vertices, b.vertices, rtol=0, atol=1e-15)
-        np.testing.assert_allclose(a.widths, b.widths, rtol=1e-14)
-        np.testing.assert_allclose(a.thicknesses, b.thicknesses, rtol=1e-14)
-        np.testing.assert_allclose(a.areas, b.areas, rtol=1e-14)
+        for size in ("widths", "thicknesses", "areas"):
+            np.testing.assert_allclose(getattr(a, size), getattr(b, size), rtol=1e-14)
 
 
 @pytest.mark.slow
@@ -351,9 +314,8 @@ def test_fasthenry_round_trip(name):
 
 
 def test_fasthenry_vias_and_filaments():
-    path = Conductor(
-        [[0, 0, 0], [1e-3, 0, 0], [1e-3, 0, 1e-3]], [1e-4, 2e-4], [3e-5, 2e-4], [3e-9, 1e-8], name="coil 1"
-    )
+    corner = [[0, 0, 0], [1e-3, 0, 0], [1e-3, 0, 1e-3]]
+    path = Conductor(corner, [1e-4, 2e-4], [3e-5, 2e-4], [3e-9, 1e-8], name="coil 1")
     text = fasthenry_input(path, 2e6, resistivity=2e-8, filaments_across=(5, 3))
     lines = text.splitlines()
     assert lines[2] == ".default rho=2.0000000000000002e-05 nwinc=5 nhinc=3"  # Ω·mm
@@ -366,43 +328,36 @@ def test_fasthenry_vias_and_filaments():
     same_paths(read_fasthenry_input(text), [path])
 
 
-@pytest.mark.parametrize(
-    ("frequencies", "message"),
-    [
-        ([], "at least one frequency"),
-        ([[1e5, 1e6]], r"as one row; got shape \(1, 2\)"),
-        ([1e5, np.nan], "positive and finite"),
-        ([0, 1e5], "positive and finite"),
-        ([1e5, 2e5, 3e5], "rise by one factor"),
-        ([1e6, 1e5], "rise by one factor"),
-        ([1e6, 1.0005e6], r"one factor above 1\.001"),
-    ],
-)
-def test_bad_sweeps(frequencies, message):
-    with pytest.raises(ValueError, match=message):
-        fasthenry_input(Conductor(SQUARE, 1e-4, 3e-5), frequencies)
+LOOP = Conductor(SQUARE, 1e-4, 3e-5, name="loop")
+
+
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"frequencies": []}, "at least one frequency"),
+    ({"frequencies": [[1e5, 1e6]]}, r"as one row; got shape \(1, 2\)"),
+    ({"frequencies": [1e5, np.nan]}, "positive and finite"),
+    ({"frequencies": [0, 1e5]}, "positive and finite"),
+    ({"frequencies": [1e5, 2e5, 3e5]}, "rise by one factor"),
+    ({"frequencies": [1e6, 1e5]}, "rise by one factor"),
+    ({"frequencies": [1e6, 1.0005e6]}, r"one factor above 1\.001"),
+    ({"resistivity": 0}, "resistivity must be positive and finite; got 0"),
+    ({"filaments_across": (0, 1)}, r"two positive integers; got \(0, 1\)"),
+    ({"source": [LOOP, LOOP]}, "all different; got 'loop'"),
+    ({"source": [SQUARE]}, "path 1 has segments without a cross-section"),
+])  # fmt: skip
+def test_bad_fasthenry_arguments(changes, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        fasthenry_input(**{"source": LOOP, "frequencies": 1e6, **changes})
+    assert isinstance(caught.value, GeometryError) == ("cross-section" in message)
 
 
 def test_sweep_is_the_one_of_fasthenry():
     f = np.geomspace(1e4, 3e7, 23)
-    line = fasthenry_input(Conductor(SQUARE, 1e-4, 3e-5), f).splitlines()[-2]
+    line = fasthenry_input(LOOP, f).splitlines()[-2]
     low, high, density = (float(word.split("=")[1]) for word in line.split()[1:])
     swept = []  # FastHenry's loop
     while not swept or 10 ** (np.log10(low) + len(swept) / density) <= 1.001 * high:
         swept.append(10 ** (np.log10(low) + len(swept) / density))
     np.testing.assert_allclose(swept, f, rtol=1e-13)  # logarithms and powers, rounded
-
-
-def test_bad_fasthenry_arguments():
-    loop = Conductor(SQUARE, 1e-4, 3e-5, name="loop")
-    with pytest.raises(ValueError, match="resistivity must be positive and finite; got 0"):
-        fasthenry_input(loop, 1e6, resistivity=0)
-    with pytest.raises(ValueError, match="two positive integers; got \\(0, 1\\)"):
-        fasthenry_input(loop, 1e6, filaments_across=(0, 1))
-    with pytest.raises(ValueError, match="all different; got 'loop'"):
-        fasthenry_input([loop, loop], 1e6)
-    with pytest.raises(GeometryError, match="path 1 has segments without a cross-section"):
-        fasthenry_input([SQUARE], 1e6)
 
 
 FOREIGN = """A file by hand
@@ -437,38 +392,33 @@ def test_foreign_fasthenry_file():
     np.testing.assert_allclose(via.areas, (0.05 * inch) ** 2 / 2, rtol=1e-15)  # half the conductivity
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("* two wires", "+ two wires", "line 2: nothing to continue"),
-        (".Units in", ".units furlong", "line 3: units must be one of km, m"),
-        ("NA x=0 y=0", "NA x=0", "line 5: node NA has no y"),
-        ("Nc x=2", "Na x=2", "line 8: node Na again"),
-        ("Nc x=2", "Nc x=two", "line 8: cannot read 'x=two'"),
-        ("Nc x=2", "Nc x=1e999", "line 8: numbers must be finite"),
-        ("Nc x=2", "Nc u=1 x=2", "line 8: cannot read 'u'"),
-        ("E1 NA NB", "E1 NA ND", "line 11: a segment needs two nodes given before it; got 'E1 NA ND'"),
-        ("E1 NA NB h=0.01", "E1 NA NB", "line 11: segment E1 needs a positive w and h"),
-        ("wx=-2", "wx=0 wy=0 wz=0", "line 13: the width of segment Evia must lie in the x-y plane"),
-        ("wx=-2 wy=0", "wx=-2 wy=1", "line 13: the width of segment Evia must lie in the x-y plane"),
-        ("sigma=0.7366e6", "rho=-1", "line 13: a resistivity must be positive"),
-        (".External na nc", ".external na", "line 14: a port needs two nodes"),
-        (".External na nc", ".external na n2", "line 14: a port needs one unbranched path from na to n2"),
-        (".External na nc", "* no port", "line 11: the segment is on the path of no port"),
-        ("E2 nc nb", "E3 na nb h=1\nE2 nc nb", "2 segments go on from na"),
-        (".External na nc\n.external N1 N2 Via", "", "at least one .external port; got none"),
-        ("Evia n1", "G1 n1", "line 13: 'G1' is not known"),
-        (".freq", ".equiv na nb\n.freq", "line 16: '.equiv' is not known"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ("* two wires", "+ two wires", "line 2: nothing to continue"),
+    (".Units in", ".units furlong", "line 3: units must be one of km, m"),
+    ("NA x=0 y=0", "NA x=0", "line 5: node NA has no y"),
+    ("Nc x=2", "Na x=2", "line 8: node Na again"),
+    ("Nc x=2", "Nc x=two", "line 8: cannot read 'x=two'"),
+    ("Nc x=2", "Nc x=1e999", "line 8: numbers must be finite"),
+    ("Nc x=2", "Nc u=1 x=2", "line 8: cannot read 'u'"),
+    ("E1 NA NB", "E1 NA ND", "line 11: a segment needs two nodes given before it; got 'E1 NA ND'"),
+    ("E1 NA NB h=0.01", "E1 NA NB", "line 11: segment E1 needs a positive w and h"),
+    ("wx=-2", "wx=0 wy=0 wz=0", "line 13: the width of segment Evia must lie in the x-y plane"),
+    ("wx=-2 wy=0", "wx=-2 wy=1", "line 13: the width of segment Evia must lie in the x-y plane"),
+    ("sigma=0.7366e6", "rho=-1", "line 13: a resistivity must be positive"),
+    (".External na nc", ".external na", "line 14: a port needs two nodes"),
+    (".External na nc", ".external na n2", "line 14: a port needs one unbranched path from na to n2"),
+    (".External na nc", "* no port", "line 11: the segment is on the path of no port"),
+    ("E2 nc nb", "E3 na nb h=1\nE2 nc nb", "2 segments go on from na"),
+    (".External na nc\n.external N1 N2 Via", "", "at least one .external port; got none"),
+    ("Evia n1", "G1 n1", "line 13: 'G1' is not known"),
+    (".freq", ".equiv na nb\n.freq", "line 16: '.equiv' is not known"),
+])  # fmt: skip
 def test_bad_fasthenry_files(old, new, message):
     assert old in FOREIGN
     with pytest.raises(ValueError, match=re.escape(message)) as caught:
         read_fasthenry_input(FOREIGN.replace(old, new))
     assert "\n" not in str(caught.value)
 
-
-# FastHenry output
 
 ZC = """Row 2:  n2_1  to  n2_5, port name: upper
 Row 1:  n1_1  to  n1_5
@@ -483,28 +433,24 @@ Impedance matrix for frequency = 1e+06 2 x 2
 
 def test_zc_matrix():
     f, names, Z = read_zc_matrix(ZC)
-    assert f.tolist() == [1e5, 1e6]
-    assert names == ("n1_1 to n1_5", "upper")
+    assert (f.tolist(), names) == ([1e5, 1e6], ("n1_1 to n1_5", "upper"))
     assert Z.tolist() == [
         [[0.00123 + 0.0236j, -1.5e-7 + 0.0111j], [-1.5e-7 + 0.0111j, 0.002 - 1.2e-5j]],
         [[0.00456 + 0.236j, 2.5e-7 + 0.111j], [2.5e-7 + 0.111j, 0.003 + 100j]],
     ]
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        (ZC, "", "0 rows an impedance matrix are due; got []"),
-        (ZC, "Row 1:  a  to  b\n", "1 rows an impedance matrix are due; got []"),
-        ("Row 2", "Row 3", "line 3: 2 named rows do not fit a matrix of 2 x 2"),
-        ("100000 2 x 2", "100000 3 x 3", "line 3: 2 named rows do not fit a matrix of 3 x 3"),
-        ("Impedance matrix for frequency = 100000", "ADMITTANCE matrix for frequency = 1", "line 3: an admittance"),
-        ("+0.236j", "+nanj", "line 7: 2 rows of 2 impedances are due"),
-        ("+0.236j    2.5e-07      +0.111j", "+0.236j", "line 7: 2 rows of 2 impedances are due"),
-        (ZC.splitlines(keepends=True)[-1], "", "2 rows an impedance matrix are due; got [2, 1]"),
-        ("Row 2", "Column 2", "line 1: not a line of FastHenry's Zc.mat"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "message"), [
+    (ZC, "", "0 rows an impedance matrix are due; got []"),
+    (ZC, "Row 1:  a  to  b\n", "1 rows an impedance matrix are due; got []"),
+    ("Row 2", "Row 3", "line 3: 2 named rows do not fit a matrix of 2 x 2"),
+    ("100000 2 x 2", "100000 3 x 3", "line 3: 2 named rows do not fit a matrix of 3 x 3"),
+    ("Impedance matrix for frequency = 100000", "ADMITTANCE matrix for frequency = 1", "line 3: an admittance"),
+    ("+0.236j", "+nanj", "line 7: 2 rows of 2 impedances are due"),
+    ("+0.236j    2.5e-07      +0.111j", "+0.236j", "line 7: 2 rows of 2 impedances are due"),
+    (ZC.splitlines(keepends=True)[-1], "", "2 rows an impedance matrix are due; got [2, 1]"),
+    ("Row 2", "Column 2", "line 1: not a line of FastHenry's Zc.mat"),
+])  # fmt: skip
 def test_bad_zc_matrix(old, new, message):
     assert old in ZC
     with pytest.raises(ValueError, match=re.escape(message)) as caught:
@@ -519,15 +465,11 @@ def test_fasthenry_itself(tmp_path):
     command = ["fasthenry", "-sludecomp", "-mdirect", "loops.inp"]
     subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=120, check=True)
     f, names, Z = read_zc_matrix((tmp_path / "Zc.mat").read_text(encoding="ascii"))
-    assert f.tolist() == [1e3, 1e4]
-    assert names == ("loop0", "loop1")
+    assert (f.tolist(), names) == ([1e3, 1e4], ("loop0", "loop1"))
     L = inductance_matrix(loops)
     # six digits of |Z|, of which ωL is 1/20 at 10 kHz: 2e-5; and FastHenry's filaments for bars at right angles
     np.testing.assert_allclose(Z[1].imag / (2 * np.pi * f[1]), L, rtol=0, atol=1e-3 * L.max())
     np.testing.assert_allclose(np.diag(Z[0].real), dc_resistance(loops), rtol=1e-4)  # six digits, reflected loss less
-
-
-# Touchstone
 
 
 def impedances(n, frequencies, seed=2):
@@ -550,9 +492,8 @@ def test_touchstone_round_trip(tmp_path, n):
     # |Z|/R₀ is 600 at 100 MHz, so 2e-16 × 600 (see the Notes of touchstone): 1e-13; asked: 1e-9
     for read, written in zip(network.z, Z, strict=True):
         assert np.abs(read - written).max() <= 1e-9 * np.abs(written).max()
-    assert [line for line in path.read_text(encoding="utf-8").splitlines() if "Port[" in line] == [
-        f"! Port[{k + 1}] = coil_{k}" for k in range(n)
-    ]
+    ports = [line for line in path.read_text(encoding="utf-8").splitlines() if "Port[" in line]
+    assert ports == [f"! Port[{k + 1}] = coil_{k}" for k in range(n)]
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]  # no temporary file is left
 
 
@@ -564,26 +505,23 @@ def test_touchstone_of_one_port(tmp_path, reference):
     lines = path.read_text(encoding="utf-8").splitlines()
     assert f"# Hz S RI R {reference} " in lines
     f, real, imag = map(float, lines[-1].split())
-    S = (3 + 600j - reference) / (3 + 600j + reference)
     assert f == 2e6
-    assert complex(real, imag) == pytest.approx(S, rel=1e-14)  # one division, rounded
+    # one division, rounded
+    assert complex(real, imag) == pytest.approx((3 + 600j - reference) / (3 + 600j + reference), rel=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"frequencies": []}, "at least one frequency"),
-        ({"frequencies": 1e6}, "at least one frequency"),
-        ({"frequencies": [1e6, 1e6]}, "rise from one to the next"),
-        ({"frequencies": [-1, 1e6]}, "rise from one to the next"),
-        ({"frequencies": [1e6]}, r"shape \(1, n, n\), a matrix a frequency; got \(2, 2, 2\)"),
-        ({"impedance": np.ones((2, 2, 3))}, "must have shape"),
-        ({"impedance": np.full((2, 2, 2), np.nan)}, "impedances must be finite"),
-        ({"names": ["A"]}, "names must be 2; got 1"),
-        ({"names": ["A", "A"]}, "all different"),
-        ({"reference_resistance": 0.0}, "positive and finite; got 0.0 Ω"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"frequencies": []}, "at least one frequency"),
+    ({"frequencies": 1e6}, "at least one frequency"),
+    ({"frequencies": [1e6, 1e6]}, "rise from one to the next"),
+    ({"frequencies": [-1, 1e6]}, "rise from one to the next"),
+    ({"frequencies": [1e6]}, r"shape \(1, n, n\), a matrix a frequency; got \(2, 2, 2\)"),
+    ({"impedance": np.ones((2, 2, 3))}, "must have shape"),
+    ({"impedance": np.full((2, 2, 2), np.nan)}, "impedances must be finite"),
+    ({"names": ["A"]}, "names must be 2; got 1"),
+    ({"names": ["A", "A"]}, "all different"),
+    ({"reference_resistance": 0.0}, "positive and finite; got 0.0 Ω"),
+])  # fmt: skip
 def test_bad_touchstone(tmp_path, changes, message):
     path = tmp_path / "array.s2p"
     good = {"names": ["A", "B"], "impedance": impedances(2, [1e6, 2e6]), "frequencies": [1e6, 2e6], "path": path}
@@ -607,9 +545,6 @@ def test_touchstone_without_scikit_rf(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-# by suffix
-
-
 @pytest.mark.slow
 @needs_skrf
 def test_export_touchstone(tmp_path, board):
@@ -617,11 +552,9 @@ def test_export_touchstone(tmp_path, board):
 
     circuit = design_circuit(load_design("gast2020"))
     export_network(circuit, tmp_path / "board.s6p")
-    network = skrf.Network(str(tmp_path / "board.s6p"))
+    network, resonances, at = skrf.Network(str(tmp_path / "board.s6p")), board.frequency.values, [1.0e6, 1.75e6]
     assert len(network.f) == 201
-    resonances = board.frequency.values
     assert network.f[[0, -1]] == pytest.approx([resonances.min() / 10, 10 * resonances.max()], rel=1e-14)
-    at = [1.0e6, 1.75e6]
     export_network(circuit, tmp_path / "board.s6p", at)
     Z = skrf.Network(str(tmp_path / "board.s6p")).z
     # the columns are what the network sees of two coils, nothing joined to the others
@@ -631,8 +564,7 @@ def test_export_touchstone(tmp_path, board):
             assert Z[k, a, a] == pytest.approx(own.impedance, rel=1e-9)
     export_network(design_circuit(load_design("gast2020"), ideal=True), tmp_path / "board.s6p", at)
     Z = skrf.Network(str(tmp_path / "board.s6p")).z
-    L, R = board.inductance.values, board.resistance.values
-    expected = np.diag(R) + 2j * np.pi * np.array(at)[:, None, None] * L
+    expected = np.diag(board.resistance) + 2j * np.pi * np.array(at)[:, None, None] * board.inductance.values
     assert np.abs(Z - expected).max() <= 1e-9 * np.abs(expected).max()  # as in test_touchstone_round_trip
 
 
@@ -640,8 +572,7 @@ def test_export_spice(tmp_path, board):
     export_network(design_circuit(load_design("gast2020")), tmp_path / "board.SUB", title="gast2020")
     text = (tmp_path / "board.SUB").read_text(encoding="utf-8")
     assert text.startswith("* gast2020: 6 coils")
-    k = coupling_matrix(board.inductance.values)
-    assert float(elements(text)["K1_2"][-1]) == pytest.approx(k[0, 1], rel=1e-15)
+    assert float(elements(text)["K1_2"][-1]) == pytest.approx(coupling_matrix(board.inductance.values)[0, 1], rel=1e-15)
 
 
 def test_bad_exports(tmp_path):

@@ -1,7 +1,5 @@
 """The circuit behind the switches, against `coilarray.circuit.active_coil` and against closed forms for two coils."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -24,10 +22,8 @@ OMEGA = 2 * np.pi * F
 
 def network(L, R=0.0, C=0.0, mutual=0.0, **switches):
     n = len(L)
-    resistance = np.diag(np.broadcast_to(np.asarray(R, dtype=float), (n,)))
-    names = tuple("abcdefgh"[:n])
-    between = np.full((n, n), float(mutual))
-    return Network(names, np.asarray(L), lambda f: resistance, np.full(n, float(C)), between, Switches(**switches))
+    R, C, between = R * np.eye(n), np.full(n, float(C)), np.full((n, n), float(mutual))
+    return Network(tuple("abcdefgh"[:n]), np.asarray(L), lambda f: R, C, between, Switches(**switches))
 
 
 def measure(*coils, connection="series", **others):
@@ -40,8 +36,7 @@ def measure(*coils, connection="series", **others):
 def test_the_paper_plan_is_the_reduction_of_the_matrix(n, seed, resistance, on):
     """Nodal analysis against the direct formula: two independent ways to the same impedance."""
     L = random_matrix(n, seed)
-    state = paper_plan("abcdef"[:n])[0]
-    result = solve_state(network(L, resistance, on_resistance=on), state, F)
+    result = solve_state(network(L, resistance, on_resistance=on), paper_plan("abcdef"[:n])[0], F)
     # both ends of a grounded coil go through a switch; so do both ends of the measured one
     expected = active_coil(L, resistance, 0, F, short_resistance=2 * on)
     assert result.impedance == pytest.approx(expected.impedance + 2 * on, rel=1e-11)
@@ -50,17 +45,17 @@ def test_the_paper_plan_is_the_reduction_of_the_matrix(n, seed, resistance, on):
 
 def test_series_and_parallel():
     M = L2[0, 1]
-    circuit = network(L2)
     for coils, connection, expected in (
         (("a", "b"), "series", L2[0, 0] + L2[1, 1] + 2 * M),
         (("a", "-b"), "series", L2[0, 0] + L2[1, 1] - 2 * M),
         (("a", "b"), "parallel", (L2[0, 0] * L2[1, 1] - M**2) / (L2[0, 0] + L2[1, 1] - 2 * M)),
         (("a", "-b"), "parallel", (L2[0, 0] * L2[1, 1] - M**2) / (L2[0, 0] + L2[1, 1] + 2 * M)),
     ):
-        result = solve_state(circuit, measure(*coils, connection=connection), F)
+        result = solve_state(network(L2), measure(*coils, connection=connection), F)
         assert result.apparent_inductance == pytest.approx(expected, rel=1e-12)
     # the sense of one coil alone changes nothing
-    assert solve_state(circuit, measure("-a", others="open"), F).apparent_inductance == pytest.approx(50e-6, rel=1e-12)
+    alone = solve_state(network(L2), measure("-a", others="open"), F)
+    assert alone.apparent_inductance == pytest.approx(50e-6, rel=1e-12)
 
 
 def _coil(capacitance=0.0):
@@ -68,27 +63,17 @@ def _coil(capacitance=0.0):
     return 1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * capacitance)
 
 
-@pytest.mark.parametrize(
-    ("circuit", "state", "Z"),
-    [
-        # series coils pass through every switch
-        (network(L2, 10.0, on_resistance=2.5), measure("a", "b"), 20 + 4 * 2.5 + 1j * OMEGA * 84e-6),
-        (
-            network(L2, 10.0),
-            measure("a", others="load", load_resistance=33.0),
-            10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (10 + 33 + 1j * OMEGA * 40e-6),
-        ),
-        # terminal 1 sits on A: open switches to B and ground; terminal 2 on B: open to A and ground.
-        # Across the coil: two of them, and the two to ground in series
-        (network(L2[:1, :1], off_capacitance=13e-12), measure("a"), _coil(2.5 * 13e-12)),
-        (
-            network(L2[:1, :1], bus_capacitance=50e-12, lead_inductance=20e-9),
-            measure("a"),
-            _coil(25e-12) + 2j * OMEGA * 20e-9,
-        ),
-    ],
-    ids=["series", "load", "off capacitance", "bus and leads"],
-)
+@pytest.mark.parametrize(("circuit", "state", "Z"), [
+    # series coils pass through every switch
+    (network(L2, 10.0, on_resistance=2.5), measure("a", "b"), 20 + 4 * 2.5 + 1j * OMEGA * 84e-6),
+    (network(L2, 10.0), measure("a", others="load", load_resistance=33.0),
+     10 + 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (10 + 33 + 1j * OMEGA * 40e-6)),
+    # terminal 1 sits on A: open switches to B and ground; terminal 2 on B: open to A and ground.
+    # Across the coil: two of them, and the two to ground in series
+    (network(L2[:1, :1], off_capacitance=13e-12), measure("a"), _coil(2.5 * 13e-12)),
+    (network(L2[:1, :1], bus_capacitance=50e-12, lead_inductance=20e-9), measure("a"),
+     _coil(25e-12) + 2j * OMEGA * 20e-9),
+], ids=["series", "load", "off capacitance", "bus and leads"])  # fmt: skip
 def test_impedance_in_closed_form(circuit, state, Z):
     assert solve_state(circuit, state, F).impedance == pytest.approx(Z, rel=1e-12)
 
@@ -105,16 +90,14 @@ def test_an_open_coil_with_capacitance_is_not_passive():
     C = 100e-12
     result = solve_state(network(L2, 0.0, C=C), measure("a", others="open"), F)
     # the measured coil has the capacitance as well, in parallel
-    neighbour = 1j * OMEGA * 40e-6 + 1 / (1j * OMEGA * C)
-    Z = 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / neighbour
+    Z = 1j * OMEGA * 50e-6 + (OMEGA * 3e-6) ** 2 / (1j * OMEGA * 40e-6 + 1 / (1j * OMEGA * C))
     Z = 1 / (1 / Z + 1j * OMEGA * C)
     assert result.impedance == pytest.approx(Z, rel=1e-11)
     # below its own resonance it raises the inductance, above it lowers it, as a short does
     own = 1 / (2 * np.pi * math.sqrt(40e-6 * C))
     for f, sign in ((0.8 * own, 1), (1.25 * own, -1)):
         z = solve_state(network(L2, 0.0, C=C), measure("a", others="open"), f).impedance
-        bare = 1 / (1 / z - 2j * np.pi * f * C)
-        assert np.sign(bare.imag / (2 * np.pi * f) - 50e-6) == sign
+        assert np.sign((1 / (1 / z - 2j * np.pi * f * C)).imag / (2 * np.pi * f) - 50e-6) == sign
 
 
 def test_capacitance_to_a_grounded_neighbour():
@@ -122,8 +105,7 @@ def test_capacitance_to_a_grounded_neighbour():
     L = np.diag([50e-6, 40e-6])
     result = solve_state(network(L, 0.0, mutual=C), measure("a", exceptions={"b": "ground"}), F)
     # the coil floats: its mean is at the neighbour's potential and only d²/12 is left, C/12
-    Z = 1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * C / 12)
-    assert result.impedance == pytest.approx(Z, rel=1e-9)
+    assert result.impedance == pytest.approx(1 / (1 / (1j * OMEGA * 50e-6) + 1j * OMEGA * C / 12), rel=1e-9)
     # both neighbours' ends open: it takes the mean as well; the energy is the same
     free = solve_state(network(L, 0.0, mutual=C), measure("a", others="open"), 1e3)
     assert free.apparent_inductance == pytest.approx(50e-6, rel=1e-6)
@@ -135,8 +117,7 @@ def test_resonance_where_the_susceptance_vanishes():
     # for a series R the phase is zero at ω² = 1/LC − R²/L²
     state = active_coil(L2, 12.0, 0, result.frequency)
     L, R = state.apparent_inductance, state.effective_resistance
-    expected = math.sqrt(1 / (L * 120e-12) - (R / L) ** 2) / (2 * math.pi)
-    assert result.frequency == pytest.approx(expected, rel=1e-9)
+    assert result.frequency == pytest.approx(math.sqrt(1 / (L * 120e-12) - (R / L) ** 2) / (2 * math.pi), rel=1e-9)
     # what the converter takes for L: that of the coil and R²/(ω²L)
     assert result.effective_inductance == pytest.approx(L + (R / result.frequency / 2 / math.pi) ** 2 / L, rel=1e-9)
     lossless = resonate(network(L2), measure("a"))
@@ -202,8 +183,7 @@ def test_loaded_quality():
 def test_self_resonance_of_a_state():
     C = 20e-12
     circuit = network(L2, 5.0, C=C)
-    series = measure("a", "b", others="open")
-    found = self_resonance_of(circuit, resonate(circuit, series))
+    found = self_resonance_of(circuit, resonate(circuit, measure("a", "b", others="open")))
     # two coils in series, a capacitance across each: the lowest mode of (L − 1/(ω² C)) i = 0 at the port
     omega2 = np.linalg.eigvals(np.linalg.inv(L2 * C)).real
     assert found == pytest.approx(math.sqrt(omega2.min()) / (2 * math.pi), rel=0.05)
@@ -223,30 +203,27 @@ def test_resonances_far_from_the_bare_coil():
     assert pair.frequency == pytest.approx(one.frequency, rel=0.15)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: solve_state(network(L2), measure("x"), F), "names the coil 'x'; there are a, b"),
-        (lambda: solve_state(network(L2), measure(), F), "measures no coil"),
-        (lambda: solve_state(network(L2), measure("a", "a"), F), "measures a coil twice"),
-        (lambda: solve_state(network(L2), measure("a", exceptions={"a": "open"}), F), "a and also makes it open"),
-        (lambda: solve_state(network(L2), measure("a", exceptions={"q": "open"}), F), "names the coil 'q'"),
-        (lambda: solve_state(network(L2), measure("a", others="loose"), F), "got 'loose'"),
-        (lambda: solve_state(network(L2), measure("a", connection="ring"), F), "in series or parallel; got 'ring'"),
-        (lambda: solve_state(network(L2), ScanState("s", (("a", 2),)), F), "the sense 1 or -1"),
-        (lambda: solve_state(network(L2), measure("a", load_resistance=-1.0), F), "load_resistance of state a must be"),
-        (lambda: solve_state(network(L2), measure("a"), 0.0), "frequency must be positive"),
-        (lambda: network(np.array([[1, 2], [2, 1]])), "must be positive definite"),
-        (lambda: network(np.array([[np.nan]])), "must be finite"),
-        (lambda: network(L2, on_resistance=-1), "on_resistance must be finite and not negative"),
-        (lambda: network(L2, tank_capacitance=0), "tank_capacitance must be positive"),
-        (lambda: network(L2, tank_at="moon"), "tank_at must be 'converter' or 'coil'; got 'moon'"),
-        (lambda: network(L2, mutual=-1e-12), "a mutual capacitance matrix"),
-        (lambda: network(L2, C=-1e-12), "winding capacitances, finite and not negative"),
-        (lambda: replace(network(L2), names=("a",)), "1 coils need an inductance matrix"),
-        (lambda: resonate(network(L2, 1e6), measure("a")), "state a has no resonance between"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: solve_state(network(L2), measure("x"), F), "names the coil 'x'; there are a, b"),
+    (lambda: solve_state(network(L2), measure(), F), "measures no coil"),
+    (lambda: solve_state(network(L2), measure("a", "a"), F), "measures a coil twice"),
+    (lambda: solve_state(network(L2), measure("a", exceptions={"a": "open"}), F), "a and also makes it open"),
+    (lambda: solve_state(network(L2), measure("a", exceptions={"q": "open"}), F), "names the coil 'q'"),
+    (lambda: solve_state(network(L2), measure("a", others="loose"), F), "got 'loose'"),
+    (lambda: solve_state(network(L2), measure("a", connection="ring"), F), "in series or parallel; got 'ring'"),
+    (lambda: solve_state(network(L2), ScanState("s", (("a", 2),)), F), "the sense 1 or -1"),
+    (lambda: solve_state(network(L2), measure("a", load_resistance=-1.0), F), "load_resistance of state a must be"),
+    (lambda: solve_state(network(L2), measure("a"), 0.0), "frequency must be positive"),
+    (lambda: network(np.array([[1, 2], [2, 1]])), "must be positive definite"),
+    (lambda: network(np.array([[np.nan]])), "must be finite"),
+    (lambda: network(L2, on_resistance=-1), "on_resistance must be finite and not negative"),
+    (lambda: network(L2, tank_capacitance=0), "tank_capacitance must be positive"),
+    (lambda: network(L2, tank_at="moon"), "tank_at must be 'converter' or 'coil'; got 'moon'"),
+    (lambda: network(L2, mutual=-1e-12), "a mutual capacitance matrix"),
+    (lambda: network(L2, C=-1e-12), "winding capacitances, finite and not negative"),
+    (lambda: replace(network(L2), names=("a",)), "1 coils need an inductance matrix"),
+    (lambda: resonate(network(L2, 1e6), measure("a")), "state a has no resonance between"),
+])  # fmt: skip
 def test_bad_networks_are_refused_by_name(call, message):
     with pytest.raises(NetworkError, match=message):
         call()

@@ -4,8 +4,6 @@ Who checks whom: the numbers on disk against those in memory, to the last bit fo
 with any workers, and after an interruption.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -45,7 +43,7 @@ def small_blocks(monkeypatch):
 
 
 class StopError(Exception):
-    """Ends a run."""
+    pass
 
 
 def stop_after(blocks):
@@ -61,11 +59,7 @@ def read(path):
         return volume.load()
 
 
-@pytest.mark.parametrize(
-    ("processes", "options"),
-    [(1, {}), (1, {"terminated": False, "current": 0.1}), (2, {})],
-    ids=["terminated", "open", "two processes"],
-)
+@pytest.mark.parametrize(("processes", "options"), [(1, {}), (1, {"terminated": False, "current": 0.1}), (2, {})])
 def test_a_volume_is_the_field_to_the_last_bit(coupling, small_blocks, tmp_path, processes, options):
     expected = operating_field(STARTER, coupling, "coil2", *GRID, **options)
     told, path = [], tmp_path / "v.nc"
@@ -97,9 +91,7 @@ def test_a_cluster_gives_the_same_numbers(coupling, small_blocks, tmp_path, monk
 
 
 def test_an_interrupted_volume_is_gone_on_with(coupling, small_blocks, tmp_path, monkeypatch):
-    path = tmp_path / "v.nc"
-    computed = []
-    whole = volumes.field_block
+    path, computed, whole = tmp_path / "v.nc", [], volumes.field_block
     monkeypatch.setattr(volumes, "field_block", lambda block: computed.append(block.start) or whole(block))
     with workers() as pool:
         with pytest.raises(StopError):
@@ -111,8 +103,7 @@ def test_an_interrupted_volume_is_gone_on_with(coupling, small_blocks, tmp_path,
         peak = write_field_volume(path, STARTER, coupling, "coil2", *GRID, pool, progress=lambda *d: told.append(d))
     assert computed == [0, 512, 1024, 1536]
     assert told == [(2, 4), (3, 4), (4, 4)]
-    expected = operating_field(STARTER, coupling, "coil2", *GRID)
-    assert read(path).identical(expected)
+    assert read(path).identical(expected := operating_field(STARTER, coupling, "coil2", *GRID))
     assert peak == np.abs(expected.B.values[..., 2]).max()
 
 
@@ -130,16 +121,14 @@ def test_blocks_of_another_version_are_not_gone_on_with(coupling, coils, small_b
             write_field_volume(volume, STARTER, coupling, "coil2", *GRID, pool)
         with pytest.raises(OutputError, match="of other inputs or another version"):
             write_inductance_matrix(matrix, coils, pool)
-    assert not volume.exists()
-    assert not matrix.exists()
+    assert [path.exists() for path in (volume, matrix)] == [False, False]
 
 
 def test_blocks_take_some_seconds_whatever_the_number_of_paths():
     path = Conductor(np.column_stack((np.arange(100_001.0), *np.zeros((2, 100_001)))))
     axes = [np.arange(1000.0), np.arange(1000.0), np.arange(10.0)]
-    sizes = [volumes._blocks([path] * count, axes)[0][1] for count in (1, 100, 400)]
     # multiples of what is summed at once, 512 points or 2e10 pairs of a point and a segment
-    assert sizes == [390 * 512, 3 * 512, 512]
+    assert [volumes._blocks([path] * count, axes)[0][1] for count in (1, 100, 400)] == [390 * 512, 3 * 512, 512]
     assert volumes._blocks([Conductor(path.vertices[:11])], axes)[1] == (2**18, 2**19)
 
 
@@ -152,24 +141,18 @@ def test_what_cannot_be_is_refused_before_anything_is_made(coupling, tmp_path, m
         with pytest.raises(GeometryError, match="there is no coil 'coil9'"):
             write_field_volume(tmp_path / "v.nc", STARTER, coupling, "coil9", *GRID, pool)
         monkeypatch.setenv("COILARRAY_MEMORY_GB", "1e-4")
-        with pytest.raises(
-            MemoryLimitError, match=r"a volume with 1 blocks in flight needs about 0.0008 GB .* take fewer"
-        ):
+        needed = r"a volume with 1 blocks in flight needs about 0.0008 GB .* take fewer"
+        with pytest.raises(MemoryLimitError, match=needed):
             write_field_volume(tmp_path / "v.nc", STARTER, coupling, "coil2", *GRID, pool)
     assert not list(tmp_path.iterdir())
-
-
-# matrices
 
 
 @pytest.fixture(scope="module")
 def coils():
     lattice = hexagonal(4, 3, turns=4).array.conductors()
-    moved = [
-        Conductor(one.vertices + np.array([3e-4 * k**1.5, 0, 0]), one.widths, one.thicknesses)
-        for k, one in enumerate(lattice)
-    ]
-    return [*lattice, *(Conductor(c.vertices + np.array([0.08, 0, 0]), c.widths, c.thicknesses) for c in moved)]
+    shifts = [np.array([0.08 + 3e-4 * k**1.5, 0, 0]) for k in range(len(lattice))]
+    moved = [Conductor(c.vertices + by, c.widths, c.thicknesses) for c, by in zip(lattice, shifts, strict=True)]
+    return [*lattice, *moved]
 
 
 def test_a_matrix_in_blocks_is_that_in_memory(coils, tmp_path, monkeypatch):
@@ -179,10 +162,8 @@ def test_a_matrix_in_blocks_is_that_in_memory(coils, tmp_path, monkeypatch):
         with pytest.raises(StopError):
             write_inductance_matrix(path, coils, pool, progress=stop_after(4))
         write_inductance_matrix(path, coils, pool, progress=lambda *done: told.append(done))
-    assert told[0] == (4, 10)
-    assert told[-1] == (10, 10)
-    L = read(path).inductance
-    expected = inductance_matrix(coils)
+    assert (told[0], told[-1]) == ((4, 10), (10, 10))
+    L, expected = read(path).inductance, inductance_matrix(coils)
     assert (L.values == L.values.T).all()
     # other pairs stand for equal ones, which differ by 1e-12 of the board's extent, and sums are cut in other places
     assert np.abs(L.values - expected).max() < 1e-12 * expected.max()
@@ -207,9 +188,6 @@ def test_matrices_that_cannot_be(coils, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-# the command
-
-
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -220,12 +198,10 @@ COARSE = ("--spacing-mm", "1", "--z-mm", "1:3")
 
 
 def test_large_writes_what_the_command_writes_else(capsys, here, small_blocks):
-    code, out, err = run(capsys, *COARSE, "--out", "a.nc", "--json")
-    assert (code, err) == (0, "")
-    small = json.loads(out)
-    code, out, err = run(capsys, *COARSE, "--out", "b.nc", "--json", "--large", "--workers", "1")
-    assert (code, err) == (0, "")
-    assert json.loads(out) == {**small, "file": "b.nc"}
+    small = run(capsys, *COARSE, "--out", "a.nc", "--json")
+    large = run(capsys, *COARSE, "--out", "b.nc", "--json", "--large", "--workers", "1")
+    assert [(code, err) for code, _, err in (small, large)] == [(0, "")] * 2
+    assert json.loads(large[1]) == {**json.loads(small[1]), "file": "b.nc"}
     assert read("a.nc").identical(read("b.nc"))
     assert sorted(path.name for path in here.iterdir()) == ["a.nc", "b.nc"]
 

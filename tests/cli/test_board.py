@@ -1,7 +1,5 @@
 """``coilarray board``: who answers, which ports there are, the self-test of a board with and without a fault."""
 
-from __future__ import annotations
-
 import json
 import sys
 
@@ -125,6 +123,5 @@ def test_a_missing_library_is_one_line_that_names_the_extra(capsys, monkeypatch)
 
 def test_nothing_of_a_long_list_is_lost():
     lines = command._listed("title", tuple(f"line {k}" for k in range(9)))
-    assert lines[0] == "title"
-    assert lines[-1] == "  … and 3 more (--json)"
+    assert (lines[0], lines[-1]) == ("title", "  … and 3 more (--json)")
     assert len(lines) == 8

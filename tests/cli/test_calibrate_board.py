@@ -1,7 +1,5 @@
 """The command ``calibrate-board``: known constants found again, a file that the library reads, mistakes in one line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -42,17 +40,10 @@ def test_the_file_is_that_of_the_library(capsys, recordings):
     frequency = ("--frequency-MHz", f"coil1={true * 1e-6!r}", "--frequency-error", "1e-7")
     data = answer(capsys, recordings / "rest.sqlite", *inductances, *frequency, "--out", "b.toml")
     found = load_calibration("b.toml")
+    options = {"inductances": {"coil1": 52e-6, "coil2": 52e-6}, "inductance_error": 0.01, "frequency_error": 1e-7}
+    options |= {"known_frequency": ("coil1", true * 1e-6 * 1e6), "made": found.made}  # as the option rounds it
     with open_recording(recordings / "rest.sqlite") as recording:
-        expected = calibrate_board(
-            recording,
-            inductances={"coil1": 52e-6, "coil2": 52e-6},
-            inductance_error=0.01,
-            known_frequency=("coil1", true * 1e-6 * 1e6),  # as the option rounds it
-            frequency_error=1e-7,
-            source="coilarray calibrate-board rest.sqlite",
-            made=found.made,
-        )
-    assert found == expected
+        assert found == calibrate_board(recording, source="coilarray calibrate-board rest.sqlite", **options)
     assert (data["emulated"], data["clock_from"], data["file"]) == (True, "known frequency", "b.toml")
     # 0.01 K/s over some 6 s of 13e-6/K, and noise
     assert data["clock_Hz"] == pytest.approx(42e6, rel=1e-6)
@@ -64,10 +55,9 @@ def test_the_file_is_that_of_the_library(capsys, recordings):
 
 def test_every_line_of_an_emulated_board_says_so(capsys, recordings):
     out = good(capsys, recordings / "campaign.sqlite", "--inductance-uH", "52", "--drift-order", "2")
-    lines = out.splitlines()
+    first, *_, last = lines = out.splitlines()
     assert all(line.startswith("[emulator] ") for line in lines)
-    assert lines[0] == "[emulator] clock 43400000 Hz, from the settings"
-    assert lines[-1] == "[emulator] wrote board.toml"
+    assert (first, last) == ("[emulator] clock 43400000 Hz, from the settings", "[emulator] wrote board.toml")
     assert "no test" not in out
     found = load_calibration("board.toml")
     assert [len(drift.coefficients) for drift in found.drifts] == [2, 2]
@@ -105,9 +95,8 @@ def test_the_whole_way_from_the_emulator(capsys):
     for row in data["inductances"]:
         assert row["ratio"] == pytest.approx(1.0, rel=1e-6)  # by construction, and it is said
     assert any("is no test of either" in note for note in data["notes"])
-    for row in compared(capsys, *both)[
-        "inductances"
-    ]:  # not by construction: both with the design's capacitor and all strays
+    # not by construction: both with the design's capacitor and all strays
+    for row in compared(capsys, *both)["inductances"]:
         assert row["ratio"] == pytest.approx(1.0, rel=1e-4)
 
 

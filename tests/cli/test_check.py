@@ -1,7 +1,5 @@
 """``coilarray check``: limits of a house, what it prints and writes, exit codes, and one line for every mistake."""
 
-from __future__ import annotations
-
 import csv
 import functools
 import json

@@ -1,7 +1,5 @@
 """``coilarray export``: every format, names, sizes, and one line for every mistake with nothing left behind."""
 
-from __future__ import annotations
-
 import functools
 import importlib
 import sys
@@ -56,8 +54,7 @@ def test_every_format_is_written_and_named_after_the_design(capsys, to):
     assert f"{NAMES[to]} exists; --force replaces" in refused(capsys, "starter", "--to", to)
     assert files_here() == made
     data = answer(capsys, "starter", "--to", to, "--force")
-    assert data["design_hash"] == load_design("starter").digest
-    assert data["format"] == to
+    assert (data["design_hash"], data["format"]) == (load_design("starter").digest, to)
     assert {file["path"]: file["bytes"] for file in data["files"]} == {k: len(v) for k, v in files_here().items()}
 
 

@@ -1,7 +1,5 @@
 """``coilarray import``: boards become designs that every other command takes; each mistake is one line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -43,8 +41,7 @@ def test_a_board_becomes_a_design_with_the_same_matrix(capsys):
     assert rows[1][:6] == ["coil", "net", "shape", "layers", "turns", "length"]
     assert [row[:5] for row in rows[2:]] == [["c1", "c1", "shape1", "L1", "L2"], ["c2", "c2", "shape1", "L3", "L4"]]
     design = load_design("back.toml")
-    assert design.name == "b"
-    assert design.source == "imported from b.kicad_pcb"
+    assert (design.name, design.source) == ("b", "imported from b.kicad_pcb")
     # 0.5 nm of rounding over gaps of 0.15 mm
     L, before = (inductance_matrix(each.conductors()) for each in (design.array, array))
     np.testing.assert_allclose(L, before, rtol=1e-6)

@@ -1,7 +1,5 @@
 """The command ``indent``: its table is that of the library, and every mistake is one line."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The command ``live`` against the emulator, recordings, broken boards, a terminal, and a reader that goes away."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import json
@@ -73,13 +71,9 @@ def answers_of(capsys, *arguments):
     return [json.loads(line) for line in ran(capsys, *arguments, "--json")]
 
 
-# a recording
-
-
 def test_a_recording_is_replayed(capsys, recording):
     answers = answers_of(capsys, "--recording", recording, "--speed", "0", "--no-locate")
-    assert len(answers) == 60
-    assert all(answer["emulated"] is True for answer in answers)
+    assert [answer["emulated"] for answer in answers] == [True] * 60
     assert [answer["baseline_scans_missing"] for answer in answers[:11]] == [9, 8, 7, 6, 5, 4, 3, 2, 1, 0, 0]
     assert answers[0]["delta"] == {"coil1": None, "coil2": None}
     assert abs(answers[20]["delta"]["coil1"]) < 2e-6  # ten times the noise
@@ -91,8 +85,7 @@ def test_a_recording_is_replayed(capsys, recording):
 
 def test_plain_lines_say_emulator(capsys, recording):
     lines = ran(capsys, "--recording", recording, "--speed", "0", "--no-locate", "--scans", "50")
-    assert len(lines) == 50
-    assert all(line.startswith("[emulator] ") for line in lines)
+    assert [line.startswith("[emulator] ") for line in lines] == [True] * 50
     assert lines[0].endswith("baseline: 9 more scans without an indentation")
     assert "coil1 +78" in lines[-1]
 
@@ -116,26 +109,19 @@ def test_a_replay_keeps_the_recorded_time(capsys, recording):
 def test_positions_of_a_recording(capsys, recording, board, table):
     """The quick board's bells are no response of the design: what counts is that the library is asked and answers."""
     answers = answers_of(capsys, board[0], "--recording", recording, "--table", table, "--speed", "0")
-    assert answers[5]["position"] is None
-    assert answers[20]["position"]["status"] == "nothing pressed"
+    assert (answers[5]["position"], answers[20]["position"]["status"]) == (None, "nothing pressed")
     assert answers[-1]["position"]["status"] != "nothing pressed"
     assert "x_m" in answers[-1]["position"]
     assert answers[-1]["noise"] == pytest.approx(1e-5, rel=0.1)
 
 
-# the emulator, in real time
-
-
 @pytest.mark.slow
 def test_the_emulator_is_located(capsys, board, table, monkeypatch):
-    def finger(setup, start):
-        return [(start, 4e-3, 2e-3, 0.0), (start + 0.2, 4e-3, 2e-3, 1e-3)]
-
-    monkeypatch.setattr(live_command, "_tour", finger)
+    way = ((0.0, 4e-3, 2e-3, 0.0), (0.2, 4e-3, 2e-3, 1e-3))
+    monkeypatch.setattr(live_command, "_tour", lambda setup, start: [(start + at, *place) for at, *place in way])
     options = ("--rate", "40", "--scans", "60", "--baseline-scans", "5", "--noise", "2e-6")
     answers = answers_of(capsys, *board, "--table", table, *options)
-    assert len(answers) == 60
-    assert answers[4]["position"]["status"] == "nothing pressed"
+    assert (len(answers), answers[4]["position"]["status"]) == (60, "nothing pressed")
     pressed = [one["position"] for one in answers[-20:] if one["position"] is not None]
     assert pressed
     for position in pressed:
@@ -146,11 +132,9 @@ def test_the_emulator_is_located(capsys, board, table, monkeypatch):
 
 @pytest.mark.slow
 def test_every_line_of_an_emulator_says_so(capsys, board):
-    options = ("--no-locate", "--rate", "30", "--scans", "10", "--baseline-scans", "3")
-    first, *lines = ran(capsys, *board, *options)
+    first, *lines = ran(capsys, *board, *["--no-locate", "--rate", "30", "--scans", "10", "--baseline-scans", "3"])
     assert first.startswith("[emulator] emulator: emulator; LDC1614")
-    assert len(lines) == 10
-    assert all(line.startswith("[emulator] ") for line in lines)
+    assert [line.startswith("[emulator] ") for line in lines] == [True] * 10
     assert all("coil1 " in line for line in lines[3:])
 
 
@@ -197,9 +181,6 @@ def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate
 def test_a_finger_beside_the_sample_is_refused_before_the_first_scan(capsys, board):
     line = refused(capsys, *board, "--no-locate", "--json", "--emulate", "press=500,0,1")
     assert "x of the emulated indenter must be" in line
-
-
-# boards that break, and interrupts
 
 
 GONE = DeviceLost("the port /dev/ttyACM0 is gone.")
@@ -260,9 +241,6 @@ def command(*arguments):
     return subprocess.Popen([*PROGRAM, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-# the terminal
-
-
 def on_terminal(*arguments, keys=()):
     """Run on a terminal of its own; press each key, or none, once its text is shown, one after the other.
 
@@ -270,9 +248,8 @@ def on_terminal(*arguments, keys=()):
     """
     here, there = pty.openpty()
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120", "LINES": "30"}
-    process = subprocess.Popen(
-        [*PROGRAM, *map(str, arguments)], stdin=there, stdout=there, stderr=there, env=environment, close_fds=True
-    )
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), there)
+    process = subprocess.Popen([*PROGRAM, *map(str, arguments)], env=environment, close_fds=True, **pipes)
     os.close(there)
     shown, left = [b""], list(keys)
 
@@ -341,8 +318,7 @@ def test_screen_lines():
     [
         (("--port", "/dev/ttyNOTTHERE"), "/dev/ttyNOTTHERE"),
         (("--port", "nonsense"), "port 'nonsense' is not valid"),
-        (("--recording", "none.sqlite"), "none.sqlite"),
-        (("--recording", "text.sqlite"), "text.sqlite"),
+        *((("--recording", name), name) for name in ("none.sqlite", "text.sqlite")),
         (("--recording", "RUN", "--port", "COM5"), "cannot be given with --port"),
         (("--recording", "RUN", "--emulate", "seed=1"), "cannot be given with --port or --emulate"),
         (("--recording", "RUN", "--speed", "-1"), "--speed must be 0 to 1000; got -1"),

@@ -1,7 +1,5 @@
 """The commands ``fit``, ``distortion`` and ``locate``: numbers of the library, one line for every mistake, streams."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -11,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from support.command_line import runner
+from support.command_line import mistakes, runner
 from support.contacts import contacts_of, first_coils
 from support.localize_boards import FIELD, ROW, bells, board
 
@@ -31,7 +29,7 @@ from coilarray.localize.published import published_map, published_model, table_a
 from coilarray.report.localize_tables import location_record
 from coilarray.response.map import response_map
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder")]
 
 run, refused = runner()
 
@@ -47,11 +45,6 @@ def maps(tmp_path_factory):
     save_dataset(board(ROW), folder / "row.nc")
     save_dataset(published_map(), folder / "a1.nc")
     return folder
-
-
-@pytest.fixture(autouse=True)
-def _in_a_folder_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
 
 
 def reading(point=POINT, centres=FIELD):
@@ -81,23 +74,11 @@ def streamed(monkeypatch, capsys, data, *arguments):
     return code, [json.loads(line) for line in out.splitlines()], err
 
 
-@pytest.mark.parametrize("command", ["fit", "distortion", "locate"])
-def test_help_has_an_example(capsys, command):
-    code, out, _ = run(capsys, command, "--help")
-    assert code == 0
-    assert f"coilarray {command}" in out
-    assert "Example:" in out
-
-
-# fit
-
-
 def test_fit_is_that_of_the_library(capsys, maps):
     answer = answered(capsys, "fit", maps / "a1.nc", "--out", "m.json", "--plot", "m.svg")
     fits = fit_ellipses(published_map())
-    model = ellipse_model(fits)
-    assert model_from_json(Path("m.json").read_text(encoding="utf-8")) == model
-    assert json.loads(Path("m.json").read_text(encoding="utf-8"))["schema"] == 1
+    model, written = ellipse_model(fits), Path("m.json").read_text(encoding="utf-8")
+    assert (model_from_json(written), json.loads(written)["schema"]) == (model, 1)
     assert Path("m.svg").read_text(encoding="utf-8").startswith("<?xml")
     rows = {(row["coil"], row["parameter"], row["source"]): row for row in answer["polynomials"]}
     assert len(rows) == 18
@@ -138,11 +119,9 @@ def test_fit_of_a_design_computes_its_first_depth(capsys, monkeypatch):
         return published_map()
 
     monkeypatch.setattr(coilarray.response.map, "response_map", computed)
-    assert run(capsys, "fit", "gast2020")[0] == 0
-    assert asked["name"] == "gast2020"
+    assert (run(capsys, "fit", "gast2020")[0], asked["name"]) == (0, "gast2020")
     assert list(asked["depths"]) == list(load_design("gast2020").indentation.depths[:1])
-    assert run(capsys, "fit", "--depth-mm", "0.5")[0] == 0
-    assert asked["depths"] == [0.5e-3]
+    assert (run(capsys, "fit", "--depth-mm", "0.5")[0], asked["depths"]) == (0, [0.5e-3])
 
 
 @pytest.mark.parametrize(
@@ -156,8 +135,7 @@ def test_fit_of_a_design_computes_its_first_depth(capsys, monkeypatch):
         (("flat.nc",), "the map has no closed curves"),
         (("a1.nc", "--coil", "coil9"), "the response has no state 'coil9'"),
         (("a1.nc", "--depth-mm", "0.7"), "the response has the depths 1 mm; got 0.7 mm"),
-        (("a1.nc", "--depth-mm", "nan"), "--depth-mm must be positive and finite; got nan"),
-        (("a1.nc", "--depth-mm", "-1"), "--depth-mm must be positive"),
+        *((("a1.nc", "--depth-mm", h), f"--depth-mm must be positive and finite; got {h}") for h in ("nan", "-1")),
         (("a1.nc", "--out", "m.txt"), "--out must end in .json; got m.txt"),
         (("a1.nc", "--plot", "m.gif"), "--plot must end in .png, .svg or .pdf; got m.gif"),
         (("a1.nc", "--out", "no/m.json"), "there is no folder no"),
@@ -174,9 +152,6 @@ def test_mistakes_of_fit(capsys, arguments, message):
     save_dataset(published_map() * np.nan, Path("nan.nc"))
     save_dataset(published_map() * 0, Path("flat.nc"))
     assert message in refused(capsys, "fit", *arguments)
-
-
-# distortion
 
 
 def made_up(design, states=("coil1", "coil2", "coil3"), **_):
@@ -211,14 +186,12 @@ def quick(monkeypatch):
     def fitted(design, states, *, base, progress):
         asked.append(("calibrate", base, list(states)))
         unknown = ["tilt", "poissons_ratio"]
-        numbers = {
-            "start": [0.0, 0.49], "value": [0.002, 0.4999], "low": [0.001, np.nan], "high": [0.003, np.nan],
-            "at_bound": [False, True],
-        }  # fmt: skip
-        result = xr.Dataset(
-            {name: ("unknown", values) for name, values in numbers.items()},
-            {"unknown": unknown, "other": unknown, "unit": ("unknown", ["1", "1"])},
-        ).assign(correlation=(("unknown", "other"), [[1.0, -0.25], [-0.25, 1.0]]), misfit_before=8.0, misfit_after=2.0)
+        numbers = {"start": [0.0, 0.49], "value": [0.002, 0.4999], "low": [0.001, np.nan], "high": [0.003, np.nan]}
+        columns = {name: ("unknown", values) for name, values in (numbers | {"at_bound": [False, True]}).items()}
+        coords = {"unknown": unknown, "other": unknown, "unit": ("unknown", ["1", "1"])}
+        result = xr.Dataset(columns, coords).assign(
+            correlation=(("unknown", "other"), [[1.0, -0.25], [-0.25, 1.0]]), misfit_before=8.0, misfit_after=2.0
+        )
         return calibration.Calibration(*calibration.apply(design, {}, base), result)
 
     def curves(response, states, levels):
@@ -248,18 +221,16 @@ def test_distortion_tells_what_remains(capsys, quick):
     assert [table[0][key] for key in ("coil", "delta", "x0_grounded_m", "x0_open_m", "x0_published_m")] == [
         "coil1", "0.0001", "0.001", "0.0005", "0.00025",
     ]  # fmt: skip
-    assert table[2]["x0_grounded_m"] == ""
-    assert table[0]["effect_all_neighbours_m"] == "0.0003"
+    assert (table[2]["x0_grounded_m"], table[0]["effect_all_neighbours_m"]) == ("", "0.0003")
 
 
 def test_distortion_as_json_has_no_nan(capsys, quick):
     answer = answered(capsys, "distortion", "--coil", "coil1", "--coil", "coil2", "--coil", "coil3")
-    rows = {row["coil"]: row for row in answer["residuals"]}
-    assert rows["coil1"]["residual_rms_m"] == pytest.approx(0.75e-3, rel=1e-12)
-    assert rows["coil1"]["residual_mean_m"] == pytest.approx(0.75e-3, rel=1e-12)
-    assert rows["coil1"]["compared"] == 2  # of three levels the map reaches two
-    assert rows["coil3"]["residual_rms_m"] == ""
-    assert rows["coil3"]["predicted_rms_m"] == pytest.approx(1e-3, rel=1e-12)
+    one, _, three = answer["residuals"]
+    assert [one["residual_rms_m"], one["residual_mean_m"]] == pytest.approx([0.75e-3] * 2, rel=1e-12)
+    assert one["compared"] == 2  # of three levels the map reaches two
+    assert (three["coil"], three["residual_rms_m"]) == ("coil3", "")
+    assert three["predicted_rms_m"] == pytest.approx(1e-3, rel=1e-12)
     assert "calibration" not in answer
 
 
@@ -271,8 +242,7 @@ def test_calibration_of_both_bases_and_the_prediction_after_it(capsys, quick):
         ("bonded", "tilt", False), ("bonded", "poissons_ratio", True),
         ("frictionless", "tilt", False), ("frictionless", "poissons_ratio", True),
     ]  # fmt: skip
-    assert answer["calibration"][0]["value"] == 0.002
-    assert answer["calibration"][1]["low"] == ""
+    assert (answer["calibration"][0]["value"], answer["calibration"][1]["low"]) == (0.002, "")
     assert answer["misfit"][1] == {"base": "frictionless", "misfit_before": 8.0, "misfit_after": 2.0}
     assert answer["correlation_bonded"][0]["correlation_poissons_ratio"] == -0.25
     rows = {(row["coil"], row["prediction"]): row["residual_rms_m"] for row in answer["residuals"]}
@@ -291,28 +261,19 @@ def test_one_base_is_that_of_prediction_and_calibration(capsys, quick):
     assert "correlation, frictionless" in out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--coil", "coil9"), "a state must be measured and named after its coil; got 'coil9'"),
-        (("--base", "glued"), "'glued'"),
-        (("--out", "d.txt"), "--out must end in .nc or .csv; got d.txt"),
-        (("--plot", "d.gif"), "--plot must end in .png, .svg or .pdf"),
-        (("--out", "no/d.nc"), "there is no folder no"),
-    ],
+test_mistakes_of_distortion = mistakes(
+    runner("distortion", "gast2020")[1],
+    (("--coil", "coil9"), "a state must be measured and named after its coil; got 'coil9'"),
+    (("--base", "glued"), "'glued'"),
+    (("--out", "d.txt"), "--out must end in .nc or .csv; got d.txt"),
+    (("--plot", "d.gif"), "--plot must end in .png, .svg or .pdf"),
+    (("--out", "no/d.nc"), "there is no folder no"),
 )
-def test_mistakes_of_distortion(capsys, arguments, message):
-    assert message in refused(capsys, "distortion", "gast2020", *arguments)
-    assert list(Path().iterdir()) == []
-
-
-# locate
 
 
 def test_one_reading_is_that_of_the_library(capsys, maps):
-    values = reading()
-    (found,) = positions(capsys, "--model", maps / "field.nc", text_of(values))
-    expected = locate(forward_model(board(FIELD)), values)
+    (found,) = positions(capsys, "--model", maps / "field.nc", text_of(reading()))
+    expected = locate(forward_model(board(FIELD)), reading())
     best = expected.best
     assert found["status"] == "located"
     place, sigma = ([found[f"{what}{name}_m"] for name in ("x", "y", "depth")] for what in ("", "sigma_"))
@@ -360,9 +321,7 @@ def test_without_a_coil(capsys, maps):
     for given in (broken, {name: value for name, value in broken.items() if name != "coil2"}):
         command = ("--model", maps / "field.nc", text_of(given))
         assert "coil2" in refused(capsys, "locate", *command, "--json")
-        (found,) = positions(
-            capsys, *command, *(part for name in NAMES if name != "coil2" for part in ("--coil", name))
-        )
+        (found,) = positions(capsys, *command, *(f"--coil={name}" for name in NAMES if name != "coil2"))
         assert found["x_m"] == pytest.approx(POINT[0], abs=1e-5)
 
 
@@ -417,8 +376,7 @@ def test_a_stream_is_answered_line_by_line(monkeypatch, capsys, maps):
         buffer = source()
 
     monkeypatch.setattr(sys, "stdin", Live())
-    assert main(["locate", "--model", str(maps / "field.nc"), "-"]) == 0
-    assert written == [0, 1, 2]
+    assert (main(["locate", "--model", str(maps / "field.nc"), "-"]), written) == (0, [0, 1, 2])
 
 
 @pytest.mark.parametrize("data", [b"", b"\n\n", b"word\n", b"\n".join(BAD_LINES)])
@@ -437,10 +395,8 @@ def test_status_of_readings_without_a_position(monkeypatch, capsys, maps):
     code, (nothing, unfit, outside), _ = streamed(monkeypatch, capsys, lines, "--model", maps / "field.nc")
     assert code == 0
     assert [one["status"] for one in (nothing, unfit, outside)] == ["nothing pressed", "no position fits", "outside"]
-    assert "x_m" not in nothing
-    assert nothing["modes"] == []
-    assert "noise" in unfit["reason"]
-    assert "depth" in outside["reason"]
+    assert ("x_m" in nothing, nothing["modes"]) == (False, [])
+    assert ("noise" in unfit["reason"], "depth" in outside["reason"]) == (True, True)
 
 
 def test_the_ellipse_model_of_a_file_of_table_a1_and_of_a_map(capsys, maps):
@@ -467,9 +423,7 @@ def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
     monkeypatch.setattr(coilarray.localize.forward, "table_for", table)
     command = ("locate", "--model", "starter", "--table", "t.nc", text_of(reading()), "--json")
     first, second = run(capsys, *command), run(capsys, *command)
-    assert first == second
-    assert first[0] == 0
-    assert computed == ["starter"]
+    assert (first, first[0], computed) == (second, 0, ["starter"])
     with xr.open_dataset("t.nc", engine="h5netcdf") as saved:
         assert saved.attrs["design_hash"] == design.digest
     assert run(capsys, "locate", "--model", "starter", text_of(reading()))[0] == 0
@@ -487,12 +441,10 @@ def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
         (("coil1=1e-4",), "that of coil2 is missing"),
         (("coil9=1e-4",), "that of coil1 is missing"),
         (("none.csv",), "cannot read none.csv: No such file"),
-        (("empty.csv",), "there is no reading in empty.csv"),
-        (("names.csv",), "there is no reading in names.csv"),
+        *(((name,), f"there is no reading in {name}") for name in ("empty.csv", "names.csv", "list.json")),
         (("twice.csv",), "the first line must name every coil once"),
         (("bytes.csv",), "cannot read bytes.csv: it is no UTF-8 text"),
         (("word.json",), "a reading must be JSON; got 'word'"),
-        (("list.json",), "there is no reading in list.json"),
         (("-", "coil1=1e-4"), "a stream (-) must be the only READINGS"),
         (("GOOD", "--noise", "0"), "noise must be positive and finite; got 0"),
         (("GOOD", "--noise", "nan"), "noise must be positive and finite"),
@@ -500,8 +452,7 @@ def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
         (("GOOD", "--coil", "coil1", "--coil", "coil2"), "3 unknowns need at least as many states"),
         (("GOOD", "--table", "t.nc"), "--table is for the table of a design"),
         (("GOOD", "--depth-mm", "1"), "--depth-mm is for --ellipse"),
-        (("GOOD", "--model", "published"), "published is an ellipse model; it needs --ellipse"),
-        (("GOOD", "--model", "m.json"), "m.json is an ellipse model; it needs --ellipse"),
+        *((("GOOD", "--model", m), f"{m} is an ellipse model; it needs --ellipse") for m in ("published", "m.json")),
         (("GOOD", "--model", "none.nc"), "there is no file none.nc"),
         (("GOOD", "--ellipse", "--model", "m.json"), "cannot read m.json"),
         (("GOOD", "--ellipse", "--model", "word.json"), "an ellipse model must be a JSON file"),
@@ -513,10 +464,9 @@ def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
     ],
 )
 def test_mistakes_of_locate(capsys, maps, arguments, message):
-    Path("empty.csv").touch()
-    Path("names.csv").write_text("coil1,coil2\n", encoding="utf-8")
-    Path("twice.csv").write_text("coil1,coil1\n1,1\n", encoding="utf-8")
-    Path("bytes.csv").write_bytes(b"\xff\xfe\xff")
+    files = {"empty": b"", "names": b"coil1,coil2\n", "twice": b"coil1,coil1\n1,1\n", "bytes": b"\xff\xfe\xff"}
+    for name, content in files.items():
+        Path(f"{name}.csv").write_bytes(content)
     Path("word.json").write_text("word", encoding="utf-8")
     Path("list.json").write_text("[]", encoding="utf-8")
     given = [text_of(reading()) if one == "GOOD" else one for one in arguments]
@@ -533,9 +483,7 @@ def test_mistakes_of_locate(capsys, maps, arguments, message):
         ({"coils": []}, "a model must have one coil or more"),
         ({"coils": [1]}, "a coil of an ellipse model must have a name"),
         ({"coils": [{"name": "a"}]}, "a of an ellipse model must have x0_m, A_m, B_m"),
-        ({"A_m": [1, 2]}, "must have 5 numbers in x0_m, A_m and B_m"),
-        ({"A_m": ["a"] * 5}, "must have 5 numbers"),
-        ({"A_m": 3}, "must have 5 numbers"),
+        *(({"A_m": wrong}, "must have 5 numbers in x0_m, A_m and B_m") for wrong in ([1, 2], ["a"] * 5, 3)),
         ({"lowest": None}, "must have 5 numbers"),
         ({"lowest": 1.0}, "the range of δ of coil1 must rise"),
     ],

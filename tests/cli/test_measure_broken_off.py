@@ -1,7 +1,5 @@
 """The commands measure and campaign when they are broken off, and with the real firmware behind a pseudo-terminal."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -13,7 +11,7 @@ import sys
 import numpy as np
 import pytest
 from support import recorded_boards
-from support.command_line import runner
+from support.command_line import runner, successes
 from support.firmware_host import FirmwareHost, needs_compiler
 from support.patience import PATIENCE, until
 from support.recorded_boards import dent, quick_board
@@ -28,8 +26,9 @@ from coilarray.hardware.wire.link import LinkTimes
 
 pytestmark = pytest.mark.slow
 
-board = recorded_boards.board
+board, kept = recorded_boards.board, recorded_boards.kept
 measure, measure_refused = runner("measure")
+measured, _ = successes("measure")
 measure_campaign, _ = runner("campaign")
 scan_info, scan_info_refused = runner("scan-info")
 
@@ -59,8 +58,7 @@ def test_stream_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
         yield lambda done, _: host.unplug() if done == 50 else None
 
     with firmware() as (emulator, host):
-        code, out, err = measure(capsys, *board, "--port", host.port, "--scans", 30, "--rate", 50, "--out", path)
-        assert (code, err) == (0, "")
+        out = measured(capsys, *board, "--port", host.port, "--scans", 30, "--rate", 50, "--out", path)
         with host.paused():
             assert emulator.chip.asleep
             assert emulator.chain.words == b"\x11\x11"
@@ -80,14 +78,13 @@ def test_stream_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
         assert code == 0
     assert "[emulator]" not in out + out_of_lost  # for the program it is a real board
     record = json.loads(out_of_last)
-    assert record["emulated"] is False
-    assert record["scans"] == scans + 10
+    assert (record["emulated"], record["scans"]) == (False, scans + 10)
     assert [session["scans"] for session in record["sessions"]] == [30, scans - 30, 10]
     assert len({session["boot"] for session in record["sessions"]}) == 2  # replugged: restarted
     assert all(state["bad"] == 0 for state in record["states"])
     # a board and an emulator do not go into one recording
-    line = measure_refused(capsys, *board, "--rate", 50, "--out", path, "--resume")
-    assert "its board was real; now it is emulated" in line
+    refusal = measure_refused(capsys, *board, "--rate", 50, "--out", path, "--resume")
+    assert "its board was real; now it is emulated" in refusal
 
 
 @needs_compiler
@@ -161,9 +158,8 @@ def test_broken_off_and_resumed(board, tmp_path, capsys, number):
         assert f"[emulator] coilarray: {kept} scans are kept in {path}; --resume goes on from there" in err
         assert [one.name for one in tmp_path.iterdir()] == ["run.sqlite"]
     code, out, _ = scan_info(capsys, path)
-    assert code == 0
-    assert "of 20000 positions are measured" in out
+    assert (code, "of 20000 positions are measured" in out) == (0, True)
     assert "is not whole" in scan_info_refused(capsys, path, "--to", "nc")
-    code, _, _ = scan_info(capsys, path, "--to", "nc", "--partial")
+    assert scan_info(capsys, path, "--to", "nc", "--partial")[0] == 0
     part = load_part(tmp_path / "run.nc")
     assert kept // 2 - 1 <= int(part.delta.notnull().all("state").sum()) <= kept // 2

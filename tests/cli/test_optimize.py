@@ -1,7 +1,5 @@
 """``coilarray optimize``: what it prints and writes, going on after a stop, exit codes, one line for every mistake."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

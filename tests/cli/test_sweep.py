@@ -1,7 +1,5 @@
 """The command ``sweep``: the numbers of the library, one line for every mistake, and sweeps that go on."""
 
-from __future__ import annotations
-
 import csv
 import os
 import signal
@@ -180,8 +178,7 @@ def test_an_interrupted_sweep_says_what_is_kept_and_goes_on(capsys, monkeypatch)
             out, err = process.communicate(timeout=PATIENCE)
         finally:
             process.kill()
-    assert process.returncode == 130
-    assert out == ""
+    assert (process.returncode, out) == (130, "")
     told, last = err.splitlines()
     assert last == "coilarray: interrupted"
     done = len(kept())

@@ -1,7 +1,5 @@
 """The command ``view``: it writes what is asked for, and every mistake is one line before anything is computed."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,13 +1,11 @@
 """Files that are filled block by block, and what is left of them when a run ends early."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
-from collections import namedtuple
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +14,7 @@ from support.patience import PATIENCE
 
 import coilarray.compute.large_file as large_file
 from coilarray.compute.large_file import Variable, open_large, parts_folder
+from coilarray.compute.netcdf import load_part
 from coilarray.errors import OutputError
 
 X, Y = np.linspace(0, 1, 5), np.array([2.0, 3.0, 7.0])
@@ -47,15 +46,11 @@ def fill(path, numbers, key="one", blocks=5, end=False):
 def test_a_file_that_is_filled_is_as_one_that_is_written_at_once(tmp_path):
     path = tmp_path / "a.nc"
     finished, missing = fill(path, [3, 0, 4, 2, 1])
-    assert finished == {0: 0.0, 1: 10.0, 2: 20.0, 3: 30.0, 4: 40.0}
-    assert missing == []
+    assert (finished, missing) == ({k: 10.0 * k for k in range(5)}, [])
     assert list(tmp_path.iterdir()) == [path]
-    whole = FRAME.assign(
-        B=(VARIABLES[0].dims, VALUES, {"units": "T", "long_name": "flux density"}),
-        n=("y", Y, {"units": "1", "long_name": "number"}),
-    )
-    with xr.open_dataset(path, engine="h5netcdf") as read:
-        assert read.load().identical(whole)
+    attributes = ({"units": "T", "long_name": "flux density"}, {"units": "1", "long_name": "number"})
+    whole = FRAME.assign(B=(VARIABLES[0].dims, VALUES, attributes[0]), n=("y", Y, attributes[1]))
+    assert load_part(path).identical(whole)
 
 
 @pytest.mark.slow
@@ -71,26 +66,28 @@ def test_an_unfinished_file_is_gone_on_with(tmp_path):
         assert file.missing == [0, 2]
     fill(path, [0, 2])
     assert list(tmp_path.iterdir()) == [path]
-    with xr.open_dataset(path, engine="h5netcdf") as read:
-        assert (read.B.values == VALUES).all()
+    assert (load_part(path).B.values == VALUES).all()
 
 
-def test_nothing_is_left_where_nothing_was_done(tmp_path):
+def test_nothing_is_left_where_nothing_was_done_and_other_things_stay(tmp_path):
     path = tmp_path / "a.nc"
     path.write_text("before")
     with pytest.raises(StopError):
         fill(path, [], end=True)
     assert list(tmp_path.iterdir()) == [path]
     assert path.read_text() == "before"
+    parts_folder(path).mkdir()
+    (parts_folder(path) / "notes.txt").write_text("mine")
+    fill(path, range(5))
+    assert [one.name for one in parts_folder(path).iterdir()] == ["notes.txt"]
 
 
 def test_an_unfinished_file_of_something_else_is_not_touched(tmp_path):
     path = tmp_path / "a.nc"
     fill(path, [2])
+    message = r"a\.nc\.parts holds another unfinished file, of other inputs or another version"
     for changed in ({"key": "two"}, {"blocks": 6}):
-        with pytest.raises(
-            OutputError, match=r"a\.nc\.parts holds another unfinished file, of other inputs or another version"
-        ):
+        with pytest.raises(OutputError, match=message):
             fill(path, [0], **changed)
     assert fill(path, [0])[0] == {0: 0.0, 2: 20.0}
 
@@ -106,14 +103,6 @@ def test_a_lost_or_damaged_file_is_begun_again(tmp_path):
         fill(path, [1])
 
 
-def test_other_things_in_the_folder_stay(tmp_path):
-    path = tmp_path / "a.nc"
-    parts_folder(path).mkdir()
-    (parts_folder(path) / "notes.txt").write_text("mine")
-    fill(path, range(5))
-    assert [one.name for one in parts_folder(path).iterdir()] == ["notes.txt"]
-
-
 def test_one_run_at_a_time(tmp_path):
     path = tmp_path / "a.nc"
     with open_large(path, FRAME, VARIABLES, "one", 5) as file:
@@ -124,8 +113,7 @@ def test_one_run_at_a_time(tmp_path):
 
 
 def test_too_little_room_is_told_before_anything_is_written(tmp_path, monkeypatch):
-    usage = namedtuple("usage", "free")
-    monkeypatch.setattr(large_file.shutil, "disk_usage", lambda folder: usage(100))
+    monkeypatch.setattr(large_file.shutil, "disk_usage", lambda folder: SimpleNamespace(free=100))
     with pytest.raises(OutputError, match=r"a\.nc needs 2.64e-07 GB on the disk; 1e-07 GB are free"):
         fill(tmp_path / "a.nc", [0])
     assert not list(tmp_path.iterdir())
@@ -141,22 +129,20 @@ def test_places_that_cannot_be_written(tmp_path):
     path.rmdir()
     assert not list(tmp_path.iterdir())
 
-    def fill_while_a_folder_is_made():
-        with open_large(path, FRAME, VARIABLES, "one", 5) as file:
-            for number in range(5):
-                file.write("B", 6 * number, VALUES[number])
-                file.finish(number)
-            path.mkdir()
+    def numbers():
+        yield from range(5)
+        path.mkdir()  # while it is filled
 
     with pytest.raises(OutputError, match=r"cannot write .*a\.nc: Is a directory"):
-        fill_while_a_folder_is_made()
+        fill(path, numbers())
     path.rmdir()
     assert fill(path, [])[1] == []  # what was done is still there
     assert path.is_file()
 
 
 SCRIPT = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from pathlib import Path
 sys.path[:0] = {tests}
 from test_large_file import FRAME, VALUES, VARIABLES
@@ -175,8 +161,7 @@ with open_large(Path({path!r}), FRAME, VARIABLES, "one", 5) as file:
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["SIGKILL", "SIGINT"])
 def test_a_run_that_is_ended_within_a_block_loses_that_block(tmp_path, number):
     path = tmp_path / "a.nc"
-    script = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n" + SCRIPT
-    code = script.format(tests=[str(p) for p in Path(__file__).parents[:2]], path=str(path))
+    code = SCRIPT.format(tests=[str(p) for p in Path(__file__).parents[:2]], path=str(path))
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         assert process.stdout.readline() == b"half\n"
         process.send_signal(number)
@@ -185,5 +170,4 @@ def test_a_run_that_is_ended_within_a_block_loses_that_block(tmp_path, number):
     with open_large(path, FRAME, VARIABLES, "one", 5) as file:
         assert file.missing == [3, 4]
     fill(path, [3, 4])
-    with xr.open_dataset(path, engine="h5netcdf") as read:
-        assert (read.B.values == VALUES).all()
+    assert (load_part(path).B.values == VALUES).all()

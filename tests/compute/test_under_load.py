@@ -8,8 +8,6 @@ interrupt. `tests/cli/test_sweep.py` does the same by a signal to a process and 
 signal 9.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -21,6 +19,7 @@ import threading
 import time
 import tomllib
 from contextlib import chdir, closing, contextmanager, redirect_stderr, redirect_stdout
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -48,17 +47,9 @@ ETCH = "schema = 1\nothers = 'none'\n[etch]\nboard_um = 5\nlayer_um = 5\n"
 GOAL = """
 schema = 1
 title = "a search without the local solver"
-[[variable]]
-entry = "array.pitch_mm"
-low = 10.5
-high = 14.0
-[[objective]]
-quantity = "worst_k"
-direction = "minimize"
-[search]
-sampler = "random"
-seed = 1
-polish = 0
+variable = [{ entry = "array.pitch_mm", low = 10.5, high = 14.0 }]
+objective = [{ quantity = "worst_k", direction = "minimize" }]
+search = { sampler = "random", seed = 1, polish = 0 }
 """
 
 
@@ -83,19 +74,18 @@ def test_threads_at_once_give_what_one_gives(alone):
     assert found == [alone, alone]
 
 
+def started(code, folder, **environment):
+    """A process that runs some code, with one more folder to import from."""
+    path = os.pathsep.join((str(folder), os.environ.get("PYTHONPATH", "")))
+    environment = {**os.environ, **environment, "PYTHONPATH": path}
+    return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment)
+
+
 def test_processes_at_once_give_what_one_gives(alone):
     code = "import json; from support.load_work import digests, results; print(json.dumps(digests(results())))"
-    path = os.pathsep.join((str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")))
-    environment = {**os.environ, "PYTHONPATH": path}
-    running = [
-        subprocess.Popen(
-            [sys.executable, "-c", code],
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**environment, "OPENBLAS_NUM_THREADS": str(count), "COILARRAY_THREADS": str(count)},
-        )
-        for count in (1, 3)  # not even these change a bit
-    ]
+    # not even the number of threads changes a bit
+    many = [{"OPENBLAS_NUM_THREADS": count, "COILARRAY_THREADS": count} for count in ("1", "3")]
+    running = [started(code, Path(__file__).parents[1], **threads) for threads in many]
     outputs = [process.communicate(timeout=PATIENCE)[0] for process in running]
     assert [process.returncode for process in running] == [0] * 2
     assert [json.loads(output) for output in outputs] == [alone] * 2
@@ -117,18 +107,16 @@ def test_processes_at_once_compile_into_one_cache(tmp_path):
     """A kernel in a folder of its own, so that nothing of it is compiled before."""
     (tmp_path / "fresh_kernel.py").write_text(KERNEL)
     code = "import numpy as np; from fresh_kernel import total; print(total(np.arange(9.0)).hex())"
-    path = os.pathsep.join((str(tmp_path), os.environ.get("PYTHONPATH", "")))
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": path}
-    command = [sys.executable, "-c", code]
-    running = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) for _ in range(3)]
-    outputs = {process.communicate(timeout=PATIENCE)[0] for process in running}
+
+    def results_of(count):
+        running = [started(code, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache")) for _ in range(count)]
+        return {process.communicate(timeout=PATIENCE)[0] for process in running}
+
+    outputs = results_of(3)
     assert any((tmp_path / "cache").rglob("*.nbc"))
-    after = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)  # from what they left
-    assert outputs == {after.stdout}
-    assert float.fromhex(after.stdout) == pytest.approx(np.sqrt(np.arange(9.0)).sum(), rel=1e-12)
-
-
-# interrupts
+    (after,) = results_of(1)  # from what they left
+    assert outputs == {after}
+    assert float.fromhex(after) == pytest.approx(np.sqrt(np.arange(9.0)).sum(), rel=1e-12)
 
 
 def _interrupt(*_):
@@ -153,9 +141,8 @@ def interrupted(folder, command, after=1, writing=False):
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err), chdir(folder):
         patch.setenv("COILARRAY_CACHE", str(folder / "cache"))
-        patch.setenv(
-            "COILARRAY_THREADS", "1"
-        )  # which tells of every block; with several the first word may be the last
+        # one tells of every block; with several the first word may be the last
+        patch.setenv("COILARRAY_THREADS", "1")
         for module in [one for name, one in sys.modules.items() if name.startswith("coilarray.cli.")]:
             if hasattr(module, "progress_bar"):
                 patch.setattr(module, "progress_bar", telling)
@@ -185,37 +172,25 @@ def write_inputs(folder):
     return [*texts, "a1.nc"]
 
 
-@pytest.mark.parametrize(("command", "targets"), [
-    ("report flat.toml --out r", ["r/report.html", "r/report/coupling.nc"]),
-    ("field flat.toml --z-mm 1:4 --spacing-mm 0.25 --out f.nc", ["f.nc"]),
-    ("distortion gast2020 --out d.csv --plot d.png", ["d.csv", "d.png"]),
+@pytest.mark.parametrize(("command", "targets", "writing"), [
+    ("report flat.toml --out r", "r/report.html r/report/coupling.nc", False),
+    ("field flat.toml --z-mm 1:4 --spacing-mm 0.25 --out f.nc", "f.nc", False),
+    ("distortion gast2020 --out d.csv --plot d.png", "d.csv d.png", False),
+    ("matrix small.toml --out m.nc", "m.nc", True), ("matrix small.toml --out m.csv", "m.csv", True),
+    ("impedance small.toml --points 2 --out i.csv", "i.csv", True), ("indent small.toml --out d.nc", "d.nc", True),
+    ("fit a1.nc --out f.json", "f.json", True), ("field small.toml --out f.vtr", "f.vtr", True),
+    ("export small.toml --to gerber --out g.zip --force", "g.zip", True),
+    ("export small.toml --to kicad --out k --force", "k/starter.kicad_pcb", True),
 ])  # fmt: skip
-def test_what_keeps_nothing_leaves_everything_as_it_was(tmp_path, command, targets):
-    inputs = write_inputs(tmp_path)
+def test_what_keeps_nothing_leaves_everything_as_it_was(tmp_path, command, targets, writing):
+    inputs, targets = write_inputs(tmp_path), targets.split()
     for target in targets:
         path = tmp_path / target
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("before")
-    assert interrupted(tmp_path, command) == []
+    assert interrupted(tmp_path, command, writing=writing) == []
     assert files(tmp_path) == sorted([*inputs, *targets])
     assert {(tmp_path / target).read_text() for target in targets} == {"before"}
-
-
-@pytest.mark.parametrize(("command", "target"), [
-    ("matrix small.toml --out m.nc", "m.nc"), ("matrix small.toml --out m.csv", "m.csv"),
-    ("impedance small.toml --points 2 --out i.csv", "i.csv"), ("indent small.toml --out d.nc", "d.nc"),
-    ("fit a1.nc --out f.json", "f.json"), ("field small.toml --out f.vtr", "f.vtr"),
-    ("export small.toml --to gerber --out g.zip --force", "g.zip"),
-    ("export small.toml --to kicad --out k --force", "k/starter.kicad_pcb"),
-])  # fmt: skip
-def test_what_is_being_written_leaves_nothing(tmp_path, command, target):
-    inputs = write_inputs(tmp_path)
-    path = tmp_path / target
-    path.parent.mkdir(exist_ok=True)
-    path.write_text("before")
-    assert interrupted(tmp_path, command, writing=True) == []
-    assert files(tmp_path) == sorted([*inputs, target])
-    assert path.read_text() == "before"
 
 
 def numbers_of(path):
@@ -256,8 +231,7 @@ def whole_points(folder, told, what="of 9 points"):
     assert all({"values", "reason"} & set(json.loads(path.read_text())) for path in kept)
 
 
-def whole_boards(folder, told):
-    whole_points(folder, told, "boards")
+whole_boards = partial(whole_points, what="boards")
 
 
 def whole_trials(folder, told):

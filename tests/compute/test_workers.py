@@ -1,13 +1,7 @@
 """Pools in this process and in local processes: the same outcomes, lost processes, interrupts, and no leftovers.
 
-| what                | this process | local processes | Dask cluster    |
-| ------------------- | ------------ | --------------- | --------------- |
-| outcomes and errors | here         | here            | test_cluster.py |
-| a lost worker       |              | here            | test_cluster.py |
-| numbers of designs  | test_points  | test_points     | test_cluster.py |
+The numbers of designs are in `tests/studies/test_points.py`, all of the same on a Dask cluster in `test_cluster.py`.
 """
-
-from __future__ import annotations
 
 import os
 import pickle
@@ -15,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import closing, suppress
+from contextlib import closing, nullcontext, suppress
 from pathlib import Path
 
 import pytest
@@ -53,11 +47,6 @@ def test_every_item_has_its_outcome_once(pool):
     assert list(pool.run(tasks.square, [])) == []
 
 
-def test_this_process_keeps_the_order():
-    with workers() as pool:
-        assert [index for index, _ in pool.run(tasks.square, range(9))] == list(range(9))
-
-
 def test_what_is_refused_is_one_line_and_the_others_go_on(pool):
     outcomes = dict(pool.run(tasks.refuse_odd, range(6)))
     assert outcomes == {k: f"{k} is odd." if k % 2 else {"half": k / 2} for k in range(6)}
@@ -70,16 +59,15 @@ def test_any_other_error_is_raised(pool):
         assert "worker_tasks.py" in str(caught.value.__cause__)  # where it was raised
     with pytest.raises(MissingDependencyError, match=r"^install it\."):  # of no use to repeat for every item
         list(pool.run(tasks.lack, range(3)))
+    with pytest.raises(IndexError):
+        pool.collect()
     assert sorted(pool.run(tasks.square, [5])) == [(0, 25)]
 
 
-def test_an_error_that_cannot_travel_is_told_as_text(local):
-    with pytest.raises(RuntimeError, match="UnportableError: 7"):
+def test_what_cannot_travel_is_an_error_at_once(local):
+    with pytest.raises(RuntimeError, match="UnportableError: 7"):  # told as text
         list(local.run(tasks.raise_unportable, [7]))
-
-
-def test_a_function_that_other_processes_cannot_find_is_an_error_at_once(local):
-    with pytest.raises((AttributeError, pickle.PicklingError)):
+    with pytest.raises((AttributeError, pickle.PicklingError)):  # other processes cannot find the function
         list(local.run(lambda x: x, [1]))
     assert sorted(local.run(tasks.square, [3])) == [(0, 9)]
 
@@ -97,9 +85,10 @@ def test_items_are_read_as_there_is_room(pool):
     assert pool.capacity == (1 if isinstance(pool, InProcess) else 2 * IN_FLIGHT)
 
 
-def test_an_item_may_depend_on_earlier_outcomes():
+def test_this_process_keeps_the_order_so_that_an_item_may_depend_on_earlier_outcomes():
     found = [2]
     with workers() as pool:
+        assert [index for index, _ in pool.run(tasks.square, range(9))] == list(range(9))
         for _, outcome in pool.run(tasks.square, (found[-1] for _ in range(4))):
             found.append(outcome)
     assert found == [2, 4, 16, 256, 65536]
@@ -112,22 +101,11 @@ def test_a_run_that_is_left_does_not_mix_with_the_next(pool):
     assert sorted(pool.run(tasks.square, range(7))) == [(k, k * k) for k in range(7)]
 
 
-def test_there_must_be_something_to_collect(pool):
-    with pytest.raises(IndexError):
-        pool.collect()
-
-
 def test_every_worker_computes_with_one_thread(pool, monkeypatch):
     monkeypatch.setenv("COILARRAY_THREADS", "5")
-    if isinstance(pool, InProcess):
-        with workers() as one:
-            ((_, (counts, ours, cores)),) = one.run(tasks.threads, [0])
-    else:
-        ((_, (counts, ours, cores)),) = pool.run(tasks.threads, [0])
-    assert counts
-    assert set(counts) == {1}
-    assert ours == "1"
-    assert cores == 1
+    with workers() if isinstance(pool, InProcess) else nullcontext(pool) as one:
+        ((_, (counts, ours, cores)),) = one.run(tasks.threads, [0])
+    assert (set(counts), ours, cores) == ({1}, "1", 1)
     assert os.environ["COILARRAY_THREADS"] == "5"  # as it was
 
 
@@ -144,21 +122,13 @@ def test_both_processes_take_part_and_no_more_are_started_than_there_are_tasks()
 
 
 @pytest.mark.slow
-def test_a_process_that_is_lost_costs_its_task_only_time(local, tmp_path):
+def test_a_process_that_is_lost_costs_only_time(local, tmp_path):
+    """At its task, while it sends a result, and idle."""
     items = [(k, str(tmp_path / str(k)) if k in (2, 3, 7) else None) for k in range(10)]
     assert sorted(local.run(tasks.die_once, items)) == [(k, k) for k in range(10)]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["2", "3", "7"]
-
-
-def test_a_process_that_is_lost_while_it_sends_a_result_costs_only_time(local, tmp_path):
     assert list(local.run(tasks.die_while_sending, [tmp_path / "marker"])) == [(0, bytes(1_000_000))]
-    assert (tmp_path / "marker").exists()
-
-
-@pytest.mark.slow
-def test_an_idle_process_that_is_lost_is_replaced(local):
-    pids = {pid for _, pid in local.run(tasks.nap, [0.2] * 4)}
-    for pid in pids:
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["2", "3", "7", "marker"]
+    for pid in {pid for _, pid in local.run(tasks.nap, [0.2] * 4)}:
         os.kill(pid, signal.SIGKILL)
     assert sorted(local.run(tasks.square, range(4))) == [(k, k * k) for k in range(4)]
 
@@ -185,6 +155,7 @@ def test_processes_end_with_the_block_whatever_they_do(error):
     wait_until_gone(pids)
 
 
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
 SCRIPT = """
 from support import worker_tasks as tasks
 from coilarray.compute.workers import workers
@@ -197,16 +168,9 @@ with workers(2) as pool:
 @pytest.fixture
 def running():
     """A process of its own with two workers that are busy, in a process group of their own as in a terminal."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-    process = subprocess.Popen(
-        [sys.executable, "-c", SCRIPT],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    with process:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    command = [sys.executable, "-c", SCRIPT]
+    with subprocess.Popen(command, env=ENVIRONMENT, start_new_session=True, **pipes) as process:
         pids = [int(pid) for pid in process.stdout.readline().split()]
         try:
             assert len(pids) == 2
@@ -239,10 +203,8 @@ def test_workers_end_with_the_process_that_started_them_even_where_that_is_kille
 def test_a_script_without_the_guard_is_told_of_it(tmp_path):
     script = tmp_path / "unguarded.py"
     script.write_text(SCRIPT, encoding="utf-8")
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-    done = subprocess.run(
-        [sys.executable, str(script)], env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False
-    )
+    command, pipes = [sys.executable, str(script)], {"capture_output": True, "text": True}
+    done = subprocess.run(command, env=ENVIRONMENT, timeout=PATIENCE, check=False, **pipes)
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
     assert last.startswith("coilarray.errors.ClusterError: a local process ended 3 times at one task")

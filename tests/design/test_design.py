@@ -1,13 +1,12 @@
 """Design files: what is read, and one clear line for everything that cannot be."""
 
 # ruff: noqa: E501 - each case is one line of input and one of output
-from __future__ import annotations
-
 import math
 import tomllib
 
 import numpy as np
 import pytest
+from support.refusals import refused
 
 from coilarray import load_design, parse_design
 from coilarray.design.bundled import names, read
@@ -92,9 +91,8 @@ def test_digest_is_of_values_not_of_text():
 
 def test_flats_and_corners_and_circle():
     flats = parse_design(BASE)
-    corners = parse_design(
-        changed("outer_across_flats_mm = 16.0", f"outer_across_corners_mm = {16.0 / math.cos(math.pi / 6)!r}")
-    )
+    size = f"outer_across_corners_mm = {16.0 / math.cos(math.pi / 6)!r}"
+    corners = parse_design(changed("outer_across_flats_mm = 16.0", size))
     a, b = (d.array.placements[0].coil.lines[0] for d in (flats, corners))
     assert a == pytest.approx(b, abs=1e-12)
     text = changed('shape = "polygon"', 'shape = "circle"').replace("sides = 6\n", "")
@@ -163,10 +161,7 @@ BAD = {
     "coil not there": (changed('coil = "hexagon"', 'coil = "octagon"'), "array.coil names no coil shape; .*got 'octagon'"),
     "stack-up lengths": (changed("[4.5, 4.5, 4.5]", "[4.5]"), "4 copper layers need 3 dielectric permittivities; got 1"),
     "assumed key": (BASE.replace('"circuit.short_resistance_ohm"', '"circuit.short_resistance"'), "did you mean circuit.short_resistance_ohm"),
-    "termination of no coil": (
-        changed('default_termination = "short"', 'default_termination = "short"\nterminations = { coil9 = "open" }'),
-        "circuit.terminations.coil9 names no coil; there are coil1, coil2, coil3",
-    ),
+    "termination of no coil": (changed('default_termination = "short"', 'terminations = { coil9 = "open" }'), "circuit.terminations.coil9 names no coil; there are coil1, coil2, coil3"),
     "name": (changed('name = "starter"', 'name = "a b"'), "name may have letters, digits"),
     "names": (changed("columns = 3", 'columns = 3\nnames = ["a", "b"]'), "array: a lattice of 3 points must have as many names; got 2"),
     "equal names": (changed("columns = 3", 'columns = 3\nnames = ["a", "b", "a"]'), "coil names must differ"),
@@ -231,12 +226,7 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_bad_designs_are_one_clear_line(case):
     text, message = BAD[case]
-    with pytest.raises(DesignError, match=message) as caught:
-        parse_design(text, origin="file.toml")
-    line = str(caught.value)
-    assert line.startswith("file.toml: ")
-    assert "\n" not in line
-    assert "pydantic" not in line
+    refused(DesignError, rf"^file\.toml: (?!.*pydantic).*{message}", parse_design, text, origin="file.toml")
 
 
 def test_self_crossing_path():
@@ -253,10 +243,8 @@ lines_mm = [[[0, 0], [4, 0], [4, 4], [2, 4], [2, -2]]]
 lattice = "free"
 placements = [{ name = "a", coil = "knot", layers = ["top"], x_mm = 0, y_mm = 0 }]
 """
-    with pytest.raises(
-        DesignError, match=r"coils.knot: line 0 of a coil crosses itself: segments 0 and 3 .*\(2, 0\) mm"
-    ):
-        parse_design(text)
+    message = r"coils.knot: line 0 of a coil crosses itself: segments 0 and 3 .*\(2, 0\) mm"
+    refused(DesignError, message, parse_design, text)
 
 
 def test_scan_plan():
@@ -270,65 +258,47 @@ def test_scan_plan():
     assert (state.connection, state.others, state.load_resistance) == ("parallel", "load", 75)
 
 
-def test_byte_order_mark(tmp_path):
-    path = tmp_path / "notepad.toml"
-    path.write_text(BASE, encoding="utf-8-sig")
-    assert load_design(path).name == "starter"
-
-
-def test_unreadable_files(tmp_path):
-    with pytest.raises(DesignError, match="must not be empty"):
-        load_design("")
-    with pytest.raises(DesignError, match=r"cannot read 'a.x00b'"):
-        load_design("a\0b")
-    with pytest.raises(DesignError, match=r"there is no design file .*nor a bundled design"):
-        load_design(tmp_path / "none.toml")
-    with pytest.raises(DesignError, match=r"cannot read .*: Is a directory"):
-        load_design(tmp_path)
-    binary = tmp_path / "b.toml"
-    binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DesignError, match="is not a text file in UTF-8"):
-        load_design(binary)
+def test_a_byte_order_mark_is_read_and_unreadable_files_are_named(tmp_path):
+    (marked := tmp_path / "notepad.toml").write_text(BASE, encoding="utf-8-sig")
+    assert load_design(marked).name == "starter"
+    (binary := tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
+    for path, message in (
+        ("", "must not be empty"), ("a\0b", r"cannot read 'a.x00b'"), (binary, "is not a text file in UTF-8"),
+        (tmp_path / "none.toml", r"there is no design file .*nor a bundled design"),
+        (tmp_path, r"cannot read .*: Is a directory"),
+    ):  # fmt: skip
+        refused(DesignError, message, load_design, path)
 
 
 def test_values_and_given():
     design = parse_design_file(BASE)
-    assert design.values["coils.hexagon.gap_mm"] == 0.15
-    assert design.values["array.rows"] == 1
+    assert (design.values["coils.hexagon.gap_mm"], design.values["array.rows"]) == (0.15, 1)
     assert "array.rows" not in design.given
-    document = tomllib.loads(BASE)
     assert "coils.hexagon.via.drill_mm" in design.given
-    assert document["name"] == design.design.name
+    assert tomllib.loads(BASE)["name"] == design.design.name
 
 
-def test_gast2020_is_pressed_as_in_its_table_1():
+def test_gast2020_is_pressed_as_in_its_table_1_and_gast_fem_on_a_line():
     design = load_design("gast2020")
     indentation = design.indentation
-    assert indentation.indenter == Hemisphere(2.5e-3)
-    assert indentation.depths == (1e-3,)
-    assert indentation.base == "bonded"
+    assert (indentation.indenter, indentation.depths, indentation.base) == (Hemisphere(2.5e-3), (1e-3,), "bonded")
     assert (len(indentation.x), len(indentation.y)) == (27, 7)
     np.testing.assert_allclose(indentation.x, np.linspace(-26e-3, 26e-3, 27), atol=1e-15)
     np.testing.assert_allclose(indentation.y, np.linspace(-6e-3, 6e-3, 7), atol=1e-15)
-    assert 0.0 in indentation.x
-    assert -0.026 in indentation.x  # positions are labels
+    assert {0.0, -0.026} <= set(indentation.x)  # positions are labels
     # the paper's fitted centres of coils 1 to 3 are -13.4, 0 and 13.3 mm; the pitch is 13.28 mm
     centres = design.array.centres[:3, 0] - indentation.origin_point[0]
     np.testing.assert_allclose(centres, [-13.28e-3, 0.0, 13.28e-3], atol=1e-12)
-    assert indentation.sample_radius is None
-    assert indentation.sample_bounds is None
+    assert indentation.sample_radius is indentation.sample_bounds is None
     base, magnetic = design.sheets
     assert base.youngs_modulus == pytest.approx(8 * 6894.757, rel=3e-3)  # 8 psi, written as 55 kPa
     guth_gold = 1 + 2.5 * 0.3 + 14.1 * 0.3**2
     assert magnetic.youngs_modulus / base.youngs_modulus == pytest.approx(guth_gold, rel=1e-3)  # written as 166 kPa
     assert {base.poissons_ratio, magnetic.poissons_ratio} == {0.4999}
-
-
-def test_gast_fem_is_pressed_on_a_line():
-    design = load_design("gast_fem")
-    assert design.indentation.y == (0.0,)
-    assert len(design.indentation.x) == 27
-    assert design.indentation.depths == pytest.approx((0.5e-3, 1e-3, 1.5e-3))
+    # the other paper's on a line
+    indentation = load_design("gast_fem").indentation
+    assert (len(indentation.x), indentation.y) == (27, (0.0,))
+    assert indentation.depths == pytest.approx((0.5e-3, 1e-3, 1.5e-3))
 
 
 @pytest.mark.parametrize(("table", "expected"), [
@@ -376,10 +346,8 @@ def test_steps_of_a_tenth_are_whole():
 def test_the_digest_counts_what_is_pressed():
     base = parse_design(BASE).digest
     for old, new in (
-        ("youngs_modulus_kPa = 60.0", "youngs_modulus_kPa = 61.0"),
-        ("poissons_ratio = 0.4999", "poissons_ratio = 0.49"),
-        ("radius_mm = 2.0", "radius_mm = 2.1"),
-        ("depths_mm = [0.3, 0.6]", "depths_mm = [0.3]"),
-    ):
+        ("youngs_modulus_kPa = 60.0", "youngs_modulus_kPa = 61.0"), ("poissons_ratio = 0.4999", "poissons_ratio = 0.49"),
+        ("radius_mm = 2.0", "radius_mm = 2.1"), ("depths_mm = [0.3, 0.6]", "depths_mm = [0.3]"),
+    ):  # fmt: skip
         assert parse_design(changed(old, new)).digest != base
     assert parse_design(changed('base = "bonded"', "")).digest == base  # the default

@@ -1,7 +1,5 @@
 """Arrays written as design files: what is read back is the array to 1 nm, with its assumptions and shared shapes."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 
@@ -78,11 +76,7 @@ def test_widths_repeated_layers_rotations_and_bare_ends_come_back():
 
 @pytest.mark.slow
 @given(
-    x=st.floats(-0.2, 0.2),
-    rotation=st.floats(-7, 7),
-    width=st.floats(0.05e-3, 2e-3),
-    thickness=st.floats(1e-6, 1e-3),
-    epsilon=st.floats(1, 20),
+    *(st.floats(-0.2, 0.2), st.floats(-7, 7), st.floats(0.05e-3, 2e-3), st.floats(1e-6, 1e-3), st.floats(1, 20)),
 )
 @settings(max_examples=20)
 def test_numbers_keep_their_digits(x, rotation, width, thickness, epsilon):
@@ -108,9 +102,6 @@ def test_points_stand_one_a_line_and_no_line_is_long():
     same(parse_design(text(array)).array, array)
 
 
-# ---- names
-
-
 @pytest.mark.parametrize(("given_names", "expected"), [
     (["/coil1", "coil1"], ["coil1", "coil1_2"]),
     (["Net-(J1-Pad1)", "-x", "", "a b/c"], ["Net-_J1-Pad1_", "x", "_", "a_b_c"]),
@@ -132,24 +123,12 @@ def test_any_names_make_a_readable_design(names):
     assert len(set(found.names)) == len(names)
 
 
-# ---- assumptions
-
-
 def test_assumptions_are_carried_to_the_keys_they_are_of():
-    assumed = {
-        "stackup.dielectric_epsilon_r": "FR-4",
-        "coils.*.via.plating_um": "usual",
-        "coils.two.gap_mm": "a guess",
-        "board.margin_mm": "none given",
-    }
+    board = {"stackup.dielectric_epsilon_r": "FR-4", "board.margin_mm": "none given"}
+    assumed = {**board, "coils.*.via.plating_um": "usual", "coils.two.gap_mm": "a guess"}
     file = parse_design_file(text(mixed_array(), assumed=assumed))
-    assert file.assumed == {
-        "stackup.dielectric_epsilon_r": "FR-4",
-        "coils.shape1.via.plating_um": "usual",
-        "coils.shape2.via.plating_um": "usual",
-        "coils.shape2.gap_mm": "a guess",
-        "board.margin_mm": "none given",
-    }
+    plating = {f"coils.shape{k}.via.plating_um": "usual" for k in (1, 2)}
+    assert file.assumed == {**board, **plating, "coils.shape2.gap_mm": "a guess"}
     assert file.design.source == "a test"
     assert parse_design_file(text(mixed_array())).assumed == {}
 

@@ -11,8 +11,6 @@ Who checks whom (every row of the reference tables: tests/elastomer/test_referen
     ν from 0 to 0.5                                  change linear in 0.5 − ν        frictionless: E* alone
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

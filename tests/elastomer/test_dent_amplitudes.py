@@ -4,10 +4,9 @@ Who checks whom: the energies between all amplitudes against `dent_inductance`, 
 angles; a table of splines against amplitudes at its own offsets.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from support.references import polygon
 
 from coilarray import load_design
 from coilarray.compute.memory import MemoryLimitError
@@ -22,8 +21,7 @@ MESH = LayerMesh()
 RADIUS = np.linspace(0, 20e-3, 41)
 DEPTH = -0.8e-3 * np.exp(-((RADIUS / 4e-3) ** 2))
 DENT = Dent((5e-3, 2e-3), (1.0, 2.7), RADIUS, np.column_stack((0 * RADIUS, 0.6 * DEPTH, DEPTH)))
-ANGLE = np.linspace(0, 2 * np.pi, 7)
-HEXAGON = np.column_stack((8e-3 * np.cos(ANGLE), 8e-3 * np.sin(ANGLE), 0 * ANGLE))
+HEXAGON = polygon(6, 8e-3)
 # nothing of it is symmetric, and it lies deeper
 OTHER = np.array([[0, 0, -1e-3], [9e-3, 1e-3, -1e-3], [6e-3, 7e-3, -0.8e-3], [-3e-3, 5e-3, -1e-3], [0, 0, -1e-3]])
 REACH = 20e-3
@@ -48,9 +46,8 @@ def test_energies_between_amplitudes_are_inductances(solved):
     coils = [HEXAGON + np.append(place, 0) for place in places] + [OTHER + np.append(place, 0) for place in beside]
     indenter = np.array([1e-3, 2e-3])
     expected = dent_inductance(coils, [DENT], [indenter], MESH)[0, 0]
-    dent = dent_amplitudes(
-        scattering, spectra, [indenter - places - spectra.centres[0], indenter - beside - spectra.centres[1]], 1e-6
-    )
+    offsets = [indenter - places - spectra.centres[0], indenter - beside - spectra.centres[1]]
+    dent = dent_amplitudes(scattering, spectra, offsets, 1e-6)
     amplitudes = np.concatenate(dent.amplitudes)
     change = (amplitudes * dent.strengths) @ amplitudes.T
     # 1e-6 of the amplitudes are left out, and both rules over the wavenumber leave out e^-16 = 1e-7
@@ -71,11 +68,9 @@ def test_a_table_gives_the_amplitudes_between_its_offsets(solved):
     scattering, spectra = solved
     axis, grid = offset_grid(REACH / 1.5, DENT.clearance)
     between = np.random.default_rng(2).uniform(-REACH / 1.5, REACH / 1.5, (80, 2))
-    together = [np.concatenate((grid, between))] * 2
-    dent = dent_amplitudes(scattering, spectra, together, 1e-4)
+    dent = dent_amplitudes(scattering, spectra, [np.concatenate((grid, between))] * 2, 1e-4)
     for amplitudes in dent.amplitudes:
-        table = amplitude_table(axis, amplitudes[: len(grid)])
-        known, found = amplitudes[len(grid) :], table(between)
+        known, found = amplitudes[len(grid) :], amplitude_table(axis, amplitudes[: len(grid)])(between)
         change, expected = ((one * dent.strengths * one).sum(axis=1) for one in (found, known))
         # splines of the fifth degree over a third of the clearance; measured 2e-5
         assert np.abs(change - expected).max() < 1e-4 * np.abs(expected).max()

@@ -7,8 +7,6 @@ with the field taken about another centre; real depths against a finite-element 
 and what is assumed about the copper's surroundings against a round coil solved in them.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -104,8 +102,7 @@ def test_spectrum_of_a_disc():
 @settings(max_examples=5)
 def test_potential_of_a_disc_on_its_axis(R, height, depth):
     k, weights = wavenumber_rule(height, 2 * R, LayerMesh(decays=30.0))
-    centre = (1e-3, 2e-3)
-    c = harmonics([disc(R, z=-depth, centre=centre)], k, 0, centre)[:, 0, 0].real
+    c = harmonics([disc(R, z=-depth, centre=(1e-3, 2e-3))], k, 0, (1e-3, 2e-3))[:, 0, 0].real
     z = height + depth
     # 3e-5: the polygon's area; its potential is a double layer's solid angle
     assert weights * k * np.exp(-k * height) @ c / (2 * np.pi) == pytest.approx(1 - z / np.hypot(z, R), rel=3e-5)
@@ -151,15 +148,19 @@ def test_deeper_coils_have_the_spectrum_of_their_depth():
     assert below == pytest.approx(top * np.exp(-k * depth)[:, None, None], rel=1e-12, abs=1e-20)
 
 
+def admittance(k, d, eps):
+    t = np.tanh(k * d)
+    return eps * (1 + eps * t) / (eps + t)
+
+
 @given(st.floats(20, 3000), st.floats(1.0, 100), st.floats(0.5e-3, 8e-3))
 @settings(max_examples=20)
 def test_grounded_profile_has_the_admittance_of_a_sheet(k, eps, d):
     h = 1e-4 / k  # a one-sided difference of second order errs by (kh)²
     g = flat_profile(np.array([k]), h * np.arange(3.0), [d], [eps], "grounded")[:, 0]
     q = -eps * (-3 * g[0] + 4 * g[1] - g[2]) / (2 * h * k)
-    t = math.tanh(k * d)
     assert g[0] == 1.0
-    assert q == pytest.approx(eps * (1 + eps * t) / (eps + t), rel=1e-6)  # as above, and 1e-16/1e-4 of rounding
+    assert q == pytest.approx(admittance(k, d, eps), rel=1e-6)  # as above, and 1e-16/1e-4 of rounding
 
 
 @given(st.floats(20, 3000), st.floats(1.0, 100), st.floats(1.0, 100))
@@ -185,12 +186,8 @@ def test_a_wide_dent_is_another_flat_sheet(lift):
     k, weights = wavenumber_rule(TOP - 1e-3, 40e-3, LayerMesh(decays=14.0))
     c = harmonics([surface_potential(placement, BOARD) for placement in ARRAY.placements], k, 24)
     energy = (np.abs(c) ** 2 * np.where(np.arange(25) == 0, 1, 2)).sum(axis=-1)  # mean of |V|² over the angle
-
-    def admittance(d):
-        t = np.tanh(k * d)
-        return eps * (1 + eps * t) / (eps + t)
-
-    expected = EPSILON_0 * (weights * k**2 * (admittance(TOP + lift) - admittance(TOP)) / (2 * np.pi)) @ energy
+    change = admittance(k, TOP + lift, eps) - admittance(k, TOP, eps)
+    expected = EPSILON_0 * (weights * k**2 * change / (2 * np.pi)) @ energy
     # 2e-3: the sheet comes back at 60 to 90 mm, where the coils' field energy has fallen by far more than (8/60)²
     assert dent_capacitance(ARRAY, [plateau], [[0.0, 0.0]], eps)[0, 0] == pytest.approx(expected, rel=2e-3)
 
@@ -209,13 +206,10 @@ def first_order(coil, shape, centre, eps):
     rho, phi = np.hypot(X, Y), np.arctan2(Y, X)
     orders = 16  # the coil's harmonics end at k times its radius, 8
     c = harmonics([surface_potential(coil, BOARD)], k, orders, (coil.x, coil.y))[:, 0]
-    t = np.tanh(k * TOP)
-    transmitted = 1 / (np.cosh(k * TOP) * (1 + t / eps))  # potential at the top over that at the base
+    transmitted = 1 / (np.cosh(k * TOP) * (1 + np.tanh(k * TOP) / eps))  # potential at the top over that at the base
     amplitude = (weights * k / (2 * np.pi) * transmitted)[:, None] * c
-    E_t = np.zeros((2, len(rho)))
-    D_n = np.zeros(len(rho))
-    kr = np.outer(rho, k)
-    bessel = [jv(m, kr) for m in range(orders + 2)]
+    E_t, D_n = np.zeros((2, len(rho))), np.zeros(len(rho))
+    bessel = [jv(m, np.outer(rho, k)) for m in range(orders + 2)]
     for m in range(orders + 1):
         wave = np.exp(1j * m * phi) * (1 if m == 0 else 2)
         slope = (bessel[abs(m - 1)] * (-1 if m == 0 else 1) - bessel[m + 1]) / 2
@@ -271,10 +265,8 @@ def solved(dent, eps, electrodes, z):
     change = energy.assemble(basis, eps=medium, a=stretch, b=-shear, c=(1 + shear**2) / (1 + stretch) - 1)
     nodes = basis.doflocs
     held = electrodes(*nodes)
-    lid = (nodes[0] > FAR - 1e-9) | (np.abs(nodes[1]) > FAR - 1e-9)
-    held[lid & np.isnan(held)] = 0.0
-    free = np.flatnonzero(np.isnan(held))
-    known = np.nan_to_num(held)
+    held[((nodes[0] > FAR - 1e-9) | (np.abs(nodes[1]) > FAR - 1e-9)) & np.isnan(held)] = 0.0
+    free, known = np.flatnonzero(np.isnan(held)), np.nan_to_num(held)
 
     def potential(matrix):
         u = known.copy()
@@ -331,9 +323,6 @@ def test_what_the_copper_s_surroundings_change(zero_at, low, high):
     assert low < solved(pit(), eps, layers, z) / assumed < high
 
 
-# --- symmetries and signs ---
-
-
 def test_air_or_no_dent_changes_nothing():
     assert (dent_capacitance(ARRAY, [ringed()], PLACES, 1.0) == 0).all()
     assert (changed(0.0) == 0).all()
@@ -388,11 +377,9 @@ def coarse():
     return dent_capacitance(ARRAY, [ringed()], PLACES, 3.0)[0]
 
 
-FINER = [("harmonics", 14, 1e-4), ("decays", 12.0, 1e-3), ("width", 0.125, 1e-3), ("rows", 12, 1e-3),
-         ("growth", 1.1, 1e-3)]  # fmt: skip
-
-
-@pytest.mark.parametrize(("setting", "value", "tolerance"), FINER)
+@pytest.mark.parametrize(("setting", "value", "tolerance"), [
+    ("harmonics", 14, 1e-4), ("decays", 12.0, 1e-3), ("width", 0.125, 1e-3), ("rows", 12, 1e-3), ("growth", 1.1, 1e-3),
+])  # fmt: skip
 def test_defaults_are_converged(coarse, setting, value, tolerance):
     """Changes against the defaults, relative to the largest entry; the coil's halves nearly cancel in it."""
     fine = dent_capacitance(ARRAY, [ringed()], PLACES, 3.0, replace(LayerMesh(), **{setting: value}))[0]
@@ -408,25 +395,21 @@ def test_the_term_is_far_below_the_magnetic_one_and_its_bound():
     for zero_at, most in ((0.5, 3e-7), (0.0, 3e-6), (1.0, 3e-6)):
         feigned = dent_capacitance(board, [ringed()], places, 3.0, zero_at=zero_at)[0, :, 0] / 120e-12
         assert 0 < np.abs(feigned).max() < most  # the magnetic sheet: 8e-4
-    bound = elastomer_effect(board, 3.0, 120e-12, sheets, undisturbed=7e-3).dent_bound[0]
-    assert most < float(bound) < 1e-5
+    assert most < float(elastomer_effect(board, 3.0, 120e-12, sheets, undisturbed=7e-3).dent_bound[0]) < 1e-5
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"positions": [[0.0, np.nan]]}, "positions must be finite"),
-        ({"positions": [0.0, 1.0]}, "shape"),
-        ({"permittivity": 0.9}, "permittivity must be at least 1; got 0.9"),
-        ({"permittivity": np.nan}, "permittivity must be at least 1; got nan"),
-        ({"permittivity": np.inf}, "permittivity must be at least 1; got inf"),
-        ({"zero_at": -0.1}, "from 0 to 1; got -0.1"),
-        ({"zero_at": np.nan}, "from 0 to 1; got nan"),
-        ({"dents": [replace(ringed(), symmetry="plane")]}, "about an axis"),
-        ({"dents": [ringed(), dented(0 * RADII, (1e-3, 2e-3))]}, "same sheets"),
-        ({"dents": [dented(-0.29e-3 * np.exp(-((RADII / 3e-3) ** 2)), (0.2e-3, 0.11e-3))]}, "too close"),
-    ],
-)
+@pytest.mark.parametrize(("change", "message"), [
+    ({"positions": [[0.0, np.nan]]}, "positions must be finite"),
+    ({"positions": [0.0, 1.0]}, "shape"),
+    ({"permittivity": 0.9}, "permittivity must be at least 1; got 0.9"),
+    ({"permittivity": np.nan}, "permittivity must be at least 1; got nan"),
+    ({"permittivity": np.inf}, "permittivity must be at least 1; got inf"),
+    ({"zero_at": -0.1}, "from 0 to 1; got -0.1"),
+    ({"zero_at": np.nan}, "from 0 to 1; got nan"),
+    ({"dents": [replace(ringed(), symmetry="plane")]}, "about an axis"),
+    ({"dents": [ringed(), dented(0 * RADII, (1e-3, 2e-3))]}, "same sheets"),
+    ({"dents": [dented(-0.29e-3 * np.exp(-((RADII / 3e-3) ** 2)), (0.2e-3, 0.11e-3))]}, "too close"),
+])  # fmt: skip
 def test_bad_input(change, message):
     arguments = {"dents": [ringed()], "positions": PLACES, "permittivity": 3.0, **change}
     with pytest.raises(ElastomerError, match=message):

@@ -10,8 +10,6 @@ Who checks whom:
     compliance                                                         symmetry, positive definiteness
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.sparse import csr_array

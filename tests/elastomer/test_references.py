@@ -3,8 +3,6 @@
 The meshes are coarser than the default one, to save time; tests/elastomer/test_contact.py measures how errors shrink.
 """
 
-from __future__ import annotations
-
 from itertools import groupby
 
 import numpy as np

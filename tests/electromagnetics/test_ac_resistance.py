@@ -10,12 +10,11 @@ Who checks whom:
                                            of a square loop   long racetrack
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from support.coil_paths import spiral_path
 from support.parallel_traces import parallel_traces
 from support.references import rows
@@ -44,13 +43,6 @@ def racetrack(turns, width, pitch, inner, length):
     return Conductor([(x, y, 0.0) for x, y in points], width, T, name="racetrack")
 
 
-def switch_frequency(width, resistivity=RESISTIVITY_COPPER):
-    return resistivity / (np.pi * MU_0 * (width / WIDE) ** 2)
-
-
-# mean logarithms
-
-
 def gauss_mean_log(x, z, w1, t1, w2, t2, n=16):
     node, weight = np.polynomial.legendre.leggauss(n)
     a, b = node[:, None] / 2, node[None, :] / 2
@@ -76,16 +68,11 @@ def test_mean_log_of_a_square_with_itself():
 
 
 def test_far_expansion_meets_the_closed_form():
-    sizes = (1.0, 0.4, 0.8, 1.0)
     for angle in np.linspace(0, np.pi, 9):
-        x, z = np.cos(angle), np.sin(angle)
-        inside = mean_log(NEAR * (1 - 1e-12) * x, NEAR * (1 - 1e-12) * z, *sizes)
-        outside = mean_log(NEAR * (1 + 1e-12) * x, NEAR * (1 + 1e-12) * z, *sizes)
+        places = (NEAR * (1 + d) * np.array([np.cos(angle), np.sin(angle)]) for d in (-1e-12, 1e-12))
+        inside, outside = (mean_log(*place, 1.0, 0.4, 0.8, 1.0) for place in places)
         # the sixth moments that the expansion leaves out: about (1/6)⁶/800
         assert outside == pytest.approx(inside, abs=1e-7)
-
-
-# one trace
 
 
 @pytest.mark.slow
@@ -111,20 +98,18 @@ def test_single_mesh(aspect, mesh):
 
 
 def test_uniform_field_at_low_frequency():
-    f = 1e3
-    omega = 2 * np.pi * f
-    trace = cross_section(W, T, f)
+    trace, squared = cross_section(W, T, 1e3), (2 * np.pi * 1e3 * MU_0) ** 2
     # ω²µ0² t w³/12ρ: eddy currents of a thin strip in a uniform field, no reaction (w/δ = 0.07: 1e-6);
     # cells of constant density miss their own inner variation, 1e-3 with 48 cells and 6e-3 with 22
-    assert trace.normal_field_loss == pytest.approx((omega * MU_0) ** 2 * T * W**3 / 12 / RESISTIVITY_COPPER, rel=1e-3)
-    assert trace.lateral_field_loss == pytest.approx((omega * MU_0) ** 2 * W * T**3 / 12 / RESISTIVITY_COPPER, rel=6e-3)
+    assert trace.normal_field_loss == pytest.approx(squared * T * W**3 / 12 / RESISTIVITY_COPPER, rel=1e-3)
+    assert trace.lateral_field_loss == pytest.approx(squared * W * T**3 / 12 / RESISTIVITY_COPPER, rel=6e-3)
 
 
 def test_single_trace_limits():
-    trace = cross_section(W, T, [1e2, 2e4, 4e4])
+    excess = cross_section(W, T, [1e2, 2e4, 4e4]).resistance_ratio - 1
     # f → 0: R_dc; the excess, 1e-12 at 100 Hz, is ∝ f² up to (w/δ)⁴/500 at 40 kHz
-    assert trace.resistance_ratio[0] == pytest.approx(1.0, abs=1e-10)
-    assert (trace.resistance_ratio[2] - 1) / (trace.resistance_ratio[1] - 1) == pytest.approx(4.0, rel=1e-3)
+    assert excess[0] == pytest.approx(0.0, abs=1e-10)
+    assert excess[2] / excess[1] == pytest.approx(4.0, rel=1e-3)
     # skin limit of a square: R ∝ √f; corners add O(δ/w), 3 % here
     side = 1e-3
     f = RESISTIVITY_COPPER / (np.pi * MU_0 * (side / np.array([75.0, 150.0])) ** 2)
@@ -151,14 +136,11 @@ def test_width_and_thickness_change_places():
     assert upright.normal_field_loss == pytest.approx(flat.lateral_field_loss, rel=1e-9)
 
 
-# parallel traces
-
-
 def reference_bundle(row):
     n, levels = int(row["n_traces"]), [float(z) * 1e-3 for z in row["z_list_mm"].split(";")]
-    width, pitch = float(row["w_mm"]) * 1e-3, float(row["pitch_mm"]) * 1e-3
+    width, thickness, pitch = (float(row[f"{key}_mm"]) * 1e-3 for key in ("w", "t", "pitch"))
     x, z = np.tile(np.arange(n) * pitch, len(levels)), np.repeat(levels, n)
-    return width, float(row["t_mm"]) * 1e-3, x, z, float(row["f_MHz"]) * 1e6
+    return width, thickness, x, z, float(row["f_MHz"]) * 1e6
 
 
 @pytest.mark.slow
@@ -186,15 +168,14 @@ def test_one_parallel_trace_is_the_single_trace():
 @pytest.mark.slow
 def test_basis_tolerance(monkeypatch):
     x, z = np.tile(np.arange(6) * 0.25e-3, 2), np.repeat([0.0, 0.15e-3], 6)
-    default = [parallel_traces(0.2e-3, T, x, z, 1.0, f).loss_ratio for f in (1e6, 5e6, 2e7)]
-    monkeypatch.setattr(module, "BASIS_TOLERANCE", 1e-4)
-    module._basis.cache_clear()
-    module._section.cache_clear()
-    fine = [parallel_traces(0.2e-3, T, x, z, 1.0, f).loss_ratio for f in (1e6, 5e6, 2e7)]
-    module._basis.cache_clear()
-    module._section.cache_clear()
+    found = []
+    for tolerance in (module.BASIS_TOLERANCE, 1e-4):
+        monkeypatch.setattr(module, "BASIS_TOLERANCE", tolerance)
+        found.append([parallel_traces(0.2e-3, T, x, z, 1.0, f).loss_ratio for f in (1e6, 5e6, 2e7)])
+        module._basis.cache_clear()
+        module._section.cache_clear()
     # gaps of a quarter width, where the Taylor series of the basis is stretched most
-    np.testing.assert_allclose(default, fine, rtol=2e-3)
+    np.testing.assert_allclose(*found, rtol=2e-3)
 
 
 @pytest.mark.slow
@@ -204,9 +185,6 @@ def test_opposite_currents_crowd_and_mirror():
     # the facing go-and-return pair spreads its current over the faces; the pair in phase pushes it to the edges
     assert same.loss_ratio[0] > opposite.loss_ratio[0] > 1
     assert same.loss_ratio[0] == pytest.approx(same.loss_ratio[1], rel=1e-9)  # mirror images, rounding
-
-
-# coils
 
 
 @pytest.fixture(scope="module")
@@ -221,8 +199,7 @@ def test_direct_current_limit(board):
     np.testing.assert_allclose(np.diag(result.resistance[0]), dc_resistance(board), rtol=1e-10)
     np.testing.assert_allclose(result.dc_resistance, dc_resistance(board), rtol=1e-15)
     assert result.resistance.attrs["units"] == "ohm"
-    low = resistance_matrix(board[:2], [1e4, 2e4]).resistance.values
-    excess = low - np.diag(dc_resistance(board[:2]))
+    excess = resistance_matrix(board[:2], [1e4, 2e4]).resistance.values - np.diag(dc_resistance(board[:2]))
     # eddy reaction is of order (w/δ)⁴/500 = 1e-5 at 20 kHz; rounding of R against its excess: 1e-16/1e-6
     np.testing.assert_allclose(excess[1] / excess[0], 4.0, rtol=1e-4)
 
@@ -231,19 +208,16 @@ def test_direct_current_limit(board):
 def test_symmetric_and_positive_definite(board):
     R = resistance_matrix(board, np.geomspace(1e5, 2e7, 7)).resistance.values
     np.testing.assert_allclose(R, R.transpose(0, 2, 1), rtol=0, atol=1e-14 * R.max())  # rounding
-    dc = dc_resistance(board)
     # more than DC loss for any currents: R − R_dc is positive definite too
-    assert np.linalg.eigvalsh(R - np.diag(dc)).min() > 0
+    assert np.linalg.eigvalsh(R - np.diag(dc_resistance(board))).min() > 0
 
 
-def is_narrow(row):
-    width, _, _, _, f = reference_bundle(row)
-    return bool(width <= WIDE * skin_depth(f))
+NARROW = [
+    row for row in rows("ac_parallel_traces") for w, *_, f in [reference_bundle(row)] if w <= WIDE * skin_depth(f)
+]
 
 
-@pytest.mark.parametrize(
-    "row", [row for row in rows("ac_parallel_traces") if is_narrow(row)], ids=lambda r: "-".join(list(r.values())[:6])
-)
+@pytest.mark.parametrize("row", NARROW, ids=lambda r: "-".join(list(r.values())[:6]))
 def test_transverse_field_alone_on_the_bundles(row):
     width, thickness, x, z, f = reference_bundle(row)
     bars = [Conductor([[a, -10, b], [a, 10, b]], width, thickness) for a, b in zip(x, z, strict=True)]
@@ -269,20 +243,16 @@ def test_racetrack_against_its_two_sides():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "path",
-    [
-        spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3)),
-        spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3), (0.0, -0.2e-3)),
-        spiral_path(Spiral(6, 6e-3, 10, 0.2e-3, 0.05e-3)),
-        spiral_path(Spiral(72, 9e-3, 6, 0.15e-3, 0.15e-3, circular=True)),
-        spiral_path(Spiral(4, 15e-3, 6, 1e-3, 0.2e-3)),
-    ],
-    ids=["hexagon", "two layers", "tight", "circle", "wide"],
-)
+@pytest.mark.parametrize("path", [
+    spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3)),
+    spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3), (0.0, -0.2e-3)),
+    spiral_path(Spiral(6, 6e-3, 10, 0.2e-3, 0.05e-3)),
+    spiral_path(Spiral(72, 9e-3, 6, 0.15e-3, 0.15e-3, circular=True)),
+    spiral_path(Spiral(4, 15e-3, 6, 1e-3, 0.2e-3)),
+], ids=["hexagon", "two layers", "tight", "circle", "wide"])  # fmt: skip
 def test_switch_between_models(path):
-    f = switch_frequency(path.widths[0]) * np.array([1 - 1e-9, 1 + 1e-9])
-    result = resistance_matrix(path, f)
+    switch = RESISTIVITY_COPPER / (np.pi * MU_0 * (path.widths[0] / WIDE) ** 2)
+    result = resistance_matrix(path, switch * np.array([1 - 1e-9, 1 + 1e-9]))
     assert result.model.values[:, 0].tolist() == ["transverse field", "section filaments"]
     below, above = result.resistance.values[:, 0, 0]
     # the jump: what a uniform field over each trace leaves out at w = 2δ; measured at most 6.5e-4
@@ -290,9 +260,9 @@ def test_switch_between_models(path):
 
 
 def test_gauss_points(board, monkeypatch):
-    default = resistance_matrix(board[:2], 1.7e6).resistance.values[0]
+    default = resistance_matrix(board[:2], 1.7e6).resistance.values
     monkeypatch.setattr(module, "POINTS", ((0.0, 32),))
-    fine = resistance_matrix(board[:2], 1.7e6).resistance.values[0]
+    fine = resistance_matrix(board[:2], 1.7e6).resistance.values
     # of an excess of 10 % of R: measured 2e-4 of R
     np.testing.assert_allclose(default, fine, rtol=0, atol=5e-4 * fine.max())
 
@@ -316,9 +286,8 @@ def test_loss_induced_in_an_open_neighbour():
 @given(st.floats(0.2, 5.0), st.floats(0.0, 6.0), st.floats(-1.0, 1.0))
 def test_scaled_turned_and_moved_coil(scale, angle, shift):
     path = spiral_path(Spiral(6, 4e-3, 5, 0.2e-3, 0.1e-3))
-    c, s = np.cos(angle), np.sin(angle)
-    turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    moved = Conductor(scale * path.vertices @ turn + shift, scale * path.widths, scale * path.thicknesses)
+    turned = Rotation.from_euler("z", angle).apply(scale * path.vertices)
+    moved = Conductor(turned + shift, scale * path.widths, scale * path.thicknesses)
     f = np.array([3e5, 4e6])
     first, second = resistance_matrix(path, f), resistance_matrix(moved, f / scale**2)
     assert (first.model == second.model).all()
@@ -329,15 +298,12 @@ def test_scaled_turned_and_moved_coil(scale, angle, shift):
 
 def test_vias_keep_their_direct_resistance():
     path = Conductor([[0, 0, 0], [0, 0, -1e-3]], 0.2e-3, 0.2e-3, areas=1e-8)
-    # no part of R depends on f
-    np.testing.assert_allclose(
-        resistance_matrix(path, [1e3, 1e7]).resistance[:, 0, 0], RESISTIVITY_COPPER * 1e-3 / 1e-8, rtol=1e-14
-    )
+    R = resistance_matrix(path, [1e3, 1e7]).resistance[:, 0, 0]
+    np.testing.assert_allclose(R, RESISTIVITY_COPPER * 1e-3 / 1e-8, rtol=1e-14)  # no part of it depends on f
 
 
 def test_cut_of_a_spiral():
-    spiral = Spiral(6, 10e-3, 8, 0.15e-3, 0.15e-3)
-    path = spiral_path(spiral, (0.0, -0.2e-3))
+    path = spiral_path(Spiral(6, 10e-3, 8, 0.15e-3, 0.15e-3), (0.0, -0.2e-3))
     crossed, x, z, sign = radial_cut(path.vertices, path.widths)
     assert len(crossed) == 16  # every turn of both layers once
     assert np.unique(np.round(z, 6)).tolist() == [-0.2e-3, 0.0]
@@ -369,9 +335,6 @@ def test_progress(board):
     assert seen == [(k, 6) for k in range(1, 7)]
 
 
-# refusals
-
-
 @pytest.mark.parametrize("frequency", [0.0, -1.0, np.nan, np.inf])
 @pytest.mark.parametrize("solve", [lambda f: cross_section(W, T, f), lambda f: resistance_matrix(BAR, [1e6, f])])
 def test_bad_frequency(solve, frequency):
@@ -379,21 +342,15 @@ def test_bad_frequency(solve, frequency):
         solve(frequency)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        *(
-            (lambda rho=rho: cross_section(W, T, 1e6, rho), "resistivity must be positive")
-            for rho in (0.0, -1.0, np.nan)
-        ),
-        *((lambda rho=rho: resistance_matrix(BAR, 1e6, rho), "resistivity must be") for rho in (0.0, -1.0, np.nan)),
-        (lambda: cross_section(-1.0, T, 1e6), "width of a trace must be positive and finite"),
-        (lambda: cross_section(1.0, T, 1e8), "at most 300 skin depths"),
-        (lambda: resistance_matrix(BAR.vertices, 1e6), "path 1 has segments without a cross-section"),
-        (lambda: resistance_matrix(Conductor(BAR.vertices, areas=1e-8), 1e6), "without a cross-section"),
-        (lambda: resistance_matrix(BAR, []), "frequencies must have shape"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    *((lambda rho=rho: cross_section(W, T, 1e6, rho), "resistivity must be positive") for rho in (0.0, -1.0, np.nan)),
+    *((lambda rho=rho: resistance_matrix(BAR, 1e6, rho), "resistivity must be") for rho in (0.0, -1.0, np.nan)),
+    (lambda: cross_section(-1.0, T, 1e6), "width of a trace must be positive and finite"),
+    (lambda: cross_section(1.0, T, 1e8), "at most 300 skin depths"),
+    (lambda: resistance_matrix(BAR.vertices, 1e6), "path 1 has segments without a cross-section"),
+    (lambda: resistance_matrix(Conductor(BAR.vertices, areas=1e-8), 1e6), "without a cross-section"),
+    (lambda: resistance_matrix(BAR, []), "frequencies must have shape"),
+])  # fmt: skip
 def test_bad_input(call, message):
     with pytest.raises(ValueError, match=message) as caught:
         call()

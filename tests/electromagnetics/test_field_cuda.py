@@ -31,13 +31,8 @@ print("same")
 
 @pytest.mark.slow
 def test_kernel_in_the_simulator():
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", SIMULATED],
-        check=False,
-        env={**os.environ, "NUMBA_ENABLE_CUDASIM": "1"},
-        capture_output=True,
-        text=True,
-    )
+    command, env = [sys.executable, "-W", "ignore", "-c", SIMULATED], {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
+    done = subprocess.run(command, check=False, env=env, capture_output=True, text=True)
     assert done.stdout.strip() == "same", done.stderr
 
 

@@ -4,14 +4,16 @@ Who checks whom: closed forms and other programs in test_references.py; here the
 over both cross-sections, reuse against no reuse, and the identities that every inductance matrix obeys.
 """
 
-from __future__ import annotations
+from dataclasses import replace
 
 import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from support.coil_paths import at_height
+from support.references import polygon
 
 from coilarray import coupling_matrix, inductance_matrix, load_design, mutual_inductance, self_inductance
 from coilarray.constants import MU_0
@@ -21,13 +23,13 @@ from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Spiral
 
 W, T = 0.15e-3, 35e-6
+BAR = Conductor([[0, 0, 0], [10e-3, 0, 0]], W, T)
 
 
-def hexagon(radius=5e-3, z=0.0, centre=(0.0, 0.0), width=W, gap=1e-4):
-    angle = np.pi / 3 * np.arange(7)
-    x, y = centre[0] + radius * np.cos(angle), centre[1] + radius * np.sin(angle)
-    y[-1] -= gap  # an open loop
-    return Conductor(np.column_stack((x, y, np.full(7, z))), width, T)
+def hexagon(radius=5e-3, z=0.0, centre=(0.0, 0.0)):
+    vertices = polygon(6, radius, z, centre=centre)
+    vertices[-1, 1] -= 1e-4  # an open loop
+    return Conductor(vertices, W, T)
 
 
 def _brute_force(first, second, n=8):
@@ -46,50 +48,38 @@ def _brute_force(first, second, n=8):
     return sum(p * q * straight_filaments(*a, *b) for p, *a in strands(first) for q, *b in strands(second))
 
 
-@pytest.mark.parametrize(
-    ("start", "end"),
-    [
-        ([1e-3, 0.3e-3, 0], [9e-3, 0.3e-3, 0]),  # the next turn
-        ([1e-3, 0.3e-3, 0], [9e-3, 0.33e-3, 0]),  # the next turn of a spiral, slightly tilted
-        ([9e-3, 0.6e-3, 0], [1e-3, 0.62e-3, 0]),  # two turns on, the other way
-        ([0, 0, 0.25e-3], [10e-3, 0, 0.25e-3]),  # the layer below
-        ([2e-3, 3e-3, 0.25e-3], [4e-3, -3e-3, 0.25e-3]),  # a crossing on another layer
-        ([10.5e-3, 0.3e-3, 0], [14e-3, 6e-3, 0]),  # round the corner
-        ([0, 5e-3, 0], [10e-3, 5e-3, 0]),  # far
-    ],
-)
+@pytest.mark.parametrize(("start", "end"), [
+    ([1e-3, 0.3e-3, 0], [9e-3, 0.3e-3, 0]),  # the next turn
+    ([1e-3, 0.3e-3, 0], [9e-3, 0.33e-3, 0]),  # the next turn of a spiral, slightly tilted
+    ([9e-3, 0.6e-3, 0], [1e-3, 0.62e-3, 0]),  # two turns on, the other way
+    ([0, 0, 0.25e-3], [10e-3, 0, 0.25e-3]),  # the layer below
+    ([2e-3, 3e-3, 0.25e-3], [4e-3, -3e-3, 0.25e-3]),  # a crossing on another layer
+    ([10.5e-3, 0.3e-3, 0], [14e-3, 6e-3, 0]),  # round the corner
+    ([0, 5e-3, 0], [10e-3, 5e-3, 0]),  # far
+])  # fmt: skip
 def test_pairs_of_bars_against_a_mean_over_the_cross_sections(start, end):
-    first = Conductor([[0, 0, 0], [10e-3, 0, 0]], W, T)
     second = Conductor([start, end], W, T)
-    M = mutual_inductance(first, second)[0, 0]
     # the rules are set for 1e-7 across the width and 1e-5 of the thickness' own 1 %
-    assert pytest.approx(_brute_force(first, second), rel=1e-6) == M
+    assert pytest.approx(_brute_force(BAR, second), rel=1e-6) == mutual_inductance(BAR, second)[0, 0]
 
 
-@pytest.mark.slow
-def test_parallel_bars_against_the_exact_integral():
-    first = Conductor([[0, 0, 0], [10e-3, 0, 0]], W, T)
-    for shift in (0.16e-3, 0.2e-3, 0.3e-3, 0.6e-3, 1.5e-3, 3e-3):
-        second = Conductor([[0, shift, 0], [10e-3, shift, 0]], W, T)
-        exact = rectangular_bars((10e-3, W, T), (10e-3, W, T), (0, shift, 0))
-        # the rules are set for 1e-7 across the width and 1e-5 of the thickness' own 1 %
-        assert mutual_inductance(first, second)[0, 0] == pytest.approx(exact, rel=3e-7)
-
-
-def test_bars_that_touch_use_the_exact_integral():
-    first = Conductor([[0, 0, 0], [10e-3, 0, 0]], W, T)
-    for shift, back in ((W, False), (W / 2, False), (W / 2, True), (0.0, False)):
-        ends = [[0, shift, 0], [10e-3, shift, 0]]
-        second = Conductor(ends[::-1] if back else ends, W, T)
-        exact = rectangular_bars((10e-3, W, T), (10e-3, W, T), (0, shift, 0)) * (-1 if back else 1)
-        assert mutual_inductance(first, second)[0, 0] == pytest.approx(exact, rel=1e-10)
+@pytest.mark.parametrize(("shift", "sense", "rel"), [
+    # the rules are set for 1e-7 across the width and 1e-5 of the thickness' own 1 %
+    (0.16e-3, 1, 3e-7), (0.2e-3, 1, 3e-7), (0.3e-3, 1, 3e-7), (0.6e-3, 1, 3e-7), (1.5e-3, 1, 3e-7), (3e-3, 1, 3e-7),
+    # bars that touch use the exact integral
+    (W, 1, 1e-10), (W / 2, 1, 1e-10), (W / 2, -1, 1e-10), (0.0, 1, 1e-10),
+])  # fmt: skip
+def test_parallel_bars_against_the_exact_integral(shift, sense, rel):
+    second = Conductor([[0, shift, 0], [10e-3, shift, 0]][::sense], W, T)
+    exact = sense * rectangular_bars((10e-3, W, T), (10e-3, W, T), (0, shift, 0))
+    assert mutual_inductance(BAR, second)[0, 0] == pytest.approx(exact, rel=rel)
 
 
 @pytest.mark.parametrize(("w1", "w2"), [(1e-3, 0.2e-3), (1e-3, 0.5e-3), (0.2e-3, 0.1e-3)])
 @pytest.mark.parametrize("place", [(0.0, 0.1e-3), (0.3e-3, 0.0), (0.0, 0.0), (0.4e-3, 0.25e-3), (2.5e-3, 0.1e-3)])
 def test_parallel_bars_of_different_width(w1, w2, place):
     y, z = place
-    first = Conductor([[0, 0, 0], [10e-3, 0, 0]], w1, T)
+    first = Conductor(BAR.vertices, w1, T)
     second = Conductor([[2e-3, y, z], [8e-3, y, z]], w2, T)
     # from corner to corner, where the bars' middle lines are y apart
     exact = rectangular_bars((10e-3, w1, T), (6e-3, w2, T), (2e-3, y + w1 / 2 - w2 / 2, z))
@@ -108,10 +98,9 @@ def test_wide_bars_that_cross_on_another_layer(degrees, height):
 
 
 def test_a_cut_trace_has_the_inductance_of_the_whole():
-    whole = Conductor([[0, 0, 0], [10e-3, 0, 0]], W, T)
     cut = Conductor([[0, 0, 0], [3e-3, 0, 0], [3.7e-3, 0, 0], [10e-3, 0, 0]], W, T)
     # collinear pieces meet end to end: exact bars, to the quadrature's 1e-11
-    assert self_inductance(cut)[0] == pytest.approx(self_inductance(whole)[0], rel=1e-9)
+    assert self_inductance(cut)[0] == pytest.approx(self_inductance(BAR)[0], rel=1e-9)
 
 
 def test_reuse_of_equal_pairs_changes_nothing(monkeypatch):
@@ -128,13 +117,9 @@ def test_reuse_of_equal_pairs_changes_nothing(monkeypatch):
     # but one: the upper layers, the two other pairs, the vias
     assert len(summed) == 3 + (1 + 2 * 3) + 4
     # the same coils an offset of 1 nm away share nothing
-    paths = [
-        Conductor(c.vertices + np.array([0, 0, 1e-9 * k * k]), c.widths, c.thicknesses, c.areas, c.name)
-        for k, c in enumerate(array.conductors())
-    ]
-    apart = inductance_matrix(paths)
+    paths = [replace(c, vertices=np.add(c.vertices, [0, 0, 1e-9 * k * k])) for k, c in enumerate(array.conductors())]
     # a shift of 1 nm changes neighbours' M by about 1e-6
-    np.testing.assert_allclose(apart, reused, rtol=3e-6)
+    np.testing.assert_allclose(inductance_matrix(paths), reused, rtol=3e-6)
 
 
 def test_direction_and_order():
@@ -156,9 +141,8 @@ shifts = st.floats(-0.02, 0.02)
 def test_rotation_and_translation(angle, x, y, z):
     paths = [hexagon(), hexagon(4e-3, 1e-3, (3e-3, 1e-3)), hexagon(5e-3, -1e-3, (-7e-3, 2e-3))]
     L = inductance_matrix(paths)
-    c, s = np.cos(angle), np.sin(angle)
-    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    moved = [Conductor(p.vertices @ R.T + [x, y, z], p.widths, p.thicknesses) for p in paths]
+    turn = Rotation.from_euler("z", angle)
+    moved = [replace(p, vertices=np.add(turn.apply(p.vertices.copy()), [x, y, z])) for p in paths]
     # rounding of coordinates; the choice between rules may fall otherwise at its edge, where they agree to 1e-7
     np.testing.assert_allclose(inductance_matrix(moved), L, rtol=1e-7, atol=1e-7 * L.max())
 
@@ -227,8 +211,7 @@ def test_the_matrix_of_the_board_is_symmetric_and_positive_definite():
     L = inductance_matrix(load_design("gast2020").array)
     np.testing.assert_array_equal(L, L.T)
     assert (np.linalg.eigvalsh(L) > 0).all()
-    k = coupling_matrix(L)
-    assert (np.abs(k - np.eye(6)) < 1).all()
+    assert (np.abs(coupling_matrix(L) - np.eye(6)) < 1).all()
     # the board is its own mirror image but for the winding: equal self-inductance to the last digits
     np.testing.assert_allclose(np.diag(L), L[0, 0], rtol=1e-12)
 
@@ -237,8 +220,7 @@ def test_the_matrix_of_the_board_is_symmetric_and_positive_definite():
 @settings(max_examples=20)
 @given(st.lists(st.tuples(shifts, shifts, st.floats(0.001, 0.02)), min_size=1, max_size=4))
 def test_positive_definite_for_any_placement(places):
-    paths = [hexagon(z=k * 5e-3 + z, centre=(x, y)) for k, (x, y, z) in enumerate(places)]
-    L = inductance_matrix(paths)
+    L = inductance_matrix([hexagon(z=k * 5e-3 + z, centre=(x, y)) for k, (x, y, z) in enumerate(places)])
     assert np.linalg.eigvalsh(L).min() > 0
 
 
@@ -261,40 +243,35 @@ def test_wide_trace_against_the_current_sheet_limit():
     assert pytest.approx(expected, rel=2 * width / length) == L
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: inductance_matrix([[[0, 0, 0], [1, 0, 0]]]), "the self-inductance of a thin filament is infinite"),
-        (lambda: self_inductance(np.array([[0, 0, 0], [1, 0, 0.0]])), "path 1 has segments without a cross-section"),
-        (lambda: straight_filaments([0, 0, 0], [1, 0, 0], [0.5, 0, 0], [2, 0, 0]), "run over each other"),
-        (lambda: straight_filaments([0, 0, 0], [0, 0, 0], [0.5, 0, 0], [2, 0, 0]), "the first filament has length"),
-        (lambda: mutual_inductance([[[0, 0, 0], [1, 0, 0]]], [[[0, 0, 0], [1, 0, 0]]]), "path 1 and path 1 run over"),
-        (lambda: rectangular_bars((1, 0, 1)), "length, width and thickness of a bar must be positive"),
-        (lambda: rectangular_bars((1, 1, 1), offset=(np.nan, 0, 0)), "offset between two bars must be finite"),
-        (lambda: Conductor([[0, 0, 0], [1, 0, 0]], -1.0, 1.0), "widths of path must be finite and not negative"),
-        (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1.0, 0.0), "both zero or both positive"),
-        (lambda: Conductor([[0, 0, 0], [1, 0, 0]], [1.0, 2.0], 1.0), "widths of path must be one number or 1"),
-        (lambda: inductance_matrix(hexagon(), accuracy="fast"), "accuracy must be one of full, screen; got 'fast'"),
-        (lambda: mutual_inductance(hexagon(), hexagon(z=1e-3), accuracy="fast"), "accuracy must be one of full"),
-        (lambda: straight_filaments([0, 0, 0], [1, 2, 3], [0.5, 1, 1.5], [2, 4, 6]), "run over each other"),
-        (lambda: straight_filaments([0, 0, 0], [1, 2, 3], [2, 4, 6], [0.5, 1, 1.5]), "run over each other"),
-        (lambda: rectangular_bars((1e200, 1, 1)), "length, width and thickness of a bar must be positive"),
-        (lambda: rectangular_bars((1, 1e-200, 1)), "length, width and thickness of a bar must be positive"),
-        (lambda: rectangular_bars((1, 1)), "length, width and thickness of a bar must be positive"),
-        (lambda: rectangular_bars((1, 1, 1), offset=(0, 0, 1e200)), "offset between two bars must be finite"),
-        (lambda: Conductor([[0, 0, 0], [1e200, 0, 0]]), "vertices of path must be at most"),
-        (lambda: Conductor([[0, 0, 0], [1e-60, 0, 0]]), "segment 0 of path has length zero"),
-        (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1e-200, 1.0), "widths of path must be zero or 1e-30 to"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: inductance_matrix([[[0, 0, 0], [1, 0, 0]]]), "the self-inductance of a thin filament is infinite"),
+    (lambda: self_inductance(np.array([[0, 0, 0], [1, 0, 0.0]])), "path 1 has segments without a cross-section"),
+    (lambda: straight_filaments([0, 0, 0], [1, 0, 0], [0.5, 0, 0], [2, 0, 0]), "run over each other"),
+    (lambda: straight_filaments([0, 0, 0], [0, 0, 0], [0.5, 0, 0], [2, 0, 0]), "the first filament has length"),
+    (lambda: mutual_inductance([[[0, 0, 0], [1, 0, 0]]], [[[0, 0, 0], [1, 0, 0]]]), "path 1 and path 1 run over"),
+    (lambda: rectangular_bars((1, 0, 1)), "length, width and thickness of a bar must be positive"),
+    (lambda: rectangular_bars((1, 1, 1), offset=(np.nan, 0, 0)), "offset between two bars must be finite"),
+    (lambda: Conductor([[0, 0, 0], [1, 0, 0]], -1.0, 1.0), "widths of path must be finite and not negative"),
+    (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1.0, 0.0), "both zero or both positive"),
+    (lambda: Conductor([[0, 0, 0], [1, 0, 0]], [1.0, 2.0], 1.0), "widths of path must be one number or 1"),
+    (lambda: inductance_matrix(hexagon(), accuracy="fast"), "accuracy must be one of full, screen; got 'fast'"),
+    (lambda: mutual_inductance(hexagon(), hexagon(z=1e-3), accuracy="fast"), "accuracy must be one of full"),
+    (lambda: straight_filaments([0, 0, 0], [1, 2, 3], [0.5, 1, 1.5], [2, 4, 6]), "run over each other"),
+    (lambda: straight_filaments([0, 0, 0], [1, 2, 3], [2, 4, 6], [0.5, 1, 1.5]), "run over each other"),
+    (lambda: rectangular_bars((1e200, 1, 1)), "length, width and thickness of a bar must be positive"),
+    (lambda: rectangular_bars((1, 1e-200, 1)), "length, width and thickness of a bar must be positive"),
+    (lambda: rectangular_bars((1, 1)), "length, width and thickness of a bar must be positive"),
+    (lambda: rectangular_bars((1, 1, 1), offset=(0, 0, 1e200)), "offset between two bars must be finite"),
+    (lambda: Conductor([[0, 0, 0], [1e200, 0, 0]]), "vertices of path must be at most"),
+    (lambda: Conductor([[0, 0, 0], [1e-60, 0, 0]]), "segment 0 of path has length zero"),
+    (lambda: Conductor([[0, 0, 0], [1, 0, 0]], 1e-200, 1.0), "widths of path must be zero or 1e-30 to"),
+])  # fmt: skip
 def test_bad_input(call, message):
     with pytest.raises(GeometryError, match=message):
         call()
 
 
-@pytest.mark.parametrize(
-    ("matrix", "message"), [([[1.0, 0.0]], "square"), ([[np.inf]], "be finite"), ([[-1.0]], "self-inductance must be")]
-)
-def test_bad_matrices(matrix, message):
-    with pytest.raises(ValueError, match=message):
-        coupling_matrix(matrix)
+def test_bad_matrices():
+    for matrix, message in (([[1.0, 0.0]], "square"), ([[np.inf]], "be finite"), ([[-1.0]], "self-inductance must be")):
+        with pytest.raises(ValueError, match=message):
+            coupling_matrix(matrix)

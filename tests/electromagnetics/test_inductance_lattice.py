@@ -51,12 +51,7 @@ def by_nodes(first, second, count, count_z):
 
 @pytest.mark.slow
 @settings(max_examples=25)
-@given(
-    azimuth=st.floats(0, 2 * np.pi),
-    elevation=st.floats(0, np.pi / 2),
-    distance=st.floats(24e-3, 200e-3),
-    angle=st.floats(0, 2 * np.pi),
-)
+@given(st.floats(0, 2 * np.pi), st.floats(0, np.pi / 2), st.floats(24e-3, 200e-3), st.floats(0, 2 * np.pi))
 def test_equivalent_currents_against_segments(azimuth, elevation, distance, angle):
     level = distance * np.cos(elevation)
     other = moved((level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)), angle)
@@ -128,8 +123,7 @@ def test_matrix_of_a_lattice():
     assert (np.diag(M) == M[0, 0]).all()
     assert M[0, 0] == pytest.approx(L, rel=1e-12)
     assert np.linalg.eigvalsh(M)[0] > 0  # stored energy is positive for every set of currents
-    rng = np.random.default_rng(3)
-    for i, j in rng.integers(0, len(coils), (12, 2)).tolist():
+    for i, j in np.random.default_rng(3).integers(0, len(coils), (12, 2)).tolist():
         if i != j:
             # 3e-8 for what is far, 1e-9 for what is near: the two ways round differ by the rules along segments
             near_widths = MUTUAL_NEAR_WIDTHS if needed(coils[i], coils[j]).max() > MOST_NODES else 0.0
@@ -143,5 +137,4 @@ def test_turned_copies():
     M = inductance_matrix(coils)
     # turning a path changes its self-inductance by the rules' error alone
     np.testing.assert_allclose(np.diag(M), L, rtol=1e-6)
-    rows = mutual_inductance(coils[:2], coils[2:])
-    np.testing.assert_allclose(rows, M[:2, 2:], atol=3e-8 * L)
+    np.testing.assert_allclose(mutual_inductance(coils[:2], coils[2:]), M[:2, 2:], atol=3e-8 * L)

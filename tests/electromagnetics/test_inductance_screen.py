@@ -22,10 +22,8 @@ def overlapping(sides, turns, apart, angle=0.0, rotation=0.0):
     """Two equal spirals on different layers."""
     coil = spiral_coil(Spiral(sides, 10e-3, turns, 0.12e-3, 0.12e-3, circular=sides > 8), 2, VIA)
     shift = apart * np.array([np.cos(angle), np.sin(angle)])
-    places = (
-        Placement("A", coil, ("L1", "L2"), 0.0, 0.0),
-        Placement("B", coil, ("L3", "L4"), *shift.tolist(), rotation),
-    )
+    upper, lower = (0.0, 0.0), (*shift.tolist(), rotation)
+    places = Placement("A", coil, ("L1", "L2"), *upper), Placement("B", coil, ("L3", "L4"), *lower)
     return CoilArray(BOARD, places).conductors()
 
 
@@ -44,12 +42,8 @@ def test_bundled_designs(name):
 @pytest.mark.slow
 @settings(max_examples=15)
 @given(
-    sides=st.sampled_from([3, 4, 6, 48]),
-    turns=st.integers(6, 18),
-    apart=st.floats(0, 30e-3),
-    angle=st.floats(0, 3.2),
-    rotation=st.floats(0, 3.2),
-)
+    st.sampled_from([3, 4, 6, 48]), st.integers(6, 18), st.floats(0, 30e-3), st.floats(0, 3.2), st.floats(0, 3.2)
+)  # fmt: skip
 def test_any_overlap(sides, turns, apart, angle, rotation):
     paths = overlapping(sides, turns, apart, angle, rotation)
     full, screened = inductance_matrix(paths), inductance_matrix(paths, accuracy="screen")
@@ -61,8 +55,7 @@ def test_any_overlap(sides, turns, apart, angle, rotation):
 
 
 def test_far_windings_are_those_of_all_turns():
-    paths = overlapping(6, 25, 40e-3)
-    full, screened = inductance_matrix(paths), inductance_matrix(paths, accuracy="screen")
+    full, screened = (inductance_matrix(overlapping(6, 25, 40e-3), accuracy=way) for way in ("full", "screen"))
     # the cross-section is worth (0.12 mm / 20 mm)²/12 = 3e-6 there, the five turns' rule less
     assert screened[0, 1] == pytest.approx(full[0, 1], rel=1e-5)
 
@@ -70,8 +63,7 @@ def test_far_windings_are_those_of_all_turns():
 def test_sheet_part():
     design = load_design("gast2020")
     full = layer_inductance(design.array, design.sheets)
-    screened = layer_inductance(design.array, design.sheets, accuracy="screen")
-    assert abs(screened - full).max() < 1e-3 * full.max()
+    assert abs(layer_inductance(design.array, design.sheets, accuracy="screen") - full).max() < 1e-3 * full.max()
 
 
 def test_without_turns_every_segment_counts():
@@ -102,9 +94,7 @@ def test_series_cover_every_segment_once():
 
 
 def test_uneven_turns_are_no_series():
-    rng = np.random.default_rng(0)
-    line = np.cumsum(rng.uniform(1e-3, 2e-3, (40, 2)), axis=0)
-    coil = path_coil([line], 0.1e-3, 0.1e-3, VIA)
+    coil = path_coil([np.cumsum(np.random.default_rng(0).uniform(1e-3, 2e-3, (40, 2)), axis=0)], 0.1e-3, 0.1e-3, VIA)
     conductor = CoilArray(BOARD, (Placement("A", coil, ("L1",), 0, 0),)).conductors()[0]
     assert (find_series(segment_table(conductor))[:, 2] == 1).all()
 

@@ -1,13 +1,12 @@
 """Parts of paths make up the path, images of one another are found, and sums by parts are those of whole paths."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from coilarray import Conductor, inductance_matrix, load_design, mutual_inductance
 from coilarray.design.vary import vary
@@ -27,10 +26,9 @@ def vertices(table):
 
 def image(conductor, mirror, turned=False, shift=(0.0, 0.0, 0.0)):
     """Mirrored at the origin, then moved; `turned` in the direction of the current."""
-    order = -1 if turned else 1
-    return Conductor(
-        (conductor.vertices * mirror)[::order] + shift, conductor.widths[::order], conductor.thicknesses[::order]
-    )
+    order = slice(None, None, -1 if turned else 1)
+    vertices = (conductor.vertices * mirror)[order] + shift
+    return Conductor(vertices, conductor.widths[order], conductor.thicknesses[order])
 
 
 def whole(first, second):
@@ -71,14 +69,11 @@ def test_a_mirrored_table_is_the_table_of_the_mirror_image(mirror):
 def test_parts_that_differ_are_not_the_same():
     other_width = Conductor(COIL.vertices, COIL.widths * (1 + 1e-6), COIL.thicknesses)
     longer = Conductor(COIL.vertices * (1 + 1e-6), COIL.widths, COIL.thicknesses)
-    angle = np.radians(30.0)
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    turned = Conductor(COIL.vertices @ turn.T, COIL.widths, COIL.thicknesses)
-    paths = [COIL, other_width, longer, turned]
+    turned = Rotation.from_euler("z", 30, degrees=True).apply(COIL.vertices.copy())
+    paths = [COIL, other_width, longer, Conductor(turned, COIL.widths, COIL.thicknesses)]
     # layers 1 + 1 + 1 + 2, for the turned ones mirror each other on another axis; the via is alike but in two
     assert len(find_parts([segment_table(path) for path in paths], np.full(4, QUANTUM)).tables) == 5 + 3
-    coarse = find_parts([segment_table(COIL)] * 2, np.array([QUANTUM, 2 * QUANTUM]))
-    assert len(coarse.tables) == 4
+    assert len(find_parts([segment_table(COIL)] * 2, np.array([QUANTUM, 2 * QUANTUM])).tables) == 4
 
 
 def test_a_path_of_many_heights_is_not_cut():
@@ -93,11 +88,9 @@ def test_a_path_of_many_heights_is_not_cut():
 @pytest.mark.slow
 @settings(max_examples=25)
 @given(
-    SIGNS,
-    st.booleans(),
-    st.tuples(*(st.sampled_from([0.0, 13e-3, -13e-3]) | st.floats(-0.02, 0.02) for _ in range(2))),
+    SIGNS, st.booleans(), st.tuples(*[st.sampled_from([0.0, 13e-3, -13e-3]) | st.floats(-0.02, 0.02)] * 2),
     st.sampled_from([0.5e-3, -0.6e-3, 1.2e-3]),
-)
+)  # fmt: skip
 def test_sums_by_parts_are_those_of_whole_paths(mirror, turned, aside, up):
     other = image(COIL, mirror, turned, (*aside, up))
     heights = [np.unique(path.vertices[:, 2]) for path in (COIL, other)]
@@ -127,5 +120,4 @@ def test_matrices_by_parts_are_those_of_whole_paths(monkeypatch, layers, accurac
 
 def test_a_wire_across_a_loop_has_no_part_in_it():
     loop = Conductor([[0, 0, 0], [1e-2, 0, 0], [1e-2, 1e-2, 0], [0, 1e-2, 0], [0, 1e-4, 0]], 1e-4, 1e-5)
-    wire = Conductor([[4e-3, 6e-3, -5e-3], [4e-3, 6e-3, 5e-3]], 1e-4, 1e-5)
-    assert mutual_inductance(loop, wire)[0, 0] == 0.0
+    assert mutual_inductance(loop, Conductor([[4e-3, 6e-3, -5e-3], [4e-3, 6e-3, 5e-3]], 1e-4, 1e-5))[0, 0] == 0.0

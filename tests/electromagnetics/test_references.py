@@ -4,8 +4,6 @@ Who checks whom: the tables come from mpmath, from an own double-precision code 
 none of them shares code with this package.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -34,8 +32,7 @@ def test_straight_filaments(row):
 def test_rectangular_bars(row):
     size = {key: float(value) for key, value in row.items() if key != "case"}
     first = (size["l1"], size["w1"], size["t1"])
-    second = (size["l2"], size["w2"], size["t2"])
-    M = rectangular_bars(first, second, (size["dl"], size["dw"], size["dt"]))
+    M = rectangular_bars(first, (size["l2"], size["w2"], size["t2"]), (size["dl"], size["dw"], size["dt"]))
     # 1e-9: exact to the quadrature, which is converged to 1e-11
     assert M * 1e9 == pytest.approx(float(row["M_nH"]), rel=1e-9)
     if row["case"].startswith("self"):
@@ -45,13 +42,10 @@ def test_rectangular_bars(row):
 @pytest.mark.parametrize("row", rows("hexagon_loops"), ids=lambda row: "-".join(list(row.values())[:6]))
 def test_hexagon_loops(row):
     v = {key: float(value) for key, value in row.items()}
-    first = polygon(6, v["R1_mm"] * 1e-3)
-    second = polygon(
-        6, v["R2_mm"] * 1e-3, v["z_mm"] * 1e-3, np.radians(v["rot_deg"]), (v["dx_mm"] * 1e-3, v["dy_mm"] * 1e-3)
-    )
-    M = mutual_inductance([first], [second])[0, 0]
+    first, centre = polygon(6, v["R1_mm"] * 1e-3), (v["dx_mm"] * 1e-3, v["dy_mm"] * 1e-3)
+    second = polygon(6, v["R2_mm"] * 1e-3, v["z_mm"] * 1e-3, np.radians(v["rot_deg"]), centre)
     # 1e-9: 36 closed forms, none of which dominates
-    assert M * 1e9 == pytest.approx(float(row["M_quad_nH"]), rel=1e-9)
+    assert mutual_inductance([first], [second])[0, 0] * 1e9 == pytest.approx(float(row["M_quad_nH"]), rel=1e-9)
 
 
 @pytest.mark.slow
@@ -73,22 +67,19 @@ def test_circular_filaments(row):
     order = np.log2(abs((M[1] - M[0]) / (M[2] - M[1])))
     assert order == pytest.approx(2, abs=0.1)  # second order; the next term of the series moves it by less
     first = [(4 * fine - coarse) / 3 for coarse, fine in itertools.pairwise(M)]
-    extrapolated = (16 * first[1] - first[0]) / 15
     # 1e-8: the third term of the series, with sides half as long as the distance of the wires; what the table gives
     # for inclined circles has 13 digits
-    assert extrapolated * 1e9 == pytest.approx(float(row["M_nH"]), rel=1e-8)
+    assert (16 * first[1] - first[0]) / 15 * 1e9 == pytest.approx(float(row["M_nH"]), rel=1e-8)
 
 
 @pytest.mark.parametrize("row", rows("polygon_spirals_dc"), ids=lambda row: "-".join(list(row.values())[:8]))
 def test_polygon_spirals(row):
     layers = spiral_layers(row)
     # layers in series, their junctions without length: the sum of all entries of the layers' matrix
-    L = inductance_matrix(layers).sum()
     # 1e-4: the table is converged to about 1e-5
-    assert L * 1e6 == pytest.approx(float(row["L_own_uH"]), rel=1e-4)
-    R = dc_resistance(layers, resistivity=1 / 5.8e7).sum()
+    assert inductance_matrix(layers).sum() * 1e6 == pytest.approx(float(row["L_own_uH"]), rel=1e-4)
     # 2e-5: the table has six digits, of the length seven
-    assert pytest.approx(float(row["R_FH_ohm"]), rel=2e-5) == R
+    assert pytest.approx(float(row["R_FH_ohm"]), rel=2e-5) == dc_resistance(layers, resistivity=1 / 5.8e7).sum()
     assert sum(layer.lengths.sum() for layer in layers) * 1e3 == pytest.approx(float(row["length_mm"]), rel=1e-5)
 
 

@@ -1,7 +1,5 @@
 """What several tests of the geometry share."""
 
-from __future__ import annotations
-
 import pytest
 
 from coilarray.geometry.readers.kicad_board import read_kicad

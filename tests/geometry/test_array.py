@@ -1,8 +1,7 @@
 """Arrays and stack-ups: lattice distances and colourings, the frame of the board, heights, every bad input."""
 
-from __future__ import annotations
-
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -90,10 +89,9 @@ def test_conductor_follows_the_layers_and_the_vias():
 
 
 def test_placements_and_arrays_that_cannot_be():
-    for key in ("x", "y", "rotation"):
-        for value in (math.nan, math.inf):
-            place = {"x": 0.0, "y": 0.0, key: value}
-            refused(GeometryError, "position of A must be finite", Placement, "A", COIL, ("L1", "L2"), **place)
+    for key, value in product(("x", "y", "rotation"), (math.nan, math.inf)):
+        place = {"x": 0.0, "y": 0.0, key: value}
+        refused(GeometryError, "position of A must be finite", Placement, "A", COIL, ("L1", "L2"), **place)
     message = "has 2 lines and must be given as many copper layers; got 1"
     refused(GeometryError, message, Placement, "A", COIL, ("L1",), 0, 0)
     message = "lines 0 and 1 of A are joined by a via and must lie on different copper layers; got L1"

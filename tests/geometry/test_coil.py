@@ -3,14 +3,12 @@
 Clearances of whole coils are measured in test_geometry_rules.py by an independent route.
 """
 
-from __future__ import annotations
-
 import math
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from support.boards import LEADS, VIA
+from support.boards import LEADS, VIA, swept_area
 from support.refusals import refused
 
 from coilarray.errors import GeometryError
@@ -19,19 +17,13 @@ from coilarray.geometry import Coil, Leads, PlatedHole, Spiral, path_coil, spira
 SPIRAL = Spiral(6, 8e-3, 10, 0.12e-3, 0.13e-3, 0.3)
 
 
-def swept_area(line):
-    x, y = line.T
-    return float(0.5 * np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
-
-
 @pytest.mark.parametrize("winding", ["ccw", "cw"])
 @pytest.mark.parametrize("turns", [10, 10 + 1 / 6])
 @pytest.mark.parametrize("layers", [1, 2, 3, 4, 5, 6])
 def test_layers_in_series_meet_and_add_their_turns(layers, turns, winding):
     spiral = Spiral(6, 8e-3, turns, 0.12e-3, 0.13e-3, 0.3, winding)
     coil = spiral_coil(spiral, layers, VIA)
-    assert len(coil.lines) == layers
-    assert coil.via_points.shape == (layers - 1, 2)
+    assert (len(coil.lines), coil.via_points.shape) == (layers, (layers - 1, 2))
     for line, following in pairwise(coil.lines):
         np.testing.assert_array_equal(line[-1], following[0])
     sense = 1 if winding == "ccw" else -1
@@ -48,8 +40,7 @@ def test_leads_and_what_stands_at_their_ends():
     corner = SPIRAL.centre_line()[0]
     radial = corner / np.hypot(*corner)
     assert np.hypot(*(first - second)) == pytest.approx(LEADS.spacing, rel=1e-9)  # rounding
-    assert (first - corner) @ radial == pytest.approx(LEADS.length, rel=1e-9)
-    assert (second - corner) @ radial == pytest.approx(LEADS.length, rel=1e-9)
+    assert (coil.terminal_points - corner) @ radial == pytest.approx(LEADS.length, rel=1e-9)
     # a return lead brings an odd coil out again
     for layers in (1, 3):
         coil = spiral_coil(SPIRAL, layers, VIA, LEADS, return_lead=True)
@@ -90,17 +81,13 @@ BAD = [0.0, -1e-3, math.nan, math.inf]
 
 def test_holes_and_leads_that_cannot_be():
     sizes = {"drill": 0.2e-3, "pad": 0.5e-3, "plating": 20e-6}
-    for name in sizes:
-        for value in BAD:
-            message = f"{name} of a hole must be positive and finite"
-            refused(GeometryError, message, PlatedHole, **{**sizes, name: value})
+    for name, value in product(sizes, BAD):
+        refused(GeometryError, f"{name} of a hole must be positive and finite", PlatedHole, **{**sizes, name: value})
     refused(GeometryError, "pad of a hole must be larger than its drill", PlatedHole, 0.5e-3, 0.5e-3)
     refused(GeometryError, "plating must be below half the drill", PlatedHole, 0.2e-3, 0.5e-3, 0.1e-3)
     sizes = {"length": 2e-3, "spacing": 1e-3, "terminal": VIA}
-    for name in ("length", "spacing"):
-        for value in BAD:
-            message = f"{name} of the leads must be positive and finite"
-            refused(GeometryError, message, Leads, **{**sizes, name: value})
+    for name, value in product(("length", "spacing"), BAD):
+        refused(GeometryError, f"{name} of the leads must be positive and finite", Leads, **{**sizes, name: value})
     refused(GeometryError, "at least half their spacing", Leads, 0.4e-3, 1e-3, VIA)
     straight = spiral_coil(SPIRAL, 2, VIA, Leads(1e-3, 2e-3, VIA))  # the knee is the terminal
     assert np.hypot(*np.diff(straight.terminal_points, axis=0)[0]) == pytest.approx(2e-3, rel=1e-9)

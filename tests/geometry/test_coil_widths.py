@@ -4,8 +4,6 @@ Who checks whom: closed formulas for areas, resistances and distances; a coil of
 arrays; a spiral against the same spiral with a jumper, half a millimetre of it led over another layer.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -20,7 +18,7 @@ from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design.model import parse_design
 from coilarray.elastomer.coil_spectrum import harmonics_about, segment_spectra
 from coilarray.elastomer.dielectric import surface_potential
-from coilarray.electromagnetics.capacitance import coil_capacitance, winding_capacitance
+from coilarray.electromagnetics.capacitance import coil_capacitance
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import DesignError, GeometryError
@@ -47,9 +45,6 @@ def one_line(widths, line=BENT, layer="L1", **options):
 
 def margins(array, rule):
     return {(m.layer, m.feature): m for m in check_rules(array, FabRules()) if m.rule == rule}
-
-
-# ---- one width is a special case
 
 
 def test_a_number_and_equal_widths_are_the_same_coil():
@@ -87,9 +82,6 @@ def test_widths_that_cannot_be():
         refused(GeometryError, message, path_coil, [BENT], widths, 1e-4, VIA)
 
 
-# ---- copper
-
-
 @given(widths=st.lists(st.floats(0.05e-3, 0.5e-3), min_size=2, max_size=8))
 @settings(max_examples=50)
 def test_a_straight_trace_has_the_area_of_its_rectangles(widths):
@@ -107,11 +99,10 @@ def test_a_corner_between_two_widths_is_filled_by_the_narrower(angle):
     line = np.array([(-5e-3, 0), (0, 0), (5e-3 * math.cos(phi), 5e-3 * math.sin(phi))])
     outline = trace_outline(line, [NARROW, WIDE])
     assert outline.geom_type == "Polygon"
-    first, second = (trace_outline(line[k : k + 2], width) for k, width in enumerate((NARROW, WIDE)))
-    assert shapely.covers(outline.buffer(1e-9), shapely.union(first, second))
-    assert shapely.covers(outline.buffer(1e-9), shapely.Point(0, 0).buffer(NARROW / 2))
+    both = shapely.union(*(trace_outline(line[k : k + 2], width) for k, width in enumerate((NARROW, WIDE))))
+    assert shapely.covers(outline.buffer(1e-9), shapely.union(both, shapely.Point(0, 0).buffer(NARROW / 2)))
     # and nothing more: the round joint adds at most half of its disc
-    assert outline.area <= shapely.union(first, second).area + math.pi * NARROW**2 / 8 + 1e-15
+    assert outline.area <= both.area + math.pi * NARROW**2 / 8 + 1e-15
 
 
 def test_every_segment_has_its_own_width():
@@ -127,9 +118,6 @@ def test_every_segment_has_its_own_width():
     assert (x_max, y_max) == pytest.approx((11e-3 + WIDE / 2, 5e-3 + WIDE / 2), rel=ROUNDING)
     worst = margins(one_line([[WIDE, 0.08e-3, NARROW]]), "trace width")[("L1", "A")]
     assert (worst.value, worst.x, worst.y) == pytest.approx((0.08e-3, 4e-3, 0.0), rel=ROUNDING)
-
-
-# ---- rules
 
 
 def test_gaps_count_from_the_wide_part():
@@ -151,9 +139,6 @@ def test_gaps_count_from_the_wide_part():
     assert worst.x > 2e-3 - ROUNDING
 
 
-# ---- several lines on one layer
-
-
 def three_lines(apart=1e-3):
     """On L1 to a via, on L2 up, and on L1 back beside the first."""
     lines = [[(0, 0), (5e-3, 0)], [(5e-3, 0), (5e-3, apart)], [(5e-3, apart), (0, apart)]]
@@ -172,8 +157,7 @@ def test_a_path_may_return_to_a_layer():
     # two traces and two pads, less what they share: a strip of half a disc, and half a disc
     R, h = VIA.pad / 2, NARROW / 2
     shared = R**2 * math.asin(h / R) + h * math.sqrt(R**2 - h**2) + math.pi * R**2 / 2
-    expected = 5e-3 * (NARROW + WIDE) + 2 * math.pi * R**2 - shared
-    assert area == pytest.approx(expected, rel=1e-4)  # discs of 128 corners
+    assert area == pytest.approx(5e-3 * (NARROW + WIDE) + 2 * math.pi * R**2 - shared, rel=1e-4)  # discs of 128 corners
     assert all(solid.is_watertight for solid in solids(array).values())
 
 
@@ -190,13 +174,9 @@ def test_separate_lines_of_a_net_keep_their_spacing():
     assert 0 <= worst.y <= 0.5e-3
     # lines that meet on a layer
     lines = [[(0, 0), (5e-3, 0)], [(5e-3, 0), (5e-3, 2e-3)], [(5e-3, 2e-3), (2e-3, 2e-3), (2e-3, -1e-3)]]
-    coil = path_coil(lines, NARROW, 1e-4, VIA)
-    message = r"lines 0 and 2 of A meet on L1, at \(2, 0\) mm of the coil"
+    coil, message = path_coil(lines, NARROW, 1e-4, VIA), r"lines 0 and 2 of A meet on L1, at \(2, 0\) mm of the coil"
     refused(GeometryError, message, Placement, "A", coil, ("L1", "L2", "L1"), 0, 0)
     assert Placement("A", coil, ("L1", "L2", "L3"), 0, 0).lines_on("L1") == (0,)
-
-
-# ---- capacitance and potential: a jumper changes little
 
 
 SPIRAL = Spiral(6, 6e-3, 4, 0.3e-3, 0.3e-3)
@@ -215,9 +195,9 @@ def plain_and_jumpered():
 
 def test_a_jumper_changes_the_winding_and_the_potential_little():
     one, other = (on_board(placement, through_holes=False) for placement in plain_and_jumpered())
-    a, b = winding_capacitance(one, "A"), winding_capacitance(other, "A")
+    a, b = (coil_capacitance(array).isel(coil=0) for array in (one, other))
     # half a millimetre of 130 mm; the charge between its layers is all that is new
-    assert b.turn_to_turn == pytest.approx(a.turn_to_turn, rel=0.02)
+    assert float(b.turn_to_turn) == pytest.approx(float(a.turn_to_turn), rel=0.02)
     assert abs(b.interlayer) < 0.02 * a.turn_to_turn
     L, plain = (inductance_matrix(board.conductors())[0, 0] for board in (other, one))
     assert L == pytest.approx(plain, rel=5e-3)
@@ -230,10 +210,8 @@ def test_a_jumper_changes_the_winding_and_the_potential_little():
 
 def test_a_jumper_changes_the_capacitance_between_coils_little():
     facing = Placement("B", path_coil([spiral_coil(SPIRAL, 1, VIA).lines[0]], 0.3e-3, 0.3e-3, VIA), ("L2",), 0, 0)
-    a, b = (
-        coil_capacitance(on_board(placement, facing, through_holes=False)).capacitance.values[0, 1]
-        for placement in plain_and_jumpered()
-    )
+    boards = (on_board(placement, facing, through_holes=False) for placement in plain_and_jumpered())
+    a, b = (coil_capacitance(array).capacitance.values[0, 1] for array in boards)
     # the jumper on L4 has the area of its own turn and gap, 4e-3 of the winding's, on B's other side
     assert b == pytest.approx(a, rel=5e-3)
 
@@ -243,7 +221,7 @@ def test_a_winding_of_two_widths_lies_between_those_of_one():
         lines = spiral_coil(Spiral(6, 4e-3, 4, 0.2e-3, 0.2e-3), 2, VIA).lines
         widths = [np.full(len(lines[0]) - 1, first), np.full(len(lines[1]) - 1, second)]
         array = on_board(Placement("A", path_coil(lines, widths, 0.2e-3, VIA), ("L1", "L2"), 0, 0), layers=2)
-        return winding_capacitance(array, "A").total
+        return coil_capacitance(array).coil_capacitance.item()
 
     # more copper at the same place has more capacitance
     assert lumped(0.1e-3, 0.1e-3) < lumped(0.1e-3, 0.3e-3) < lumped(0.3e-3, 0.3e-3)
@@ -257,9 +235,6 @@ def test_coils_overlap_where_one_is_wide():
     refused(GeometryError, "the copper of A and B overlaps on L1", coil_capacitance, on_board(a, b))
 
 
-# ---- design files
-
-
 PATH = """
 schema = 1
 name = "tapered"
@@ -270,16 +245,15 @@ array.placements = [{ name = "a", coil = "bent", layers = ["top"], x_mm = 0, y_m
 """
 
 
-def test_widths_in_a_design_file():
-    coil = parse_design(PATH.replace("WIDTH", "[[0.2, 0.6, 0.3]]")).array.placements[0].coil
-    np.testing.assert_allclose(coil.widths[0], [0.2e-3, 0.6e-3, 0.3e-3], rtol=ROUNDING)
-    assert coil.terminal is not None
-    bare = parse_design(PATH.replace("WIDTH", "0.2, terminals = false")).array.placements[0].coil
-    assert bare.terminal is None
-    assert bare.widths[0].tolist() == [0.2e-3] * 3
-
-
-def test_widths_that_a_design_file_cannot_have():
+def test_widths_of_a_design_file():
+    uneven, even = (
+        ("[[0.2, 0.6, 0.3]]", [0.2e-3, 0.6e-3, 0.3e-3], False),
+        ("0.2, terminals = false", [0.2e-3] * 3, True),
+    )
+    for text, widths, bare in (uneven, even):
+        coil = parse_design(PATH.replace("WIDTH", text)).array.placements[0].coil
+        np.testing.assert_allclose(coil.widths[0], widths, rtol=ROUNDING)
+        assert (coil.terminal is None) is bare
     for width, message in (
         ("-1", "coils.bent.trace_width_mm must be greater than 0; got -1"),
         ("'wide'", "coils.bent.trace_width_mm must be a number; got 'wide'"),

@@ -3,8 +3,6 @@
 Who checks whom: `trace_outline` against the closed formula and against the general buffer of GEOS.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 
@@ -13,14 +11,10 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.boards import FOUR_LAYERS, LEADS, VIA, one_coil, reference_board
+from support.boards import FOUR_LAYERS, LEADS, VIA, length, one_coil, reference_board
 
 from coilarray.geometry import CoilArray, Placement, Spiral, path_coil, spiral_coil
 from coilarray.geometry.copper import board_outline, copper_by_layer, copper_features, disc, drills, trace_outline
-
-
-def length(line):
-    return float(np.hypot(*np.diff(line, axis=0).T).sum())
 
 
 @pytest.mark.parametrize("sides", [3, 4, 6, 96])
@@ -52,13 +46,11 @@ def test_traces_that_cross_end_short_or_turn_back():
     assert len(outline.interiors) == 1
     assert outline.area == pytest.approx(length(line) * w - w * w, rel=1e-9)  # wedges reach 0.1 % of w inside
     # a stub shorter than the width keeps all its copper
-    w, stub = 0.2e-3, 0.05e-3
+    stub = 0.05e-3
     outline = trace_outline(np.array([(0, 0), (1e-3, 0), (1e-3, stub)]), w)
     # the first segment, the square that the mitre adds, and the half of the stub that lies beyond the first segment
-    expected = 1e-3 * w + w * w / 4 + stub * w / 2
-    assert outline.area == pytest.approx(expected, rel=1e-6)  # wedges reach 0.1 % of w inside
+    assert outline.area == pytest.approx(1e-3 * w + w * w / 4 + stub * w / 2, rel=1e-6)  # wedges as above
     # a reversal is cut off flat
-    w = 0.2e-3
     sharp = math.radians(5)
     tip = np.array([(0, 0), (5e-3, 0), (5e-3 * (1 - math.cos(sharp)), 5e-3 * math.sin(sharp))])
     assert trace_outline(tip, w).bounds[2] < 5e-3 + w

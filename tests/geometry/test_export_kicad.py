@@ -11,7 +11,6 @@ import math
 import re
 import shutil
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -38,8 +37,6 @@ from coilarray.geometry.readers.sexpr import Node, parse_sexpr, read_sexpr
 RULES = FabRules()
 # KiCad counts in nanometres: half of one is lost in rounding, and a line begins where the one before ended to 1 nm
 NANOMETRE = 1e-9
-
-
 HEXAGON = Spiral(6, 4e-3, 6, 0.1e-3, 0.1e-3, first_corner=math.pi / 2)
 
 
@@ -74,12 +71,8 @@ def single_layer() -> CoilArray:
     return one_coil(spiral_coil(Spiral(6, 4e-3, 4, 0.2e-3, 0.2e-3), 1, VIA, LEADS))
 
 
-def designed(name: str) -> CoilArray:
-    return load_design(name).array
-
-
 BOARDS = {
-    **{name: partial(designed, name) for name in ("gast2020", "starter", "gast_fem")},
+    **{name: lambda name=name: load_design(name).array for name in ("gast2020", "starter", "gast_fem")},
     "hexagonal, blind holes": lambda: hexagonal_board(4),
     "hexagonal, bare ends": lambda: hexagonal_board(4, bare=True),
     "two widths": winding_and_return,
@@ -120,9 +113,6 @@ def reader(board: Node) -> Any:
     return lambda point: (point - origin) * (1, -1)
 
 
-# ---- text
-
-
 @given(st.integers(-(2**31), 2**31 - 1))
 def test_millimetres_are_exact(nm: int) -> None:
     assert round(float(mm(nm)) * 1e6) == nm
@@ -140,9 +130,6 @@ def test_points_keep_their_place_to_half_a_nanometre(x: float, y: float, x0: int
     # the nearest whole number, and the rounding of the multiplication by 1e9
     assert abs((u - x0) * 1e-9 - x) < 0.501e-9
     assert abs((y0 - v) * 1e-9 - y) < 0.501e-9
-
-
-# ---- the board
 
 
 @pytest.mark.slow
@@ -169,9 +156,8 @@ def test_the_path_of_a_coil_is_unbroken(exported: Any) -> None:
     for track in board.children("segment"):
         pair = [track.need(end).words for end in ("start", "end")]
         ends.setdefault(track.need("net").text(), []).append((*pair[0], *pair[1]))
-    for footprint, (_, tracks) in zip(board.children("footprint"), ends.items(), strict=True):
-        for before, after in pairwise(tracks):
-            assert before[2:] == after[:2]
+    for footprint, tracks in zip(board.children("footprint"), ends.values(), strict=True):
+        assert all(before[2:] == after[:2] for before, after in pairwise(tracks))
         pads = [position(footprint) + position(pad) for pad in footprint.children("pad")]
         for pad, end in zip(pads, (tracks[0][:2], tracks[-1][2:]), strict=True):
             assert np.abs(pad - np.array(end, dtype=float) * 1e-3).max() < 1e-12  # only the sum of the two is rounded
@@ -181,11 +167,14 @@ def test_vias_and_pads_are_the_holes(exported: Any) -> None:
     array, _, board = exported
     place, layers = reader(board), copper_names(array.stackup)
     holes = drills(array)
-    vias = [hole for hole in holes if hole.kind == "via"]
-    for via, hole in zip(board.children("via"), vias, strict=True):
-        assert np.abs(place(position(via)) - (hole.x, hole.y)).max() < 0.6 * NANOMETRE
-        assert via.need("size").number() * 1e-3 == pytest.approx(hole.pad, abs=0.6 * NANOMETRE)
-        assert via.need("drill").number() * 1e-3 == pytest.approx(hole.diameter, abs=0.6 * NANOMETRE)
+
+    def check(item: Node, at: Any, hole: Any, error: float) -> None:
+        assert np.abs(place(at) - (hole.x, hole.y)).max() < error
+        sizes = [item.need(key).number() * 1e-3 for key in ("size", "drill")]
+        assert sizes == pytest.approx([hole.pad, hole.diameter], abs=0.6 * NANOMETRE)
+
+    for via, hole in zip(board.children("via"), [hole for hole in holes if hole.kind == "via"], strict=True):
+        check(via, position(via), hole, 0.6 * NANOMETRE)
         assert via.need("layers").words == (layers[hole.layers[0]], layers[hole.layers[-1]])
         assert ("blind" in via.words) == (hole.layers != array.stackup.names)
         assert array.names[int(via.need("net").number()) - 1] == hole.net
@@ -193,9 +182,7 @@ def test_vias_and_pads_are_the_holes(exported: Any) -> None:
     pads = [(part, pad) for part in parts for pad in part.children("pad") if pad.child("drill")]
     through = [hole for hole in holes if hole.kind == "terminal" and hole.layers == array.stackup.names]
     for (footprint, pad), hole in zip(pads, through, strict=True):
-        assert np.abs(place(position(footprint) + position(pad)) - (hole.x, hole.y)).max() < 1.1 * NANOMETRE
-        assert pad.need("size").number() * 1e-3 == pytest.approx(hole.pad, abs=0.6 * NANOMETRE)
-        assert pad.need("drill").number() * 1e-3 == pytest.approx(hole.diameter, abs=0.6 * NANOMETRE)
+        check(pad, position(footprint) + position(pad), hole, 1.1 * NANOMETRE)
         assert pad.need("net").text(1) == hole.net
 
 
@@ -241,8 +228,11 @@ def test_stack_up_and_layers(tmp_path: Path) -> None:
     assert [node.need("epsilon_r").number() for node in slabs[1::2]] == list(stackup.epsilon_r)
     assert [node.need("type").text() for node in slabs[1::2]] == ["prepreg", "core", "prepreg"]
     assert board.need("general").need("thickness").number() * 1e-3 == pytest.approx(stackup.thickness, rel=1e-12)
-    # a board of one layer has an empty back
+    # a board of one layer has an empty back; its title is the name where there is none
+    titled = read_sexpr(export(single_layer(), tmp_path, title='Six "coils"')[0])
     board = written(single_layer(), tmp_path)
+    titles = [each.need("title_block").need("title").text() for each in (titled, board)]
+    assert titles == ['Six "coils"', "board"]
     names = [node.text() for node in board.need("layers").items if isinstance(node, Node)]
     assert [name for name in names if name.endswith(".Cu")] == ["F.Cu", "B.Cu"]
     assert {track.need("layer").text() for track in board.children("segment")} == {"F.Cu"}
@@ -264,15 +254,9 @@ def test_the_edge_is_the_board_in_the_middle_of_the_sheet(exported: Any) -> None
 
 
 def test_the_sheet_grows_with_the_board(tmp_path: Path) -> None:
-    for width, paper in (
-        (0.2, ("A4",)),
-        (0.3, ("A3",)),
-        (0.45, ("A2",)),
-        (0.7, ("A1",)),
-        (1.0, ("A0",)),
-        (1.12, ("User", "1205", "85")),
-    ):
-        assert written(coil_of_one_line(width), tmp_path).need("paper").words == paper
+    papers = {0.2: "A4", 0.3: "A3", 0.45: "A2", 0.7: "A1", 1.0: "A0", 1.12: "User 1205 85"}
+    for width, paper in papers.items():
+        assert written(coil_of_one_line(width), tmp_path).need("paper").words == tuple(paper.split())
 
 
 def test_every_piece_has_an_identifier_of_its_own_that_stays(tmp_path: Path) -> None:
@@ -287,15 +271,6 @@ def test_every_piece_has_an_identifier_of_its_own_that_stays(tmp_path: Path) -> 
     shutil.rmtree(tmp_path / "project")
     written(reference_board(turns=5), tmp_path)
     assert contents(tmp_path) == first
-
-
-def test_the_title_is_the_name_where_there_is_none(tmp_path: Path) -> None:
-    for options, title in (({"title": 'Six "coils"'}, 'Six "coils"'), ({}, "board")):
-        board = read_sexpr(export(single_layer(), tmp_path, **options)[0])
-        assert board.need("title_block").need("title").text() == title
-
-
-# ---- names on the silk screen
 
 
 def test_names_meet_no_pad_no_name_and_no_edge(exported: Any) -> None:
@@ -322,9 +297,6 @@ def test_a_name_without_a_place_is_not_printed(tmp_path: Path) -> None:
     assert footprint.need("fp_text").need("layer").text() == "F.Fab"
 
 
-# ---- rules
-
-
 def test_the_limits_are_the_rules_of_the_project(tmp_path: Path) -> None:
     rules = FabRules(0.11e-3, 0.12e-3, 0.23e-3, 0.14e-3, 0.35e-3, 0.26e-3)
     project = json.loads(export(hexagonal_board(4), tmp_path, rules=rules)[1].read_text())
@@ -338,9 +310,6 @@ def test_the_limits_are_the_rules_of_the_project(tmp_path: Path) -> None:
     (default,) = project["net_settings"]["classes"]
     assert default == {"name": "Default", "clearance": 0.12, "track_width": 0.1, "via_diameter": 0.45, "via_drill": 0.2}
     assert project["meta"]["filename"] == "board.kicad_pro"
-
-
-# ---- footprints
 
 
 def test_one_footprint_a_shape_and_set_of_layers(tmp_path: Path) -> None:
@@ -372,9 +341,6 @@ def test_a_footprint_is_the_winding_about_its_middle(exported: Any) -> None:
         assert np.abs(np.array(list(pads.values())) - [*vias, *placement.coil.terminal_points]).max() < 0.6 * NANOMETRE
 
 
-# ---- errors
-
-
 def test_layers_that_kicad_cannot_hold(tmp_path: Path) -> None:
     for stackup, message in (
         (many_layers(3), "must have one copper layer or an even number up to 32; got 3"),
@@ -388,9 +354,7 @@ def test_layers_that_kicad_cannot_hold(tmp_path: Path) -> None:
     ):
         refused(OutputError, re.escape(message), export, coil_of_one_line(1e-2, stackup), tmp_path)
         assert not list(tmp_path.iterdir())
-
-
-def test_the_names_of_kicad_are_allowed_in_their_own_places() -> None:
+    # KiCad's own in their places are allowed
     names = ("F.Cu", "In1.Cu", "In2.Cu", "B.Cu")
     assert copper_names(replace(FOUR_LAYERS, names=names)) == dict(zip(names, names, strict=True))
     assert list(copper_names(many_layers(32)).values())[-2:] == ["In30.Cu", "B.Cu"]
@@ -412,19 +376,6 @@ def test_a_board_larger_than_any_sheet_or_with_no_place_to_go(tmp_path: Path) ->
     (tmp_path / "project").write_text("mine")
     refused(OutputError, r"cannot make the folder .*: a file has that name", export, single_layer(), tmp_path)
     assert (tmp_path / "project").read_text() == "mine"
-
-
-def test_nothing_is_left_of_a_failed_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write = Path.write_text
-
-    def fail_at_the_footprint(self: Path, *arguments: Any, **options: Any) -> int:
-        if self.suffix == ".kicad_mod":
-            raise OSError(28, "No space left on device")
-        return write(self, *arguments, **options)
-
-    monkeypatch.setattr(Path, "write_text", fail_at_the_footprint)
-    refused(OutputError, "No space left on device", export, single_layer(), tmp_path)
-    assert not list(tmp_path.iterdir())
 
 
 OTHER = reference_board(turns=3)
@@ -453,32 +404,14 @@ def test_a_file_where_the_footprints_belong_leaves_the_old_board(tmp_path: Path)
     assert contents(tmp_path) == before
 
 
-@pytest.mark.parametrize("old", [True, False])
-def test_a_board_that_cannot_be_replaced_whole_stays(tmp_path: Path, monkeypatch: Any, old: bool) -> None:
+@pytest.mark.parametrize("old", ["board", "notes", "nothing"])
+def test_a_board_that_is_refused_or_cannot_be_replaced_whole_leaves_all_as_it_was(tmp_path, monkeypatch, old) -> None:
     """The footprints come last; root may write everywhere, so the refusal of the system is played."""
-    if old:
+    if old == "board":
         written(single_layer(), tmp_path)
-    else:
+    elif old == "notes":
         (tmp_path / "project").mkdir()
         (tmp_path / "project" / "notes.txt").write_text("mine")
-    before = contents(tmp_path)
-    replace_file = Path.replace
-
-    def fail_at_the_footprint(self: Path, target: Path) -> Path:
-        if self.suffix == ".kicad_mod":
-            raise PermissionError(13, "Permission denied", str(self), None, str(target))
-        return replace_file(self, target)
-
-    monkeypatch.setattr(Path, "replace", fail_at_the_footprint)
-    message = r"cannot write .*board\.pretty.C1\.kicad_mod: Permission denied"
-    refused(OutputError, message, export, OTHER, tmp_path)
-    assert contents(tmp_path) == before
-
-
-@pytest.mark.parametrize("old", [True, False])
-def test_a_board_that_is_refused_leaves_all_as_it_was(tmp_path: Path, old: bool) -> None:
-    if old:
-        written(single_layer(), tmp_path)
     before = contents(tmp_path)
 
     def refuse(board: Path) -> None:
@@ -488,8 +421,24 @@ def test_a_board_that_is_refused_leaves_all_as_it_was(tmp_path: Path, old: bool)
     refused(RuleViolationError, "not this one", export, OTHER, tmp_path, check=refuse)
     assert contents(tmp_path) == before
 
+    def failing(call: Any, number: int, text: str) -> Any:
+        def fail_at_the_footprint(self: Path, target: Any, **options: Any) -> Any:
+            if self.suffix == ".kicad_mod":
+                places = (str(self), None, str(target)) if isinstance(target, Path) else ()
+                raise OSError(number, text, *places)
+            return call(self, target, **options)
 
-# ---- what KiCad itself says
+        return fail_at_the_footprint
+
+    cases = (
+        ("write_text", 28, "No space left on device"),
+        ("replace", 13, r"cannot write .*board\.pretty.C1\.kicad_mod: Permission denied"),
+    )
+    for method, number, message in cases[: 1 if old == "nothing" else 2]:  # a new folder is moved whole
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, method, failing(getattr(Path, method), number, message.rpartition(": ")[2]))
+            refused(OutputError, message, export, OTHER, tmp_path)
+        assert contents(tmp_path) == before
 
 
 @pytest.fixture(scope="module")
@@ -533,7 +482,6 @@ def test_kicad_finds_what_is_wrong_and_nothing_else(kicad: Kicad, tmp_path: Path
     kinds = {finding.split(":")[0] for finding in kicad.findings(board)}
     assert {"unconnected_items", "track_dangling", "silk_over_copper"} <= kinds
     # KiCad 9 says that a pad on an inner layer cannot be reached, which is so; KiCad 6 says nothing
-    """KiCad 9 says that a pad on an inner layer cannot be reached, which is so; KiCad 6 says nothing."""
     findings = kicad.findings(export(pairs_board(), tmp_path)[0])
     assert {finding.split(":")[0] for finding in findings} <= {"padstack"}
     assert len(findings) in (0, 4)
@@ -565,8 +513,8 @@ def test_gerbers_of_kicad_are_the_copper(array: CoilArray, kicad: Kicad, tmp_pat
 def test_kicad_keeps_the_thicknesses(array: CoilArray, kicad: Kicad, tmp_path: Path) -> None:
     """In the job file for the board house; KiCad tells none where it discards the stack-up."""
     job = json.loads(gerbers(kicad, export(array, tmp_path)[0])["Job"].read_text(encoding="utf-8"))
-    copper = [layer["Thickness"] for layer in job["MaterialStackup"] if layer["Type"] == "Copper"]
-    slabs = [layer["Thickness"] for layer in job["MaterialStackup"] if layer["Type"] == "Dielectric"]
+    kinds = ("Copper", "Dielectric")
+    copper, slabs = ([row["Thickness"] for row in job["MaterialStackup"] if row["Type"] == kind] for kind in kinds)
     names = len(array.stackup.names)
     assert copper[:names] == pytest.approx([1e3 * t for t in array.stackup.copper_thickness])  # the empty back follows
     assert slabs[: names - 1] == pytest.approx([1e3 * t for t in array.stackup.dielectric_thickness])

@@ -83,7 +83,6 @@ def read_step(path):
 
 
 def each(iterator, current):
-    """What an iterator of Open CASCADE goes over."""
     while iterator.More():
         yield current(iterator)
         iterator.Next()
@@ -136,11 +135,10 @@ def read(request, tmp_path_factory):
 
 @needs_occt
 def test_parts_are_those_of_the_solids_in_their_colours(read):
-    array, parts, _ = read
+    array, parts, path = read
     assert set(parts) == set(solids(array, SHEETS))
     for name, found in parts.items():
         assert found.valid, name
-    _, parts, path = read
     by_kind = {}
     for name, found in parts.items():
         by_kind.setdefault(name.split("/")[0], set()).update(found.colours)
@@ -161,7 +159,6 @@ def test_volumes_and_heights(read, monkeypatch):
         # the reader's boxes are wider by its tolerance of 1e-7 mm
         assert parts[name].heights == pytest.approx((prism.bottom * 1e3, prism.top * 1e3), abs=1e-6)
     # barrels in closed form
-    array, parts, _ = read
     for net in array.names:
         for n, hole in enumerate(hole for hole in drills(array) if hole.net == net and hole.drilled):
             bottom, top = array.stackup.span(hole.layers[-1])[0], array.stackup.span(hole.layers[0])[1]
@@ -173,9 +170,8 @@ def test_volumes_and_heights(read, monkeypatch):
 def test_circles_are_true(read):
     array, parts, _ = read
     holes = drills(array)
-    for name, found in parts.items():
-        if name.startswith("barrel/"):
-            assert found.faces == {"GeomAbs_Cylinder": 2, "GeomAbs_Plane": 2}
+    barrels = [found.faces for name, found in parts.items() if name.startswith("barrel/")]
+    assert all(faces == {"GeomAbs_Cylinder": 2, "GeomAbs_Plane": 2} for faces in barrels)
     through = sum(hole.layers == array.stackup.names for hole in holes)
     if "board" in parts:
         assert parts["board"].faces.get("GeomAbs_Cylinder", 0) == through
@@ -222,9 +218,6 @@ def test_overlapping_holes_still_make_solids(tmp_path):
         assert parts[name].volume == pytest.approx(solid.volume * 1e9, rel=2e-3), name
 
 
-# ---- which edges are arcs
-
-
 CIRCLES = np.array([(0.0, 0.0, 0.25e-3), (1e-3, 0.5e-3, 0.5e-3)])
 
 
@@ -246,19 +239,13 @@ def test_which_edges_are_arcs(k, start):
 
 @given(width=st.floats(0.05e-3, 0.4e-3), angle=st.floats(0, 2 * math.pi))
 def test_a_pad_with_a_trace_keeps_its_arc(width, angle):
-    trace = shapely.LineString([(0, 0), (2e-3 * math.cos(angle), 2e-3 * math.sin(angle))]).buffer(
-        width / 2, cap_style="flat"
-    )
-    ring = corners(shapely.union(disc(0, 0, 0.5e-3), trace))
+    way = shapely.LineString([(0, 0), (2e-3 * math.cos(angle), 2e-3 * math.sin(angle))])
+    ring = corners(shapely.union(disc(0, 0, 0.5e-3), way.buffer(width / 2, cap_style="flat")))
     owners = step._owners(ring, CIRCLES)
     # the trace hides the chords between its edges, and cuts two in part
     hidden = 2 * math.asin(width / 0.5e-3) / (2 * math.pi) * 128
     assert 128 - hidden - 4 <= (owners == 0).sum() <= 128 - hidden + 2
-    straight = ring[owners < 0]
-    assert len(straight) >= 3
-
-
-# ---- what cannot be written
+    assert (owners < 0).sum() >= 3
 
 
 def test_files_that_cannot_be(tmp_path, monkeypatch):
@@ -274,23 +261,23 @@ def test_files_that_cannot_be(tmp_path, monkeypatch):
 
 @needs_occt
 def test_a_failed_export(tmp_path, monkeypatch):
-    array = BOARDS["no holes"]
+    array, path = BOARDS["no holes"], tmp_path / "board.step"
     message, twice = r"cannot write .*board\.step: No such file or directory", (Sheet("base", 1e-3),) * 2
     refused(OutputError, message, write_step, array, tmp_path / "missing" / "board.step", name="board")
     message = "sheet names must differ; got base, base"
-    refused(GeometryError, message, write_step, array, tmp_path / "board.step", name="board", sheets=twice)
+    refused(GeometryError, message, write_step, array, path, name="board", sheets=twice)
     assert list(tmp_path.iterdir()) == []
     # a broken Open CASCADE is not called missing
     monkeypatch.setitem(sys.modules, "OCP.STEPCAFControl", None)
-    export = (write_step, BOARDS["no holes"], tmp_path / "board.step")
     message = r"which cannot be loaded: import of OCP\.STEPCAFControl halted"
-    refused(MissingDependencyError, message, *export, name="board")
+    refused(MissingDependencyError, message, write_step, array, path, name="board")
 
     def interrupted(name):
         raise ImportError("initialization failed") from KeyboardInterrupt()  # as its modules do at Ctrl-C
 
     monkeypatch.setattr(importlib, "import_module", interrupted)
-    refused(MissingDependencyError, r"which cannot be loaded: KeyboardInterrupt\.", *export, name="board")
+    message = r"which cannot be loaded: KeyboardInterrupt\."
+    refused(MissingDependencyError, message, write_step, array, path, name="board")
 
 
 @needs_occt

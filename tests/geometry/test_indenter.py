@@ -3,8 +3,6 @@
 Who checks whom: heights against the equation of each body, cuts against heights, round ones against the paraboloid.
 """
 
-from __future__ import annotations
-
 import math
 from typing import get_args
 

@@ -4,8 +4,6 @@ Who checks whom: texts written in board_text.py or here, by KiCad's rules; pad p
 that KiCad 6.0.11 printed; a board that a real KiCad has loaded and saved again; arcs against the circle's formulas.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import os
@@ -33,9 +31,6 @@ from coilarray.geometry.readers.sexpr import Quoted, parse_sexpr, read_sexpr
 ROUNDING = 1e-15  # m: coordinates of 0.1 m in float64
 
 
-# ---- s-expressions
-
-
 def test_nodes_words_lines_and_escapes():
     root = parse_sexpr('(a 1 "1"\n  (b "two words" (c))\r\n\t(d -2.5e-3)\n\n(b x) )\n')
     assert root.name == "a"
@@ -47,9 +42,7 @@ def test_nodes_words_lines_and_escapes():
     assert root.need("b").need("c").items == ()
     assert parse_sexpr(r'(a "say \"hi\" \\ \n (no list")').text() == 'say "hi" \\ \n (no list'
     assert parse_sexpr('(a "over\nlines" (b))').need("b").where == "text:2"
-
-
-def test_deep_nesting_is_no_recursion():
+    # deep nesting is no recursion
     depth = 20_000
     node = parse_sexpr("(a " * depth + ")" * depth)
     for _ in range(depth - 1):
@@ -94,29 +87,20 @@ def test_a_board_cut_off_anywhere_is_one_named_error(part):
 
 
 def test_files_that_cannot_be_read(tmp_path):
-    missing = tmp_path / "none.kicad_pcb"
-    refused(BoardError, r"none\.kicad_pcb: cannot be read: No such file", read_sexpr, missing)
+    message = r"none\.kicad_pcb: cannot be read: No such file"
+    refused(BoardError, message, read_sexpr, tmp_path / "none.kicad_pcb")
     refused(BoardError, "cannot be read: Is a directory", read_sexpr, tmp_path)
-    binary = tmp_path / "b.kicad_pcb"
-    binary.write_bytes(b"\x89PNG\r\n\xff\x00")
+    (binary := tmp_path / "b.kicad_pcb").write_bytes(b"\x89PNG\r\n\xff\x00")
     refused(BoardError, r"b\.kicad_pcb: the file is no text in UTF-8", read_sexpr, binary)
 
 
-# ---- versions
-
-
-@pytest.mark.parametrize("version", [KICAD_6, KICAD_7, KICAD_8, KICAD_9])
-def test_kicad_6_to_9(read, version):
-    found = read(board(segment((0, 0), (5, 2)), version=version))
-    assert found.notes == ()
-    (track,) = found.tracks
-    np.testing.assert_allclose((track.start, track.end), [(0, 0), (5e-3, 2e-3)], atol=ROUNDING)
-    assert (track.layer, track.net, track.width) == ("F.Cu", "A", 0.2e-3)
-
-
-def test_newer_formats_are_read_with_a_note_and_older_ones_refused(read):
-    found = read(board(segment((0, 0), (5, 2)), version=20260206))
-    assert len(found.tracks) == 1
+def test_kicad_6_to_9_and_newer_formats_with_a_note_are_read_and_older_ones_refused(read):
+    for version in (KICAD_6, KICAD_7, KICAD_8, KICAD_9, 20260206):
+        found = read(board(segment((0, 0), (5, 2)), version=version))
+        assert len(found.notes) == (version == 20260206)
+        (track,) = found.tracks
+        np.testing.assert_allclose((track.start, track.end), [(0, 0), (5e-3, 2e-3)], atol=ROUNDING)
+        assert (track.layer, track.net, track.width) == ("F.Cu", "A", 0.2e-3)
     assert "format 20260206; formats newer than KiCad 9" in found.notes[0]
     for version in (4, 20171130, 20200829):
         message = rf"b\.kicad_pcb:1: the board has KiCad's format {version}, older than KiCad 6"
@@ -132,9 +116,6 @@ def test_files_that_are_no_board(read):
         (f'(kicad_pcb (version {KICAD_6})\n(layers (44 "Edge.Cuts" user)))', ":2: the board has no copper layer"),
     ):
         refused(BoardError, message, read, text)
-
-
-# ---- layers and stack-up
 
 
 def test_layers_go_from_top_to_bottom_by_their_names(read):
@@ -182,8 +163,7 @@ def test_what_the_stackup_does_not_say_is_assumed_and_said(read):
     keys = ("copper_thickness_um", "dielectric_thickness_mm", "dielectric_epsilon_r")
     copper, slab, epsilon = (f"stackup.{key}" for key in keys)
     assert set(bare.assumed) == {copper, slab, epsilon}
-    part = read(board(setup=SUBLAYERS.replace("(epsilon_r 3.3)", "")))
-    assert set(part.assumed) == {epsilon}
+    assert set(read(board(setup=SUBLAYERS.replace("(epsilon_r 3.3)", ""))).assumed) == {epsilon}
     thin = read(board(setup=SUBLAYERS.replace("(thickness 0.07)", "").replace("(thickness 0.3)", "")))
     assert set(thin.assumed) == {copper, slab}
     assert thin.stackup.dielectric_thickness == pytest.approx((1.6e-3 - 70e-6,))
@@ -203,9 +183,6 @@ def test_stackups_that_cannot_be(read):
         refused(BoardError, rf"b\.kicad_pcb:\d+: .*{message}", read, board(setup=setup))
 
 
-# ---- places and nets
-
-
 def test_places_and_nets(read):
     text = "(segment (start 103 98) (end 104 101.5) (width 0.2) (layer F.Cu) (net 0))"
     (track,) = read(board(text)).tracks
@@ -213,11 +190,10 @@ def test_places_and_nets(read):
     (track,) = read(board(text, setup="")).tracks
     np.testing.assert_allclose(track.start, (103e-3, -98e-3), atol=ROUNDING)
     assert track.net is None
-    blind = via(1, 2, layers=("In1.Cu", "B.Cu"), kind="blind")
-    found = read(board(via(0, 0), blind, layers=4)).holes
-    assert [hole.layers for hole in found] == [("F.Cu", "In1.Cu", "In2.Cu", "B.Cu"), ("In1.Cu", "In2.Cu", "B.Cu")]
-    assert (found[1].x, found[1].y) == pytest.approx((1e-3, 2e-3))
-    assert (found[1].drill, found[1].pad, found[1].net, found[1].kind) == (0.3e-3, 0.6e-3, "A", "via")
+    through, blind = read(board(via(0, 0), via(1, 2, layers=("In1.Cu", "B.Cu"), kind="blind"), layers=4)).holes
+    assert [through.layers, blind.layers] == [("F.Cu", "In1.Cu", "In2.Cu", "B.Cu"), ("In1.Cu", "In2.Cu", "B.Cu")]
+    assert (blind.x, blind.y) == pytest.approx((1e-3, 2e-3))
+    assert (blind.drill, blind.pad, blind.net, blind.kind) == (0.3e-3, 0.6e-3, "A", "via")
     names = {"1": "A", "2": "B", "0": None, '"A"': "A", '"1"': "1", '""': None, '"Net-(J1-Pad1)"': "Net-(J1-Pad1)"}
     for net, name in names.items():
         assert read(board(segment((0, 0), (1, 0), net=net))).tracks[0].net == name
@@ -265,8 +241,7 @@ def test_slots_and_pads_of_some_layers(read):
         '(pad "3" connect rect (at 3 0) (size 2 1) (layers "F&B.Cu"))',
     )
     found = read(board(footprint(*inside)))
-    (slot,) = found.holes
-    assert (slot.drill, slot.pad, slot.net) == (0.6e-3, 1e-3, None)
+    assert [(slot.drill, slot.pad, slot.net) for slot in found.holes] == [(0.6e-3, 1e-3, None)]
     assert [(pad.number, pad.layer) for pad in found.pads] == [("3", "F.Cu"), ("3", "B.Cu")]
     # a hole has the pads of its own layers
     one_side = '(pad "1" thru_hole circle (at 0 0) (size 2 2) (drill 1) (layers "F.Cu" "*.Mask"))'
@@ -316,9 +291,6 @@ def test_pads_and_drawings_turn_with_their_footprint(read):
     assert found.what == "a drawn line"
 
 
-# ---- arcs
-
-
 @given(radius=st.floats(0.05e-3, 20e-3), first=st.floats(-4, 4), turn=st.floats(-6.2, 6.2), part=st.floats(0.1, 0.9))
 @settings(max_examples=40)
 def test_pieces_of_an_arc_stay_on_it_and_keep_its_area(radius, first, turn, part):
@@ -356,15 +328,10 @@ def test_arcs_that_are_lines_or_circles_or_flat():
 def test_a_curved_track(read):
     text = '(arc (start 101 100) (mid 100 99) (end 99 100) (width 0.15) (layer "B.Cu") (net 2) (tstamp 0))'
     tracks = read(board(text)).tracks
-    assert tracks[0].start == pytest.approx((1e-3, 0))
-    assert tracks[-1].end == pytest.approx((-1e-3, 0))
-    points = np.array([track.start for track in tracks])
-    assert (points[1:, 1] > 0).all()  # over the top: y is down in the file
+    assert (*tracks[0].start, *tracks[-1].end) == pytest.approx((1e-3, 0, -1e-3, 0))
+    assert all(track.start[1] > 0 for track in tracks[1:])  # over the top: y is down in the file
     assert {(track.layer, track.net, track.width) for track in tracks} == {("B.Cu", "B", 0.15e-3)}
     assert all(a.end == b.start for a, b in pairwise(tracks))
-
-
-# ---- copper that is no track
 
 
 ZONE = """(zone (net 1) (net_name "A") (layer "F.Cu") (tstamp 0) (hatch edge 0.5)
@@ -412,8 +379,7 @@ def drawn(kind, *parts, layer='(layer "F.Cu")', width="(width 0.2)"):
 )
 def test_drawn_copper(read, text, area):
     (found,) = areas(read, text)
-    assert found.net is None
-    assert found.shape.is_valid
+    assert (found.net, found.shape.is_valid) == (None, True)
     assert found.shape.area * 1e6 == pytest.approx(area, rel=5e-3)  # round caps have 32 corners, circles 0.9 µm chords
 
 
@@ -474,9 +440,6 @@ def test_what_is_unknown_is_copper_where_it_has_a_net_and_groups_and_pictures_ar
     assert areas(read, '(image (at 100 100) (layer "F.Cu"))') == ()
 
 
-# ---- values that cannot be
-
-
 @pytest.mark.parametrize(
     ("item", "message"),
     [
@@ -489,8 +452,8 @@ def test_what_is_unknown_is_copper_where_it_has_a_net_and_groups_and_pictures_ar
         ("(segment (start 1) (end 1 2) (width 1) (layer F.Cu))", r"\(start …\) must have 2 words; got 1"),
         (segment((0, 0), (1, 0)).replace('(layer "F.Cu")', ""), r"\(segment …\) must have a \(layer …\)"),
         (
-            segment((0, 0), (1, 0)).replace('(layer "F.Cu")', '(layers "F.Cu" "B.Cu")'),
-            r"\(segment …\) must lie on one copper layer; got F\.Cu, B\.Cu",
+            segment((0, 0), (1, 0)).replace('r "F.Cu"', 'rs "F.Cu" "B.Cu"'),
+            "must lie on one copper layer; got F.Cu, B.Cu",
         ),
         ("(arc (start 1 2) (mid 1 1e30) (end 2 2) (width 1) (layer F.Cu))", r"within 10000 mm; got 1, 1e\+30"),
         (via(0, 0, size="0"), r"\(size …\) must be positive"),
@@ -510,9 +473,6 @@ def test_items_that_cannot_be(read, item, message):
     refused(BoardError, rf"b\.kicad_pcb:{line}: .*{message}", read, text)
 
 
-# ---- a real KiCad
-
-
 SAVE_AGAIN = "import pcbnew, sys; pcbnew.SaveBoard(sys.argv[2], pcbnew.LoadBoard(sys.argv[1]))"
 
 
@@ -523,14 +483,12 @@ def test_a_board_that_kicad_has_saved_again_reads_the_same(tmp_path, read):
         pytest.skip("the system's python has no pcbnew")
     edge = '(gr_rect (start 0 0) (end 300 200) (layer "Edge.Cuts") (width 0.1) (fill none) (tstamp 0))'
     text = array_text(reference_board(turns=5, through_holes=False)).rstrip()[:-1]
-    text += edge + FOOTPRINTS.replace('"A"', '"C1"') + ")\n"
-    before = read(text)
+    before = read(text + edge + FOOTPRINTS.replace('"A"', '"C1"') + ")\n")
     environment = {**os.environ, "KICAD_CONFIG_HOME": str(tmp_path)}
     files = [str(tmp_path / name) for name in ("b.kicad_pcb", "again.kicad_pcb")]
     subprocess.run([python, "-c", SAVE_AGAIN, *files], check=True, capture_output=True, env=environment, timeout=120)
     after = read_kicad(tmp_path / "again.kicad_pcb")
-    assert after.stackup == before.stackup
-    assert after.edge == before.edge
+    assert (after.stackup, after.edge) == (before.stackup, before.edge)
     for kind in ("tracks", "holes", "pads"):  # KiCad writes them in an order of its own
         pieces = ((dataclasses.replace(item, where="") for item in getattr(one, kind)) for one in (before, after))
         assert len({tuple(sorted(map(repr, each))) for each in pieces}) == 1

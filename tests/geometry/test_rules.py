@@ -4,8 +4,6 @@ Who checks whom: closed formulas for parallel traces, pads and overlaps; for who
 taken turn by turn with shapely.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -52,26 +50,16 @@ def straight(y, x0=0.0, x1=5e-3):
     return [[(x0, y), (x1, y)]]
 
 
-# ---- whole coils
-
-
 def test_the_reference_board_keeps_the_default_rules():
     array = reference_board(count=2)
     require_rules(array, FabRules(min_gap=0.1e-3))
     worst = margins(array, "spacing within net")[("L1", "C1")]
-    line = array.placements[0].coil.lines[0][2:-1]
-    sides = shapely.linestrings(np.stack((line[:-1], line[1:]), axis=1))
-    turn_to_turn = min(shapely.distance(sides[:-n], sides[n:]).min() for n in (5, 6, 7)) - 0.1e-3
-    assert worst.value == pytest.approx(turn_to_turn, abs=ROUNDING)
+    assert worst.value == pytest.approx(turn_to_turn(array.placements[0].coil.lines[0][2:-1], 6), abs=ROUNDING)
     assert -KEPT_WITHIN < worst.margin < 0
     require_rules(reference_board(through_holes=False), RULES)
 
 
 def test_a_pad_without_a_hole_has_no_rule_of_holes():
-    """Six vias of 0.2 mm; the twelve terminals of 0.5 mm with rings of 0.25 mm reach one layer each."""
-    blind = check_rules(reference_board(through_holes=False), FabRules(min_annular_ring=1e-3, blind_holes=False))
-    (count,) = [margin for margin in blind if margin.rule == "blind holes"]
-    assert count.value == 6
     bare = path_coil([[(0, 0), (5e-3, 0)]], 1e-3, 1e-3, VIA, LEADS.terminal)
     array = CoilArray(FOUR_LAYERS, (Placement("A", bare, ("L2",), 0, 0),), through_holes=False)
     rules = {margin.rule for margin in check_rules(array, FabRules(max_aspect_ratio=10))}
@@ -110,25 +98,23 @@ def test_margins_do_not_depend_on_rotation(rotation, shape):
         assert turned == pytest.approx(here, abs=ROUNDING)
 
 
-@pytest.mark.parametrize("sides", [3, 4, 6])
-def test_turn_spacing_is_the_distance_of_consecutive_turns(sides):
-    spiral = Spiral(sides, 8e-3, 10, 0.1e-3, 0.2e-3)
-    value = spacing(one_coil(spiral_coil(spiral, 1, VIA))).value
-    line = spiral.centre_line()
+def turn_to_turn(line, sides):
+    """Least distance of the turns of a spiral of traces of 0.1 mm."""
     segments = shapely.linestrings(np.stack((line[:-1], line[1:]), axis=1))
-    next_turn = [shapely.distance(segments[:-n], segments[n:]).min() for n in (sides - 1, sides, sides + 1)]
-    assert value == pytest.approx(min(next_turn) - 0.1e-3, abs=ROUNDING)
+    return min(shapely.distance(segments[:-n], segments[n:]).min() for n in range(sides - 1, sides + 2)) - 0.1e-3
 
 
-def test_turns_too_close_are_found():
+def test_turn_spacing_is_the_distance_of_consecutive_turns():
+    for sides in (3, 4, 6):
+        spiral = Spiral(sides, 8e-3, 10, 0.1e-3, 0.2e-3)
+        value = spacing(one_coil(spiral_coil(spiral, 1, VIA))).value
+        assert value == pytest.approx(turn_to_turn(spiral.centre_line(), sides), abs=ROUNDING)
+    # turns too close are found
     spiral = Spiral(96, 6e-3, 10, 0.1e-3, 0.08e-3, circular=True)
     worst = spacing(one_coil(spiral_coil(spiral, 1, VIA)))
     # a chord's end comes closest to the next chord: less than 1 µm below the nominal gap
     assert worst.margin == pytest.approx(-0.02e-3, abs=1e-6)
     assert 3.5e-3 < math.hypot(worst.x, worst.y) < 6e-3
-
-
-# ---- spacing within one net
 
 
 def test_hairpins():
@@ -190,9 +176,6 @@ def test_separate_pads_and_barrels_of_one_net():
     assert spacing(close, "L4").value == pytest.approx(near - 0.45e-3, abs=ROUNDING)
 
 
-# ---- different nets
-
-
 @given(gap=st.floats(-0.15e-3, 0.9e-3))
 @settings(max_examples=20)
 def test_clearance_is_continuous_through_contact(gap):
@@ -229,9 +212,6 @@ def test_what_is_listed_and_in_which_order():
     assert broken(board(straight(0), straight(W + 0.1e-3), width=W)) == []
     assert broken(board(straight(0), straight(W + 0.0989e-3), width=W)) != []
     assert broken(board(straight(0), width=0.1e-3)) == []
-
-
-# ---- holes, widths, edge
 
 
 def test_holes_widths_and_edge():

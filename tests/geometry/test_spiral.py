@@ -3,30 +3,19 @@
 Who checks whom: the rule written out here and the lengths of another program (tests/reference) against `Spiral`.
 """
 
-from __future__ import annotations
-
 import math
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.boards import length, swept_area
 from support.references import rows
 from support.refusals import refused
 
 from coilarray.errors import GeometryError
 from coilarray.geometry import Spiral, apothem_from_size
-
-
-def length(line):
-    return float(np.hypot(*np.diff(line, axis=0).T).sum())
-
-
-def swept_area(line):
-    """Area swept by the ray from the origin, counted positive counter-clockwise."""
-    x, y = line.T
-    return float(0.5 * np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
 
 
 @pytest.mark.parametrize("row", rows("polygon_spirals_dc"), ids=lambda row: f"{row['N_sides']}x{row['layers']}")
@@ -108,11 +97,11 @@ BAD = [0.0, -1e-3, math.nan, math.inf]
 
 def test_sizes_and_turns_that_cannot_be():
     good = {"outer_apothem": 5e-3, "turns": 3, "trace_width": 1e-4, "gap": 1e-4}
-    for name in good:
-        for value in BAD:
-            refused(GeometryError, f"{name} must be positive and finite", Spiral, 6, **{**good, name: value})
+    for name, value in product(good, BAD):
+        refused(GeometryError, f"{name} must be positive and finite", Spiral, 6, **{**good, name: value})
     for sides in (2, 0, -6):
         refused(GeometryError, "sides must be at least 3", Spiral, sides, **good)
+        refused(GeometryError, "sides must be at least 3", apothem_from_size, 1e-2, sides, across="flats")
     for corner in (math.nan, math.inf):
         refused(GeometryError, "first_corner must be finite", Spiral, 6, **good, first_corner=corner)
     refused(GeometryError, "winding must be 'ccw' or 'cw'; got 'left'", Spiral, 6, **good, winding="left")
@@ -121,7 +110,5 @@ def test_sizes_and_turns_that_cannot_be():
     Spiral(6, 5.01e-3, 24.5, 1e-4, 1e-4)
     for size in BAD:
         refused(GeometryError, "size must be positive and finite", apothem_from_size, size, 6, across="corners")
-    for sides in (2, 0, -6):
-        refused(GeometryError, "sides must be at least 3", apothem_from_size, 1e-2, sides, across="flats")
     message = "across flats or corners; got 'diagonal'"
     refused(GeometryError, message, apothem_from_size, 1e-2, 6, across="diagonal")

@@ -4,8 +4,6 @@ Who checks whom: boards written by board_text.py against the arrays and points t
 inductance matrix before and after; turns, lengths and gaps against formulas of the square spiral.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace
@@ -70,17 +68,17 @@ def hole(x, y, *, net="A", kind="via", number="", pad=0.6e-3):
     return Hole(x / 1e3, y / 1e3, 0.3e-3, pad, ("top", "bottom"), net, kind, "file:hole", number)
 
 
-# ---- round trips
-
-
 def small_array(**options):
     """Three coils of two shapes on four layers, one of them turned."""
     coil = spiral_coil(Spiral(6, 4e-3, 5, 0.15e-3, 0.15e-3, 0.2), 2, VIA, LEADS)
     other = spiral_coil(Spiral(4, 3e-3, 4, 0.2e-3, 0.15e-3), 3, VIA, LEADS, return_lead=True)
-    left = Placement("left", coil, ("L1", "L2"), -5e-3, 0.2e-3)
-    right = Placement("right", coil, ("L3", "L4"), 5e-3, -0.1e-3)
-    zigzag = Placement("zigzag", other, ("L1", "L2", "L3", "L4"), 16e-3, 1e-3, 0.7)
-    return CoilArray(FOUR_LAYERS, (left, right, zigzag), **options)
+    left, right = (
+        Placement("left", coil, ("L1", "L2"), -5e-3, 0.2e-3),
+        Placement("right", coil, ("L3", "L4"), 5e-3, -0.1e-3),
+    )
+    return CoilArray(
+        FOUR_LAYERS, (left, right, Placement("zigzag", other, FOUR_LAYERS.names, 16e-3, 1e-3, 0.7)), **options
+    )
 
 
 @pytest.mark.parametrize("through", [True, False])
@@ -144,9 +142,6 @@ def test_any_spiral_keeps_its_sense_turns_and_length(sides, layers, winding, rot
     assert math.hypot(*coil.centre) < 0.35e-3
 
 
-# ---- order, direction, joints
-
-
 def test_where_the_current_enters(read):
     cases = (
         *((("1", "2"), OUTER), (("2", "1"), INNER), (("A10", "A2"), INNER), (("3", "2"), INNER), (("", "7"), INNER)),
@@ -193,13 +188,12 @@ def test_ends_that_are_joined():
     apart = copper(("top", (0, 0), (5, 0)), ("top", (5.11, 0), (9, 0)))
     refused(BoardError, "2 that do not meet", traced, apart)
     # a track that ends in a pad beside its centre is led on
-    pad = SurfacePad(0, 0, "top", "A", "file:pad", "1", 1e-3)
-    coil = traced(copper(("top", (0.3, 0.2), (5, 0.2)), holes=[hole(5.1, 0.1)], pads=[pad]))
+    pad, track = SurfacePad(0, 0, "top", "A", "file:pad", "1", 1e-3), ("top", (0.3, 0.2), (5, 0.2))
+    coil = traced(copper(track, holes=[hole(5.1, 0.1)], pads=[pad]))
     np.testing.assert_allclose(coil.lines[0] * 1e3, [(0, 0), (0.3, 0.2), (5, 0.2), (5.1, 0.1)], atol=1e-12)
-    notes = traced_array(copper(), [coil]).notes
-    assert notes[1] == "A: pads without a hole at its ends left out; the trace ends in their centres."
-    beyond = replace(pad, size=0.5e-3)
-    assert traced(copper(("top", (0.3, 0.2), (5, 0.2)), pads=[beyond])).ends == (None, None)
+    note = "A: pads without a hole at its ends left out; the trace ends in their centres."
+    assert traced_array(copper(), [coil]).notes[1] == note
+    assert traced(copper(track, pads=[replace(pad, size=0.5e-3)])).ends == (None, None)
 
 
 def test_copper_that_lies_twice_is_one_path():
@@ -213,9 +207,6 @@ def test_copper_that_lies_twice_is_one_path():
         assert (np.diff(coil.lines[0][:, 0]) > 0).all() or (np.diff(coil.lines[0][:, 0]) < 0).all()
 
 
-# ---- what is no path
-
-
 PIECES = r"it has 2 that do not meet, at \(0, 0\) mm on top \(file:1\) and at \(0, 3\) mm on top \(file:2\)"
 
 
@@ -223,7 +214,7 @@ def test_nets_that_are_no_path():
     for tracks, message in (
         (
             [*line((0, 0), (5, 0), (9, 0)), ("top", (5, 0), (5, 4))],
-            r"have two ends; 3 ways meet at \(5, 0\) mm \(file:1, file:2, file:3\)",
+            r"3 ways meet at \(5, 0\) mm \(file:1, file:2, file:3\)",
         ),
         ([("top", (0, 0), (9, 0)), ("top", (5, 0), (5, 4))], r"ends; 3 ways meet at \(5, 0\) mm \(file:1, file:2\)"),
         (line((0, 0), (5, 0), (5, 4), (0, 0)), r"have two ends; it is closed, through \(0, 0\) mm"),
@@ -237,8 +228,7 @@ def test_nets_that_are_no_path():
 
 def test_crossings_and_double_vias():
     tracks = [*line((0, 0), (5, 0), (6, 0)), *line((5, 0), (6, 0), (9, 0), layer="bottom")]
-    twice = copper(*tracks, holes=[hole(5, 0), hole(6, 0)])
-    refused(BoardError, r"3 ways meet at \([56], 0\) mm", traced, twice)
+    refused(BoardError, r"3 ways meet at \([56], 0\) mm", traced, copper(*tracks, holes=[hole(5, 0), hole(6, 0)]))
     # on another layer a path may cross itself
     tracks = [*line((0, 0), (9, 0), (9, 5), (5, 5)), *line((5, 5), (5, -5), layer="bottom")]
     assert traced(copper(*tracks, holes=[hole(5, 5)])).layers == ("top", "bottom")
@@ -249,17 +239,17 @@ LINE = '(gr_line (start 1 1) (end 2 2) (width 0.1) (layer "F.Cu"))'
 
 def test_nets_that_are_not_there(read):
     found = read(board(path(*SPIRAL), pads(OUTER, net='2 "B"'), nets=("COIL_A", "B")))
-    message = r"there is no net 'COIL_B'; did you mean COIL_A\? The board has B, COIL_A\.$"
-    refused(BoardError, message, trace_coils, found, ["COIL_B"])
-    refused(BoardError, r"b\.kicad_pcb: net B has no track\.$", trace_coils, found, ["B"])
-    drawn = read(board(LINE, LINE, pads(OUTER, net='2 "B"')))
-    message = r"no track\. Of its copper without a net, 2 pieces are drawn shapes or zones"
-    refused(BoardError, message, trace_coils, drawn, ["B"])
-    bare = copper(*line(*SPIRAL), net=None)
-    refused(BoardError, "there is no net 'A'; the board's copper has no nets", trace_coils, bare, ["A"])
+    drawn, bare = read(board(LINE, LINE, pads(OUTER, net='2 "B"'))), copper(*line(*SPIRAL), net=None)
     tracks = [segment((k, 0), (k, 1), net=str(k + 1)) for k in range(20)]
     many = read(board(*tracks, nets=tuple(f"net{k:02}" for k in range(20))))
-    refused(BoardError, "and 8 more", trace_coils, many, ["x"])
+    for copper_read, net, message in (
+        (found, "COIL_B", r"there is no net 'COIL_B'; did you mean COIL_A\? The board has B, COIL_A\.$"),
+        (found, "B", r"b\.kicad_pcb: net B has no track\.$"),
+        (drawn, "B", r"no track\. Of its copper without a net, 2 pieces are drawn shapes or zones"),
+        (bare, "A", "there is no net 'A'; the board's copper has no nets"),
+        (many, "x", "and 8 more"),
+    ):
+        refused(BoardError, message, trace_coils, copper_read, [net])
 
 
 ZONE = """(zone (net {net}) (layer "F.Cu") (tstamp 0) (hatch edge 0.5)
@@ -277,16 +267,11 @@ def test_copper_that_is_no_track(read):
         text = board(path(*SPIRAL), item)
         number = text[: text.index(item)].count("\n") + 1
         refused(BoardError, rf"b\.kicad_pcb:{number}: {message}", trace_coils, read(text), ["A"])
-
-
-def test_copper_of_no_concern(read):
+    # copper of another net, elsewhere or on the other layer is of no concern
     elsewhere = (ZONE.format(net=0, x=150, x1=160), segment((-6, 0), (-8, 0), net="0"))
     other_layer = ZONE.format(net=0, x=104, x1=110).replace("F.Cu", "B.Cu")
     for item in (ZONE.format(net=2, x=104, x1=110), *elsewhere, other_layer):
         assert len(trace_coils(read(board(path(*SPIRAL), item)), ["A"]).coils) == 1
-
-
-# ---- pads and holes that join turns
 
 
 def surface_pad(x, y, width, height, *, net="A", at="file:pad"):
@@ -317,18 +302,13 @@ def test_pads_and_holes_beside_turns():
     refused(BoardError, message, traced, copper(*tracks, holes=[hole(9, 0), hole(3.8, 0)]))
     # a pad left out where no track ends is a barrel alone, which the trace at 0.3 mm passes
     passing = [*line((0, 0), (9, 0)), *line((9, 0), (9, 5), (4, 5), (4, 0.3), (3, 0.3), layer="bottom")]
-    wide = copper(*passing, holes=[hole(9, 0), hole(3.5, 0)])
-    refused(BoardError, "a via bridges turns", traced, wide)
+    refused(BoardError, "a via bridges turns", traced, copper(*passing, holes=[hole(9, 0), hole(3.5, 0)]))
     thin = replace(hole(3.5, 0), shapes={"top": shapely.Point(3.5e-3, 0).buffer(0.3e-3)})
     assert traced(copper(*passing, holes=[hole(9, 0), thin])).layers == ("top", "bottom")
     # pads that only widen the path
-    for pad in (
-        surface_pad(*OUTER, 1.5, 1.5),
-        surface_pad(-5, 0, 0.8, 3),  # along a side
-        surface_pad(-4.95, -4.95, 0.5, 0.5),  # around a corner
-        surface_pad(20, 20, 5, 5),
-    ):
-        assert traced(replace(copper(*line(*SPIRAL)), pads=(pad,))).turns == pytest.approx(3, abs=0.1)
+    at_the_end, along_a_side, around_a_corner = (*OUTER, 1.5, 1.5), (-5, 0, 0.8, 3), (-4.95, -4.95, 0.5, 0.5)
+    for pad in (at_the_end, along_a_side, around_a_corner, (20, 20, 5, 5)):
+        assert traced(copper(*line(*SPIRAL), pads=(surface_pad(*pad),))).turns == pytest.approx(3, abs=0.1)
 
 
 def test_copper_without_a_net_that_something_touches_is_no_coil():
@@ -344,8 +324,7 @@ def test_copper_without_a_net_that_something_touches_is_no_coil():
 
 
 def test_copper_without_a_net_that_touches_what_has_one_is_no_coil():
-    beside = [(x + 11, y) for x, y in SPIRAL]
-    spirals = copper(*line(*SPIRAL), *line(*beside), net=None)
+    spirals = copper(*line(*SPIRAL), *line(*((x + 11, y) for x, y in SPIRAL)), net=None)
     assert len(trace_coils(spirals).coils) == 2
     joined = replace(spirals, pads=(surface_pad(5.5, 0, 2, 0.3, net=None),))
     refused(BoardError, "a pad without a net touches copper without a net", trace_coils, joined)
@@ -356,9 +335,6 @@ def test_copper_without_a_net_that_touches_what_has_one_is_no_coil():
     refused(BoardError, message, trace_coils, bare, ["A"])
 
 
-# ---- layers without copper
-
-
 def test_the_back_and_the_margin_of_a_board(read):
     found = as_array(read(board(path(*SPIRAL))))
     assert found.array.stackup == Stackup(("F.Cu",), (35e-6,), (), ())
@@ -367,28 +343,19 @@ def test_the_back_and_the_margin_of_a_board(read):
     both = read(board(path(*SPIRAL), via(20, 20, net="2")))
     assert as_array(both).array.stackup == both.stackup
     # the margin is the nearest edge
-    board_copper = replace(copper(*line(*SPIRAL)), edge=(-8e-3, -8e-3, 8e-3, 8e-3))
-    found = as_array(board_copper)
-    assert found.array.board_margin == pytest.approx(2.9e-3)
-    assert not any("margin" in note for note in found.notes)
-    assert "board.margin_mm" not in found.assumed
-    uneven = as_array(replace(board_copper, edge=(-8e-3, -8e-3, 20e-3, 3e-3)))
-    assert uneven.array.board_margin == 0
+    even, uneven = (
+        as_array(replace(copper(*line(*SPIRAL)), edge=(-8e-3, -8e-3, *corner)))
+        for corner in ((8e-3, 8e-3), (20e-3, 3e-3))
+    )
+    assert (even.array.board_margin, uneven.array.board_margin) == (pytest.approx(2.9e-3), 0)
+    assert not any("margin" in text for text in (*even.notes, *even.assumed))
     assert any("2.9, 2.9, 14.9, -2.1 mm" in note for note in uneven.notes)
 
 
-# ---- which nets are coils
-
-
 def test_without_names_the_nets_that_wind_are_coils(read):
-    text = board(
-        path(*SPIRAL),
-        path((20, 0), (30, 0), (30, 5), net="2"),
-        path((40, 0), (50, 0), (45, 5), (40, 0), net="3"),
-        path(*((x + 60, y) for x, y in SPIRAL), net="0"),
-        nets=("A", "B", "C", "D"),
-    )
-    found = trace_coils(read(text))
+    bent, closed = path((20, 0), (30, 0), (30, 5), net="2"), path((40, 0), (50, 0), (45, 5), (40, 0), net="3")
+    items = (path(*SPIRAL), bent, closed, path(*((x + 60, y) for x, y in SPIRAL), net="0"))
+    found = trace_coils(read(board(*items, nets=("A", "B", "C", "D"))))
     assert [coil.name for coil in found.coils] == ["A", "coil1"]
     assert re.fullmatch(r"it makes 0\.\d\d turns around its centre; a coil makes at least one\.", found.left_out["B"])
     assert "it is closed" in found.left_out["C"]
@@ -396,14 +363,12 @@ def test_without_names_the_nets_that_wind_are_coils(read):
 
 
 def test_what_is_a_coil(read):
-    angles = np.radians(np.linspace(10, 350, 60))
-    loop = [(6 * math.cos(a), 6 * math.sin(a)) for a in angles]
-    leads = [(12, loop[0][1]), *loop, (12, loop[-1][1])]
-    assert len(trace_coils(copper(*line(*leads))).coils) == 1
+    loop = [(6 * math.cos(a), 6 * math.sin(a)) for a in np.radians(np.linspace(10, 350, 60))]
+    assert len(trace_coils(copper(*line((12, loop[0][1]), *loop, (12, loop[-1][1])))).coils) == 1
     meander = copper(*line((0, 0), (9, 0), (9, 1), (0, 1), (0, 2), (9, 2), (9, 3), (0, 3)))
-    refused(BoardError, "no net is one path from end to end with a whole turn; A: it makes", trace_coils, meander)
-    message = "no net is one path from end to end with a whole turn; it has no tracks"
-    refused(BoardError, message, trace_coils, read(board(pads((0, 0)))))
+    none = "no net is one path from end to end with a whole turn; "
+    refused(BoardError, none + "A: it makes", trace_coils, meander)
+    refused(BoardError, none + "it has no tracks", trace_coils, read(board(pads((0, 0)))))
     bare = copper(*line((0, 0), (5, 0), (9, 0)), ("top", (5, 0), (5, 4)), net=None)
     message = r"copper without a net at \(0, 0\) mm: file:1: copper without a net at .*3 ways"
     refused(BoardError, message, trace_coils, bare)
@@ -416,9 +381,6 @@ def test_names_of_coils_are_new_or_in_the_given_order_of_nets_which_need_not_win
     assert [coil.name for coil in trace_coils(read(text), ["B", "A", "B"]).coils] == ["B", "A"]
 
 
-# ---- centre, turns, gap
-
-
 def test_turns_length_and_gap_of_a_square_spiral():
     coil = traced(copper(*line(*SPIRAL)))
     # from the corner at (-5, 5) anticlockwise; the last side ends 1 mm beyond a whole turn's corner
@@ -428,11 +390,9 @@ def test_turns_length_and_gap_of_a_square_spiral():
     assert turn_gap(coil.lines, coil.layers, coil.widths) == pytest.approx(0.8e-3)
     assert traced(copper(*line(*SPIRAL[::-1]))).turns == pytest.approx(-coil.turns)
     # the gap takes widths off and leaves other layers out
-    wide = [np.full(len(SPIRAL) - 1, 0.5e-3)]
-    points = [np.array(SPIRAL) * 1e-3]
-    assert turn_gap(points, ["top"], wide) == pytest.approx(0.5e-3)
-    shifted = [points[0], points[0] + 0.3e-3]
-    assert turn_gap(shifted, ["top", "bottom"], wide * 2) == pytest.approx(0.5e-3)
+    wide, points = [np.full(len(SPIRAL) - 1, 0.5e-3)], np.array(SPIRAL) * 1e-3
+    assert turn_gap([points], ["top"], wide) == pytest.approx(0.5e-3)
+    assert turn_gap([points, points + 0.3e-3], ["top", "bottom"], wide * 2) == pytest.approx(0.5e-3)
 
 
 def test_paths_without_turns_or_gap():
@@ -443,9 +403,6 @@ def test_paths_without_turns_or_gap():
     coil = traced(copper(*line((0, 0), (5, 0), (9, 0))))
     assert coil.turns == 0
     assert coil.centre == pytest.approx((4.5e-3, 0))
-
-
-# ---- holes of several sizes, margins
 
 
 def test_holes_of_several_sizes_or_depths_or_that_lead_nowhere(read):
@@ -467,10 +424,9 @@ def test_holes_of_several_sizes_or_depths_or_that_lead_nowhere(read):
     assert array.placements[0].coil.terminal == PlatedHole(0.3e-3, 0.6e-3)
     # a pad no larger than its hole
     tracks = [*line((0, 0), (5, 0)), *line((5, 0), (5, 2), layer="bottom")]
+    message = "file:hole: hole of A: pad of a hole must be larger than its drill"
     for kind in ("via", "pad"):
-        small = copper(*tracks, holes=[hole(5, 0, pad=0.3e-3, kind=kind)])
-        message = "file:hole: hole of A: pad of a hole must be larger than its drill"
-        refused(BoardError, message, as_array, small, ["A"])
+        refused(BoardError, message, as_array, copper(*tracks, holes=[hole(5, 0, pad=0.3e-3, kind=kind)]), ["A"])
     # holes that lead nowhere
     board_copper = copper(*line(*SPIRAL), holes=[hole(-5, 0), hole(*OUTER), hole(20, 20)])
     coil = traced(board_copper)
@@ -485,12 +441,11 @@ def test_holes_of_several_sizes_or_depths_or_that_lead_nowhere(read):
 
 def test_shapes_that_differ_by_more_than_the_grid_are_two():
     def two(shift):
-        points = np.array(SPIRAL)
-        moved = points + np.array([30, 0])
+        moved = np.add(SPIRAL, (30, 0))
         moved[5, 0] += shift
-        tracks = (*copper(*line(*points)).tracks, *copper(*line(*moved), net="B").tracks)
-        array = as_array(replace(copper(), tracks=tracks)).array
-        return array.placements[0].coil is array.placements[1].coil
+        tracks = (*copper(*line(*SPIRAL)).tracks, *copper(*line(*moved), net="B").tracks)
+        first, second = as_array(replace(copper(), tracks=tracks)).array.placements
+        return first.coil is second.coil
 
     assert two(1e-6)  # 1 nm
     assert not two(5e-6)
@@ -533,7 +488,7 @@ def drawn_by_hand(turns):
     ]
     ends = [("F.Cu", (14, 1.27), (10, 0)), ("F.Cu", (inner, 0), (3.5, 0))]
     ends += [("B.Cu", (3.5, 0), (inner, 0)), ("B.Cu", (10, 0), (14, -1.27))]
-    leads = [item("segment", at("start", a), at("end", b), layer=layer) for layer, a, b in ends]
+    arcs = arcs[::-1] + [item("segment", at("start", a), at("end", b), layer=layer) for layer, a, b in ends]
     return f"""(kicad_pcb
 \t(version {KICAD_8}) (generator "pcbnew") (generator_version "8.0") (paper "A5")
 \t(general (thickness 0.8) (legacy_teardrops no))
@@ -554,7 +509,7 @@ def drawn_by_hand(turns):
 \t)
 \t(gr_rect (start 30 20) (end 70 60) (stroke (width 0.1) (type default)) (fill none) (layer "Edge.Cuts") (uuid "0-7"))
 \t(gr_text "coil (1)" (at 50 57) (layer "F.SilkS") (uuid "0-8") (effects (font (size 1 1)) (justify left)))
-{chr(10).join(arcs[::-1] + leads)}
+{chr(10).join(arcs)}
 \t(via (at 53.5 40) (size 0.8) (drill 0.4) (layers "F.Cu" "B.Cu") (free yes) (net 1) (uuid "0-9"))
 \t(segment locked (start 31 58) (end 69 58) (width 0.5) (layer "F.Cu") (net 2) (uuid "0-a"))
 \t(zone (net 2) (net_name "GND") (layers "F&B.Cu") (uuid "0-b") (name "ground") (hatch edge 0.5)
@@ -574,8 +529,7 @@ def drawn_by_hand(turns):
 
 @pytest.mark.slow
 def test_a_board_drawn_by_hand(read):
-    copper_read = read(drawn_by_hand(5))
-    tracing = trace_coils(copper_read)
+    tracing = trace_coils(copper_read := read(drawn_by_hand(5)))
     (coil,) = tracing.coils
     assert coil.name == "/sensor/coil (1)"
     assert "GND has a filled zone on F.Cu, which is no current path" in tracing.left_out["GND"]

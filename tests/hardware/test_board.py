@@ -1,7 +1,5 @@
 """Names of ports, the board behind each, and the line that says who answers."""
 
-from __future__ import annotations
-
 import contextlib
 import subprocess
 import sys
@@ -12,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.emulated_reader import WIRING, at_rest, plain, quick_settings, reader_of
 from support.quick_coils import plain_board
+from support.refusals import refused
 
 from coilarray import hardware
 from coilarray.errors import HardwareError, MissingDependencyError
@@ -65,15 +64,13 @@ def test_names_of_ports(text, port):
         ("", r"port '' is not valid: it must be emulator, a serial port \(/dev/ttyACM0, COM5 or usb:SERIALNUMBER"),
         *((text, "it must be emulator") for text in ("emulater", "emulator?seed=1", "/dev/", "COM", "COM1234", "usb:")),
         *((text, "it must be emulator") for text in ("i2c:", "i2c:one", "i2c:1,spi:0")),
-        ("/dev/ttyACM0?baud=0", "baud must be 1 to 10000000, or any"),
-        ("/dev/ttyACM0?baud=fast", "baud must be 1 to 10000000, or any"),
+        *((f"/dev/ttyACM0?baud={baud}", "baud must be 1 to 10000000, or any") for baud in ("0", "fast")),
         ("/dev/ttyACM0?speed=9600", "there is no option 'speed'"),
         ("i2c:1:0x29", r"the address of the converter must be 0x2a or 0x2b"),
         ("i2c:1?mode=5", r"the mode of SPI must be 0 to 3; got 5"),
         ("i2c:1?mode=two", "mode must be a whole number"),
         ("i2c:1?mode=1&mode=2", "an option is given twice"),
-        ("i2c:1?mode", r"options after \? are KEY=VALUE, joined by &"),
-        ("i2c:1?", r"options after \? are KEY=VALUE"),
+        *((text, r"options after \? are KEY=VALUE, joined by &") for text in ("i2c:1?mode", "i2c:1?")),
         ("i2c:1?order=big", "order must be msb or lsb"),
         ("i2c:1?readback=maybe", "readback must be no or yes"),
         ("i2c:1?clock=3", "there is no option 'clock'"),
@@ -91,8 +88,8 @@ def test_names_of_ports(text, port):
 def test_anything_else_is_one_line(text, message):
     with pytest.raises(HardwareError, match=message) as raised:
         ports.parse_port(text)
-    assert "\n" not in str(raised.value)
     assert len(str(raised.value)) < 500
+    assert "\n" not in str(raised.value)
 
 
 @given(st.builds("{}{}".format, st.sampled_from(["", "i2c:", "ftdi://", "usb:", "/dev/", "COM"]), st.text()))
@@ -103,12 +100,9 @@ def test_no_text_is_anything_but_a_port_or_a_named_error(text):
 
 def test_the_emulator_is_the_default_and_says_so():
     with open_board() as board, open_board() as other:
-        assert board.emulated
-        assert board.identity.emulated
-        assert (
-            board.line
-            == f"emulator: emulator; LDC1614 (5449/3055); wiring six_coils; session {board.identity.boot:08X}"
-        )
+        assert (board.emulated, board.identity.emulated) == (True, True)
+        who = "emulator: emulator; LDC1614 (5449/3055); wiring six_coils"
+        assert board.line == f"{who}; session {board.identity.boot:08X}"
         assert board.identity.boot != other.identity.boot
         board.reader.configure(quick_settings())
         board.reader.scan()
@@ -120,8 +114,7 @@ def test_options_of_the_emulator_are_passed_on():
     with open_board(clock=clock, noise=0.0) as board:
         assert board.emulator.clock is clock
         assert board.emulator.conditions.noise == 0.0
-    with pytest.raises(TypeError, match="colour"):
-        open_board(colour="red")
+    refused(TypeError, "colour", open_board, colour="red")
 
 
 def test_the_line_tells_a_converter_that_does_not_answer_or_is_another_chip():
@@ -134,16 +127,10 @@ def test_the_line_tells_a_converter_that_does_not_answer_or_is_another_chip():
     assert "; another chip than the LDC1614 (5449/3054); " in Board(reader_of(board), "emulator", WIRING).line
 
 
-def test_a_serial_port_that_is_not_there_is_one_line():
-    with pytest.raises(HardwareError, match=r"port /dev/ttyACM99 does not exist\.") as raised:
-        open_board("/dev/ttyACM99")
-    assert "\n" not in str(raised.value)
-
-
-def test_a_missing_pyserial_names_its_extra(monkeypatch):
+def test_a_serial_port_that_is_not_there_is_one_line_and_a_missing_pyserial_names_its_extra(monkeypatch):
+    refused(HardwareError, r"port /dev/ttyACM99 does not exist\.", open_board, "/dev/ttyACM99")
     monkeypatch.setitem(sys.modules, "serial", None)
-    with pytest.raises(MissingDependencyError, match="microcontroller boards need pyserial"):
-        open_board("/dev/ttyACM0")
+    refused(MissingDependencyError, "microcontroller boards need pyserial", open_board, "/dev/ttyACM0")
 
 
 def test_ports_of_this_computer_are_found_by_kind(monkeypatch):
@@ -164,22 +151,20 @@ def test_closing_twice_or_before_the_block_is_allowed():
     assert at_rest(board.emulator)
 
 
-class Named:
+def named(*names):
     """As much of a design as has the names of its coils."""
-
-    def __init__(self, *names):
-        self.array = SimpleNamespace(names=names)
+    return SimpleNamespace(array=SimpleNamespace(names=names))
 
 
 def test_the_wiring_of_an_emulated_board_fits_its_design():
     assert wiring_of_board(ports.EmulatorPort()) == WIRING
-    assert wiring_of_board(ports.EmulatorPort(), Named(*WIRING.coils)) == WIRING
-    assert wiring_of_board(ports.EmulatorPort(), Named("left", "right")).coils == ("left", "right")
-    with open_board(design=Named("left", "right")) as board:
+    assert wiring_of_board(ports.EmulatorPort(), named(*WIRING.coils)) == WIRING
+    assert wiring_of_board(ports.EmulatorPort(), named("left", "right")).coils == ("left", "right")
+    with open_board(design=named("left", "right")) as board:
         assert board.wiring.coils == ("left", "right")
     # what is soldered is not guessed, and what is said counts
-    assert wiring_of_board(ports.SerialPort("COM5"), Named("left", "right")) == WIRING
-    assert wiring_of_board(ports.EmulatorPort(), Named("left", "right"), "six_coils") == WIRING
+    assert wiring_of_board(ports.SerialPort("COM5"), named("left", "right")) == WIRING
+    assert wiring_of_board(ports.EmulatorPort(), named("left", "right"), "six_coils") == WIRING
 
 
 @pytest.mark.parametrize(

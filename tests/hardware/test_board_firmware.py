@@ -3,8 +3,6 @@
 What stands on the interface `Reader` alone must not see a difference.
 """
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import sys
@@ -44,8 +42,7 @@ def behind_firmware(board, wiring=WIRING):
 @pytest.mark.slow
 def test_the_line_says_who_answers():
     with behind_firmware(plain()) as (host, opened):
-        assert not opened.emulated
-        assert opened.emulator is None
+        assert (opened.emulated, opened.emulator) == (False, None)
         assert f"LDC1614 (5449/3055); wiring six_coils; session {host.boot:08X}" in opened.line
 
 
@@ -57,8 +54,8 @@ def test_samples_are_the_same_as_of_the_chips_driven_directly():
     with behind_firmware(plain()) as (_, opened):
         opened.reader.configure(settings)
         scan = opened.reader.scan()
-    assert scan.samples == wanted.samples  # without noise: the same words to the last bit
-    assert scan.configuration == wanted.configuration
+    # without noise: the same words to the last bit
+    assert (scan.samples, scan.configuration) == (wanted.samples, wanted.configuration)
 
 
 @pytest.mark.slow

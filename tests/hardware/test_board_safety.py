@@ -4,8 +4,6 @@ Every transfer on either bus and every wait of a session is a step: configuring,
 is hit once before and once after it is done, by each way in which a program can be interrupted.
 """
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
@@ -31,8 +29,7 @@ class Tripwire:
 
     def __init__(self, at, after, action):
         self._left, self._after, self._action = at, after, action
-        self.steps = 0
-        self.armed = False
+        self.steps, self.armed = 0, False
 
     def step(self, do):
         if not self.armed:

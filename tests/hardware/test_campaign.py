@@ -1,7 +1,5 @@
 """The paper's campaign: its sequence, what it does when something fails, and the response that comes out of it."""
 
-from __future__ import annotations
-
 import csv
 import io
 import sqlite3
@@ -15,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support import recorded_boards
 from support.recorded_boards import QuickWorld, configured, dent, quick_board, session_of, two_coil_wiring, two_coils
+from support.refusals import refused
 
 from coilarray import load_design
 from coilarray.circuit.network import loaded_quality, resonate
@@ -43,12 +42,11 @@ SMALL = Campaign(x=(-2e-3, 0.0, 3e-3), y=(0.0, 2e-3), depths=(0.5e-3, 1e-3))
 CODE = 8e-8  # of L: a code is 4e-8 of a frequency near 2 MHz
 
 
-def run(path, campaign, board=None, *, resume=False, reader=lambda own: own, stage=lambda own: own, progress=None):
+def run(path, plan, board=None, *, settings=None, resume=False, reader=lambda own: own, stage=EmulatedStage, **more):
     """Run a campaign on a board that is closed afterwards; its reader and its stage may be wrapped."""
     with open_recorder(path, resume=resume) as recorder, board or quick_board() as board:
-        recorder.start(session_of(board, configured(board), DESIGN), campaign.to_json())
-        own = EmulatedStage(board.emulator)
-        run_campaign(campaign, reader(board.reader), stage(own), recorder, board.emulator.clock, progress=progress)
+        recorder.start(session_of(board, settings or configured(board), DESIGN), plan.to_json())
+        run_campaign(plan, reader(board.reader), stage(board.emulator), recorder, board.emulator.clock, **more)
     return path
 
 
@@ -79,9 +77,6 @@ class Wrapped:
         return getattr(self.inner, name)
 
 
-# the plan
-
-
 def test_the_papers_grid():
     with pytest.raises(HardwareError, match=r"has no \[indenter\] and \[indentation\]"):
         design_campaign(replace(DESIGN, indentation=None))
@@ -94,9 +89,8 @@ def test_the_papers_grid():
     assert campaign.seconds == pytest.approx(189 * (4 / 3 + 0.5))  # pressing and lifting take 2/3 s each
 
 
-RISING = st.lists(st.integers(-900, 900), min_size=1, max_size=5, unique=True).map(
-    lambda mm: tuple(value * 1e-3 for value in sorted(mm))
-)
+MM = st.lists(st.integers(-900, 900), min_size=1, max_size=5, unique=True)
+RISING = MM.map(lambda mm: tuple(value * 1e-3 for value in sorted(mm)))
 
 
 @given(RISING, RISING, st.integers(1, 4), st.integers(1, 3), st.floats(0, 100), st.floats(1e-6, 0.1))
@@ -110,35 +104,26 @@ def test_plans_come_back(x, y, repeats, scans, dwell, speed):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"x": ()}, "x of a campaign must be finite and rising"),
-        ({"x": (1e-3, 0.0)}, "x of a campaign must be finite and rising"),
+        *(({"x": wrong}, "x of a campaign must be finite and rising") for wrong in ((), (1e-3, 0.0))),
         ({"y": (float("nan"),)}, "y of a campaign must be finite and rising"),
         ({"y": (2.0,)}, "y of a campaign must be -1 to 1 m"),
         ({"depths": (0.0, 1e-3)}, "depths of a campaign must be positive"),
-        ({"depths": (-1e-3,)}, "depths of a campaign must be 0 to 0.1 m"),
-        ({"depths": (1.0,)}, "depths of a campaign must be 0 to 0.1 m"),
-        ({"repeats": 0}, "repeats of a campaign must be 1 to 1000"),
-        ({"repeats": True}, "repeats of a campaign must be 1 to 1000"),
+        *(({"depths": (wrong,)}, "depths of a campaign must be 0 to 0.1 m") for wrong in (-1e-3, 1.0)),
+        *(({"repeats": wrong}, "repeats of a campaign must be 1 to 1000") for wrong in (0, True)),
         ({"scans": 1.5}, "scans of a campaign must be 1 to 1000"),
         ({"dwell": -1.0}, "dwell of a campaign must be 0 to 3600 s"),
         ({"dwell": float("nan")}, "dwell of a campaign must be"),
-        ({"speed": 0.0}, "speed of a campaign must be positive"),
-        ({"speed": float("inf")}, "speed of a campaign must be positive"),
+        *(({"speed": wrong}, "speed of a campaign must be positive") for wrong in (0.0, float("inf"))),
         ({"x": tuple(1e-6 * np.arange(2000)), "repeats": 1000}, "at most 1000000 positions; got 8000000"),
     ],
 )
 def test_wrong_plans(change, message):
-    with pytest.raises(HardwareError, match=message):
-        replace(SMALL, **change)
+    refused(HardwareError, message, replace, SMALL, **change)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"x": 1}', '{"x": ["a"], "y": [0], "depths": [1]}', "[" * 99999])
 def test_plans_that_cannot_be_read(text):
-    with pytest.raises(HardwareError, match="plan of a campaign cannot be read"):
-        Campaign.from_json(text)
-
-
-# the sequence
+    refused(HardwareError, "plan of a campaign cannot be read", Campaign.from_json, text)
 
 
 def test_the_papers_sequence(path):
@@ -159,7 +144,7 @@ def test_the_papers_sequence(path):
             return logged if name in ("move", "indent", "relax", "scan") else call
 
     campaign = Campaign(x=(0.0,), y=(0.0,), depths=(1e-3,), scans=2)
-    run(path, campaign, board, reader=Logged, stage=Logged)
+    run(path, campaign, board, reader=Logged, stage=lambda emulator: Logged(EmulatedStage(emulator)))
     names, starts, ends, depths = zip(*log, strict=True)
     assert names == ("move", "scan", "scan", "indent", "scan", "scan", "relax")
     assert starts[4] - starts[3] == pytest.approx(1e-3 / 1.5e-3 + 0.5)
@@ -171,25 +156,19 @@ def test_the_papers_sequence(path):
     assert all(scan.place == campaign.places[0] for scan in scans)
 
 
-# the response
-
-
 def test_the_response_is_the_boards(path):
     reported = []
     response = response_of(run(path, SMALL, progress=lambda *now: reported.append(now)))
     assert reported == [(k, SMALL.size) for k in range(SMALL.size + 1)]
     assert response.delta.dims == ("depth", "y", "x", "state")
-    expected = [
-        [[[dent(coil, x, y, depth) for coil in ("coil1", "coil2")] for x in SMALL.x] for y in SMALL.y]
-        for depth in SMALL.depths
-    ]
+    coils, h = ("coil1", "coil2"), SMALL.depths
+    expected = [[[[dent(coil, x, y, depth) for coil in coils] for x in SMALL.x] for y in SMALL.y] for depth in h]
     # the losses, which L alone does not know, have R²C/L = 9e-4 of δ
     np.testing.assert_allclose(response.delta, expected, rtol=1e-3, atol=2 * CODE)
     np.testing.assert_allclose(response.base_inductance, 52e-6, rtol=2e-3)
     assert not response.doubtful.any()
     assert response.coil_x.values.tolist() == pytest.approx([0.0, 13.28e-3])  # from the map's origin, coil1
-    assert response.attrs["emulated"] == 1
-    assert response.attrs["design_hash"] == DESIGN.digest
+    assert (response.attrs["emulated"], response.attrs["design_hash"]) == (1, DESIGN.digest)
     assert (response.attrs["origin"], response.attrs["indenter"]) == ("coil1", "hemisphere")
 
 
@@ -256,12 +235,9 @@ def test_simulated_response_of_the_design(kept, path):
     wiring = two_coil_wiring()
     settings = design_settings(DESIGN, wiring)
     noise = 1e-7
-    with open_recorder(path) as recorder, open_board(design=DESIGN, wiring=wiring, seed=4, noise=noise) as board:
-        board.reader.configure(settings)
-        recorder.start(session_of(board, settings, DESIGN), campaign.to_json())
-        stage = EmulatedStage(board.emulator)
-        run_campaign(campaign, board.reader, stage, recorder, board.emulator.clock)
-    measured = response_of(path)
+    board = open_board(design=DESIGN, wiring=wiring, seed=4, noise=noise)
+    board.reader.configure(settings)
+    measured = response_of(run(path, campaign, board, settings=settings))
     network = board_network(DESIGN, open_store())
     computed = response_map(DESIGN, depths=campaign.depths, x=campaign.x, y=campaign.y, network=network)
     for name in ("depth", "y", "x", "state", "coil"):
@@ -276,9 +252,6 @@ def test_simulated_response_of_the_design(kept, path):
     for name in ("indenter", "base", "origin", "design", "design_hash"):
         assert measured.attrs[name] == computed.attrs[name]
     assert not measured.doubtful.any()  # the drive currents fit the coils
-
-
-# what is not whole
 
 
 def scanning(scan):
@@ -306,8 +279,7 @@ def stopped_after(scans):
 
 @pytest.mark.parametrize("scans", [0, 1, 2, 7, 23])
 def test_resume_measures_what_is_missing(path, whole, scans):
-    with pytest.raises(DeviceLost):
-        run(path, SMALL, reader=stopped_after(scans))
+    refused(DeviceLost, "the port is gone", run, path, SMALL, reader=stopped_after(scans))
     reported = []
     run(path, SMALL, resume=True, progress=lambda *now: reported.append(now))
     assert reported[0] == (scans // 2, SMALL.size)  # two scans a position: what was finished is not measured again
@@ -319,24 +291,18 @@ def test_resume_measures_what_is_missing(path, whole, scans):
 
 
 def test_not_whole(path, tmp_path):
-    with pytest.raises(DeviceLost):
-        run(path, SMALL, reader=stopped_after(9))
-    with pytest.raises(HardwareError, match="is not whole: 8 of 12 positions are not measured yet"):
-        response_of(path)
+    refused(DeviceLost, "the port is gone", run, path, SMALL, reader=stopped_after(9))
+    refused(HardwareError, "is not whole: 8 of 12 positions are not measured yet", response_of, path)
     part = response_of(path, partial=True)
     assert int(part.delta.notnull().all("state").sum()) == 4
     assert np.isfinite(part.base_inductance).all()
     # the first repeat is enough
     twice = replace(SMALL, repeats=2)
     path = tmp_path / "twice.sqlite"
-    with pytest.raises(DeviceLost):
-        run(path, twice, reader=stopped_after(2 * SMALL.size + 4))
+    refused(DeviceLost, "the port is gone", run, path, twice, reader=stopped_after(2 * SMALL.size + 4))
     response = response_of(path)
     assert response.delta.notnull().all()
     assert int(response.delta_std.notnull().all("state").sum()) == 2
-
-
-# what goes wrong
 
 
 def failing(name, times):
@@ -411,14 +377,10 @@ def test_a_board_that_restarted_is_opened_again(path, whole):
         assert len(recording.positions()) == SMALL.size
 
 
-def test_a_board_that_restarts_for_ever_is_given_up(path):
-    with pytest.raises(HardwareError, match=f"a scan failed {TRIES} times: .*restarted"):
-        run_reconnecting(path, 6, [1] * 100)
-
-
-def test_a_board_that_restarted_and_cannot_be_opened_again(path):
-    with pytest.raises(BoardRestarted, match="the board restarted; run again to go on with the recording"):
-        run_reconnecting(path, 6)
+def test_a_board_that_restarts_for_ever_or_cannot_be_opened_again(path, tmp_path):
+    ever = tmp_path / "ever.sqlite"
+    refused(HardwareError, f"a scan failed {TRIES} times: .*restarted", run_reconnecting, ever, 6, [1] * 100)
+    refused(BoardRestarted, "the board restarted; run again to go on with the recording", run_reconnecting, path, 6)
     run(path, SMALL, resume=True)
 
 
@@ -426,11 +388,9 @@ def test_a_board_that_restarted_and_cannot_be_opened_again(path):
     ("name", "reason"), [("no answer", "did not answer"), ("dead sample", "coil2 gave no value: no result in time")]
 )
 def test_it_is_given_up(path, name, reason):
-    board = quick_board()
-    with pytest.raises(HardwareError, match=rf"at x = -2, y = 0 mm a scan failed {TRIES} times: .*{reason}"):
-        run(path, SMALL, board, reader=failing(name, 1000))
-    assert board.emulator.place().depth == 0  # lifted
-    assert board.emulator.seen().state is None  # and grounded
+    board, told = quick_board(), rf"at x = -2, y = 0 mm a scan failed {TRIES} times: .*{reason}"
+    refused(HardwareError, told, run, path, SMALL, board, reader=failing(name, 1000))
+    assert (board.emulator.place().depth, board.emulator.seen().state) == (0, None)  # lifted and grounded
     with open_recording(path) as recording:
         assert len(recording.positions()) == 1
 
@@ -438,42 +398,36 @@ def test_it_is_given_up(path, name, reason):
 def test_a_dead_coil(path):
     world = QuickWorld()
     world.dead = {"coil2"}
-    with pytest.raises(HardwareError, match=r"coil2 gave no value: .*does not oscillate"):
-        run(path, SMALL, quick_board(world=world))
+    refused(HardwareError, r"coil2 gave no value: .*does not oscillate", run, path, SMALL, quick_board(world=world))
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, OutputError("full"), DeviceLost("gone")])
 def test_the_indenter_is_lifted_on_every_way_out(path, error):
     board = quick_board()
 
-    def scan(reader, count):
-        return raising(error) if board.emulator.place().depth > 0 else reader.scan()
+    def pressed():
+        return board.emulator.place().depth > 0
 
     with pytest.raises(error if isinstance(error, type) else type(error)):
-        run(path, SMALL, board, reader=scanning(scan))
-    assert board.emulator.place().depth == 0
+        run(path, SMALL, board, reader=scanning(lambda reader, _: raising(error) if pressed() else reader.scan()))
+    assert not pressed()
 
 
 def test_places_out_of_reach_are_refused_before_anything_moves(path):
-    class Stage(Wrapped):
+    class Stage(EmulatedStage):
         def check(self, places):
             raise HardwareError("out of reach")
 
         def move(self, x, y):
-            raise AssertionError("moved")
+            pytest.fail("moved")
 
-    with pytest.raises(HardwareError, match="out of reach"):
-        run(path, SMALL, stage=Stage)
+    refused(HardwareError, "out of reach", run, path, SMALL, stage=Stage)
 
 
 def test_a_place_that_is_not_of_the_campaign(path):
     with closing(sqlite3.connect(run(path, SMALL))) as connection:
         connection.executescript("UPDATE position SET x = 0.5 WHERE id = 3")
-    with pytest.raises(HardwareError, match="damaged: position 2 is not of its campaign"):
-        response_of(path)
-
-
-# settings of a design
+    refused(HardwareError, "damaged: position 2 is not of its campaign", response_of, path)
 
 
 @pytest.mark.slow
@@ -503,5 +457,4 @@ def test_settings_fit_the_coils(kept):
     ],
 )
 def test_wrong_settings(kept, design, options, message):
-    with pytest.raises(HardwareError, match=message):
-        design_settings(design, two_coil_wiring(), **options)
+    refused(HardwareError, message, design_settings, design, two_coil_wiring(), **options)

@@ -4,8 +4,6 @@ Who checks whom: the nets found by joining nodes against the direct currents of 
 against both bundled wirings, whose words come from `coilarray.hardware.scan.wiring`.
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -27,14 +25,8 @@ GROUND_A, INA_A, INB_A, OTHER_A, GROUND_B, INB_B, INA_B, OTHER_B = range(8)  # b
 
 def plan_b(coils=6):
     """The switch_table of the facts: one device a coil, the last coil's at the far end."""
-    nets = (0, 1, 2, 3)
-    code = bytes(
-        4 * (2 * coil + end) + net
-        for coil in reversed(range(coils))
-        for end, order in ((0, nets), (1, (0, 2, 1, 3)))
-        for net in order
-    )
-    return switch_table(code)
+    pairs = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 0), (1, 2), (1, 1), (1, 3))  # ends and nets
+    return switch_table(bytes(4 * (2 * coil + end) + net for coil in reversed(range(coils)) for end, net in pairs))
 
 
 def seen(words, chain=None):
@@ -71,9 +63,7 @@ def test_all_switches_are_open_after_power_up(chain):
 @given(st.binary(min_size=6, max_size=6), st.binary(min_size=6, max_size=6))
 def test_what_went_in_comes_out_at_the_next_transfer(first, second):
     chain = Adg739Chain(plan_b())
-    assert chain.transfer(first) == bytes(6)
-    assert chain.transfer(second) == first
-    assert chain.words == second
+    assert (chain.transfer(first), chain.transfer(second), chain.words) == (bytes(6), first, second)
     assert Adg739Chain(plan_b(), readback=False).transfer(first) is None
 
 
@@ -86,9 +76,7 @@ def test_of_more_bytes_the_last_count_and_of_fewer_the_old_move_on(data):
 
 
 @pytest.mark.parametrize(("mode", "slips"), [(1, 0), (2, 0), (0, 1), (3, 1)])
-def test_modes_of_spi_that_are_not_stable_at_the_falling_edge_slip_by_a_bit_which_the_read_back_shows(
-    chain, mode, slips
-):
+def test_modes_of_spi_that_are_not_stable_at_the_falling_edge_slip_by_a_bit(chain, mode, slips):
     chain.transfer(SENT, mode=mode)
     assert int.from_bytes(chain.words) == int.from_bytes(SENT) >> slips
     assert (chain.transfer(SENT, mode=mode) == SENT) == (not slips)
@@ -110,13 +98,10 @@ def test_another_bit_map_than_the_assumed_one(chain):
     assert set(state.exceptions.values()) == {"ground"}  # both ends on the spare net, which joins them
 
 
-@pytest.mark.parametrize("length", [0, 7, 9])
-def test_a_wiring_has_eight_bytes_a_device(length):
-    with pytest.raises(HardwareError, match="8 bytes a device"):
-        switch_table(bytes(length))
-
-
-def test_unused_switches_close_nothing():
+def test_a_wiring_has_eight_bytes_a_device_and_unused_switches_close_nothing():
+    for length in (0, 7, 9):
+        with pytest.raises(HardwareError, match="8 bytes a device"):
+            switch_table(bytes(length))
     chain = Adg739Chain(switch_table(bytes([0x00, *[0xFF] * 7])))
     chain.transfer(b"\xff")
     assert chain.closed() == (WiredSwitch((0, 0), "ground"),)
@@ -135,8 +120,7 @@ def test_callbacks_before_and_after_switches_move():
 
 
 def test_a_stuck_switch_is_found_by_what_it_joins(chain):
-    assert chain.find(5, 0, "ground") == (0, GROUND_A)
-    assert chain.find(0, 1, "INB") == (5, INB_B)
+    assert (chain.find(5, 0, "ground"), chain.find(0, 1, "INB")) == ((0, GROUND_A), (5, INB_B))
     with pytest.raises(HardwareError, match="no switch joins end 0 of coil 6 to ground"):
         chain.find(6, 0, "ground")
 
@@ -171,37 +155,30 @@ def test_one_coil_and_what_closes_the_others():
     state = seen(words(coil1=0x22, coil2=0x42)).state
     assert (state.measured, state.exceptions["coil2"]) == ((("coil1", 1),), "ground")
     found = seen(words(coil2=0x22, coil3=0x00, coil4=0x01, coil5=0x10))
-    assert found.kind == "coils"
-    assert found.state.measured == (("coil2", 1),)
+    assert (found.kind, found.state.measured) == ("coils", (("coil2", 1),))
     assert dict(found.state.exceptions) == {
         "coil1": "ground", "coil3": "open", "coil4": "ground one end", "coil5": "ground other end", "coil6": "ground",
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("commanded", "connection", "measured"),
-    [
-        ({"coil2": 0x44}, "series", (("coil2", -1),)),  # turned round
-        ({"coil2": 0x22, "coil5": 0x44}, "parallel", (("coil2", 1), ("coil5", -1))),
-        # end a of coil1 on INA, end b of both on the spare net, end a of coil3 on INB
-        ({"coil1": 0x02 | 0x80, "coil3": 0x04 | 0x80}, "series", (("coil1", 1), ("coil3", -1))),
-    ],
-)
+@pytest.mark.parametrize(("commanded", "connection", "measured"), [
+    ({"coil2": 0x44}, "series", (("coil2", -1),)),  # turned round
+    ({"coil2": 0x22, "coil5": 0x44}, "parallel", (("coil2", 1), ("coil5", -1))),
+    # end a of coil1 on INA, end b of both on the spare net, end a of coil3 on INB
+    ({"coil1": 0x02 | 0x80, "coil3": 0x04 | 0x80}, "series", (("coil1", 1), ("coil3", -1))),
+])  # fmt: skip
 def test_coils_each_with_its_sense(commanded, connection, measured):
     state = seen(words(**commanded)).state
     assert (state.connection, state.measured) == (connection, measured)
 
 
-@pytest.mark.parametrize(
-    ("kind", "commanded"),
-    [
-        ("open", {}), ("open", {"coil1": 0x02}), ("short", {"coil1": 0x06}),
-        ("short", {"coil1": 0x02, "coil2": 0x04 | 0x02}), ("grounded", {"coil1": 0x23}),
-        ("grounded", {"coil1": 0x12}),  # through the coil
-        ("tangled", {"coil1": 0x22, "coil2": 0x82, "coil3": 0x88, "coil4": 0x28}),
-        ("tangled", {"coil1": 0x82, "coil2": 0x82, "coil3": 0x28}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("kind", "commanded"), [
+    ("open", {}), ("open", {"coil1": 0x02}), ("short", {"coil1": 0x06}),
+    ("short", {"coil1": 0x02, "coil2": 0x04 | 0x02}), ("grounded", {"coil1": 0x23}),
+    ("grounded", {"coil1": 0x12}),  # through the coil
+    ("tangled", {"coil1": 0x22, "coil2": 0x82, "coil3": 0x88, "coil4": 0x28}),
+    ("tangled", {"coil1": 0x82, "coil2": 0x82, "coil3": 0x28}),
+])  # fmt: skip
 def test_what_is_no_coil(kind, commanded):
     assert seen(words(**commanded)) == (kind, None)
 
@@ -210,18 +187,13 @@ def resistances(closed, coils):
     """Direct-current resistances in Ω between the pins and from each to ground, with 1 Ω a coil and next to none a
     switch, and the number of coils that carry the current from pin to pin: Kirchhoff's laws by the pseudo-inverse of
     the conductance matrix."""
-    nodes = {name: k for k, name in enumerate(["ground", "INA", "INB", "other"])}
-    for coil in range(coils):
-        for end in range(2):
-            nodes[coil, end] = len(nodes)
+    names = ["ground", "INA", "INB", "other", *((coil, end) for coil in range(coils) for end in range(2))]
+    nodes = {name: k for k, name in enumerate(names)}
     G = np.zeros((len(nodes), len(nodes)))
     branches = [((c, 0), (c, 1), 1.0) for c in range(coils)] + [(s.terminal, s.net, 1e6) for s in closed]
     for a, b, conductance in branches:
         i, j = nodes[a], nodes[b]
-        G[i, i] += conductance
-        G[j, j] += conductance
-        G[i, j] -= conductance
-        G[j, i] -= conductance
+        G[np.ix_([i, j], [i, j])] += conductance * np.array([[1, -1], [-1, 1]])
     inverse = np.linalg.pinv(G, rcond=1e-12, hermitian=True)
 
     def between(a, b):
@@ -279,15 +251,13 @@ def test_every_legal_state_is_seen_as_it_was_meant(name, measured, sense, others
     found = board.seen().state
     assert (found.measured, dict(found.exceptions)) == (state.measured, exceptions)
     board.switches.shift(wiring.safe_words)
-    assert board.seen().kind == "open"
-    assert board.misuse.notes == []
+    assert (board.seen().kind, board.misuse.notes) == ("open", [])
 
 
 def test_words_that_ground_the_converter_are_noted_but_a_stuck_switch_is_nobodys_misuse(board):
     board.chain.stick(*board.chain.find(0, 0, "ground"), "closed")
     board.switches.shift(words(coil1=0x22))
-    assert board.seen().kind == "grounded"
-    assert board.misuse.notes == []
+    assert (board.seen().kind, board.misuse.notes) == ("grounded", [])
     board.switches.shift(words(coil1=0x23))
     assert "grounded" in board.misuse.notes[0]
 
@@ -301,7 +271,6 @@ def test_shifting_takes_time_and_a_broken_line_brings_zeros(board):
 
 
 def test_a_board_takes_any_switch_table():
-    wiring = bytes([0x01, 0xFF, 0x06, *[0xFF] * 5])
-    board = plain_board(SimpleNamespace(coils=("left",), encode=lambda: wiring))
+    board = plain_board(SimpleNamespace(coils=("left",), encode=lambda: bytes([0x01, 0xFF, 0x06, *[0xFF] * 5])))
     board.switches.shift(b"\x05")
     assert board.seen().state.measured == (("left", 1),)

@@ -64,12 +64,12 @@ class Chip:
         self.clock = VirtualClock()
         self.bench = Bench(**bench)
         self.misuse = Misuse(strict)
-        self.chip = Ldc1614(
-            self.clock, self.bench, channels=channels, open_points=open_points, misuse=self.misuse, seed=seed
-        )
-        self.read, self.write = self.chip.read, self.chip.write
+        options = {"channels": channels, "open_points": open_points, "misuse": self.misuse, "seed": seed}
+        self.chip = Ldc1614(self.clock, self.bench, **options)
+        self.read, self.write, self.wait = self.chip.read, self.chip.write, self.clock.sleep
 
-    def wake(self, config=AWAKE, **registers):
+    def wake(self, config=AWAKE, *, wait=0.0, **registers):
+        """Return itself after a time awake."""
         given = {**channels(0, OFFSET=0), "ERRORS": 0xF8FD, "MUX": 0x020C, **registers}
         addresses = {"RCOUNT": 0x08, "OFFSET": 0x0C, "SETTLE": 0x10, "DIVIDERS": 0x14, "DRIVE": 0x1E}
         self.write(0x1A, config | 0x2000)
@@ -77,15 +77,12 @@ class Chip:
             single = {"ERRORS": 0x19, "MUX": 0x1B}
             self.write(single[name] if name in single else addresses[name[:-1]] + int(name[-1]), value)
         self.write(0x1A, config)
-
-    def wait(self, seconds):
-        self.clock.sleep(seconds)
+        self.wait(wait)
+        return self
 
     def converted(self, config=AWAKE, **registers):
-        """Wake and wait for one result of the usual length; return the chip."""
-        self.wake(config, **registers)
-        self.wait(conversion() * 1.01)
-        return self
+        """Return itself after one result of the usual length."""
+        return self.wake(config, wait=conversion() * 1.01, **registers)
 
     def code(self):
         msb = self.read(0x00)
@@ -93,8 +90,7 @@ class Chip:
 
     def result(self, **registers):
         """Wake, wait for one result, return STATUS, the flags and the code."""
-        self.wake(**registers)
-        self.wait(conversion(registers.get("RCOUNT0", 1000)) * 1.001)
+        self.wake(wait=conversion(registers.get("RCOUNT0", 1000)) * 1.001, **registers)
         status = self.read(0x18)
         msb = self.read(0x00)
         return status, msb >> 12, (msb & 0x0FFF) << 16 | self.read(0x01)
@@ -109,9 +105,6 @@ def channels(*numbers, **other):
 def conversion(rcount=1000, settle=40, reference=REFERENCE, clock=CLOCK):
     """Time from waking to the first result: sections 7.5, 8.1.4 and equation 7."""
     return 16384 / clock + 16 * settle / reference + (16 * rcount + 4) / reference
-
-
-# ------------------------------------------------------------------------------------------ registers
 
 
 def test_reset_values_and_that_nothing_else_is_there():
@@ -133,11 +126,10 @@ def test_undocumented_registers_and_more_than_16_bits_are_refused(address):
         chip.write(address, 0)
 
 
-@pytest.mark.parametrize(
-    ("address", "value"),
-    [(0x1A, 0x2800), (0x1A, 0x2901), (0x1A, 0x2803), (0x1B, 0x000F), (0x1B, 0x021F), (0x19, 0x0100), (0x19, 0x0002),
-     (0x14, 0x1402), (0x1E, 0x0001), (0x1C, 0x8001)],
-)  # fmt: skip
+@pytest.mark.parametrize(("address", "value"), [
+    (0x1A, 0x2800), (0x1A, 0x2901), (0x1A, 0x2803), (0x1B, 0x000F), (0x1B, 0x021F), (0x19, 0x0100), (0x19, 0x0002),
+    (0x14, 0x1402), (0x1E, 0x0001), (0x1C, 0x8001),
+])  # fmt: skip
 def test_reserved_bits_must_be_written_as_they_are(address, value):
     with pytest.raises(UndocumentedUse, match="reserved bits"):
         Chip().write(address, value)
@@ -155,8 +147,7 @@ def test_what_is_written_is_read_back_but_for_what_cannot_be(address, value):
 
 
 def test_reset_device_power_and_shutdown_pin_all_lead_back_to_the_reset_values():
-    chip = Chip()
-    chip.wake()
+    chip = Chip().wake()
     chip.write(0x1C, 0x8000)
     assert {a: chip.chip.peek(a) for a in RESETS} == RESETS
     assert chip.read(0x1C) == 0
@@ -185,20 +176,14 @@ def test_an_ldc1612_has_the_same_identity_half_of_the_registers_and_no_channel_2
     for address in (0x04, 0x0A, 0x0E, 0x12, 0x16, 0x20):
         with pytest.raises(UndocumentedUse):
             chip.read(address)
-    chip = Chip(channels=2, strict=False)
-    chip.wake(AWAKE | 0x8000)
-    chip.wait(1)
+    chip = Chip(channels=2, strict=False).wake(AWAKE | 0x8000, wait=1)
     assert chip.read(0x18) == 0
     assert "channel 2" in chip.misuse.notes[0]
 
 
-# ---------------------------------------------------------------------------------------------- timing
-
-
 def ready_at(chip, seconds, config=AWAKE, **registers):
     """Wake; the first result must come after this time and not before."""
-    chip.wake(config, **registers)
-    chip.wait(seconds - 1e-9)
+    chip.wake(config, wait=seconds - 1e-9, **registers)
     assert chip.read(0x18) == 0
     chip.wait(2e-9)
     assert chip.read(0x18) == 0x0048
@@ -219,9 +204,7 @@ def test_the_wake_up_runs_on_the_internal_clock_and_the_conversion_on_the_chosen
 
 
 def test_conversions_follow_each_other():
-    chip = Chip()
-    chip.wake()
-    chip.wait(conversion() + 1e-9)
+    chip = Chip().wake(wait=conversion() + 1e-9)
     one = (16 * 1000 + 4) / REFERENCE
     gap = 692e-9 + 5 / REFERENCE  # the data sheet gives it for the change of channels
     for _ in range(10):
@@ -233,8 +216,7 @@ def test_conversions_follow_each_other():
 
 def test_two_channels_take_turns_and_data_is_ready_after_both():
     chip = Chip(sensors={0: GOOD, 1: replace(GOOD, frequency=3e6)})
-    chip.wake(MUX=0x820C, **channels(1))
-    chip.wait(conversion() + 1e-9)
+    chip.wake(wait=conversion() + 1e-9, MUX=0x820C, **channels(1))
     assert chip.read(0x18) == 0x0008
     turn = conversion() - 16384 / CLOCK
     chip.wait(turn + 692e-9 + 5 / REFERENCE)
@@ -245,33 +227,22 @@ def test_two_channels_take_turns_and_data_is_ready_after_both():
 
 def test_an_hour_awake_is_caught_up_with_at_once():
     f = lambda time: replace(GOOD, frequency=2e6 if time < 3599 else 2.1e6)  # noqa: E731
-    chip = Chip(sensors={0: f})
-    chip.wake(RCOUNT0=0xFFFF)
-    chip.wait(3600)
+    chip = Chip(sensors={0: f}).wake(wait=3600, RCOUNT0=0xFFFF)
     assert chip.read(0x18) == 0x0048
     assert chip.code() == round(2.1e6 / REFERENCE * 2**28)
-    quiet = Chip(sensors={0: None})
-    quiet.wake(RCOUNT0=0xFFFF)
-    quiet.wait(3600)
+    quiet = Chip(sensors={0: None}).wake(wait=3600, RCOUNT0=0xFFFF)
     assert quiet.read(0x18) & 0x0840 == 0x0840
 
 
 def test_nothing_comes_without_a_clock_or_with_a_divider_0():
     for config, registers in ((AWAKE | EXTERNAL, {}), (AWAKE, {"DIVIDERS0": 0x0002}), (AWAKE, {"DIVIDERS0": 0x1000})):
-        chip = Chip(strict=False)
-        chip.wake(config, **registers)
-        chip.wait(10)
+        chip = Chip(strict=False).wake(config, wait=10, **registers)
         assert chip.read(0x18) == 0
         assert chip.misuse.notes
 
 
-# ---------------------------------------------------------------------------------------------- results
-
-
 @example(2e6, 1, 1, 0, 1000)
-@given(
-    st.floats(1e4, 5e6), st.integers(1, 15), st.integers(1, 20), st.integers(0, 0xFFFF), st.integers(10, 0xFFFF)
-)  # fmt: skip
+@given(st.floats(1e4, 5e6), *(st.integers(*ends) for ends in ((1, 15), (1, 20), (0, 0xFFFF), (10, 0xFFFF))))
 def test_every_code_is_equation_6(frequency, fin, fref, offset, rcount):
     chip = Chip(strict=False, sensors={0: replace(GOOD, frequency=frequency)})
     divider = 1 + fref
@@ -286,8 +257,7 @@ def test_every_code_is_equation_6(frequency, fin, fref, offset, rcount):
 def test_the_lsb_belongs_to_the_msb_that_was_read_before_it():
     before, after = 2.0e6, 2.0005e6
     chip = Chip(sensors={0: lambda time: replace(GOOD, frequency=before if time < conversion() else after)})
-    chip.wake()
-    chip.wait(conversion() + 1e-6)
+    chip.wake(wait=conversion() + 1e-6)
     msb = chip.read(0x00)
     chip.wait(5 * conversion())  # other results come between the two reads
     assert (msb & 0xFFF) << 16 | chip.read(0x01) == round(before / REFERENCE * 2**28)
@@ -295,9 +265,7 @@ def test_the_lsb_belongs_to_the_msb_that_was_read_before_it():
 
 
 def test_an_lsb_alone_repeats_the_old_one_and_is_misuse():
-    chip = Chip(strict=False)
-    chip.wake()
-    chip.wait(conversion() * 1.1)
+    chip = Chip(strict=False).wake(wait=conversion() * 1.1)
     old = chip.code() & 0xFFFF
     chip.bench.sensors[0] = replace(GOOD, frequency=2.1e6)
     chip.wait(5 * conversion())
@@ -306,8 +274,7 @@ def test_an_lsb_alone_repeats_the_old_one_and_is_misuse():
 
 
 def test_a_change_in_the_middle_of_a_conversion_gives_neither_value():
-    chip = Chip()
-    chip.wake()
+    chip = Chip().wake()
     middle = conversion() - (16 * 1000 + 4) / REFERENCE / 2
     chip.wait(middle)
     chip.chip.advance()
@@ -320,8 +287,7 @@ def test_a_change_in_the_middle_of_a_conversion_gives_neither_value():
 
 def test_sleep_clears_results_and_errors():
     chip = Chip(strict=False, sensors={0: replace(GOOD, parallel_resistance=9e3)})  # too small an amplitude
-    chip.wake()
-    chip.wait(conversion() * 1.1)
+    chip.wake(wait=conversion() * 1.1)
     assert chip.chip.interrupt
     chip.write(0x1A, ASLEEP)
     assert (chip.read(0x18), chip.read(0x00), chip.read(0x01)) == (0, 0, 0)
@@ -331,9 +297,7 @@ def test_sleep_clears_results_and_errors():
 def test_the_noise_is_what_is_stated_and_the_same_for_the_same_seed():
     # 400 codes: their standard deviation is known to 3.5 %, four times that is the tolerance
     for rcount in (0xFFFF, 0x0FFF):
-        chip = Chip(noise=1e-6, seed=3)
-        chip.wake(RCOUNT0=rcount)
-        chip.wait(conversion(rcount))
+        chip = Chip(noise=1e-6, seed=3).wake(wait=conversion(rcount), RCOUNT0=rcount)
         codes = []
         for _ in range(400):
             chip.wait((16 * rcount + 4 + 5) / REFERENCE + 1e-6)
@@ -346,14 +310,10 @@ def test_the_noise_is_what_is_stated_and_the_same_for_the_same_seed():
     assert first[2] != other[2]
 
 
-# ------------------------------------------------------------------------------- the clock of the chip
-
-
 def test_what_every_clock_in_its_range_does_to_the_frequency():
     for frequency in (35e6, 55e6):
         chip = Chip(oscillator=Oscillator(frequency))
-        chip.wake()
-        chip.wait(conversion(reference=frequency / 2, clock=frequency) + 1e-9)
+        chip.wake(wait=conversion(reference=frequency / 2, clock=frequency) + 1e-9)
         believed = chip.code() / 2**28 * REFERENCE
         # an uncalibrated clock makes L wrong by its square: 0.65 to 1.6 times
         assert (2e6 / believed) ** 2 == pytest.approx((frequency / CLOCK) ** 2, rel=1e-6)
@@ -361,9 +321,7 @@ def test_what_every_clock_in_its_range_does_to_the_frequency():
 
 def test_a_warmer_clock_makes_the_inductance_look_smaller():
     def inductance(temperature):
-        chip = Chip(drift=Drift(start=temperature))
-        chip.wake(RCOUNT0=0xFFFF)
-        chip.wait(conversion(0xFFFF) * 1.001)
+        chip = Chip(drift=Drift(start=temperature)).wake(wait=conversion(0xFFFF) * 1.001, RCOUNT0=0xFFFF)
         return 1 / (2 * math.pi * chip.code() / 2**28 * REFERENCE) ** 2
 
     slope = (inductance(45.0) / inductance(25.0) - 1) / 20
@@ -371,26 +329,17 @@ def test_a_warmer_clock_makes_the_inductance_look_smaller():
     assert slope == pytest.approx(-26e-6, rel=1e-3)
 
 
-# ------------------------------------------------------------------------------- STATUS and the flags
-
 # cause, flags in DATA0_MSB, bits in STATUS, bits of ERROR_CONFIG that show the flags and the status bits
 CAUSES = {
-    "offset above the ratio: under-range": (
-        {"OFFSET0": 0x4000}, {0: GOOD}, 0b1000, 0x2000, 0x8000, 0x80),
+    "offset above the ratio: under-range": ({"OFFSET0": 0x4000}, {0: GOOD}, 0b1000, 0x2000, 0x8000, 0x80),
     "reference below the sensor: over-range": (
         {"DIVIDERS0": 0x1020, "SETTLE0": 10}, {0: GOOD}, 0b0100, 0x1000, 0x4000, 0x40),
-    "no sensor, long conversion: watchdog": (
-        {"RCOUNT0": 0xFFFF}, {0: None}, 0b1011, 0x2A00, 0xA800, 0xA8),
-    "no sensor, short conversion: no edges": (
-        {"RCOUNT0": 100}, {0: None}, 0b1001, 0x2300, 0x8800, 0x8C),
-    "drive far too weak: it stops": (
-        {"RCOUNT0": 100, "DRIVE0": 0}, {0: GOOD}, 0b1001, 0x2300, 0x8800, 0x8C),
-    "drive too weak: low amplitude": (
-        {"DRIVE0": 7 << 11}, {0: GOOD}, 0b0001, 0x0200, 0x0800, 0x08),
-    "drive too strong: high amplitude": (
-        {"DRIVE0": 14 << 11}, {0: GOOD}, 0b0001, 0x0400, 0x1000, 0x10),
-    "input filter below the sensor: no edges": (
-        {"MUX": 0x0209}, {0: GOOD}, 0b1000, 0x2100, 0x8000, 0x84),
+    "no sensor, long conversion: watchdog": ({"RCOUNT0": 0xFFFF}, {0: None}, 0b1011, 0x2A00, 0xA800, 0xA8),
+    "no sensor, short conversion: no edges": ({"RCOUNT0": 100}, {0: None}, 0b1001, 0x2300, 0x8800, 0x8C),
+    "drive far too weak: it stops": ({"RCOUNT0": 100, "DRIVE0": 0}, {0: GOOD}, 0b1001, 0x2300, 0x8800, 0x8C),
+    "drive too weak: low amplitude": ({"DRIVE0": 7 << 11}, {0: GOOD}, 0b0001, 0x0200, 0x0800, 0x08),
+    "drive too strong: high amplitude": ({"DRIVE0": 14 << 11}, {0: GOOD}, 0b0001, 0x0400, 0x1000, 0x10),
+    "input filter below the sensor: no edges": ({"MUX": 0x0209}, {0: GOOD}, 0b1000, 0x2100, 0x8000, 0x84),
 }  # fmt: skip
 
 
@@ -407,24 +356,18 @@ def provoked(cause, errors, **options):
 def test_every_flag_has_its_cause_and_its_gate(cause):
     _, _, flags, status, out, interrupt = CAUSES[cause]
     chip = provoked(cause, 0xF8FD)
-    assert chip.chip.interrupt
-    assert chip.read(0x18) == status | 0x48
+    assert (chip.chip.interrupt, chip.read(0x18)) == (True, status | 0x48)
     assert chip.read(0x00) >> 12 == flags
-    # nothing shows with all gates closed; UNREADCONV needs none
-    chip = provoked(cause, 0x0000)
-    assert not chip.chip.interrupt
-    assert (chip.read(0x18), chip.read(0x00) >> 12) == (0x0008, 0)
-    # the gates of the others alone show nothing
-    chip = provoked(cause, 0xF8FD & ~(out | interrupt | 1))
-    assert not chip.chip.interrupt
-    assert (chip.read(0x18), chip.read(0x00) >> 12) == (0x0008, 0)
+    # nothing shows with all gates closed, or with those of the others alone; UNREADCONV needs none
+    for gates in (0x0000, 0xF8FD & ~(out | interrupt | 1)):
+        chip = provoked(cause, gates)
+        assert (chip.chip.interrupt, chip.read(0x18), chip.read(0x00) >> 12) == (False, 0x0008, 0)
     # its own alone show it
     assert provoked(cause, out).read(0x00) >> 12 == flags
     assert provoked(cause, interrupt).read(0x18) == status | 0x0008
     # STATUS has no gates where the application note is right
     chip = provoked(cause, 0x0000, open_points=OpenPoints(status_gated=False))
-    assert not chip.chip.interrupt
-    assert chip.read(0x18) == status | 0x48
+    assert (chip.chip.interrupt, chip.read(0x18)) == (False, status | 0x48)
 
 
 def test_codes_at_the_ends_of_the_range_and_of_other_amplitudes():
@@ -439,40 +382,32 @@ def test_codes_at_the_ends_of_the_range_and_of_other_amplitudes():
 
 
 def test_the_watchdog_comes_after_its_time_and_again():
-    chip = Chip(sensors={0: None})
-    chip.wake(RCOUNT0=0xFFFF)
-    chip.wait(16384 / CLOCK + WATCHDOG - 1e-6)
+    chip = Chip(sensors={0: None}).wake(wait=16384 / CLOCK + WATCHDOG - 1e-6, RCOUNT0=0xFFFF)
     assert chip.read(0x18) == 0
     for _ in range(5):
         chip.wait(2e-6)
         assert chip.read(0x18) & 0x0840 == 0x0840
         chip.wait(WATCHDOG - 2e-6)
     chip = Chip(sensors={0: None, 1: GOOD})  # no watchdog while channels take turns
-    chip.wake(MUX=0x820C, RCOUNT0=0xFFFF, **channels(1))
-    chip.wait(1.0)
+    chip.wake(wait=1.0, MUX=0x820C, RCOUNT0=0xFFFF, **channels(1))
     assert chip.read(0x18) & 0x0800 == 0
 
 
 def test_a_coil_that_comes_back_is_measured_again():
-    chip = Chip(sensors={0: None})
-    chip.wake(RCOUNT0=0xFFFF)
-    chip.wait(20e-3)
+    chip = Chip(sensors={0: None}).wake(wait=20e-3, RCOUNT0=0xFFFF)
     assert chip.read(0x18) & 0x0800
     chip.chip.advance()
     chip.bench.sensors[0] = GOOD
     chip.wait(2 * conversion(0xFFFF))
     assert chip.read(0x18) & 0x0200  # the oscillation was missing in a part of the first one
     chip.wait(2 * conversion(0xFFFF))
-    assert chip.read(0x18) == 0x0048
-    assert chip.code() == 0x17982F3
+    assert (chip.read(0x18), chip.code()) == (0x0048, 0x17982F3)
 
 
 def test_status_names_the_first_channel_and_forgets_the_second():
     weak = replace(GOOD, parallel_resistance=12e3)
     strong = replace(GOOD, parallel_resistance=25e3)
-    chip = Chip(sensors={0: GOOD, 1: weak, 2: strong})
-    chip.wake(MUX=0xA20C, **channels(1, 2))
-    chip.wait(3 * conversion() * 1.01)
+    chip = Chip(sensors={0: GOOD, 1: weak, 2: strong}).wake(wait=3 * conversion() * 1.01, MUX=0xA20C, **channels(1, 2))
     # frozen when channel 1 was done: low amplitude of channel 1, results of channels 0 and 1, data not ready yet
     assert chip.read(0x18) == 1 << 14 | 0x0200 | 0x000C
     # the error of channel 2 is lost in STATUS but not in its data
@@ -491,28 +426,22 @@ def test_an_error_goes_when_status_or_the_data_of_its_channel_is_read(by):
 @pytest.mark.parametrize("cleared", [False, True])
 def test_unread_and_ready(cleared):
     chip = Chip(open_points=OpenPoints(status_clears_unread=cleared)).converted()
-    assert chip.read(0x18) == 0x0048
-    assert chip.read(0x18) == (0 if cleared else 0x0008)
+    assert (chip.read(0x18), chip.read(0x18)) == (0x0048, 0 if cleared else 0x0008)
     chip.read(0x00)
     assert chip.read(0x18) == 0
     chip = Chip().converted(AWAKE | 0x80)  # the interrupt pin can be switched off
-    assert not chip.chip.interrupt
-    assert chip.read(0x18) == 0x0048
+    assert (chip.chip.interrupt, chip.read(0x18)) == (False, 0x0048)
 
 
 @pytest.mark.parametrize("on_read", [False, True])
 def test_flags_go_by_reading_or_by_the_next_good_result(on_read):
-    chip = Chip(
-        sensors={0: replace(GOOD, parallel_resistance=12e3)}, open_points=OpenPoints(flags_clear_on_read=on_read)
-    ).converted()
+    weak = {0: replace(GOOD, parallel_resistance=12e3)}
+    chip = Chip(sensors=weak, open_points=OpenPoints(flags_clear_on_read=on_read)).converted()
     assert chip.read(0x00) >> 12 == 1
     assert chip.read(0x00) >> 12 == (0 if on_read else 1)
     chip.bench.sensors[0] = GOOD
     chip.wait(3 * conversion())
     assert chip.read(0x00) >> 12 == 0
-
-
-# ---------------------------------------------------------------------------------------------- the drive
 
 
 @pytest.mark.parametrize("code", DRIVES)
@@ -530,8 +459,7 @@ def test_the_chip_finds_a_drive_that_the_table_allows(code):
     # the rows overlap: its own or the next one
     assert found >> 6 in (code - 1, code, code + 1)
     chip.converted(DRIVE0=found >> 6 << 11)  # it stays when it is written to IDRIVE
-    assert chip.chip.peek(0x1E) == found >> 6 << 11 | found
-    assert chip.read(0x18) == 0x0048
+    assert (chip.chip.peek(0x1E), chip.read(0x18)) == (found >> 6 << 11 | found, 0x0048)
 
 
 def test_high_current_drives_a_small_resistance():
@@ -542,32 +470,25 @@ def test_high_current_drives_a_small_resistance():
     assert chip.read(0x18) == 0x0048
 
 
-# ---------------------------------------------------------------------------------------------- misuse
-
-
-@pytest.mark.parametrize(
-    ("registers", "config", "bench", "said"),
-    [
-        ({"DIVIDERS0": 0x0002}, AWAKE, {}, "divider 0"),
-        ({"DIVIDERS0": 0x1000}, AWAKE, {}, "divider 0"),
-        ({"DIVIDERS0": 0x1001}, AWAKE, {}, "at most 3.5e"),
-        ({"RCOUNT0": 4}, AWAKE, {}, "RCOUNT0 is 4"),
-        ({"SETTLE0": 13}, AWAKE, {}, "needs 14"),  # ⌈20·21.7/(16·2)⌉
-        ({"MUX": 0x020B}, AWAKE, {}, "DEGLITCH"),  # 33 MHz in the application table, not in the register's
-        ({}, AWAKE | EXTERNAL, {}, "CLKIN is grounded"),
-        ({"DIVIDERS0": 0x1001}, AWAKE | EXTERNAL, {"clkin": 40e6}, "at most 3.5e"),
-        ({}, AWAKE, {"sensors": {0: replace(GOOD, frequency=9e6)}}, "FIN_DIVIDER0 must be at least 2"),
-        ({"MUX": 0x820C, "SETTLE0": 3}, AWAKE, {}, "more than 3"),
-        ({"MUX": 0x820C, "RCOUNT0": 8}, AWAKE, {}, "RCOUNT0 is 8"),
-        ({"MUX": 0x820C}, AWAKE | 0x40, {}, "HIGH_CURRENT_DRV"),
-        ({}, AWAKE | 0x4000 | 0x40, {}, "HIGH_CURRENT_DRV"),
-    ],
-)
+@pytest.mark.parametrize(("registers", "config", "bench", "said"), [
+    ({"DIVIDERS0": 0x0002}, AWAKE, {}, "divider 0"),
+    ({"DIVIDERS0": 0x1000}, AWAKE, {}, "divider 0"),
+    ({"DIVIDERS0": 0x1001}, AWAKE, {}, "at most 3.5e"),
+    ({"RCOUNT0": 4}, AWAKE, {}, "RCOUNT0 is 4"),
+    ({"SETTLE0": 13}, AWAKE, {}, "needs 14"),  # ⌈20·21.7/(16·2)⌉
+    ({"MUX": 0x020B}, AWAKE, {}, "DEGLITCH"),  # 33 MHz in the application table, not in the register's
+    ({}, AWAKE | EXTERNAL, {}, "CLKIN is grounded"),
+    ({"DIVIDERS0": 0x1001}, AWAKE | EXTERNAL, {"clkin": 40e6}, "at most 3.5e"),
+    ({}, AWAKE, {"sensors": {0: replace(GOOD, frequency=9e6)}}, "FIN_DIVIDER0 must be at least 2"),
+    ({"MUX": 0x820C, "SETTLE0": 3}, AWAKE, {}, "more than 3"),
+    ({"MUX": 0x820C, "RCOUNT0": 8}, AWAKE, {}, "RCOUNT0 is 8"),
+    ({"MUX": 0x820C}, AWAKE | 0x40, {}, "HIGH_CURRENT_DRV"),
+    ({}, AWAKE | 0x4000 | 0x40, {}, "HIGH_CURRENT_DRV"),
+])  # fmt: skip
 def test_what_must_not_be_converted_with(registers, config, bench, said):
     chip = Chip(**bench)
     with pytest.raises(UndocumentedUse, match=said):  # noqa: PT012 - some show only when the sensor runs
-        chip.wake(config, **registers)
-        chip.wait(2 * conversion())
+        chip.wake(config, wait=2 * conversion(), **registers)
         chip.read(0x18)
 
 
@@ -580,8 +501,7 @@ def test_a_sensor_that_had_no_time_to_settle_is_called_weak():
 
 @pytest.mark.parametrize("address", [0x08, 0x0C, 0x10, 0x14, 0x19, 0x1B, 0x1E])
 def test_settings_are_changed_in_sleep(address):
-    chip = Chip()
-    chip.wake()
+    chip = Chip().wake()
     with pytest.raises(UndocumentedUse, match="while the chip was active"):
         chip.write(address, chip.chip.peek(address))
     with pytest.raises(UndocumentedUse, match="CONFIG was changed"):
@@ -594,8 +514,7 @@ def test_the_examples_of_the_data_sheet_are_allowed():
     sensors = {k: Resonator(2.4e6, 6.6e3, 10.0) for k in range(2)}
     for mux in (0x020C, 0x820C):
         chip = Chip(clkin=40e6, sensors=sensors)
-        chip.wake(0x1601, MUX=mux, **channels(0, 1, RCOUNT=0x04D6, SETTLE=0x000A, DRIVE=0x9000))
-        chip.wait(0.01)
+        chip.wake(0x1601, wait=0.01, MUX=mux, **channels(0, 1, RCOUNT=0x04D6, SETTLE=0x000A, DRIVE=0x9000))
         assert chip.read(0x18) & 0x3F40 == 0x0040
         assert chip.code() == round(2.4 / 20 * 2**28)
 
@@ -642,9 +561,6 @@ def test_no_treatment_breaks_the_chip(steps, unread, gated, on_read):
     assert {a: chip.chip.peek(a) for a in RESETS} == RESETS
 
 
-# ---------------------------------------------------------------------------------------------- the bus
-
-
 def on_a_bus():
     chip = Chip()
     return chip, EmulatedBus(chip.chip, chip.clock)
@@ -679,9 +595,6 @@ def test_faults_of_the_bus():
     bus.flip(0)
     bus.write(0x1B, 0x020C)
     assert bus.read(0x1B) == 0x020D
-
-
-# ---------------------------------------------------------------------------------------------- small parts
 
 
 def test_the_virtual_clock_never_steps_back_and_notes_do_not_grow_without_end():

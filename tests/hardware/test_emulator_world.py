@@ -5,8 +5,6 @@ position that the emulator interpolates; temperature against the formula of a ta
 against the paper's.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import SimpleNamespace
@@ -62,11 +60,9 @@ def make(network, table):
     """A board of the paper's design, with a small table."""
 
     def board(*, oscillator=None, drift=None, noise=0.0, seed=0, **world):
-        conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise)
+        options = {"conditions": Conditions(oscillator or Oscillator(), drift or Drift(), noise), "seed": seed}
         world = SensorWorld(network, lambda: table, **world)
-        return EmulatedBoard(
-            WIRING.coils, WIRING.encode(), world, clock=VirtualClock(), conditions=conditions, strict=True, seed=seed
-        )
+        return EmulatedBoard(WIRING.coils, WIRING.encode(), world, clock=VirtualClock(), strict=True, **options)
 
     return board
 
@@ -87,9 +83,9 @@ class Scanner(RightDriver):
 def frequencies(board, clock=43.4e6):
     driver = Scanner(board, clock)
     driver.configure()
-    readings = driver.scan()
-    assert {reading.reasons for reading in readings.values()} == {frozenset()}
-    return np.array([reading.frequency for reading in readings.values()])
+    readings = driver.scan().values()
+    assert {reading.reasons for reading in readings} == {frozenset()}
+    return np.array([reading.frequency for reading in readings])
 
 
 STEP = 21.7e6 / 2**28  # of the code in Hz
@@ -126,9 +122,8 @@ def mapped(network):
     """The response map at positions between those of the table, in depths of 0.3 and 1 mm."""
     random = np.random.default_rng(2)
     x, y = (np.sort(random.uniform(axis[1], axis[-2], n)) for axis, n in ((X, 8), (Y, 5)))
-    return response_map(
-        PAPER, depths=[0.3e-3, 1.0e-3], x=x, y=y, network=network, inductance=lambda: network.inductance
-    )
+    options = {"network": network, "inductance": lambda: network.inductance}
+    return response_map(PAPER, depths=[0.3e-3, 1.0e-3], x=x, y=y, **options)
 
 
 def test_a_pressed_board_reads_what_the_response_map_says(make, network, mapped):
@@ -177,16 +172,12 @@ def test_the_table_is_exact_for_what_its_splines_can_be():
 
 def test_the_whole_table_reaches_over_all_coils_and_the_design_s_own_map():
     depth, y, x = table_axes(PAPER)
-    assert np.diff(x).max() <= 1.2e-3
-    assert np.diff(y).max() <= 1.2e-3
-    assert depth[-1] == pytest.approx(1.7e-3)
-    assert (x[0], x[-1]) == (pytest.approx(-26e-3), pytest.approx(53.12e-3 + 11.5e-3 * math.cos(math.pi / 6)))
-    assert (y[0], y[-1]) == (pytest.approx(-11.5e-3), pytest.approx(11.5e-3))
+    assert max(np.diff(x).max(), np.diff(y).max()) <= 1.2e-3
+    right = 53.12e-3 + 11.5e-3 * math.cos(math.pi / 6)
+    assert (x[0], x[-1], y[0], y[-1], depth[-1]) == pytest.approx((-26e-3, right, -11.5e-3, 11.5e-3, 1.7e-3))
     # a sample with edges is not left
-    bounded = read("gast2020").replace(
-        'origin = "coil2" ', 'sample_x_mm = [-30, 30]\nsample_y_mm = [-10, 10]\norigin = "coil2" '
-    )
-    depth, y, x = table_axes(parse_design(bounded))
+    edges = 'sample_x_mm = [-30, 30]\nsample_y_mm = [-10, 10]\norigin = "coil2" '
+    depth, y, x = table_axes(parse_design(read("gast2020").replace('origin = "coil2" ', edges)))
     assert (x[0], x[-1], y[0], y[-1], depth[-1]) == pytest.approx((-26e-3, 26e-3, -6e-3, 6e-3, 1e-3))
 
 
@@ -231,11 +222,10 @@ def test_paths_that_cannot_be(path, said):
         Indenter().follow(path)
 
 
-@pytest.mark.parametrize(
-    ("place", "said"),
-    [((0.1, 0.0, 1e-3), "x of the emulated indenter must be -6 to 6 mm; got 100 mm"),
-     ((0.0, 0.1, 1e-3), "y of the emulated indenter"), ((0.0, 0.0, 2e-3), "depth .* must be 0 to 1.7 mm; got 2 mm")],
-)  # fmt: skip
+@pytest.mark.parametrize(("place", "said"), [
+    ((0.1, 0.0, 1e-3), "x of the emulated indenter must be -6 to 6 mm; got 100 mm"),
+    ((0.0, 0.1, 1e-3), "y of the emulated indenter"), ((0.0, 0.0, 2e-3), "depth .* must be 0 to 1.7 mm; got 2 mm"),
+])  # fmt: skip
 def test_places_that_the_table_does_not_reach(make, place, said):
     board = make()
     with pytest.raises(HardwareError, match=said):
@@ -357,9 +347,8 @@ def test_circuit_and_table_are_computed_once(folder, table, network, monkeypatch
 def test_a_board_needs_the_coils_of_its_wiring_and_something_to_press_with(folder):
     with pytest.raises(HardwareError, match="the wiring has the coil 'coil4', the design starter only coil1"):
         emulated_board(load_design("starter"), WIRING, folder=folder)
-    untouchable = replace(PAPER, indentation=None)
     with pytest.raises(HardwareError, match=r"has no \[indenter\] and \[indentation\]"):
-        table_axes(untouchable)
+        table_axes(replace(PAPER, indentation=None))
     with pytest.raises(HardwareError, match="4 positions along x and y"):
         response_table(PAPER, Store(folder), (DEPTH, Y[:3], X))
 
@@ -371,12 +360,13 @@ def test_a_whole_board_from_a_design(folder, monkeypatch):
         made.append(design)
         return response_table(design, where, (DEPTH, Y, X))
 
+    def frequency(**options):
+        board = emulated_board(PAPER, WIRING, folder=folder, noise=0.0, **options)
+        board.switches.shift(WIRING.words(paper_plan(WIRING.coils)[1]))
+        return board.true_tank().frequency
+
     monkeypatch.setattr("coilarray.hardware.emulator.make.response_table", small)
-    board = emulated_board(PAPER, WIRING, folder=folder, strict=True, noise=0.0)
-    board.switches.shift(WIRING.words(paper_plan(WIRING.coils)[1]))
-    untouched = board.true_tank().frequency
+    untouched = frequency(strict=True)
     assert made == []  # only when something is pressed
-    board = emulated_board(PAPER, WIRING, folder=folder, path=[(0.0, 0.0, 0.0, 1e-3)], noise=0.0)
-    board.switches.shift(WIRING.words(paper_plan(WIRING.coils)[1]))
-    assert (untouched / board.true_tank().frequency) ** 2 - 1 > 5e-4
+    assert (untouched / frequency(path=[(0.0, 0.0, 0.0, 1e-3)])) ** 2 - 1 > 5e-4
     assert made == [PAPER]

@@ -15,8 +15,6 @@ That the campaign bites is shown by leaving out the checksum, and the check of t
 values. The numbers of the faults stand in `FAULTS`. Chips at register level are in test_fault_campaign_emulated.py.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import sys
@@ -38,19 +36,13 @@ from support.patience import PATIENCE
 from coilarray.errors import HardwareError
 from coilarray.hardware.scan.reader import SampleFault
 from coilarray.hardware.scan.readings import Reason
-from coilarray.hardware.wire.faults import (
-    BoardRestarted,
-    BusFault,
-    BusTimeout,
-    DeviceLost,
-    NoAnswer,
-    NotABoard,
-    SwitchFault,
-    VersionMismatch,
-)
 from coilarray.hardware.wire.protocol import lines as protocol_lines
 from coilarray.hardware.wire.protocol import scan_stream as protocol_gate
 from coilarray.hardware.wire.protocol.lines import command_line, draft_commands
+
+from coilarray.hardware.wire.faults import (  # isort: skip
+    BoardRestarted, BusFault, BusTimeout, DeviceLost, NoAnswer, NotABoard, SwitchFault, VersionMismatch,
+)  # fmt: skip
 
 pytest.importorskip("serial")
 pytestmark = [needs_compiler, pytest.mark.usefixtures("patient_writing")]
@@ -100,9 +92,6 @@ def interrupted(bench, kind, *, streams=(True,)):
         drained(itertools.islice(stream, bench.noise.randint(1, 4)), bench)
         yield number, functools.partial(drained, stream, bench)
     assert bench.goes_on()
-
-
-# lines from the board
 
 
 LEAVES_BYTES = {"flipped", "digit_changed", "dropped", "repeated", "inserted", "swapped", "begun", "ended", "noisy"}
@@ -156,12 +145,6 @@ def test_lines_of_a_stream_without_the_checksum(monkeypatch):
     assert len(bench.witness.wrong) > 50
 
 
-# commands and replies
-
-
-OF_COMMANDS = [DAMAGES[kind] for kind in ("flipped", "dropped", "inserted", "begun", "missing")]
-
-
 def spoil_once(damage, noise, kind):
     """A hook that damages the next line of a kind and no other, of however many that come at once."""
     left = [1]
@@ -172,18 +155,16 @@ def spoil_once(damage, noise, kind):
             return damage(line, noise).data
         return line
 
-    def hook(data):
-        return b"".join(through(line) for line in data.splitlines(keepends=True))
-
-    return hook
+    return lambda data: b"".join(through(line) for line in data.splitlines(keepends=True))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("direction", ["command", "reply"])
 def test_commands(bench, direction):
     reader = bench.reader
+    damages = [DAMAGES[kind] for kind in ("flipped", "dropped", "inserted", "begun", "missing")]
     for number in range(FAULTS[direction]):
-        damage, before = OF_COMMANDS[number % len(OF_COMMANDS)], reader.counts.link.repeats
+        damage, before = damages[number % len(damages)], reader.counts.link.repeats
         following = (reader._session._number + 1) % 256  # not a repeat of the one before, which may be on its way
         sign, hook = (b">", "to_board") if direction == "command" else (b"<", "to_computer")
         with bench.host.paused():
@@ -218,9 +199,6 @@ def test_settings_over_a_bad_line(bench):
     assert arrived >= 3
     bench.reader.configure(SETTINGS)
     assert bench.goes_on()
-
-
-# converter and switches
 
 
 RESULTS = [  # flags of the data, bits of STATUS
@@ -285,8 +263,7 @@ def test_transfers_that_fail(bench, kind):
     bench.converter.converts = True
     named = bench.witness.named
     if kind == "transfer":
-        assert named[SampleFault.NOT_ACKNOWLEDGED] > 20
-        assert named[SampleFault.BUS_TIMEOUT] > 20
+        assert min(named[SampleFault.NOT_ACKNOWLEDGED], named[SampleFault.BUS_TIMEOUT]) > 20
     else:
         assert named[SampleFault.NO_RESULT] > FAULTS[kind] / 2  # the others were in a scan that takewhile has taken
     bench.reader.configure(SETTINGS)
@@ -295,12 +272,9 @@ def test_transfers_that_fail(bench, kind):
 
 @pytest.mark.slow
 def test_a_dead_converter_ends_the_stream(bench):
-    def dead(verb, register):
-        raise BusFault("dead")
-
     stream = bench.reader.scans()
     next(stream)
-    bench.converter.fault = dead
+    bench.converter.fault = lambda verb, register: (_ for _ in ()).throw(BusFault("dead"))
     assert meets(BusFault, lambda: drained(stream, bench), 10 * LONGEST + COMMAND)
     assert meets(BusFault, lambda: bench.reader.configure(SETTINGS), OPENING)
     bench.converter.fault = lambda verb, register: None
@@ -332,8 +306,7 @@ def test_stuck_switches(bench):
     one, and no scan tells: the self-test does, in test_fault_campaign_emulated.py.
     """
     unseen = 0
-    places = [(device, bit) for device in range(6) for bit in (0, 1, 4, 5)]
-    faults = [(place, value) for place in places for value in (0, 1)]
+    faults = [((device, bit), value) for device in range(6) for bit in (0, 1, 4, 5) for value in (0, 1)]
     assert len(faults) == FAULTS["stuck switch"]
     for number, (place, value) in enumerate(faults):
         with bench.host.paused():
@@ -355,8 +328,7 @@ def test_stuck_switches(bench):
             bench.chain.stuck = {}
         bench.reader.configure(SETTINGS)
     assert bench.goes_on()
-    assert bench.witness.named[Reason.WATCHDOG] > 0
-    assert unseen > 0
+    assert min(bench.witness.named[Reason.WATCHDOG], unseen) > 0
 
 
 def test_a_broken_chain_ends_the_stream(bench):
@@ -371,9 +343,6 @@ def test_a_broken_chain_ends_the_stream(bench):
             bench.chain.stuck = {}
         bench.reader.configure(SETTINGS)
     assert bench.witness.named[SampleFault.SWITCHES_DIFFER] > FAULTS["broken chain"]
-
-
-# board and port
 
 
 @pytest.mark.slow

@@ -6,8 +6,6 @@ A switch that does not ground another coil than the measured one changes a value
 no scan shows that: the self-test must name it, and does.
 """
 
-from __future__ import annotations
-
 import random
 import sys
 
@@ -62,23 +60,20 @@ def test_every_value_is_the_inductance_of_its_coil():
     bench, noise = Emulated(), random.Random(8)
     chip, bus, chain, world = bench.board.chip, bench.board.bus, bench.board.chain, bench.board.world
     places = [(device, bit) for device in range(6) for bit in range(8) if chain.devices[device][bit] is not None]
-    stuck = [("stick", place, state) for place in places for state in ("open", "closed")]
+    stuck = [("stick", *place, state) for place in places for state in ("open", "closed")]
     others = {
-        "hold": bus.hold,
-        "refuse": lambda: bus.refuse(noise.randint(1, 60)),
-        "brown-out": chip.brown_out,
-        "shut": lambda: chip.shut_down(True),
+        "hold": bus.hold, "refuse": lambda: bus.refuse(noise.randint(1, 60)),
+        "brown-out": chip.brown_out, "shut": lambda: chip.shut_down(True),
         "loss": lambda: setattr(world, "resistance", noise.choice([200.0, 400.0])),
         "broken": lambda: setattr(bench.board.switches, "broken", True),
-    }
+    }  # fmt: skip
     plan = [*stuck, *((kind,) for kind in others for _ in range(OTHERS))]
     resistance = world.resistance
     for kind, *arguments in plan:
         before = bench.bad
         with bench.host.paused():
             if kind == "stick":
-                (device, bit), state = arguments
-                chain.stick(device, bit, state)
+                chain.stick(*arguments)
             else:
                 others[kind]()
         named = False
@@ -96,8 +91,7 @@ def test_every_value_is_the_inductance_of_its_coil():
             world.resistance = resistance
             bench.board.switches.broken = False
             bench.board.clock.sleep(0.01)  # the converter starts again
-        harmless = kind == "stick"  # a switch may be stuck where it belongs
-        assert named or bench.bad > before or harmless, kind
+        assert named or bench.bad > before or kind == "stick", kind  # a switch may be stuck where it belongs
         bench.reader.configure(bench.settings)
         bad = bench.bad
         bench.look(bench.reader.scan())
@@ -112,7 +106,6 @@ def test_every_value_is_the_inductance_of_its_coil():
 def test_a_neighbour_that_is_not_grounded_is_seen_by_no_scan_and_named_by_the_self_test():
     board = coupled_board(WIRING, noise=0.0)
     settings = quick_settings(drives=5, quality=150.0)  # 32 µA into 36 kΩ: 1.5 V
-    ends = [(0, 0), (0, 1), (3, 1), (5, 0)]  # number of the coil, and of its end
 
     def frequency(scan, state):
         return read_scan(scan, settings, 120e-12).states[state].frequency
@@ -121,7 +114,7 @@ def test_a_neighbour_that_is_not_grounded_is_seen_by_no_scan_and_named_by_the_se
         reader = MicrocontrollerReader(open_serial_port(host.port), clock=DriverClock())
         reader.configure(settings)
         good = reader.scan()
-        for k, end in ends:
+        for k, end in ((0, 0), (0, 1), (3, 1), (5, 0)):  # number of the coil, and of its end
             with host.paused():
                 board.chain.stick(*board.chain.find(k, end, "ground"), "open")
             reader.configure(settings)

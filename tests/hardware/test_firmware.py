@@ -15,23 +15,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.firmware_chips import StubChain, StubConverter
-from support.firmware_host import (
-    SKETCH,
-    SUPPORT,
-    Firmware,
-    compiled,
-    draft,
-    intact,
-    logic_sources,
-    needs_compiler,
-    seal,
-)
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.scan.settings import StateSettings, scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BusFault, BusTimeout
+
+from support.firmware_host import (  # isort: skip
+    SKETCH, SUPPORT, Firmware, compiled, draft, intact, logic_sources, needs_compiler, seal,
+)  # fmt: skip
 
 pytestmark = needs_compiler
 
@@ -120,7 +113,17 @@ def scan_words(reply):
     return reply.split(",")[-6:]
 
 
-# ------------------------------------------------------------------------------------------------------------- start-up
+def numbers_of(scans):
+    return [int(line[1:9], 16) for line in scans]
+
+
+def times_of(lines):
+    """The board's time in µs in heartbeats or scans."""
+    return [int(line.split(",")[1], 16) for line in lines]
+
+
+def gaps(times):
+    return [(later - earlier) % 2**32 for earlier, later in itertools.pairwise(times)]
 
 
 @pytest.mark.slow
@@ -131,23 +134,21 @@ def test_chips_are_made_safe_before_anything_else(fresh):
 
 
 def test_first_line_ends_what_the_port_sent_before_and_is_a_heartbeat():
-    clock = VirtualClock()
-    converter = StubConverter(clock)
+    converter = StubConverter(clock := VirtualClock())
     firmware = Firmware(converter, StubChain(clock, converter), clock)
     sent = firmware.run(0.01)
     assert sent.startswith(b"\nH")
-    text = intact(sent[1:-1])
-    assert re.fullmatch(rf"H{firmware.boot:08X},[0-9A-F]{{8}},0000,u", text)
+    assert re.fullmatch(rf"H{firmware.boot:08X},[0-9A-F]{{8}},0000,u", intact(sent[1:-1]))
 
 
 def test_heartbeat_every_second_without_another_line(fresh):
     fresh.lines(0.5)
     fresh.ask("PING")  # puts it off by half a second
-    times = [int(line.split(",")[1], 16) for line in fresh.lines(3.5) if line.startswith("H")]
+    times = times_of(line for line in fresh.lines(3.5) if line.startswith("H"))
     assert len(times) == 3
     assert times[0] > 1.5e6  # µs: 0.1 s of the start, 0.5 s, and a whole second after the reply
     # 1 s from line to line, and what one poll takes
-    assert [later - earlier for earlier, later in itertools.pairwise(times)] == pytest.approx([1e6, 1e6], abs=200)
+    assert gaps(times) == pytest.approx([1e6, 1e6], abs=200)
 
 
 def test_another_boot_number_and_no_configuration_after_every_start(board):
@@ -157,9 +158,6 @@ def test_another_boot_number_and_no_configuration_after_every_start(board):
     assert board.mode == "u"
     assert board.ask("SCAN").startswith("ERR,3")
     assert board.resting
-
-
-# ------------------------------------------------------------------------------------------------------------- commands
 
 
 def test_hello(fresh):
@@ -177,8 +175,7 @@ def test_configuration_reaches_the_chip(name):
     assert board.configure(plan)[-1] == f"OK,{plan.hash:04X}"
     for address, value in plan.registers:
         assert board.converter.registers[address] == (value | 0x2000 if address == 0x1A else value)
-    assert board.chain.words == plan.safe_words
-    assert board.mode == "i"
+    assert (board.chain.words, board.mode) == (plan.safe_words, "i")
 
 
 @pytest.mark.slow
@@ -223,29 +220,25 @@ def test_scan(board):
 def test_stream_as_fast_as_it_goes(board):
     board.start()
     scans = board.scans(1.0)
-    numbers = [int(line[1:9], 16) for line in scans]
-    times = [int(line.split(",")[1], 16) for line in scans]
-    assert numbers == list(range(len(scans)))
-    gaps = [later - earlier for earlier, later in itertools.pairwise(times)]
+    assert numbers_of(scans) == list(range(len(scans)))
     # six states of the wait and, in the stand-ins, 6 transfers of 120 µs and 3 shifts of 50 µs; one more transfer
-    assert gaps == pytest.approx([6 * (SETTINGS.wait_us + 870) + 120] * len(gaps), abs=30)
+    each = 6 * (SETTINGS.wait_us + 870) + 120
+    assert gaps(times_of(scans)) == pytest.approx([each] * (len(scans) - 1), abs=30)
     assert {tuple(scan_words(line)) for line in scans} == {(WORDS,) * 6}
     assert board.mode == "s"
 
 
 def test_stream_keeps_its_interval_and_does_not_make_up_a_missed_one(board):
     board.start()
-    assert int(board.scans(0.2)[0][1:9], 16) == 0
+    assert numbers_of(board.scans(0.2))[0] == 0
     board.ask("STOP")
     board.start(50_000)
     scans = board.scans(2.0)
-    assert int(scans[0][1:9], 16) == 0  # every stream counts from nought
-    times = [int(line.split(",")[1], 16) for line in scans]
-    assert len(times) == pytest.approx(40, abs=1)
-    gaps = [later - earlier for earlier, later in itertools.pairwise(times)]
-    assert gaps == pytest.approx([50_000] * len(gaps), abs=200)  # µs; a poll with one transfer
+    assert numbers_of(scans)[0] == 0  # every stream counts from nought
+    assert len(scans) == pytest.approx(40, abs=1)
+    assert gaps(times_of(scans)) == pytest.approx([50_000] * (len(scans) - 1), abs=200)  # µs; a poll with one transfer
     board.clock.sleep(1.0)  # the board was held up
-    numbers = [int(line[1:9], 16) for line in board.scans(0.5)]
+    numbers = numbers_of(board.scans(0.5))
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     assert len(numbers) <= 12  # 10 of half a second, the one under way, and the late one; not the 20 that were missed
 
@@ -256,8 +249,7 @@ def test_stop_and_hello_rest_the_board_and_are_always_allowed(fresh, command):
     fresh.configure()
     fresh.start()
     assert fresh.ask(command).startswith("OK")
-    assert fresh.resting
-    assert fresh.mode == "i"
+    assert (fresh.resting, fresh.mode) == (True, "i")
     assert not fresh.scans(2.0)
 
 
@@ -292,14 +284,10 @@ def test_ping_tells_time_mode_and_dropped_lines(fresh):
 @pytest.mark.parametrize(("wired_back", "answer"), [(False, "none"), (True, "same")])
 def test_peek_and_chain(wired_back, answer):
     board = configured(wired_back=wired_back)
-    assert board.ask("PEEK,7F") == "OK,3055"
-    assert board.ask("CHAIN") == f"OK,{answer}"
+    assert (board.ask("PEEK,7F"), board.ask("CHAIN")) == ("OK,3055", f"OK,{answer}")
     assert board.resting
     board.chain.corrupt = lambda words: bytes([words[0] ^ 0x80]) + words[1:]
     assert board.ask("CHAIN") == ("OK,differ" if wired_back else "OK,none")
-
-
-# ------------------------------------------------------------------------------------------------------- repeats, lease
 
 
 def test_a_repeat_gets_the_last_reply_and_does_nothing(board):
@@ -307,8 +295,7 @@ def test_a_repeat_gets_the_last_reply_and_does_nothing(board):
     reply = board.lines(0.2)
     log = list(board.converter.log)
     board.repeat("SCAN")
-    assert board.lines(0.2) == reply
-    assert board.converter.log == log
+    assert (board.lines(0.2), board.converter.log) == (reply, log)
 
 
 def test_what_is_a_repeat(board):
@@ -333,29 +320,19 @@ def test_stream_ends_with_its_lease(board):
         lines += board.lines((LEASE + 2) / 12)
     (end,) = [line for line in lines if line.startswith("E")]
     assert end == f"E1,{SETTINGS.hash:04X},{board.firmware.boot:08X},lease ended"
-    after = lines[lines.index(end) + 1 :]
-    assert after
-    assert all(line.startswith("H") and line.endswith(",i") for line in after)
+    assert {line[0] + line[-2:] for line in lines[lines.index(end) + 1 :]} == {"H,i"}
     assert len([line for line in lines if line.startswith("S")]) == 10
     assert board.clock.now() - started == pytest.approx(LEASE + 2)
-    assert board.resting
-    assert board.mode == "i"
+    assert (board.resting, board.mode) == (True, "i")
 
 
 @pytest.mark.parametrize("command", ["PING", "NONSENSE", "repeat"])
 def test_every_command_renews_the_lease(board, command):
     board.start(1_000_000)
     for _ in range(4):
-        if command == "repeat":
-            board.repeat("START,000F4240")
-        else:
-            board.send(command)
-        lines = board.lines(0.8 * LEASE)
-        assert not [line for line in lines if line.startswith("E")]
+        board.repeat("START,000F4240") if command == "repeat" else board.send(command)
+        assert not [line for line in board.lines(0.8 * LEASE) if line.startswith("E")]
     assert [line for line in board.lines(LEASE) if line.startswith("E1")]
-
-
-# --------------------------------------------------------------------------------------------------------------- errors
 
 
 def raising(error, verb=None, register=None):
@@ -368,42 +345,35 @@ def raising(error, verb=None, register=None):
     return fault
 
 
-@pytest.mark.parametrize(
-    ("command", "error"),
-    [
-        ("", "1"), ("hello", "1"), ("HELLOO", "1"), ("HELL", "1"), ("HELLO,1", "2"), ("PING,", "2"), ("START", "2"),
-        ("START,1", "2"), ("START,0000000G", "2"), ("START,000000000", "2"), ("START,80000000", "2"),
-        ("BEGIN,00,01", "2"), ("BEGIN,01,00", "2"), ("BEGIN,11,01", "2"), ("BEGIN,01,21", "2"),
-        ("BEGIN,1,1", "2"), ("BEGIN,0a,01", "2"), ("PEEK,8", "2"), ("PEEK,800", "2"),
-        ("WIRE,00,0000000000000000", "3"), ("SAFE,00", "3"), ("REG,08,FFFF", "3"), ("WAIT,00000000,00000001", "3"),
-        ("STATE,00,00,0000", "3"), ("COMMIT,0000", "3"), ("SCAN", "3"), ("START,00000000", "3"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("command", "error"), [
+    ("", "1"), ("hello", "1"), ("HELLOO", "1"), ("HELL", "1"), ("HELLO,1", "2"), ("PING,", "2"), ("START", "2"),
+    ("START,1", "2"), ("START,0000000G", "2"), ("START,000000000", "2"), ("START,80000000", "2"), ("BEGIN,00,01", "2"),
+    ("BEGIN,01,00", "2"), ("BEGIN,11,01", "2"), ("BEGIN,01,21", "2"), ("BEGIN,1,1", "2"), ("BEGIN,0a,01", "2"),
+    ("PEEK,8", "2"), ("PEEK,800", "2"), ("WIRE,00,0000000000000000", "3"), ("SAFE,00", "3"), ("REG,08,FFFF", "3"),
+    ("WAIT,00000000,00000001", "3"), ("STATE,00,00,0000", "3"), ("COMMIT,0000", "3"), ("SCAN", "3"),
+    ("START,00000000", "3"),
+])  # fmt: skip
 def test_errors_without_a_draft(fresh, command, error):
     assert re.fullmatch(rf"ERR,{error},[^,*]{{1,80}}", fresh.ask(command))
     assert fresh.mode == "u"
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "WIRE,06,0000000000000000", "WIRE,00,00000000000000", "WIRE,00,000000000000000000", "WIRE,00,000000000000000x",
-        "SAFE,1111111111", "SAFE,11111111111111", "SAFE,", "REG,09,0001", "REG,1A,3401", "REG,1A,5401", "REG,1A,1400",
-        "REG,1A,1501", "REG,1B,820C", "REG,1B,0000", "REG,14,0002", "REG,14,1000", "REG,14,1402", "REG,08,0004",
-        "REG,19,0100", "WAIT,00000002,00000001", "WAIT,00000001,03938701", "STATE,06,111111111111,3000",
-        "STATE,00,1111111111,3000", "STATE,00,111111111111,3001", "STATE,00,111111111111", "COMMIT,12", "COMMIT,1234G",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("command", [
+    "WIRE,06,0000000000000000", "WIRE,00,00000000000000", "WIRE,00,000000000000000000", "WIRE,00,000000000000000x",
+    "SAFE,1111111111", "SAFE,11111111111111", "SAFE,", "REG,09,0001", "REG,1A,3401", "REG,1A,5401", "REG,1A,1400",
+    "REG,1A,1501", "REG,1B,820C", "REG,1B,0000", "REG,14,0002", "REG,14,1000", "REG,14,1402", "REG,08,0004",
+    "REG,19,0100", "WAIT,00000002,00000001", "WAIT,00000001,03938701", "STATE,06,111111111111,3000",
+    "STATE,00,1111111111,3000", "STATE,00,111111111111,3001", "STATE,00,111111111111", "COMMIT,12", "COMMIT,1234G",
+])  # fmt: skip
 def test_bad_arguments_of_a_draft(fresh, command):
     fresh.ask("BEGIN,06,06")
     assert re.fullmatch(r"ERR,2,[^,*]{1,80}", fresh.ask(command))
 
 
-@pytest.mark.parametrize(
-    "command",
-    ["SCAN", "START,00000000", "PEEK,7F", "CHAIN", "WIRE,00,0000000000000000", "SAFE,00", "REG,08,FFFF",
-     "WAIT,00000000,00000001", "STATE,00,00,0000", "COMMIT,0000"],
-)  # fmt: skip
+@pytest.mark.parametrize("command", [
+    "SCAN", "START,00000000", "PEEK,7F", "CHAIN", "WIRE,00,0000000000000000", "SAFE,00", "REG,08,FFFF",
+    "WAIT,00000000,00000001", "STATE,00,00,0000", "COMMIT,0000",
+])  # fmt: skip
 @pytest.mark.parametrize("running", ["SCAN", "START,00000000"])
 def test_busy(board, command, running):
     board.send(running)
@@ -424,15 +394,13 @@ def test_incomplete_draft(board, left_out):
 
 
 def test_another_hash_chip_or_no_draft(board):
-    assert board.ask("COMMIT,0000") == "ERR,3,no draft"
-    assert board.mode == "i"
+    assert (board.ask("COMMIT,0000"), board.mode) == ("ERR,3,no draft", "i")
     for command in draft(SETTINGS)[:-1]:
         board.ask(command)
     assert board.ask("COMMIT,0000") == f"ERR,5,hash of the draft is {SETTINGS.hash:04X}"
     assert board.mode == "u"
     board.converter.registers[0x7F] = 0x3054
-    assert board.configure()[-1] == "ERR,8,5449 3054"
-    assert board.mode == "u"
+    assert (board.configure()[-1], board.mode) == ("ERR,8,5449 3054", "u")
 
 
 @pytest.mark.parametrize("address", [0x08, 0x0C, 0x10, 0x14, 0x19, 0x1A, 0x1B])
@@ -441,9 +409,6 @@ def test_register_that_reads_back_otherwise(fresh, address):
     fresh.converter.read = lambda register: read(register) ^ (register == address)
     assert fresh.configure()[-1].startswith(f"ERR,7,register {address:02X} is ")
     assert fresh.mode == "u"
-
-
-def test_chain_that_reads_back_otherwise():
     board = Board(wired_back=True)
     board.chain.corrupt = lambda words: words[:-1] + bytes([words[-1] ^ 1])
     assert board.configure()[-1] == "ERR,7,switches"
@@ -453,8 +418,7 @@ def test_chain_that_reads_back_otherwise():
 @pytest.mark.parametrize("register", [0x7E, 0x7F, 0x1A, 0x08, 0x1B])
 def test_bus_fault_in_commit(fresh, error, register):
     *commands, commit = draft(SETTINGS)
-    for command in commands:
-        fresh.ask(command)
+    assert {fresh.ask(command) for command in commands} == {"OK"}
     fresh.converter.fault = raising(error, register=register)
     cleared = fresh.converter.cleared
     assert fresh.ask(commit).startswith("ERR,6,")
@@ -471,46 +435,38 @@ def test_commands_that_meet_a_dead_bus(board, command):
     assert board.ask(command).startswith("ERR,6,")
     assert board.chain.words == SAFE  # grounded all the same
     board.converter.fault = lambda verb, register: None
-    assert board.ask("STOP") == "OK"
-    assert board.resting
-
-
-# ----------------------------------------------------------------------------------------- switching that is illegal
+    assert (board.ask("STOP"), board.resting) == ("OK", True)
 
 
 def with_words(words, *, safe=SAFE, wiring=SETTINGS.wiring):
     return replace(SETTINGS, safe_words=safe, wiring=wiring, states=(StateSettings("state", words, 6),))
 
 
-@pytest.mark.parametrize(
-    ("words", "safe", "reason"),
-    [
-        ("331111111111", "111111111111", "state 0: on two nets is terminal 10"),
-        ("221111111122", "111111111111", "state 0: several terminals on INA"),
-        ("241111111111", "111111111111", "state 0: several terminals on INB"),
-        ("021111111111", "111111111111", "state 0: one of INA and INB has no terminal"),
-        ("201111111111", "111111111111", "state 0: one of INA and INB has no terminal"),
-        ("021111111120", "111111111111", "state 0: INA and INB have two coils"),
-        ("811111111111", "111111111111", "state 0: unused switch closed"),
-        ("221111111111", "111111111110", "safe words: not just grounded is terminal 0"),
-        ("221111111111", "111111111151", "safe words: not just grounded is terminal 1"),
-        ("221111111111", "111111111191", "safe words: unused switch closed"),
-    ],
-)
+@pytest.mark.parametrize(("words", "safe", "reason"), [
+    ("331111111111", "111111111111", "state 0: on two nets is terminal 10"),
+    ("221111111122", "111111111111", "state 0: several terminals on INA"),
+    ("241111111111", "111111111111", "state 0: several terminals on INB"),
+    ("021111111111", "111111111111", "state 0: one of INA and INB has no terminal"),
+    ("201111111111", "111111111111", "state 0: one of INA and INB has no terminal"),
+    ("021111111120", "111111111111", "state 0: INA and INB have two coils"),
+    ("811111111111", "111111111111", "state 0: unused switch closed"),
+    ("221111111111", "111111111110", "safe words: not just grounded is terminal 0"),
+    ("221111111111", "111111111151", "safe words: not just grounded is terminal 1"),
+    ("221111111111", "111111111191", "safe words: unused switch closed"),
+])  # fmt: skip
 def test_the_firmware_itself_refuses_illegal_switching(words, safe, reason):
     plan = with_words(bytes.fromhex(words), safe=bytes.fromhex(safe))
     with pytest.raises(HardwareError):
         plan.check_switching()
     board = configured()
     board.chain.history.clear()
-    assert board.configure(plan)[-1] == f"ERR,4,{reason}"
-    assert board.mode == "u"
+    assert (board.configure(plan)[-1], board.mode) == (f"ERR,4,{reason}", "u")
     assert {words for words, _ in board.chain.history} == {SAFE}  # none of it was ever sent
 
 
-@pytest.mark.parametrize("words", ["221111111111", "441111111111", "000000000000", "111111111111", "220000000000"])
-def test_legal_switching(fresh, words):
-    assert fresh.configure(with_words(bytes.fromhex(words)))[-1].startswith("OK,")
+def test_legal_switching(fresh):
+    for words in ("221111111111", "441111111111", "000000000000", "111111111111", "220000000000"):
+        assert fresh.configure(with_words(bytes.fromhex(words)))[-1].startswith("OK,"), words
 
 
 codes = st.sampled_from([*range(16), 0xFF])
@@ -527,15 +483,12 @@ def test_rules_of_switching_agree_with_pythons(data):
     safe = data.draw(st.sampled_from([bytes(grounded), bytes(2), b"\x11\x11"]))
     words = bytes(data.draw(st.lists(st.integers(0, 255).map(lambda a: a & 0x55), min_size=2, max_size=2)))
     plan = with_words(words, safe=safe, wiring=wiring)
+    wanted = "OK,"
     try:
         plan.check_switching()
-        legal = True
     except HardwareError:
-        legal = False
-    assert board.configure(plan)[-1].startswith("OK," if legal else "ERR,4,")
-
-
-# --------------------------------------------------------------------------------------------------- faults of chips
+        wanted = "ERR,4,"
+    assert board.configure(plan)[-1].startswith(wanted)
 
 
 def state_of(board):
@@ -543,9 +496,9 @@ def state_of(board):
     return next((index for index, state in enumerate(SETTINGS.states) if board.chain.words == state.words), None)
 
 
-def in_state(board, wanted, error):
+def in_state(board, wanted, error, at=None):
     def fault(verb, register):
-        if state_of(board) == wanted:
+        if state_of(board) == wanted and at in (None, register):
             raise error
 
     return fault
@@ -555,16 +508,14 @@ def in_state(board, wanted, error):
 def test_bus_fault_in_one_state(board, error, mark):
     board.converter.fault = in_state(board, 2, error)
     assert scan_words(board.ask("SCAN")) == [WORDS] * 2 + [mark] + [WORDS] * 3
-    assert board.chain.words == SAFE
-    assert board.mode == "i"
+    assert (board.chain.words, board.mode) == (SAFE, "i")
     board.converter.fault = raising(error, "read", 0x14)  # a scan that cannot be verified is no measurement
     assert scan_words(board.ask("SCAN")) == [mark] * 6
 
 
 @pytest.mark.parametrize("register", [0x1E, 0x1A, 0x18, 0x00, 0x01])
 def test_any_transfer_of_a_state_may_fail(board, register):
-    absent = raising(BusFault("absent"), register=register)
-    board.converter.fault = lambda verb, at: absent(verb, at) if state_of(board) == 4 else None
+    board.converter.fault = in_state(board, 4, BusFault("absent"), register)
     assert scan_words(board.ask("SCAN")) == [WORDS] * 4 + ["!1"] + [WORDS]
     assert board.resting or register == 0x1A
     board.converter.fault = lambda verb, at: None
@@ -572,7 +523,6 @@ def test_any_transfer_of_a_state_may_fail(board, register):
 
 
 def test_switches_wait_for_a_converter_that_did_not_go_to_sleep(board):
-
     def fault(verb, register):
         if state_of(board) == 1 and (verb, register) == ("write", 0x1A) and not board.converter.asleep:
             raise BusFault("absent")
@@ -596,8 +546,7 @@ def test_three_bus_faults_running_end_the_stream(board, error):
     assert f"E3,{SETTINGS.hash:04X},{board.firmware.boot:08X},bus fault" in lines
     assert board.converter.cleared > cleared
     assert ("write", 0x1C, 0x8000) in board.converter.log
-    assert board.mode == "u"
-    assert board.resting
+    assert (board.mode, board.resting) == ("u", True)
 
 
 def test_two_bus_faults_running_do_not(board):
@@ -607,8 +556,7 @@ def test_two_bus_faults_running_do_not(board):
         while not [line for line in board.lines(0.005) if "!1" in line]:
             pass
         board.converter.fault = lambda verb, register: None
-        lines = board.lines(0.3)
-        assert not [line for line in lines if line.startswith("E")]
+        assert not [line for line in board.lines(0.3) if line.startswith("E")]
     assert board.mode == "s"
 
 
@@ -628,8 +576,7 @@ def test_no_result_in_time(board):
     assert looks == pytest.approx(looks[:each] * 6, abs=50e-6)
     # once after the wait, then every millisecond and at the time-out; a transfer takes 120 µs
     assert looks[0] == pytest.approx(SETTINGS.wait_us * 1e-6 + 120e-6, abs=50e-6)
-    steps = [later - earlier for earlier, later in itertools.pairwise(looks[: each - 1])]
-    assert steps == pytest.approx([1e-3] * len(steps), abs=50e-6)
+    assert gaps(looks[: each - 1]) == pytest.approx([1e-3] * (each - 2), abs=50e-6)
     assert looks[each - 1] == pytest.approx(SETTINGS.timeout_us * 1e-6 + 120e-6, abs=50e-6)
 
 
@@ -668,8 +615,7 @@ def test_converter_that_was_reset(board, streaming):
     else:
         board.converter.reset()
         assert scan_words(board.ask("SCAN")) == ["!4"] * 6
-    assert board.mode == "u"
-    assert board.resting
+    assert (board.mode, board.resting) == ("u", True)
     assert board.configure()[-1].startswith("OK")
     assert scan_words(board.ask("SCAN")) == [WORDS] * 6
 
@@ -694,23 +640,16 @@ def test_switches_that_differ_end_the_stream():
     assert not {state.words for state in SETTINGS.states} & {words for words, _ in board.chain.history}
 
 
-# -------------------------------------------------------------------------------------------------- bytes and bounds
-
-
-@pytest.mark.parametrize(
-    ("data", "dropped"),
-    [
-        (b"\n\r\n\n", 0), (b"x\n", 1), (b">00,PING*0000\n", 1), (seal(">00,PING").lower(), 1), (b"\x00\xff\n\x80\n", 2),
-        (b"a" * 513 + b"\n", 1), (b"a" * 100_000 + b"\n", 1), (seal("S00,PING"), 1), (seal(">00PING"), 1),
-        (seal(">0,PING"), 1), (seal(">G0,PING"), 1), (seal(">00"), 1), (b"*FFFF\n", 1),
-        (seal(">00,PING").replace(b"P", b"\t"), 1), (seal(">00,STOP")[:-1] + b"\r\r\n", 1),
-        (seal(">00,STOP").replace(b"*", b"-"), 1),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("data", "dropped"), [
+    (b"\n\r\n\n", 0), (b"x\n", 1), (b">00,PING*0000\n", 1), (seal(">00,PING").lower(), 1), (b"\x00\xff\n\x80\n", 2),
+    (b"a" * 513 + b"\n", 1), (b"a" * 100_000 + b"\n", 1), (seal("S00,PING"), 1), (seal(">00PING"), 1),
+    (seal(">0,PING"), 1), (seal(">G0,PING"), 1), (seal(">00"), 1), (b"*FFFF\n", 1),
+    (seal(">00,PING").replace(b"P", b"\t"), 1), (seal(">00,STOP")[:-1] + b"\r\r\n", 1),
+    (seal(">00,STOP").replace(b"*", b"-"), 1),
+])  # fmt: skip
 def test_lines_that_are_dropped(fresh, data, dropped):
     fresh.firmware.feed(data)
-    assert fresh.lines(0.1) == []
-    assert fresh.ask("PING").split(",")[-1] == str(dropped)
+    assert (fresh.lines(0.1), fresh.ask("PING").split(",")[-1]) == ([], str(dropped))
 
 
 def test_longest_line(fresh):
@@ -725,16 +664,15 @@ def test_longest_line(fresh):
 
 def test_the_largest_scan_still_fits():
     """16 devices, 32 states, every one with a status."""
-    wiring = b"".join(bytes([8 * index, 8 * index + 1, *[0xFF] * 2, 8 * index + 4, 8 * index + 6, 0xFF, 0xFF])
-                      for index in range(7)) + b"\xff" * 72  # fmt: skip
+    rows = (bytes([8 * k, 8 * k + 1, 0xFF, 0xFF, 8 * k + 4, 8 * k + 6, 0xFF, 0xFF]) for k in range(7))
+    wiring = b"".join(rows) + b"\xff" * 72
     safe = b"\x11" * 7 + bytes(9)
     states = tuple(StateSettings(str(number), safe, 6) for number in range(32))
     plan = replace(SETTINGS, wiring=wiring, safe_words=safe, states=states)
     board = Board(devices=16, safe_words=safe)
     assert board.configure(plan)[-1].startswith("OK")
     board.converter.extra_status = 0x3F00
-    words = board.ask("SCAN").split(",")[5:]
-    assert words == [f"{WORDS}.3F48"] * 32
+    assert board.ask("SCAN").split(",")[5:] == [f"{WORDS}.3F48"] * 32
     board.start()
     assert len(board.lines(1.0)) > 5
 
@@ -744,7 +682,7 @@ def test_a_slow_port_slows_the_stream_and_loses_nothing():
     board.start()
     board.lines(1.0)
     scans = board.scans(8.0)
-    numbers = [int(line[1:9], 16) for line in scans]
+    numbers = numbers_of(scans)
     assert numbers == list(range(numbers[0], numbers[0] + len(scans)))
     assert len(scans) == pytest.approx(8 * 960 / 92, rel=0.05)  # a line of six words has 92 characters
     assert board.ask("STOP", 5.0) == "OK"
@@ -753,10 +691,9 @@ def test_a_slow_port_slows_the_stream_and_loses_nothing():
 def test_the_boards_time_wraps():
     board = configured(start=2**32 * 1e-6 - 1.0)
     board.start(100_000)
-    times = [int(line.split(",")[1], 16) for line in board.lines(3.0) if line.startswith("S")]
-    gaps = [(later - earlier) % 2**32 for earlier, later in itertools.pairwise(times)]
+    times = times_of(board.scans(3.0))
     assert min(times) < 3e6 < max(times)
-    assert gaps == pytest.approx([1e5] * len(gaps), abs=200)
+    assert gaps(times) == pytest.approx([1e5] * (len(times) - 1), abs=200)
     assert not [line for line in board.lines(4.0) if line.startswith("E")]
     assert [line for line in board.lines(LEASE) if line.startswith("E1")]
 
@@ -771,9 +708,7 @@ def test_random_bytes_change_nothing():
         board.firmware.take()
     board.firmware.feed(b"\n")
     board.lines(0.1)
-    assert board.mode == "i"
-    assert board.converter.registers == before
-    assert board.resting
+    assert (board.mode, board.converter.registers, board.resting) == ("i", before, True)
     assert scan_words(board.ask("SCAN")) == [WORDS] * 6
 
 
@@ -791,8 +726,8 @@ def damaged(chance, line):
 
 def session_bytes(chance, count):
     """Commands of a session in random order, some damaged, some with random arguments."""
-    commands = [*draft(SETTINGS), "HELLO", "SCAN", "START,00000000", "START,00010000", "STOP",
-                "PING", "PEEK,18", "CHAIN"]  # fmt: skip
+    others = ["HELLO", "SCAN", "START,00000000", "START,00010000", "STOP", "PING", "PEEK,18", "CHAIN"]
+    commands = [*draft(SETTINGS), *others]
     number = 0
     for _ in range(count):
         number += chance.random() < 0.9
@@ -846,9 +781,6 @@ def test_no_access_outside_its_memory(tmp_path_factory, one_fault_in):
     assert int(done.stdout) > 1000
 
 
-# ------------------------------------------------------------------------------------------------- size of the thing
-
-
 def test_memory_is_bounded_and_static(fresh):
     assert fresh.firmware.size < 6 * 1024  # of 16 KB; the core's own buffers and 1 KB of stack need the rest
     text = "".join(path.read_text() for path in SKETCH.iterdir())
@@ -860,10 +792,8 @@ def test_fits_the_microcontroller(tmp_path):
     compiler, size = shutil.which("arm-none-eabi-g++"), shutil.which("arm-none-eabi-size")
     if not (compiler and size):
         pytest.skip("arm-none-eabi-g++ is not installed")
-    library = subprocess.run(
-        [compiler, "-x", "c++", "-E", "-"], check=False, input=b"#include <string.h>", capture_output=True
-    )
-    if library.returncode:
+    include = {"input": b"#include <string.h>", "capture_output": True}
+    if subprocess.run([compiler, "-x", "c++", "-E", "-"], check=False, **include).returncode:
         pytest.skip("arm-none-eabi-g++ has no C library")
     sketch = tmp_path / "sketch.cpp"
     sketch.write_text('#include "coilarray_reader.ino"\n')

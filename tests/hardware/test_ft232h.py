@@ -3,8 +3,6 @@
 The engine below executes the commands of the chip's application note AN_108; on its pins hang chips that know edges.
 """
 
-from __future__ import annotations
-
 import sys
 from types import SimpleNamespace
 
@@ -37,7 +35,6 @@ class Engine(Ftdi):
         bench = self.bench
         if bench.refuses is not None:
             raise bench.refuses
-        bench.url, bench.options = url, options
         self._connected, self._answers = True, bytearray()
         self._low = [options["initial"] & 0xFF, options["direction"] & 0xFF]
         self._high = [options["initial"] >> 8, options["direction"] >> 8]
@@ -85,8 +82,7 @@ class Engine(Ftdi):
             back = int(self.bench.chain.dout) << self.bench.pins.back
             self._answers.append(self._high[0] & self._high[1] & ~(1 << self.bench.pins.back) | back)
         elif command == 0x11:  # bytes out, at falling edges, highest bit first
-            length = rest.pop(0) + (rest.pop(0) << 8) + 1
-            for _ in range(length):
+            for _ in range(rest.pop(0) + (rest.pop(0) << 8) + 1):
                 byte = rest.pop(0)
                 for bit in reversed(range(8)):
                     self._pulse(byte >> bit & 1)
@@ -95,13 +91,15 @@ class Engine(Ftdi):
             for k in range(count):
                 self._pulse(byte >> (7 - k) & 1)
         elif command == 0x20:  # bytes in, at rising edges
-            length = rest.pop(0) + (rest.pop(0) << 8) + 1
-            for _ in range(length):
-                self._answers.append(int("".join(str(self._pulse()) for _ in range(8)), 2))
+            for _ in range(rest.pop(0) + (rest.pop(0) << 8) + 1):
+                self._bits_in(8)
         elif command == 0x22:  # bits in
-            self._answers.append(int("".join(str(self._pulse()) for _ in range(rest.pop(0) + 1)), 2))
+            self._bits_in(rest.pop(0) + 1)
         else:
             assert command == 0x87, f"command {command:#04x} is not for the engine"
+
+    def _bits_in(self, count):
+        self._answers.append(int("".join(str(self._pulse()) for _ in range(count)), 2))
 
     def _pulse(self, bit=None):
         """One clock; a bit out, or, released, the level in."""
@@ -159,7 +157,7 @@ def test_a_register_is_read_with_a_repeated_start_and_written_in_one_transfer_hi
     assert bus.read(0x14) == 0x1002
 
 
-def test_a_chip_that_does_not_acknowledge_is_asked_once(bench):
+def test_a_chip_at_another_address_is_asked_once_and_answers_at_its_own(bench):
     bench.chip.address = 0x2B
     bus, _ = opened(bench)
     with pytest.raises(BusFault, match=r"the converter at 0x2a on ftdi://ftdi:232h/1 does not answer\."):
@@ -167,13 +165,9 @@ def test_a_chip_that_does_not_acknowledge_is_asked_once(bench):
     assert bench.chip.transfers == [[0x54]]
     with pytest.raises(BusFault):
         bus.write(0x08, 1)
-
-
-def test_the_other_address_and_that_usb_is_waited_for_half_a_second_at_most(bench):
-    bench.chip.address = 0x2B
+    # at its own address it does, and USB is waited for half a second at most
     bus, _ = open_ft232h(URL, 0x2B, pins=PINS)
-    assert bus.read(0x7F) == 0x3055
-    assert bus._controller.ftdi.timeouts == (500, 500)
+    assert (bus.read(0x7F), bus._controller.ftdi.timeouts) == (0x3055, (500, 500))
 
 
 def test_the_switches_do_not_move_while_the_bus_works(bench):
@@ -182,8 +176,7 @@ def test_the_switches_do_not_move_while_the_bus_works(bench):
     for register in range(5):
         bus.write(register, 0xA55A)
         bus.read(register)
-    assert bench.latched == [bytes(range(6))]
-    assert bench.chain.clocks == 48
+    assert (bench.latched, bench.chain.clocks) == ([bytes(range(6))], 48)
 
 
 def test_clearing_the_bus_is_nine_clocks_and_a_stop(bench):
@@ -232,8 +225,7 @@ def test_words_arrive_bit_by_bit_latched_by_sync_and_come_back_at_the_next_trans
     switches.shift(WORDS)
     assert bench.writes - before == 1  # one message to the adapter
     assert (bench.latched, bench.chain.clocks) == ([TURNED if order else WORDS], 48)
-    assert switches.shift(bytes(6)) == WORDS
-    assert switches.shift(bytes(6)) == bytes(6)
+    assert (switches.shift(bytes(6)), switches.shift(bytes(6))) == (WORDS, bytes(6))
 
 
 def test_a_mode_that_changes_data_after_the_edge_shifts_something_else(bench):
@@ -263,29 +255,25 @@ def test_an_adapter_that_returns_nothing_is_told(bench):
         switches.shift(bytes(6))
 
 
-@pytest.mark.parametrize(
-    ("error", "message"),
-    [(UsbToolsError("No USB device matches URL ftdi://ftdi:232h/1"), "No USB device matches URL"),
-     (ValueError("No backend available"), "No backend available"),
-     (OSError(13, "Access denied (insufficient permissions)"), "insufficient permissions")],
-)  # fmt: skip
+@pytest.mark.parametrize(("error", "message"), [
+    (UsbToolsError("No USB device matches URL ftdi://ftdi:232h/1"), "No USB device matches URL"),
+    (ValueError("No backend available"), "No backend available"),
+    (OSError(13, "Access denied (insufficient permissions)"), "insufficient permissions"),
+])  # fmt: skip
 def test_an_adapter_that_cannot_be_opened_is_one_line(bench, error, message):
     bench.refuses = error
     with pytest.raises(HardwareError, match=rf"ftdi://ftdi:232h/1 cannot be opened: .*{message}"):
         opened(bench)
 
 
-def test_an_adapter_without_a_second_port_is_refused_and_closed(bench):
+def test_an_adapter_without_a_second_port_is_refused_and_closed_and_so_are_pins_that_cannot_be(bench):
     bench.wide = False
     with pytest.raises(HardwareError, match="has no pins C0 to C7 for the switches"):
         opened(bench)
     assert bench.closed
-
-
-@pytest.mark.parametrize("pins", [{"clock": 8}, {"data": -1}, {"clock": 2}, {"back": 0}])
-def test_pins_that_cannot_be_are_refused(pins):
-    with pytest.raises(HardwareError, match="must be four different ones of C0 to C7"):
-        SwitchPins(**pins)
+    for pins in ({"clock": 8}, {"data": -1}, {"clock": 2}, {"back": 0}):
+        with pytest.raises(HardwareError, match="must be four different ones of C0 to C7"):
+            SwitchPins(**pins)
 
 
 def test_a_missing_library_names_its_extra(monkeypatch):
@@ -308,9 +296,7 @@ def test_a_board_at_the_adapter_is_opened_grounded_and_asleep(bench):
     bench.registers[0x1A] = 0x1401
     with open_board(f"{URL}?readback=yes") as board:
         assert board.line.startswith("ftdi://ftdi:232h/1?readback=yes: FT232H; LDC1614 (5449/3055); wiring six_coils;")
-        assert bench.latched == [WIRING.safe_words]
-        assert bench.registers[0x1A] == 0x2801
+        assert (bench.latched, bench.registers[0x1A]) == ([WIRING.safe_words], 0x2801)
         bench.registers[0x1A] = 0x1401
-    assert bench.registers[0x1A] == 0x2801
-    assert bench.latched[-1] == WIRING.safe_words
+    assert (bench.registers[0x1A], bench.latched[-1]) == (0x2801, WIRING.safe_words)
     assert bench.closed == [True]

@@ -1,7 +1,5 @@
 """Parts of a board's model that are kept: those of one design are never taken for another's."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """LDC1614: codes, frequencies, limits and times against the data sheet's own examples and the paper's scan time."""
 
-from __future__ import annotations
-
 import math
 import re
 from functools import partial
@@ -12,24 +10,14 @@ from hypothesis import strategies as st
 from support.converter_words import oscillation_frequency
 
 from coilarray.errors import HardwareError
-from coilarray.hardware import (
-    check_channel,
-    code_to_frequency,
-    drive_for,
-    frequency_to_code,
-    inductance_from_frequency,
-    settle_count,
-)
 from coilarray.hardware.chips.ldc1614 import bus_time, conversion_time, rcount_for, settle_time, state_time, wake_time
-from coilarray.hardware.chips.ldc1614_limits import (
-    AMPLITUDE,
-    DRIVE_WINDOW,
-    check_clock,
-    deglitch_for,
-    drive_of,
-    input_divider,
-    reference_divider,
-)
+
+from coilarray.hardware import (  # isort: skip
+    check_channel, code_to_frequency, drive_for, frequency_to_code, inductance_from_frequency, settle_count,
+)  # fmt: skip
+from coilarray.hardware.chips.ldc1614_limits import (  # isort: skip
+    AMPLITUDE, DRIVE_WINDOW, check_clock, deglitch_for, drive_of, input_divider, reference_divider,
+)  # fmt: skip
 
 
 def test_code_of_two_megahertz():
@@ -77,8 +65,7 @@ def test_no_losses_is_the_limit_of_few():
 @given(st.floats(600, 88e3))  # above, the smallest current passes 1.8 V
 def test_every_resistance_of_the_table_has_a_drive(R):
     drive = drive_for(R)
-    if drive is None:  # the table's rows leave no gap
-        raise AssertionError(R)
+    assert drive is not None  # the table's rows leave no gap
     assert drive.amplitude == pytest.approx(4 * R * drive.current / math.pi)
     # rows of the table are rounded to three digits: the lower end may be missed by that
     assert AMPLITUDE[0] * 0.99 <= drive.amplitude <= AMPLITUDE[1]
@@ -112,23 +99,14 @@ def test_drive_table():
     assert (window.value, window.low, window.high) == (33e3, 600, 90e3)
 
 
-@pytest.mark.parametrize(
-    ("clock", "divider", "given", "broken"),
-    [
-        # at most 35 MHz of either clock, and the internal one divided
-        (43.4e6, 2, {}, []),
-        (43.4e6, 1, {}, ["FREF_DIVIDER", "reference frequency (Hz)"]),
-        (35e6, 1, {}, ["FREF_DIVIDER"]),
-        (35e6, 1, {"external": True}, []),
-        (36e6, 1, {"external": True}, ["reference frequency (Hz)"]),
-        (43.4e6, 2, {"rcount": 5, "settle_count": 0}, []),
-        (43.4e6, 2, {"rcount": 4}, ["RCOUNT"]),
-        (34e6, 2, {}, ["clock (Hz)"]),
-        (56e6, 2, {}, ["clock (Hz)"]),
-        (1.9e6, 1, {"external": True}, ["clock (Hz)"]),
-        (43.4e6, 0x400, {}, ["FREF_DIVIDER"]),
-    ],
-)
+@pytest.mark.parametrize(("clock", "divider", "given", "broken"), [
+    # at most 35 MHz of either clock, and the internal one divided
+    (43.4e6, 2, {}, []), (43.4e6, 1, {}, ["FREF_DIVIDER", "reference frequency (Hz)"]), (35e6, 1, {}, ["FREF_DIVIDER"]),
+    (35e6, 1, {"external": True}, []), (36e6, 1, {"external": True}, ["reference frequency (Hz)"]),
+    (43.4e6, 2, {"rcount": 5, "settle_count": 0}, []), (43.4e6, 2, {"rcount": 4}, ["RCOUNT"]),
+    (34e6, 2, {}, ["clock (Hz)"]), (56e6, 2, {}, ["clock (Hz)"]), (1.9e6, 1, {"external": True}, ["clock (Hz)"]),
+    (43.4e6, 0x400, {}, ["FREF_DIVIDER"]),
+])  # fmt: skip
 def test_clocks(clock, divider, given, broken):
     assert [limit.name for limit in check_clock(clock, divider, **given) if not limit.kept] == broken
 
@@ -155,59 +133,48 @@ def test_input_divider_is_the_least(frequency, reference):
 def test_limits():
     # the lowest input filter above the sensor
     assert [deglitch_for(f) for f in (1e3, 0.99e6, 1e6, 3.29e6, 3.3e6, 9.99e6, 10e6)] == [1, 1, 4, 4, 5, 5, 7]
-    kept = check_channel(1.93e6, 33e3, 48, 8e6)
-    assert all(limit.kept for limit in kept)
-    broken = {limit.name for limit in check_channel(6e6, 100.0, 0.5, 7e6) if not limit.kept}
-    assert broken == {
-        "sensor frequency by divider over reference", "frequency over self-resonance", "R_p (Ω)", "quality factor",
-    }  # fmt: skip
-    assert {limit.name for limit in check_channel(9e6, 5e3, 20, reference=40e6) if not limit.kept} == {
-        "reference frequency (Hz)", "FIN_DIVIDER",
-    }  # fmt: skip
-    assert [limit.name for limit in check_channel(500.0, 33e3, 48) if not limit.kept] == ["sensor frequency (Hz)"]
-    # both ends of the drive table
-    assert all(limit.kept for R in (600.0, 90e3) for limit in check_channel(1.9e6, R, 48))
-    # a divider of two lets 6 MHz pass
-    assert "sensor frequency by divider over reference" not in {
-        limit.name for limit in check_channel(6e6, 33e3, 48, divider=2) if not limit.kept
-    }
+
+    def broken(*channel, **given):
+        return {limit.name for limit in check_channel(*channel, **given) if not limit.kept}
+
+    ratio = "sensor frequency by divider over reference"
+    assert broken(1.93e6, 33e3, 48, 8e6) == set()
+    assert broken(6e6, 100.0, 0.5, 7e6) == {ratio, "frequency over self-resonance", "R_p (Ω)", "quality factor"}
+    assert broken(9e6, 5e3, 20, reference=40e6) == {"reference frequency (Hz)", "FIN_DIVIDER"}
+    assert broken(500.0, 33e3, 48) == {"sensor frequency (Hz)"}
+    assert broken(1.9e6, 600.0, 48) | broken(1.9e6, 90e3, 48) == set()  # both ends of the drive table
+    assert ratio not in broken(6e6, 33e3, 48, divider=2)  # a divider of two lets 6 MHz pass
 
 
 @pytest.mark.parametrize(("quality", "count"), [(10, 7), (20, 14), (40, 28)])
 def test_settle_count(quality, count):
     # data sheet's rule at 21.7 MHz and 2 MHz
-    assert settle_count(2e6, quality, 21.7e6) == count
-    assert settle_count(10e6, 1, 21.7e6) == 4
+    assert (settle_count(2e6, quality, 21.7e6), settle_count(10e6, 1, 21.7e6)) == (count, 4)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        *((partial(code_to_frequency, end, 21.7e6), "the ends mark a range error") for end in (0, (1 << 28) - 1)),
-        (lambda: code_to_frequency(1, math.nan), "reference must be positive and finite"),
-        (lambda: code_to_frequency(1, 1e6, divider=16), "divider must be 1 to 15; got 16"),
-        (lambda: code_to_frequency(1, 1e6, offset=-1), "offset must be 0 to 65535; got -1"),
-        (lambda: frequency_to_code(30e6, 21.7e6), "outside 1 to"),
-        (lambda: inductance_from_frequency(0, 1e-12), "frequency must be positive and finite; got 0"),
-        (lambda: inductance_from_frequency(1e6, -1), "capacitance must be positive and finite; got -1"),
-        *(
-            (partial(inductance_from_frequency, 1e6, 1e-9, Q), f"quality_factor must be above 1; got {Q}")
-            for Q in (1.0, math.nan)
-        ),
-        (lambda: inductance_from_frequency(50e6, 1e-12, 1.2), "no inductance oscillates at 50000000.0 Hz"),
-        *((partial(drive_of, code, 1e3), f"code must be 0 to 31; got {code}") for code in (32, -1)),
-        (lambda: drive_of(0, math.nan), "parallel_resistance must be positive; got nan"),
-        (lambda: check_clock(0.0, 2), "clock must be positive; got 0.0"),
-        (lambda: check_clock(1e6, 0), "divider must be positive; got 0"),
-        (lambda: reference_divider(-1.0), "clock must be positive; got -1.0"),
-        (lambda: input_divider(0.0, 1e6), "frequency must be positive; got 0.0"),
-        (lambda: input_divider(1e6, 0.0), "reference must be positive; got 0.0"),
-        *((partial(deglitch_for, f), "frequency must be 1000 to 1e") for f in (999.0, 10.1e6)),
-        (lambda: drive_for(0), "parallel_resistance must be positive; got 0"),
-        (lambda: check_channel(0, 1e3, 10), "frequency must be positive; got 0"),
-        (lambda: settle_count(1e6, -1), "quality_factor must be positive; got -1"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    *((partial(code_to_frequency, end, 21.7e6), "the ends mark a range error") for end in (0, (1 << 28) - 1)),
+    (lambda: code_to_frequency(1, math.nan), "reference must be positive and finite"),
+    (lambda: code_to_frequency(1, 1e6, divider=16), "divider must be 1 to 15; got 16"),
+    (lambda: code_to_frequency(1, 1e6, offset=-1), "offset must be 0 to 65535; got -1"),
+    (lambda: frequency_to_code(30e6, 21.7e6), "outside 1 to"),
+    (lambda: inductance_from_frequency(0, 1e-12), "frequency must be positive and finite; got 0"),
+    (lambda: inductance_from_frequency(1e6, -1), "capacitance must be positive and finite; got -1"),
+    (lambda: inductance_from_frequency(1e6, 1e-9, 1.0), "quality_factor must be above 1; got 1.0"),
+    (lambda: inductance_from_frequency(1e6, 1e-9, math.nan), "quality_factor must be above 1; got nan"),
+    (lambda: inductance_from_frequency(50e6, 1e-12, 1.2), "no inductance oscillates at 50000000.0 Hz"),
+    *((partial(drive_of, code, 1e3), f"code must be 0 to 31; got {code}") for code in (32, -1)),
+    (lambda: drive_of(0, math.nan), "parallel_resistance must be positive; got nan"),
+    (lambda: check_clock(0.0, 2), "clock must be positive; got 0.0"),
+    (lambda: check_clock(1e6, 0), "divider must be positive; got 0"),
+    (lambda: reference_divider(-1.0), "clock must be positive; got -1.0"),
+    (lambda: input_divider(0.0, 1e6), "frequency must be positive; got 0.0"),
+    (lambda: input_divider(1e6, 0.0), "reference must be positive; got 0.0"),
+    *((partial(deglitch_for, f), "frequency must be 1000 to 1e") for f in (999.0, 10.1e6)),
+    (lambda: drive_for(0), "parallel_resistance must be positive; got 0"),
+    (lambda: check_channel(0, 1e3, 10), "frequency must be positive; got 0"),
+    (lambda: settle_count(1e6, -1), "quality_factor must be positive; got -1"),
+])  # fmt: skip
 def test_bad_input(call, message):
     with pytest.raises(ValueError, match=message):
         call()
@@ -270,26 +237,22 @@ def test_the_largest_that_fits(duration, reference):
 def test_state_is_its_parts_and_rcount_there_and_back(rcount, settle_count, reference):
     assert rcount_for(conversion_time(rcount, reference), reference) == rcount
     parts = state_time(rcount, settle_count, reference)
-    assert parts.total == pytest.approx(
-        parts.wake + parts.settle + parts.conversion + parts.result + parts.control, rel=1e-12
-    )
+    together = parts.wake + parts.settle + parts.conversion + parts.result + parts.control
+    assert parts.total == pytest.approx(together, rel=1e-12)
     assert parts.until_ready < parts.measuring < parts.total
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        *((partial(conversion_time, n, 1e6), f"RCOUNT must be 5 to 65535; got {n}") for n in (4, 0x10000)),
-        (lambda: conversion_time(5, 0.0), "a clock must be positive and finite; got 0.0 Hz"),
-        (lambda: rcount_for(1.0, math.nan), "a clock must be positive and finite; got nan Hz"),
-        (lambda: rcount_for(math.nan, 1e6), "a duration must be positive and finite; got nan s"),
-        (lambda: rcount_for(1e-6, 1e6), "a conversion takes at least 84 µs; got 1 µs"),
-        *((partial(settle_time, n, 1e6), f"SETTLECOUNT must be 0 to 65535; got {n}") for n in (-1, 0x10000)),
-        (lambda: wake_time(-1.0), "a clock must be positive and finite; got -1.0 Hz"),
-        (lambda: bus_time(reads=1, rate=0.0), "a clock must be positive and finite; got 0.0 Hz"),
-        (lambda: state_time(5, 0, 1e6, bus_rate=0.0), "a clock must be positive and finite; got 0.0 Hz"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    *((partial(conversion_time, n, 1e6), f"RCOUNT must be 5 to 65535; got {n}") for n in (4, 0x10000)),
+    (lambda: conversion_time(5, 0.0), "a clock must be positive and finite; got 0.0 Hz"),
+    (lambda: rcount_for(1.0, math.nan), "a clock must be positive and finite; got nan Hz"),
+    (lambda: rcount_for(math.nan, 1e6), "a duration must be positive and finite; got nan s"),
+    (lambda: rcount_for(1e-6, 1e6), "a conversion takes at least 84 µs; got 1 µs"),
+    *((partial(settle_time, n, 1e6), f"SETTLECOUNT must be 0 to 65535; got {n}") for n in (-1, 0x10000)),
+    (lambda: wake_time(-1.0), "a clock must be positive and finite; got -1.0 Hz"),
+    (lambda: bus_time(reads=1, rate=0.0), "a clock must be positive and finite; got 0.0 Hz"),
+    (lambda: state_time(5, 0, 1e6, bus_rate=0.0), "a clock must be positive and finite; got 0.0 Hz"),
+])  # fmt: skip
 def test_refused_times(call, message):
     with pytest.raises(HardwareError, match=message):
         call()

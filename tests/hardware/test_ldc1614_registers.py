@@ -1,24 +1,17 @@
 """LDC1614 registers: the table covers every bit once, resets and settings are the data sheet's, nothing illegal."""
 
-from __future__ import annotations
-
 import functools
+import operator
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614_registers import (
-    ASLEEP,
-    DEVICE,
-    MANUFACTURER,
-    check_value,
-    decode,
-    encode,
-    register,
-    registers,
-)
+
+from coilarray.hardware.chips.ldc1614_registers import (  # isort: skip
+    ASLEEP, DEVICE, MANUFACTURER, check_value, decode, encode, register, registers,
+)  # fmt: skip
 
 RESETS = {
     **{f"DATA{k}_{part}": 0 for k in range(4) for part in ("MSB", "LSB")},
@@ -55,31 +48,24 @@ def test_addresses():
 @pytest.mark.parametrize("name", registers())
 def test_every_bit_once(name):
     masks = [field.mask for field in register(name).fields]
-    assert sum(masks) == 0xFFFF
-    together = 0
-    for mask in masks:
-        assert together & mask == 0
-        together |= mask
+    assert sum(masks) == functools.reduce(operator.or_, masks) == 0xFFFF
     assert all(field.reset <= field.largest for field in register(name).fields)
 
 
-@pytest.mark.parametrize(
-    ("name", "fields", "value"),
-    [
-        # the data sheet's worked examples
-        ("RCOUNT0", {"RCOUNT0": 0x04D6}, 0x04D6),
-        ("MUX_CONFIG", {"DEGLITCH": 4}, 0x020C),
-        ("MUX_CONFIG", {"AUTOSCAN_EN": 1, "DEGLITCH": 4}, 0x820C),
-        *(("DRIVE_CURRENT0", {"IDRIVE0": code}, word) for code, word in ((18, 0x9000), (31, 0xF800), (19, 0x9800))),
-        ("CONFIG", {"SLEEP_MODE_EN": 0, "REF_CLK_SRC": 1, **FIXED_DRIVE}, 0x1601),
-        ("SETTLECOUNT0", {"SETTLECOUNT0": 0x0100}, 0x0100),
-        # of the reference board
-        ("CLOCK_DIVIDERS0", {"FIN_DIVIDER0": 1, "FREF_DIVIDER0": 2}, 0x1002),
-        ("CONFIG", FIXED_DRIVE, 0x3401),
-        ("RESET_DEV", {"RESET_DEV": 1}, 0x8000),
-        ("ERROR_CONFIG", {"DRDY_2INT": 1}, 0x0001),
-    ],
-)
+@pytest.mark.parametrize(("name", "fields", "value"), [
+    # the data sheet's worked examples
+    ("RCOUNT0", {"RCOUNT0": 0x04D6}, 0x04D6),
+    ("MUX_CONFIG", {"DEGLITCH": 4}, 0x020C),
+    ("MUX_CONFIG", {"AUTOSCAN_EN": 1, "DEGLITCH": 4}, 0x820C),
+    *(("DRIVE_CURRENT0", {"IDRIVE0": code}, word) for code, word in ((18, 0x9000), (31, 0xF800), (19, 0x9800))),
+    ("CONFIG", {"SLEEP_MODE_EN": 0, "REF_CLK_SRC": 1, **FIXED_DRIVE}, 0x1601),
+    ("SETTLECOUNT0", {"SETTLECOUNT0": 0x0100}, 0x0100),
+    # of the reference board
+    ("CLOCK_DIVIDERS0", {"FIN_DIVIDER0": 1, "FREF_DIVIDER0": 2}, 0x1002),
+    ("CONFIG", FIXED_DRIVE, 0x3401),
+    ("RESET_DEV", {"RESET_DEV": 1}, 0x8000),
+    ("ERROR_CONFIG", {"DRDY_2INT": 1}, 0x0001),
+])  # fmt: skip
 def test_examples(name, fields, value):
     assert encode(name, fields) == value
     assert decode(name, value) | fields == decode(name, value)
@@ -141,31 +127,28 @@ def test_a_flipped_reserved_bit_is_refused(name, bit):
         assert decode(name, good ^ 1 << bit) != decode(name, good)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        # a stuck bus is no CONFIG; the reset value of the dividers is reserved, so the register must be programmed
-        *((functools.partial(decode, "CONFIG", stuck), "CONFIG must read") for stuck in (0x0000, 0xFFFF)),
-        (lambda: check_value("CLOCK_DIVIDERS0", register(0x14).reset), "FIN_DIVIDER0 must be 1 to 15; got 0"),
-        (lambda: register("RCOUNT4"), "no register 'RCOUNT4'"),
-        (lambda: register(0x1D), "no register at the address 0x1d"),
-        (lambda: encode("STATUS", {}), "STATUS is read-only"),
-        (lambda: check_value("DEVICE_ID", 0x3055), "DEVICE_ID is read-only"),
-        (lambda: encode("CONFIG", {"SLEEP": 1}), "CONFIG has the fields ACTIVE_CHAN, .*; got 'SLEEP'"),
-        (lambda: encode("CONFIG", {"RESERVED": 1}), "CONFIG has the fields .*; got 'RESERVED'"),
-        (lambda: encode("CONFIG", {"ACTIVE_CHAN": 4}), "ACTIVE_CHAN must be an integer from 0 to 3; got 4"),
-        (lambda: encode("CONFIG", {"ACTIVE_CHAN": -1}), "ACTIVE_CHAN must be an integer from 0 to 3; got -1"),
-        (lambda: encode("CONFIG", {"ACTIVE_CHAN": 1.0}), "ACTIVE_CHAN must be an integer from 0 to 3; got 1.0"),
-        (lambda: encode("CONFIG", {"ACTIVE_CHAN": True}), "ACTIVE_CHAN must be an integer from 0 to 3; got True"),
-        (lambda: encode("RCOUNT0", {"RCOUNT0": 4}), "RCOUNT0 must be 5 to 65535; got 4"),
-        (lambda: encode("CLOCK_DIVIDERS1", {"FIN_DIVIDER1": 0}), "FIN_DIVIDER1 must be 1 to 15; got 0"),
-        (lambda: encode("CLOCK_DIVIDERS1", {"FIN_DIVIDER1": 1}), "FREF_DIVIDER1 must be 1 to 1023; got 0"),
-        (lambda: encode("MUX_CONFIG", {"DEGLITCH": 3}), "DEGLITCH must be 1, 4, 5 or 7"),
-        (lambda: encode("DRIVE_CURRENT0", {"INIT_IDRIVE0": 1}), "INIT_IDRIVE0 must be 0 when it is written; got 1"),
-        (lambda: decode("CONFIG", 0x10000), "CONFIG holds 0 to 0xFFFF; got 0x10000"),
-        (lambda: decode("CONFIG", -1), "CONFIG holds 0 to 0xFFFF; got -0x1"),
-    ],
-)
+@pytest.mark.parametrize(("call", "message"), [
+    # a stuck bus is no CONFIG; the reset value of the dividers is reserved, so the register must be programmed
+    *((functools.partial(decode, "CONFIG", stuck), "CONFIG must read") for stuck in (0x0000, 0xFFFF)),
+    (lambda: check_value("CLOCK_DIVIDERS0", register(0x14).reset), "FIN_DIVIDER0 must be 1 to 15; got 0"),
+    (lambda: register("RCOUNT4"), "no register 'RCOUNT4'"),
+    (lambda: register(0x1D), "no register at the address 0x1d"),
+    (lambda: encode("STATUS", {}), "STATUS is read-only"),
+    (lambda: check_value("DEVICE_ID", 0x3055), "DEVICE_ID is read-only"),
+    (lambda: encode("CONFIG", {"SLEEP": 1}), "CONFIG has the fields ACTIVE_CHAN, .*; got 'SLEEP'"),
+    (lambda: encode("CONFIG", {"RESERVED": 1}), "CONFIG has the fields .*; got 'RESERVED'"),
+    (lambda: encode("CONFIG", {"ACTIVE_CHAN": 4}), "ACTIVE_CHAN must be an integer from 0 to 3; got 4"),
+    (lambda: encode("CONFIG", {"ACTIVE_CHAN": -1}), "ACTIVE_CHAN must be an integer from 0 to 3; got -1"),
+    (lambda: encode("CONFIG", {"ACTIVE_CHAN": 1.0}), "ACTIVE_CHAN must be an integer from 0 to 3; got 1.0"),
+    (lambda: encode("CONFIG", {"ACTIVE_CHAN": True}), "ACTIVE_CHAN must be an integer from 0 to 3; got True"),
+    (lambda: encode("RCOUNT0", {"RCOUNT0": 4}), "RCOUNT0 must be 5 to 65535; got 4"),
+    (lambda: encode("CLOCK_DIVIDERS1", {"FIN_DIVIDER1": 0}), "FIN_DIVIDER1 must be 1 to 15; got 0"),
+    (lambda: encode("CLOCK_DIVIDERS1", {"FIN_DIVIDER1": 1}), "FREF_DIVIDER1 must be 1 to 1023; got 0"),
+    (lambda: encode("MUX_CONFIG", {"DEGLITCH": 3}), "DEGLITCH must be 1, 4, 5 or 7"),
+    (lambda: encode("DRIVE_CURRENT0", {"INIT_IDRIVE0": 1}), "INIT_IDRIVE0 must be 0 when it is written; got 1"),
+    (lambda: decode("CONFIG", 0x10000), "CONFIG holds 0 to 0xFFFF; got 0x10000"),
+    (lambda: decode("CONFIG", -1), "CONFIG holds 0 to 0xFFFF; got -0x1"),
+])  # fmt: skip
 def test_refused(call, message):
     with pytest.raises(HardwareError, match=message):
         call()

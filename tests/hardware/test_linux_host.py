@@ -3,8 +3,6 @@
 smbus2 itself runs; only the system call below it is played. spidev is a C module, so that a stand-in takes its place.
 """
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import os
@@ -56,8 +54,7 @@ class Kernel:
             if message.addr != 0x2A:
                 raise OSError(errno.ENXIO, os.strerror(errno.ENXIO))
             if self.fails:
-                number = self.fails.pop(0)
-                raise OSError(number, os.strerror(number))
+                raise OSError(number := self.fails.pop(0), os.strerror(number))
             if message.flags & READ:
                 value = self.registers.get(self._pointer, 0)
                 ctypes.memmove(message.buf, value.to_bytes(2, "big"), message.len)
@@ -131,12 +128,11 @@ def test_a_register_is_read_with_a_repeated_start_and_written_in_one_message_hig
     assert kernel.transfers.pop() == [(0x00, READ, 1)]
 
 
-@pytest.mark.parametrize(
-    ("number", "fault", "message"),
-    [*((number, BusFault, "does not answer") for number in (errno.EREMOTEIO, errno.ENXIO, errno.EIO)),
-     *((number, BusTimeout, "holds up the bus") for number in (errno.ETIMEDOUT, errno.EAGAIN, errno.EBUSY)),
-     (errno.ENODEV, DeviceLost, "is gone")],
-)  # fmt: skip
+@pytest.mark.parametrize(("number", "fault", "message"), [
+    *((number, BusFault, "does not answer") for number in (errno.EREMOTEIO, errno.ENXIO, errno.EIO)),
+    *((number, BusTimeout, "holds up the bus") for number in (errno.ETIMEDOUT, errno.EAGAIN, errno.EBUSY)),
+    (errno.ENODEV, DeviceLost, "is gone"),
+])  # fmt: skip
 def test_what_the_kernel_says_of_a_transfer_has_a_name(kernel, bus, number, fault, message):
     kernel.fails = [number, number]
     for step in (lambda: bus.read(0), lambda: bus.write(0, 0)):
@@ -173,10 +169,8 @@ def test_a_bus_that_is_not_there_names_those_that_are(kernel, devices):
 
 
 def test_a_bus_that_may_not_be_opened_names_the_group(kernel, devices, monkeypatch):
-    def refuse(path, flags):
-        raise PermissionError(errno.EACCES, "Permission denied", path)
-
-    monkeypatch.setattr(smbus2.smbus2.os, "open", refuse)
+    refusal = PermissionError(errno.EACCES, "Permission denied")
+    monkeypatch.setattr(smbus2.smbus2.os, "open", lambda path, flags: (_ for _ in ()).throw(refusal))
     said = f"i2c-1 may not be opened by this user; add the user to the group {(devices / 'i2c-1').group()}."
     with pytest.raises(HardwareError, match=re.escape(said)):
         LinuxRegisterBus(1, 0x2A)

@@ -1,10 +1,9 @@
 """From scan to scan: baselines, δ, positions, and what happens to scans without values; on boards of known formula."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.localize_boards import FIELD, bells, board
+from support.refusals import refused
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.live_tracking import LiveTracker
@@ -55,9 +54,8 @@ def test_the_baseline_comes_first():
         assert deltas(reading) == [None] * 5
         assert (reading.location, reading.problem, reading.noise) == (None, "", None)
     reading = tracker.take(scan(9))
-    assert reading.waiting == 0
+    assert (reading.waiting, reading.location.verdict) == (0, "nothing pressed")
     np.testing.assert_allclose(deltas(reading), 0.0, atol=1e-15)
-    assert reading.location.verdict == "nothing pressed"
 
 
 def test_delta_and_position_are_those_of_the_library():
@@ -78,8 +76,7 @@ def test_noise_is_that_of_the_baseline_and_the_tables():
         reading = tracker.take(scan(number, noise=random))
     # 1e-6 of each scan, 1e-6/√200 of the baseline, 2e-6 of the table; 1000 values tell the first to 2 %
     assert reading.noise == pytest.approx(np.hypot(2e-6, 1e-6), rel=0.02)
-    assert reading.location is None
-    assert reading.problem == ""  # nobody asked
+    assert (reading.location, reading.problem) == (None, "")  # nobody asked
 
 
 def test_zero_anew():
@@ -115,11 +112,9 @@ def test_a_silent_coil_is_left_out():
 
 
 def test_too_few_coils_give_no_position():
-    reading = ready().take(scan(10, bad=NAMES[:3]))
-    assert reading.location is None
-    assert reading.problem == "2 states have a value that the table knows; 3 are needed"
-    reading = ready(names="abcde").take(scan(10, names="abcde"))
-    assert reading.problem.startswith("0 states have a value that the table knows")
+    reading, known = ready().take(scan(10, bad=NAMES[:3])), "states have a value that the table knows"
+    assert (reading.location, reading.problem) == (None, f"2 {known}; 3 are needed")
+    assert ready(names="abcde").take(scan(10, names="abcde")).problem.startswith(f"0 {known}")
 
 
 def test_a_wild_value_is_not_located():
@@ -149,14 +144,7 @@ def test_rate_and_lost_scans():
     assert (back.lost, back.rate) == (2, None)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"baseline_scans": 1}, "at least 2 scans; got 1"),
-        ({"noise": 0.0}, "noise must be positive and finite; got 0"),
-        ({"noise": float("nan")}, "noise must be positive and finite"),
-    ],
-)
-def test_bad_input(options, words):
-    with pytest.raises(HardwareError, match=words):
-        LiveTracker(MODEL, **options)
+def test_bad_input():
+    refused(HardwareError, "at least 2 scans; got 1", LiveTracker, MODEL, baseline_scans=1)
+    for noise in (0.0, float("nan")):
+        refused(HardwareError, f"noise must be positive and finite; got {noise:g}", LiveTracker, MODEL, noise=noise)

@@ -9,8 +9,6 @@
 | time                    | a clock that runs as long as it likes                                            |
 """
 
-from __future__ import annotations
-
 import itertools
 import random
 from contextlib import suppress
@@ -112,9 +110,8 @@ def test_a_scan_with_a_byte_dropped_repeated_or_swapped_is_no_scan():
     """The widths of the fields are fixed, so what the checksum let through the form would still refuse."""
     line = seal(SCAN)
     for place in range(len(line) - 1):
-        swapped = line[:place] + line[place + 1 : place + 2] + line[place : place + 1] + line[place + 2 :]
-        damages = [line[:place] + line[place + 1 :], line[:place] + line[place : place + 1] + line[place:]]
-        for damaged in [*damages, *([swapped] if swapped != line else [])]:
+        left, byte, following, right = line[:place], line[place : place + 1], line[place + 1 : place + 2], line[place:]
+        for damaged in {left + right[1:], left + byte + right, left + following + byte + right[2:]} - {line}:
             assert lines_of(damaged) == []
 
 
@@ -145,32 +142,25 @@ def test_any_scan_comes_back(numbers, samples):
     assert parse_message(text) == read_scan(text[1:].split(",")) == ScanMessage(*numbers, tuple(samples))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("H1234ABCD,000F4240,0000,u", Heartbeat(0x1234ABCD, 1_000_000, 0, Mode.UNCONFIGURED)),
-        ("H1234ABCD,000F4240,D9A4,s", Heartbeat(0x1234ABCD, 1_000_000, 0xD9A4, Mode.STREAMING)),
-        ("E2,D9A4,1234ABCD,reset", StreamEnd(StreamEndReason.CONVERTER_RESET, 0xD9A4, 0x1234ABCD, "reset")),
-        ("<FE,OK", Answer(0xFE, ())),
-        ("<FE,OK,5449", Answer(0xFE, ("5449",))),
-        ("<00,ERR,4,two coils on INA", Refusal(0, 4, "two coils on INA")),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("H1234ABCD,000F4240,0000,u", Heartbeat(0x1234ABCD, 1_000_000, 0, Mode.UNCONFIGURED)),
+    ("H1234ABCD,000F4240,D9A4,s", Heartbeat(0x1234ABCD, 1_000_000, 0xD9A4, Mode.STREAMING)),
+    ("E2,D9A4,1234ABCD,reset", StreamEnd(StreamEndReason.CONVERTER_RESET, 0xD9A4, 0x1234ABCD, "reset")),
+    ("<FE,OK", Answer(0xFE, ())),
+    ("<FE,OK,5449", Answer(0xFE, ("5449",))),
+    ("<00,ERR,4,two coils on INA", Refusal(0, 4, "two coils on INA")),
+])  # fmt: skip
 def test_other_messages_are_read(text, message):
     assert parse_message(text) == message
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "", "X00", ">00,STOP", "S", SCAN.lower(), SCAN.replace("S0", "S"), SCAN[:33], SCAN + ",",
-        *(SCAN.replace("!3", fault) for fault in ("!0", "!6", "!")), SCAN.replace(".1048", "."),
-        *(SCAN.replace("0179FFFF", word) for word in ("0179FFF", "0179 FFF", "+179FFFF")),
-        "H1234ABCD,000F4240,0000,x", "H1234ABCD,000F4240,0000", "H1234ABCD,000F4240,0000,u,1",
-        "E0,D9A4,1234ABCD,", "E5,D9A4,1234ABCD,", "E2,D9A4,1234ABCD",
-        "<00", "<0,OK", "<00,ok", "<00,ERR,4", "<00,ERR,4,a,b", "<00,ERR,44,a",
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("text", [
+    "", "X00", ">00,STOP", "S", SCAN.lower(), SCAN.replace("S0", "S"), SCAN[:33], SCAN + ",",
+    *(SCAN.replace("!3", fault) for fault in ("!0", "!6", "!")), SCAN.replace(".1048", "."),
+    *(SCAN.replace("0179FFFF", word) for word in ("0179FFF", "0179 FFF", "+179FFFF")), "H1234ABCD,000F4240,0000,x",
+    "H1234ABCD,000F4240,0000", "H1234ABCD,000F4240,0000,u,1", "E0,D9A4,1234ABCD,", "E5,D9A4,1234ABCD,",
+    "E2,D9A4,1234ABCD", "<00", "<0,OK", "<00,ok", "<00,ERR,4", "<00,ERR,4,a,b", "<00,ERR,44,a",
+])  # fmt: skip
 def test_another_form_is_refused(text):
     with pytest.raises(MessageError):
         parse_message(text)
@@ -186,9 +176,8 @@ HELLO = ["1.0", "XMC 2Go 1", "1234ABCD", "5449", "3055", "16", "8", "readback+fa
 
 
 def test_a_greeting_and_a_pong_are_read():
-    assert read_greeting(HELLO) == Greeting(
-        (1, 0), "XMC 2Go 1", 0x1234ABCD, 0x5449, 0x3055, 16, 8, frozenset({"readback", "fast"})
-    )
+    able = frozenset({"readback", "fast"})
+    assert read_greeting(HELLO) == Greeting((1, 0), "XMC 2Go 1", 0x1234ABCD, 0x5449, 0x3055, 16, 8, able)
     assert read_greeting([*HELLO[:7], "-", "later"]).capabilities == frozenset()
     assert read_pong(["1234ABCD", "000F4240", "i", "12"]) == Pong(0x1234ABCD, 1_000_000, Mode.IDLE, 12)
 
@@ -208,7 +197,7 @@ def test_a_pong_of_another_form_is_refused(fields):
 
 def told(settings):
     """Bytes of the hash as a board puts them together from the commands that it has heard."""
-    commands = [line.split(",") for line in (",".join(command) for command in draft_commands(settings))]
+    commands = [",".join(command).split(",") for command in draft_commands(settings)]
     of = {verb: [c[1:] for c in commands if c[0] == verb] for verb in {c[0] for c in commands}}
     ((devices, states),) = of["BEGIN"]
     assert [c[0] for c in (commands[0], commands[-1])] == ["BEGIN", "COMMIT"]
@@ -246,10 +235,8 @@ def test_time_is_unwrapped_over_pauses_of_any_length(start, steps, skew):
 
 def test_an_older_time_stays_older():
     clock = BoardTime()
-    assert clock.unwrap(2**32 - 10, 0.0) == 2**32 - 10
-    assert clock.unwrap(5, 0.1) == 2**32 + 5
-    assert clock.unwrap(2**32 - 20, 0.2) == 2**32 - 20
-    assert clock.unwrap(6, 0.3) == 2**32 + 6
+    assert (clock.unwrap(2**32 - 10, 0.0), clock.unwrap(5, 0.1)) == (2**32 - 10, 2**32 + 5)
+    assert (clock.unwrap(2**32 - 20, 0.2), clock.unwrap(6, 0.3)) == (2**32 - 20, 2**32 + 6)
 
 
 def scan_of(sequence, *, configuration=0xD9A4, states=2):
@@ -262,18 +249,14 @@ def gate():
 
 
 def test_scans_pass_once_and_in_order(gate):
-    passed = [
-        gate.passes(scan_of(s), t) for s, t in [(0, 100), (1, 200), (1, 200), (0, 100), (4, 500), (3, 600), (5, 700)]
-    ]
-    assert passed == [True, True, False, False, True, False, True]
+    came = [(0, 100), (1, 200), (1, 200), (0, 100), (4, 500), (3, 600), (5, 700)]
+    assert [gate.passes(scan_of(s), t) for s, t in came] == [True, True, False, False, True, False, True]
     assert gate.counts == GateCounts(passed=4, lost=2, repeated=2, stale=1)
 
 
 def test_scans_from_before_the_stream_and_of_another_number_of_states_do_not_pass(gate):
-    assert not gate.passes(scan_of(17, configuration=0x1111), 99)
-    assert gate.counts == GateCounts(stale=1)
-    assert not gate.passes(scan_of(0, states=3), 101)
-    assert gate.counts == GateCounts(stale=1, misfit=1)
+    assert (gate.passes(scan_of(17, configuration=0x1111), 99), gate.counts) == (False, GateCounts(stale=1))
+    assert (gate.passes(scan_of(0, states=3), 101), gate.counts) == (False, GateCounts(stale=1, misfit=1))
 
 
 def test_scans_of_other_settings_end_it(gate):

@@ -1,7 +1,5 @@
 """Readings: which words are a measurement, by the data sheet's rules written out once more, and its inductance."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -47,42 +45,36 @@ def test_verdict(code, flags, status):
     assert len(set(reasons)) == len(reasons)
 
 
-@pytest.mark.parametrize(
-    ("status", "verdict", "reason"),
-    [
-        (0x0048, "good", None), (0x2048, "bad", Reason.UNDER_RANGE), (0x1048, "bad", Reason.OVER_RANGE),
-        (0x0848, "bad", Reason.WATCHDOG), (0x0148, "bad", Reason.ZERO_COUNT),
-        (0x0448, "doubtful", Reason.AMPLITUDE_HIGH), (0x0248, "doubtful", Reason.AMPLITUDE_LOW),
-        *((status, "bad", Reason.NOT_READY) for status in (0x0040, 0x0008, 0x0000)),
-        *((status, "bad", Reason.ANOTHER_CHANNEL) for status in (0x4048, 0x004C, 0x0049)),
-        *((status, "bad", Reason.IMPOSSIBLE) for status in (0x00C8, 0xFFFF)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("status", "verdict", "reason"), [
+    (0x0048, "good", None), (0x2048, "bad", Reason.UNDER_RANGE), (0x1048, "bad", Reason.OVER_RANGE),
+    (0x0848, "bad", Reason.WATCHDOG), (0x0148, "bad", Reason.ZERO_COUNT), (0x0448, "doubtful", Reason.AMPLITUDE_HIGH),
+    (0x0248, "doubtful", Reason.AMPLITUDE_LOW),
+    *((status, "bad", Reason.NOT_READY) for status in (0x0040, 0x0008, 0x0000)),
+    *((status, "bad", Reason.ANOTHER_CHANNEL) for status in (0x4048, 0x004C, 0x0049)),
+    *((status, "bad", Reason.IMPOSSIBLE) for status in (0x00C8, 0xFFFF)),
+])  # fmt: skip
 def test_status(status, verdict, reason):
     assert judge(RawSample(*LEGAL, status)) == (verdict, () if reason is None else (reason,))
 
 
-@pytest.mark.parametrize(
-    ("sample", "given", "verdict", "reasons"),
-    [
-        (_sample(0), {}, "bad", (Reason.UNDER_RANGE,)),
-        (_sample(1), {}, "good", ()),
-        (_sample(QUARTER - 1), {}, "good", ()),
-        (_sample(QUARTER), {}, "doubtful", (Reason.ABOVE_QUARTER,)),
-        (_sample(LARGEST_CODE - 1), {}, "doubtful", (Reason.ABOVE_QUARTER,)),
-        (_sample(LARGEST_CODE), {}, "bad", (Reason.OVER_RANGE,)),
-        (_sample(0, UNDER), {}, "bad", (Reason.UNDER_RANGE,)),
-        (_sample(5000, WATCHDOG | AMPLITUDE), {}, "bad", (Reason.WATCHDOG, Reason.AMPLITUDE)),
-        (_sample(5000, AMPLITUDE), {}, "doubtful", (Reason.AMPLITUDE,)),
-        (_sample(5000, AMPLITUDE, 0x0448), {}, "doubtful", (Reason.AMPLITUDE_HIGH,)),  # STATUS says which
-        # 0 and 0xFFFFFFF mark a range error even where ERROR_CONFIG asks for nothing
-        (_sample(0), {"error_config": 0}, "bad", (Reason.UNDER_RANGE,)),
-        (_sample(LARGEST_CODE), {"error_config": 0}, "bad", (Reason.OVER_RANGE,)),
-        # one step of OFFSET is 4096 codes
-        (_sample(QUARTER - 4097), {"offset": 1}, "good", ()),
-        (_sample(QUARTER - 4096), {"offset": 1}, "doubtful", (Reason.ABOVE_QUARTER,)),
-    ],
-)
+@pytest.mark.parametrize(("sample", "given", "verdict", "reasons"), [
+    (_sample(0), {}, "bad", (Reason.UNDER_RANGE,)),
+    (_sample(1), {}, "good", ()),
+    (_sample(QUARTER - 1), {}, "good", ()),
+    (_sample(QUARTER), {}, "doubtful", (Reason.ABOVE_QUARTER,)),
+    (_sample(LARGEST_CODE - 1), {}, "doubtful", (Reason.ABOVE_QUARTER,)),
+    (_sample(LARGEST_CODE), {}, "bad", (Reason.OVER_RANGE,)),
+    (_sample(0, UNDER), {}, "bad", (Reason.UNDER_RANGE,)),
+    (_sample(5000, WATCHDOG | AMPLITUDE), {}, "bad", (Reason.WATCHDOG, Reason.AMPLITUDE)),
+    (_sample(5000, AMPLITUDE), {}, "doubtful", (Reason.AMPLITUDE,)),
+    (_sample(5000, AMPLITUDE, 0x0448), {}, "doubtful", (Reason.AMPLITUDE_HIGH,)),  # STATUS says which
+    # 0 and 0xFFFFFFF mark a range error even where ERROR_CONFIG asks for nothing
+    (_sample(0), {"error_config": 0}, "bad", (Reason.UNDER_RANGE,)),
+    (_sample(LARGEST_CODE), {"error_config": 0}, "bad", (Reason.OVER_RANGE,)),
+    # one step of OFFSET is 4096 codes
+    (_sample(QUARTER - 4097), {"offset": 1}, "good", ()),
+    (_sample(QUARTER - 4096), {"offset": 1}, "doubtful", (Reason.ABOVE_QUARTER,)),
+])  # fmt: skip
 def test_codes_and_flags(sample, given, verdict, reasons):
     assert judge(sample, **given) == (verdict, reasons)
 
@@ -104,12 +96,11 @@ def test_faults_are_bad_whatever_the_words(fault):
     assert judge(RawSample(*LEGAL, READY, fault)) == ("bad", (Reason[fault.name],))
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [((0x10000, 0, READY), "msb must be 0 to 0xFFFF; got 0x10000"),
-     ((0, -1, READY), "lsb must be 0 to 0xFFFF; got -0x1"),
-     ((*LEGAL, 0x10000), "status must be 0 to 0xFFFF; got 0x10000")],
-)  # fmt: skip
+@pytest.mark.parametrize(("words", "message"), [
+    ((0x10000, 0, READY), "msb must be 0 to 0xFFFF; got 0x10000"),
+    ((0, -1, READY), "lsb must be 0 to 0xFFFF; got -0x1"),
+    ((*LEGAL, 0x10000), "status must be 0 to 0xFFFF; got 0x10000"),
+])  # fmt: skip
 def test_refused_words(words, message):
     with pytest.raises(HardwareError, match=message):
         judge(RawSample(*words))
@@ -137,9 +128,8 @@ def test_golden_reading():
     assert [state.name for state in reading.states] == list(WIRING.coils)
     assert reading.states[0].frequency == pytest.approx(2e6, abs=0.05)  # half a step of 0.0808 Hz
     assert reading.states[0].inductance == pytest.approx(52.77e-6, rel=1e-4)
-    assert (reading.verdict, reading.sequence, reading.time, reading.received, reading.boot) == (
-        "good", 7, 1.5, 1e9, 0xB007,
-    )  # fmt: skip
+    of_scan = reading.verdict, reading.sequence, reading.time, reading.received, reading.boot
+    assert of_scan == ("good", 7, 1.5, 1e9, 0xB007)
     assert set(reading.inductances) == set(WIRING.coils)
 
 
@@ -149,9 +139,8 @@ def test_golden_reading():
 )  # fmt: skip
 def test_inductance_there_and_back(L, capacitance, quality, offset, divider):
     """From L to the nearest code and back: half a step of the code, twice in L."""
-    settings = scan_settings(
-        WIRING, [ScanState("coil1", (("coil1", 1),))], frequency=8e6, offset=offset, fin_divider=divider
-    )
+    plan = [ScanState("coil1", (("coil1", 1),))]
+    settings = scan_settings(WIRING, plan, frequency=8e6, offset=offset, fin_divider=divider)
     f = oscillation_frequency(L, capacitance, quality)
     code = frequency_to_code(f, settings.reference, divider=divider, offset=offset)
     (state,) = read_scan(_scan([_sample(code)], settings), settings, capacitance, qualities=quality).states
@@ -165,10 +154,7 @@ def test_inductance_there_and_back(L, capacitance, quality, offset, divider):
     assert (state.verdict == "good") == (f / divider < settings.reference / 4)
 
 
-@given(
-    st.integers(0, 0xFFFF), st.integers(0, 0xFFFF), st.just(READY) | st.integers(0, 0xFFFF),
-    st.sampled_from(SampleFault),
-)  # fmt: skip
+@given(*[st.integers(0, 0xFFFF)] * 2, st.just(READY) | st.integers(0, 0xFFFF), st.sampled_from(SampleFault))
 def test_a_number_only_where_it_is_a_measurement(msb, lsb, status, fault):
     state = _one(RawSample(msb, lsb, status, fault))
     assert (state.frequency is None) == (state.inductance is None) == (state.verdict == "bad")
@@ -177,40 +163,34 @@ def test_a_number_only_where_it_is_a_measurement(msb, lsb, status, fault):
         assert state.verdict == "bad"
 
 
-@pytest.mark.parametrize(
-    ("sample", "verdict", "reason"),
-    [
-        (RawSample(0, 0, 0, SampleFault.BUS_TIMEOUT), "bad", Reason.BUS_TIMEOUT),
-        (RawSample(0x2000, 0, 0x0848), "bad", Reason.WATCHDOG),
-        (RawSample(0x1179, 0x82F3, 0x0248), "doubtful", Reason.AMPLITUDE_LOW),
-        (RawSample(0x0400, 0x0000, READY), "doubtful", Reason.ABOVE_QUARTER),
-        (RawSample(0x0FFF, 0xFFFF, READY), "bad", Reason.OVER_RANGE),
-        # 0x3000 at 21.7 MHz is 993 Hz, 0x8000000 is 10.85 MHz: no sensor of this converter
-        (RawSample(0x0000, 0x3000, READY), "bad", Reason.NO_SENSOR),
-        (RawSample(0x0800, 0x0000, READY), "bad", Reason.NO_SENSOR),
-    ],
-)
+@pytest.mark.parametrize(("sample", "verdict", "reason"), [
+    (RawSample(0, 0, 0, SampleFault.BUS_TIMEOUT), "bad", Reason.BUS_TIMEOUT),
+    (RawSample(0x2000, 0, 0x0848), "bad", Reason.WATCHDOG),
+    (RawSample(0x1179, 0x82F3, 0x0248), "doubtful", Reason.AMPLITUDE_LOW),
+    (RawSample(0x0400, 0x0000, READY), "doubtful", Reason.ABOVE_QUARTER),
+    (RawSample(0x0FFF, 0xFFFF, READY), "bad", Reason.OVER_RANGE),
+    # 0x3000 at 21.7 MHz is 993 Hz, 0x8000000 is 10.85 MHz: no sensor of this converter
+    (RawSample(0x0000, 0x3000, READY), "bad", Reason.NO_SENSOR),
+    (RawSample(0x0800, 0x0000, READY), "bad", Reason.NO_SENSOR),
+])  # fmt: skip
 def test_verdicts(sample, verdict, reason):
     state = _one(sample)
     assert (state.verdict, reason in state.reasons) == (verdict, True)
     mixed = read_scan(_scan([GOOD, sample, *[GOOD] * 4]), SETTINGS, C)
-    assert mixed.verdict == verdict
-    assert mixed.states[0].verdict == "good"
+    assert (mixed.verdict, mixed.states[0].verdict) == (verdict, "good")
     assert ("coil2" in mixed.inductances) == (verdict != "bad")
 
 
 def test_capacitances_and_qualities_by_name():
     capacitances = {coil: (100 + k) * 1e-12 for k, coil in enumerate(WIRING.coils)}
     qualities = {coil: 20.0 + k for k, coil in enumerate(WIRING.coils)}
-    states = read_scan(_scan([GOOD] * 6), SETTINGS, capacitances, qualities=qualities).states
-    for state in states:
+    for state in read_scan(_scan([GOOD] * 6), SETTINGS, capacitances, qualities=qualities).states:
         f = oscillation_frequency(state.inductance, capacitances[state.name], qualities[state.name])
         assert f == pytest.approx(state.frequency, rel=1e-13)  # rounding
 
 
 def test_least_quality_has_an_inductance_up_to_the_highest_frequency():
-    code = frequency_to_code(9.99e6, ONE.reference)
-    state = _one(_sample(code), qualities=2.0)
+    state = _one(_sample(frequency_to_code(9.99e6, ONE.reference)), qualities=2.0)
     assert oscillation_frequency(state.inductance, C, 2.0) == pytest.approx(9.99e6, rel=1e-7)  # a step is 8e-9
 
 
@@ -221,23 +201,20 @@ def test_a_better_clock():
     assert better.inductance == pytest.approx(plain.inductance / 1.01**2, rel=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("change", "given", "message"),
-    [
-        ({"configuration": SETTINGS.hash ^ 1}, {}, "scan 7 was measured with other settings, [0-9A-F]{4}; these are"),
-        ({"samples": (GOOD,) * 5}, {}, "scan 7 must have 6 states; got 5"),
-        ({"samples": (GOOD,) * 7}, {}, "scan 7 must have 6 states; got 7"),
-        ({"samples": (RawSample(0x10000, 0, READY),) * 6}, {}, "msb must be 0 to 0xFFFF; got 0x10000"),
-        ({}, {"capacitances": {"coil1": C}}, "the capacitance of coil2 must be given"),
-        ({}, {"capacitances": 0.0}, "the capacitance of coil1 must be positive and finite; got 0.0 F"),
-        ({}, {"capacitances": math.nan}, "the capacitance of coil1 must be positive and finite; got nan F"),
-        ({}, {"qualities": {"coil1": 20.0}}, "the quality factor of coil2 must be given"),
-        ({}, {"qualities": 1.9}, "the quality factor of coil1 must be at least 2; got 1.9"),
-        ({}, {"qualities": math.nan}, "the quality factor of coil1 must be at least 2; got nan"),
-        ({}, {"clock": 0.0}, "clock must be positive and finite; got 0.0 Hz"),
-        ({}, {"clock": math.inf}, "clock must be positive and finite; got inf Hz"),
-    ],
-)
+@pytest.mark.parametrize(("change", "given", "message"), [
+    ({"configuration": SETTINGS.hash ^ 1}, {}, "scan 7 was measured with other settings, [0-9A-F]{4}; these are"),
+    ({"samples": (GOOD,) * 5}, {}, "scan 7 must have 6 states; got 5"),
+    ({"samples": (GOOD,) * 7}, {}, "scan 7 must have 6 states; got 7"),
+    ({"samples": (RawSample(0x10000, 0, READY),) * 6}, {}, "msb must be 0 to 0xFFFF; got 0x10000"),
+    ({}, {"capacitances": {"coil1": C}}, "the capacitance of coil2 must be given"),
+    ({}, {"capacitances": 0.0}, "the capacitance of coil1 must be positive and finite; got 0.0 F"),
+    ({}, {"capacitances": math.nan}, "the capacitance of coil1 must be positive and finite; got nan F"),
+    ({}, {"qualities": {"coil1": 20.0}}, "the quality factor of coil2 must be given"),
+    ({}, {"qualities": 1.9}, "the quality factor of coil1 must be at least 2; got 1.9"),
+    ({}, {"qualities": math.nan}, "the quality factor of coil1 must be at least 2; got nan"),
+    ({}, {"clock": 0.0}, "clock must be positive and finite; got 0.0 Hz"),
+    ({}, {"clock": math.inf}, "clock must be positive and finite; got inf Hz"),
+])  # fmt: skip
 def test_refused(change, given, message):
     with pytest.raises(HardwareError, match=message):
         read_scan(replace(_scan([GOOD] * 6), **change), SETTINGS, **{"capacitances": C, **given})

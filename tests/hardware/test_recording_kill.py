@@ -4,8 +4,6 @@ A campaign on an emulated board in virtual time runs in a process of its own, wh
 the board returned, before it is recorded. The processes are forked from one that has imported everything.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import select
@@ -85,9 +83,8 @@ class Runner:
     """Runs campaigns in processes of their own, one at a time."""
 
     def __init__(self, folder):
-        script = folder / "runner.py"
-        script.write_text(SCRIPT)
-        program = [sys.executable, str(script), os.path.dirname(os.path.dirname(__file__))]
+        (folder / "runner.py").write_text(SCRIPT)
+        program = [sys.executable, folder / "runner.py", os.path.dirname(os.path.dirname(__file__))]
         pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
         self.process = subprocess.Popen(program, bufsize=0, env=environment, **pipes)
@@ -133,9 +130,7 @@ def delta_of(path):
 def test_killed_thirty_times_and_resumed(tmp_path, runner):
     whole = tmp_path / "whole.sqlite"
     assert runner.run(whole) == "." * (2 * CAMPAIGN.size) + "done"
-    chance = random.Random(8)
-    path = tmp_path / "run.sqlite"
-    before = 0
+    chance, path, before = random.Random(8), tmp_path / "run.sqlite", 0
     for _ in range(KILLS):  # up to 7 scans, and those of 12 ms: all of them take less than the whole campaign
         reported = runner.run(path, kill=(chance.randint(0, 7), chance.uniform(0.0, 12e-3)))
         assert set(reported) <= {"."}

@@ -1,7 +1,5 @@
 """Serial ports: choosing among made-up lists, opening, and losing a pseudo-terminal in every way it can be lost."""
 
-from __future__ import annotations
-
 import os
 import struct
 import threading
@@ -21,13 +19,11 @@ from coilarray.hardware.wire.serial_ports import choose_serial_port, list_serial
 
 comports = pytest.importorskip("serial.tools.list_ports")
 serial = pytest.importorskip("serial")
-needs_pty = pytest.mark.skipif(not hasattr(os, "openpty"), reason="this system has no pseudo-terminals")
 
 
 def entry(name, vid=None, serial_number=None, description=None):
-    return SimpleNamespace(
-        device=name, vid=vid, pid=None if vid is None else 0x0105, serial_number=serial_number, description=description
-    )
+    pid = None if vid is None else 0x0105
+    return SimpleNamespace(device=name, vid=vid, pid=pid, serial_number=serial_number, description=description)
 
 
 @pytest.fixture
@@ -41,8 +37,7 @@ def ports(monkeypatch):
 @pytest.fixture
 def terminal():
     """Both ends of a pseudo-terminal and the name of the far one."""
-    import tty  # not on Windows
-
+    tty = pytest.importorskip("tty")  # not on Windows
     near, far = os.openpty()
     tty.setraw(far)
     ends = SimpleNamespace(near=near, far=far, name=os.ttyname(far))
@@ -86,18 +81,15 @@ def test_the_only_known_board_is_chosen_or_a_serial_number_whatever_the_name(por
     assert choose_serial_port("/dev/pts/7").serial_number == ""
 
 
-@pytest.mark.parametrize(
-    ("name", "entries", "message"),
-    [
-        (None, [], r"a port of a known board is needed, but there is none: no serial port at all\."),
-        (None, [entry("COM1", description="n/a")], r"there is none: COM1 \(n/a\)\."),
-        (None, [entry("COM1", 0x1366, "1", "a"), entry("COM2", 0x1366, "2", "b")], r"there are 2: COM1 .*, COM2 .*\."),
-        ("usb:7", [entry("COM1", 0x1366, "1", "a")], "the USB serial number '7' is needed, but there is none: COM1"),
-        ("usb:", [entry("COM1", 0x1366, None, "a")], "the USB serial number '' is needed, but there is none"),
-        ("usb:0", [entry("COM1", 0x1366, "0", "a")], "the USB serial number '0' is needed, but there is none"),
-        ("usb:1", [entry("COM1", 0x1366, "1", "a"), entry("COM2", 0x1366, "01", "b")], "there are 2: COM1 .*, COM2"),
-    ],
-)
+@pytest.mark.parametrize(("name", "entries", "message"), [
+    (None, [], r"a port of a known board is needed, but there is none: no serial port at all\."),
+    (None, [entry("COM1", description="n/a")], r"there is none: COM1 \(n/a\)\."),
+    (None, [entry("COM1", 0x1366, "1", "a"), entry("COM2", 0x1366, "2", "b")], r"there are 2: COM1 .*, COM2 .*\."),
+    ("usb:7", [entry("COM1", 0x1366, "1", "a")], "the USB serial number '7' is needed, but there is none: COM1"),
+    ("usb:", [entry("COM1", 0x1366, None, "a")], "the USB serial number '' is needed, but there is none"),
+    ("usb:0", [entry("COM1", 0x1366, "0", "a")], "the USB serial number '0' is needed, but there is none"),
+    ("usb:1", [entry("COM1", 0x1366, "1", "a"), entry("COM2", 0x1366, "01", "b")], "there are 2: COM1 .*, COM2"),
+])  # fmt: skip
 def test_an_unclear_choice_lists_what_there_is(ports, name, entries, message):
     ports += entries
     with pytest.raises(HardwareError, match=message):
@@ -123,15 +115,12 @@ def test_a_port_that_is_not_there_and_a_file(tmp_path):
         open_serial_port(str(tmp_path / "file"))
 
 
-@pytest.mark.parametrize(
-    ("error", "message"),
-    [
-        (PermissionError(13, "Permission denied"), "group dialout"),
-        (OSError(16, "Device or resource busy"), "is used by another program"),
-        (ValueError("Not a valid baudrate: -1"), "cannot be opened: Not a valid baudrate"),
-        (OSError(5, "Input/output error"), "cannot be opened: .*Input/output"),
-    ],
-)
+@pytest.mark.parametrize(("error", "message"), [
+    (PermissionError(13, "Permission denied"), "group dialout"),
+    (OSError(16, "Device or resource busy"), "is used by another program"),
+    (ValueError("Not a valid baudrate: -1"), "cannot be opened: Not a valid baudrate"),
+    (OSError(5, "Input/output error"), "cannot be opened: .*Input/output"),
+])  # fmt: skip
 def test_reasons_of_the_system_are_told(monkeypatch, error, message):
     def refused(*_, **__):
         if isinstance(error, OSError):
@@ -148,7 +137,6 @@ def port(terminal):
     return open_serial_port(terminal.name)
 
 
-@needs_pty
 def test_a_port_is_opened_once(terminal, port):
     with pytest.raises(HardwareError, match="is used by another program"):
         open_serial_port(terminal.name)
@@ -156,7 +144,6 @@ def test_a_port_is_opened_once(terminal, port):
     open_serial_port(terminal.name).close()
 
 
-@needs_pty
 def test_bytes_go_both_ways_and_old_ones_are_thrown_away(terminal):
     send(terminal, b"old")
     port = open_serial_port(terminal.name)
@@ -168,7 +155,6 @@ def test_bytes_go_both_ways_and_old_ones_are_thrown_away(terminal):
     assert port.name == terminal.name
 
 
-@needs_pty
 def test_a_read_is_bounded_in_time_and_size(terminal, port):
     with lasting(1.0):
         assert port.read(10.0) == b""  # returns to be asked again
@@ -177,7 +163,6 @@ def test_a_read_is_bounded_in_time_and_size(terminal, port):
     assert 0 < len(port.read(1.0)) <= 4096
 
 
-@needs_pty
 def test_a_port_that_takes_no_bytes_does_not_block(terminal, monkeypatch):
     monkeypatch.setattr(serial_ports, "_WRITE_TIMEOUT", 0.05)
     port = open_serial_port(terminal.name)
@@ -185,20 +170,16 @@ def test_a_port_that_takes_no_bytes_does_not_block(terminal, monkeypatch):
         port.write(b"x" * 1_000_000)
 
 
-@needs_pty
-@pytest.mark.parametrize(
-    "call", [lambda port: port.read(0.1), lambda port: port.read(0.0), lambda port: port.write(b"x")]
-)
-def test_a_port_that_is_unplugged_is_lost(terminal, port, call):
+@pytest.mark.parametrize(("call", "argument"), [("read", 0.1), ("read", 0.0), ("write", b"x")])
+def test_a_port_that_is_unplugged_is_lost(terminal, port, call, argument):
     unplugged(terminal)
     for _ in range(3):
         with pytest.raises(DeviceLost, match=f"{terminal.name} is gone"):
-            call(port)
+            getattr(port, call)(argument)
     port.close()
     port.close()
 
 
-@needs_pty
 def test_a_port_that_is_unplugged_while_it_is_read_is_lost(terminal, port):
     timer = threading.Timer(0.05, unplugged, [terminal])
     timer.start()
@@ -215,7 +196,6 @@ def test_a_port_that_is_unplugged_while_it_is_read_is_lost(terminal, port):
         timer.join()  # the near end is closed before the far one, and the fixture closes what is left
 
 
-@needs_pty
 def test_a_closed_port_is_lost(port):
     port.close()
     for call in (lambda: port.read(0.0), lambda: port.write(b"x")):
@@ -223,7 +203,6 @@ def test_a_closed_port_is_lost(port):
             call()
 
 
-@needs_pty
 @pytest.mark.parametrize("error", [OSError(5, "EIO"), serial.SerialException("gone"), TypeError("closed"), "termios"])
 def test_whatever_the_system_calls_it_is_one_loss(terminal, port, monkeypatch, error):
     if error == "termios":
@@ -244,7 +223,6 @@ SHORT = LinkTimes(reply=0.05, opening=0.1)
 
 
 @pytest.mark.slow
-@needs_pty
 def test_opening_a_board_tries_its_rates_and_lets_go_of_the_port(terminal, ports):
     with pytest.raises(NoAnswer, match=r"did not answer STOP in 3 attempts; tried 115200, 9600 baud\."):
         open_microcontroller(terminal.name, bauds=(115200, 9600), times=SHORT)
@@ -252,7 +230,6 @@ def test_opening_a_board_tries_its_rates_and_lets_go_of_the_port(terminal, ports
 
 
 @pytest.mark.slow
-@needs_pty
 def test_another_device_is_no_board(terminal, ports):
     stop = threading.Event()
 

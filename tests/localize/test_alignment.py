@@ -1,7 +1,5 @@
 """Scale and shift of one map onto another: found again where they are known, told with the right uncertainty."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -14,9 +12,8 @@ from coilarray.localize.alignment import align, inside, values_at
 from coilarray.localize.forward import forward_model
 
 SHIFT = (2e-3, 2e-3)
-WIDE = response(
-    lambda points: bells(points, ROW[:1]), ["coil1"], *(np.arange(-20e-3, 20.1e-3, 1e-3) + at for at in ROW[0]), [1e-3]
-)
+AXES = (np.arange(-20e-3, 20.1e-3, 1e-3) + at for at in ROW[0])
+WIDE = response(lambda points: bells(points, ROW[:1]), ["coil1"], *AXES, [1e-3])
 MODEL = forward_model(WIDE)
 
 
@@ -84,8 +81,7 @@ def test_a_shift_beyond_the_reach_is_told():
 def test_nothing_is_extrapolated():
     places = grid(half=19e-3)
     found = align(MODEL, places, moved(places, (1e-3, 0.0)), largest_shift=(1.5e-3, 0.0))
-    far = np.abs(places[:, 0] - ROW[0][0])
-    np.testing.assert_array_equal(found.used, far <= 18.5e-3)
+    np.testing.assert_array_equal(found.used, np.abs(places[:, 0] - ROW[0][0]) <= 18.5e-3)
     assert np.isnan(found.shift[1])  # its reach is 0
     assert found.shift[0] == pytest.approx(1e-3, abs=2e-6)
 
@@ -107,8 +103,7 @@ def test_a_shift_that_the_noise_hides_is_not_told():
 
 
 def test_flat_maps_tell_nothing():
-    flat = forward_model(WIDE.assign(delta=0 * WIDE.delta))
-    found = align(flat, GRID, moved(GRID), largest_shift=SHIFT)
+    found = align(forward_model(WIDE.assign(delta=0 * WIDE.delta)), GRID, moved(GRID), largest_shift=SHIFT)
     assert np.isnan([found.scale, found.scale_std, *found.shift, *found.shift_std]).all()
     zero = align(MODEL, GRID, np.zeros(len(GRID)), largest_shift=SHIFT)
     assert zero.scale == 0
@@ -131,19 +126,16 @@ def test_a_place_on_the_edge_but_for_rounding_is_inside():
 BOTH = forward_model(xr.concat([WIDE, WIDE.assign_coords(state=["b"])], "state"))
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"places": np.zeros((3, 2))}, "places must have shape"),
-        ({"measured": np.zeros(4)}, "places must have shape"),
-        ({"measured": np.full(121, np.nan)}, "must be finite"),
-        ({"largest_shift": (-1e-3, 0.0)}, "largest_shift must be two lengths"),
-        ({"largest_shift": (np.inf, 0.0)}, "largest_shift must be two lengths"),
-        ({"noise": np.ones(3)}, "noise must be one number or one for each place"),
-        ({"noise": -1e-5}, "noise must be finite and not negative"),
-        ({"model": BOTH}, "by one state; the model has coil1, b"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"places": np.zeros((3, 2))}, "places must have shape"),
+    ({"measured": np.zeros(4)}, "places must have shape"),
+    ({"measured": np.full(121, np.nan)}, "must be finite"),
+    ({"largest_shift": (-1e-3, 0.0)}, "largest_shift must be two lengths"),
+    ({"largest_shift": (np.inf, 0.0)}, "largest_shift must be two lengths"),
+    ({"noise": np.ones(3)}, "noise must be one number or one for each place"),
+    ({"noise": -1e-5}, "noise must be finite and not negative"),
+    ({"model": BOTH}, "by one state; the model has coil1, b"),
+])  # fmt: skip
 def test_bad_input(changes, words):
     values = {"model": MODEL, "places": GRID, "measured": np.zeros(121), "largest_shift": SHIFT, "noise": 1e-5}
     with pytest.raises(LocalizeError, match=words):

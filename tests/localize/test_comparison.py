@@ -1,7 +1,5 @@
 """Measured beside simulated response: what is known to differ is found, what is the same is said to be the same."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -18,26 +16,19 @@ from coilarray.localize.published import published_map
 pytestmark = pytest.mark.slow
 
 STATES = ["coil1", "coil2", "coil3"]
-CENTRES = ROW[:3]
 NOISE = 1e-5
 FIGURES = ("scale", "rms_before", "rms_after", "correlation_before", "correlation_after")
-
-
-def hills(points):
-    return bells(points, CENTRES, peak=1.2e-3)
 
 
 def world(scale=1.0, shift=(0.0, 0.0), x=26e-3, y=8e-3, step=2e-3, depth=(1e-3,), states=STATES):
     """Response of the bells, scaled and shifted."""
     axes = (np.arange(-reach, reach + step / 2, step) for reach in (x, y))
-    return response(
-        lambda points: scale * hills(points - [*shift, 0.0])[..., : len(states)], states, *axes, list(depth)
-    )
+    hills = lambda points: scale * bells(points - [*shift, 0.0], ROW[:3], peak=1.2e-3)  # noqa: E731
+    return response(lambda points: hills(points)[..., : len(states)], states, *axes, list(depth))
 
 
 def noisy(dataset, seed=0, noise=NOISE):
-    random = np.random.default_rng(seed)
-    delta = dataset.delta + noise * random.standard_normal(dataset.delta.shape)
+    delta = dataset.delta + noise * np.random.default_rng(seed).standard_normal(dataset.delta.shape)
     return dataset.assign(delta=delta, delta_std=xr.full_like(dataset.delta, noise))
 
 
@@ -155,8 +146,7 @@ def test_states_that_one_alone_has_are_named():
 def test_every_depth_has_its_own_figures():
     depths = [0.5e-3, 1e-3, 1.5e-3]
     simulated = world(depth=[0.5e-3, 0.75e-3, 1e-3, 1.25e-3])
-    measured = world(1.2, depth=depths)
-    found = compared(measured, simulated)
+    found = compared(world(1.2, depth=depths), simulated)
     assert found.depth.values.tolist() == depths[:2]
     assert found.attrs["depths_left_out"] == "0.0015"
     assert found.scale.shape == (2, 3)
@@ -209,8 +199,7 @@ def test_noise_that_some_positions_do_not_tell_is_that_of_the_others():
 
 def test_inductances_stand_beside_each_other():
     first = world().assign(base_inductance=("state", [1e-6, 2e-6, 3e-6]))
-    second = world().isel(state=[1, 2]).assign(base_inductance=("state", [4e-6, 5e-6]))
-    found = compared(first, second)
+    found = compared(first, world().isel(state=[1, 2]).assign(base_inductance=("state", [4e-6, 5e-6])))
     np.testing.assert_allclose(found.base_inductance, [[2e-6, 3e-6], [4e-6, 5e-6]])
     assert "base_inductance" not in compared(first, world())
 
@@ -223,26 +212,23 @@ def test_a_comparison_goes_through_a_file_and_tells_its_progress(tmp_path):
     assert told == [(1, 2), (2, 2)]
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda m, s: (m.drop_vars("delta"), s), "a measured response must have delta"),
-        (lambda m, s: (m.isel(depth=0), s), "a measured response must have delta"),
-        (lambda m, s: (m.drop_vars("x"), s), "a measured response must have delta"),
-        (lambda m, s: (m.assign(delta=m.delta / 0.0), s), "must not be infinite"),
-        (lambda m, s: (m.assign_coords(state=["a", "a", "b"]), s), "must have different names; got a, a, b"),
-        (lambda m, s: (m.isel(x=slice(None, None, -1)), s), "x of a measured response must be finite and rise"),
-        (lambda m, s: (m.isel(x=slice(0, 0)), s), "a measured response must have at least 1 positions along x; got 0"),
-        (lambda m, s: (m, s.drop_vars("delta")), "a response must have the variable delta"),
-        (lambda m, s: (m, s.drop_vars("state")), "a simulated response must have the coordinate state"),
-        (lambda m, s: (m, s.isel(x=slice(3))), "at least 4 positions along x"),
-        (lambda m, s: (m, s.assign(delta=s.delta * np.nan)), "delta of a response must be finite"),
-        (lambda m, s: (m.assign(delta_std=m.delta * 0 - 1), s), "delta_std of the measured response must be finite"),
-        (lambda m, s: (m, s.assign(delta_std=s.delta / 0.0)), "delta_std of the simulated response must be finite"),
-        (lambda m, s: (m.assign(delta_std=("coil", [1.0])), s), "delta_std of the measured response must be over"),
-        (lambda m, s: (m.assign_coords(x=m.x + 1.0), s), "no measured position is in the simulated map"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda m, s: (m.drop_vars("delta"), s), "a measured response must have delta"),
+    (lambda m, s: (m.isel(depth=0), s), "a measured response must have delta"),
+    (lambda m, s: (m.drop_vars("x"), s), "a measured response must have delta"),
+    (lambda m, s: (m.assign(delta=m.delta / 0.0), s), "must not be infinite"),
+    (lambda m, s: (m.assign_coords(state=["a", "a", "b"]), s), "must have different names; got a, a, b"),
+    (lambda m, s: (m.isel(x=slice(None, None, -1)), s), "x of a measured response must be finite and rise"),
+    (lambda m, s: (m.isel(x=slice(0, 0)), s), "a measured response must have at least 1 positions along x; got 0"),
+    (lambda m, s: (m, s.drop_vars("delta")), "a response must have the variable delta"),
+    (lambda m, s: (m, s.drop_vars("state")), "a simulated response must have the coordinate state"),
+    (lambda m, s: (m, s.isel(x=slice(3))), "at least 4 positions along x"),
+    (lambda m, s: (m, s.assign(delta=s.delta * np.nan)), "delta of a response must be finite"),
+    (lambda m, s: (m.assign(delta_std=m.delta * 0 - 1), s), "delta_std of the measured response must be finite"),
+    (lambda m, s: (m, s.assign(delta_std=s.delta / 0.0)), "delta_std of the simulated response must be finite"),
+    (lambda m, s: (m.assign(delta_std=("coil", [1.0])), s), "delta_std of the measured response must be over"),
+    (lambda m, s: (m.assign_coords(x=m.x + 1.0), s), "no measured position is in the simulated map"),
+])  # fmt: skip
 @pytest.mark.filterwarnings("ignore:divide by zero", "ignore:invalid value")
 def test_bad_responses(change, words):
     with pytest.raises(LocalizeError, match=words):
@@ -250,8 +236,6 @@ def test_bad_responses(change, words):
 
 
 def test_bad_options():
-    for shift in (-1e-3, np.nan):
-        with pytest.raises(LocalizeError, match="largest_shift must be finite and not negative"):
-            compared(NARROW, NARROW, largest_shift=shift)
-    with pytest.raises(LocalizeError, match="replicates must not be negative"):
-        compared(NARROW, NARROW, replicates=-1)
+    for name, value in (("largest_shift", -1e-3), ("largest_shift", np.nan), ("replicates", -1)):
+        with pytest.raises(LocalizeError, match=f"{name} must (be finite and )?not( be)? negative"):
+            compared(NARROW, NARROW, **{name: value})

@@ -4,8 +4,6 @@ Who checks whom: the effects of single neighbours add up to that of all; opened 
 the published ellipses come back from a map made of them; a calibration finds the values a map was made with.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
@@ -50,9 +48,8 @@ def test_neighbours_move_x0_by_little(split):
 
 
 def test_opened_neighbours_leave_the_centre(split):
-    opened = split.x0.sel(neighbours="open")
     # 0.02 mm: the refined map's step of 0.1 mm, and one half turn of the winding
-    assert (opened - split.centre).values == pytest.approx(0, abs=0.02e-3)
+    assert (split.x0.sel(neighbours="open") - split.centre).values == pytest.approx(0, abs=0.02e-3)
 
 
 def test_nothing_explains_the_published_x0(split):
@@ -97,9 +94,7 @@ def test_calibration_finds_what_a_map_was_made_with(monkeypatch):
     assert float(found.result.misfit_after) < float(found.result.misfit_before)
     assert not found.result.at_bound.values.any()
     assert np.diag(found.result.correlation) == pytest.approx(np.ones(2))
-    low, high = found.result.low.values, found.result.high.values
-    assert (low < value).all()
-    assert (value < high).all()
+    assert ((found.result.low.values < value) & (value < found.result.high.values)).all()
     assert found.design.sheets[1].relative_permeability == pytest.approx(value[1])
 
 
@@ -111,8 +106,7 @@ def test_calibration_marks_bounds(monkeypatch):
 
 def test_values_enter_the_design():
     material = {"poissons_ratio": 0.45, "modulus_ratio": 2.0, "relative_permeability": 3.0}
-    values = {**material, "depth_error": 1e-4, "tilt": 0.002}
-    design, given = apply(PAPER, values, "frictionless")
+    design, given = apply(PAPER, {**material, "depth_error": 1e-4, "tilt": 0.002}, "frictionless")
     assert [sheet.poissons_ratio for sheet in design.sheets] == [0.45, 0.45]
     assert design.sheets[1].youngs_modulus == 2 * design.sheets[0].youngs_modulus
     assert (design.sheets[0].relative_permeability, design.sheets[1].relative_permeability) == (1.0, 3.0)
@@ -120,18 +114,15 @@ def test_values_enter_the_design():
     assert given == Imperfections(tilt=(0.002, 0.0), depth_error=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"unknowns": [Unknown("x0", "m", 0, -1, 1)]}, "one of depth_error"),
-        ({"unknowns": [Unknown("tilt", "1", 2, -1, 1)]}, "between its bounds"),
-        ({"unknowns": []}, "at least one unknown"),
-        ({"states": ("coil5",)}, "published"),
-        ({"base": "glued"}, "bonded or frictionless"),
-        ({"design": replace(PAPER, indentation=None)}, r"no \[indenter\]"),
-        ({"design": replace(PAPER, sheets=PAPER.sheets[:1])}, "exactly one magnetic sheet"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"unknowns": [Unknown("x0", "m", 0, -1, 1)]}, "one of depth_error"),
+    ({"unknowns": [Unknown("tilt", "1", 2, -1, 1)]}, "between its bounds"),
+    ({"unknowns": []}, "at least one unknown"),
+    ({"states": ("coil5",)}, "published"),
+    ({"base": "glued"}, "bonded or frictionless"),
+    ({"design": replace(PAPER, indentation=None)}, r"no \[indenter\]"),
+    ({"design": replace(PAPER, sheets=PAPER.sheets[:1])}, "exactly one magnetic sheet"),
+])  # fmt: skip
 def test_bad_input_of_the_calibration(arguments, message):
     with pytest.raises((LocalizeError, ElastomerError), match=message):
         calibrate(**{"design": PAPER, "states": ("coil2",), "unknowns": UNKNOWNS, **arguments})

@@ -4,8 +4,6 @@ Who checks whom: splines against polynomials that they hold exactly and against 
 order of the error; derivatives against differences; tables against the response map's own grid.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -35,7 +33,7 @@ def inside(model, count, seed=0):
     return np.random.default_rng(seed).uniform(model.lower, model.upper, (count, 3))
 
 
-TABLE = board(FIELD, 2e-3)
+TABLE, GOOD = board(FIELD, 2e-3), board(FIELD, 4e-3)
 MODEL = forward_model(TABLE)
 
 
@@ -77,8 +75,7 @@ def test_nodes_are_kept():
     points = np.stack(np.meshgrid(TABLE.depth, TABLE.y, TABLE.x, indexing="ij")[::-1], axis=-1)
     # rounding of δ of 1e-2
     assert MODEL.delta(points) == pytest.approx(TABLE.delta.values, abs=1e-16)
-    turned = forward_model(TABLE.transpose("state", "x", "depth", "y"))
-    assert (turned.delta(points) == MODEL.delta(points)).all()
+    assert (forward_model(TABLE.transpose("state", "x", "depth", "y")).delta(points) == MODEL.delta(points)).all()
 
 
 def test_error_falls_with_the_fourth_power_of_the_spacing():
@@ -117,48 +114,32 @@ def test_some_states():
         assert checked_noise(MODEL, noise).tolist() == [2e-5] * 5
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: MODEL.select(["coil9"]), r"no state 'coil9'; there are coil1, coil2"),
-        (lambda: MODEL.select([]), r"named once each"),
-        (lambda: MODEL.select(["coil1", "coil1"]), r"named once each"),
-        (lambda: MODEL.delta([[0, 0, 1e-3], [0, 0.02, 1e-3]]), r"y of a point .* -0\.01 to 0\.01 m; got 0\.02 m"),
-        (lambda: MODEL.jacobian([0, 0, 5e-3]), r"depth of a point"),
-        (lambda: MODEL.delta([np.nan, 0, 1e-3]), r"x of a point"),
-        (lambda: MODEL.delta(1.0), r"last axis; got shape"),
-        (lambda: MODEL.delta([1.0, 2.0]), r"last axis; got shape"),
-        *[(lambda bad=bad: checked_noise(MODEL, bad), r"noise must be positive and finite")
-          for bad in (0, -1e-5, np.nan, np.inf, [1e-5] * 4 + [0])],
-        (lambda: checked_noise(MODEL, [1e-5] * 4), r"one for each of the 5 states; got shape \(4,\)"),
-    ],
-)  # fmt: skip
-def test_bad_arguments(call, message):
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: MODEL.select(["coil9"]), r"no state 'coil9'; there are coil1, coil2"),
+    (lambda: MODEL.select([]), r"named once each"),
+    (lambda: MODEL.select(["coil1", "coil1"]), r"named once each"),
+    (lambda: MODEL.delta([[0, 0, 1e-3], [0, 0.02, 1e-3]]), r"y of a point .* -0\.01 to 0\.01 m; got 0\.02 m"),
+    (lambda: MODEL.jacobian([0, 0, 5e-3]), r"depth of a point"),
+    (lambda: MODEL.delta([np.nan, 0, 1e-3]), r"x of a point"),
+    (lambda: MODEL.delta(1.0), r"last axis; got shape"),
+    (lambda: MODEL.delta([1.0, 2.0]), r"last axis; got shape"),
+    *[(lambda bad=bad: checked_noise(MODEL, bad), r"noise must be positive and finite")
+      for bad in (0, -1e-5, np.nan, np.inf, [1e-5] * 4 + [0])],
+    (lambda: checked_noise(MODEL, [1e-5] * 4), r"one for each of the 5 states; got shape \(4,\)"),
+    (lambda: forward_model(GOOD.rename(delta="other")), r"variable delta"),
+    (lambda: forward_model(GOOD.isel(depth=0)), r"dimensions depth, y, x and state"),
+    (lambda: forward_model(GOOD.drop_vars("x")), r"coordinates for all dimensions; x is missing"),
+    (lambda: forward_model(GOOD.isel(x=slice(3))), r"at least 4 positions along x; got 3"),
+    (lambda: forward_model(GOOD.isel(y=slice(2))), r"at least 4 positions along y; got 2"),
+    (lambda: forward_model(GOOD.isel(state=slice(0))), r"must be finite everywhere"),
+    (lambda: forward_model(GOOD.where(GOOD.x > -0.01)), r"must be finite everywhere"),
+    (lambda: forward_model(GOOD.isel(x=slice(None, None, -1))), r"x of a response must be finite and rise"),
+    (lambda: forward_model(GOOD.assign_coords(depth=GOOD.depth - 1e-3)), r"depth .* not be negative; got -0\.0008"),
+    (lambda: forward_model(GOOD.assign_coords(state=list("aabcd"))), r"different names; got a, a, b"),
+])  # fmt: skip
+def test_bad_arguments_and_tables(call, message):
     with pytest.raises(LocalizeError, match=message):
         call()
-
-
-GOOD = board(FIELD, 4e-3)
-
-
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        (GOOD.rename(delta="other"), r"variable delta"),
-        (GOOD.isel(depth=0), r"dimensions depth, y, x and state"),
-        (GOOD.drop_vars("x"), r"coordinates for all dimensions; x is missing"),
-        (GOOD.isel(x=slice(3)), r"at least 4 positions along x; got 3"),
-        (GOOD.isel(y=slice(2)), r"at least 4 positions along y; got 2"),
-        (GOOD.isel(state=slice(0)), r"must be finite everywhere"),
-        (GOOD.where(GOOD.x > -0.01), r"must be finite everywhere"),
-        (GOOD.isel(x=slice(None, None, -1)), r"x of a response must be finite and rise"),
-        (GOOD.assign_coords(depth=GOOD.depth - 1e-3), r"depth of a response must not be negative; got -0\.0008"),
-        (GOOD.assign_coords(state=list("aabcd")), r"different names; got a, a, b"),
-    ],
-)
-def test_bad_tables(table, message):
-    with pytest.raises(LocalizeError, match=message):
-        forward_model(table)
 
 
 def test_table_covers_the_coils():
@@ -179,8 +160,7 @@ def test_table_covers_the_coils():
 
 def test_table_is_the_response_on_its_grid(monkeypatch):
     monkeypatch.setattr("coilarray.localize.forward.response_map", lambda design, **asked: asked)
-    design = load_design("gast2020")
-    asked = table_for(design)
+    asked = table_for(design := load_design("gast2020"))
     for name, axis in zip(("depths", "x", "y"), table_grid(design), strict=True):
         assert (asked[name] == axis).all()
 

@@ -4,8 +4,6 @@ Who checks whom: the bound against its closed form on a board whose δ is linear
 on a board without symmetry; singular where a board is symmetric; more coils never tell less.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -29,11 +27,6 @@ def linear_board(states=4):
 @pytest.fixture(scope="module")
 def field():
     return forward_model(board(FIELD))
-
-
-@pytest.fixture(scope="module")
-def row():
-    return forward_model(board(ROW))
 
 
 def test_closed_form_of_a_linear_board():
@@ -71,16 +64,13 @@ def test_covariance_is_the_inverse():
     assert covariance_of(information) == pytest.approx(np.linalg.inv(information), rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    "information", [np.zeros((3, 3)), np.diag([1.0, 0.0, 1.0]), np.ones((3, 3)), np.outer([1, 2, 3], [1, 2, 3]) * 1e8]
-)
-def test_singular_information_bounds_nothing(information):
-    covariance = covariance_of(information)
-    assert (np.diag(covariance) == np.inf).all()
-    assert (covariance[~np.eye(3, dtype=bool)] == 0).all()
+@pytest.mark.parametrize("root", [np.zeros((3, 3)), np.diag([1, 0, 1]), np.ones((1, 3)), 1e4 * np.array([[1, 2, 3]])])
+def test_singular_information_bounds_nothing(root):
+    assert (covariance_of(root.T @ root.astype(float)) == np.where(np.eye(3), np.inf, 0)).all()
 
 
-def test_middle_line_of_a_symmetric_board_is_singular(row):
+def test_middle_line_of_a_symmetric_board_is_singular():
+    row = forward_model(board(ROW))
     board_map = identifiability(row, 1e-3, x=np.linspace(-10e-3, 20e-3, 7), y=[-3e-3, 0.0, 3e-3])
     assert np.isinf(board_map.sigma_y.values[1]).all()
     assert np.isinf(board_map.condition.values[1]).all()
@@ -113,8 +103,7 @@ def test_more_coils_never_tell_less(field, x, y, depth):
 def test_solutions_scatter_as_the_bound_says(field):
     """Maximum likelihood reaches the bound where the noise is small: CRB against Monte Carlo."""
     truth = np.array([2e-3, 1e-3, 1.1e-3])
-    count = 1500
-    readings = field.delta(truth) + 1e-5 * np.random.default_rng(7).standard_normal((count, 5))
+    readings = field.delta(truth) + 1e-5 * np.random.default_rng(7).standard_normal((1500, 5))
     found = np.array([[b.x, b.y, b.depth] for b in (location.best for location in locate_all(field, readings))])
     bound = covariance_of(fisher_information(field, truth, 1e-5))
     whitened = np.linalg.solve(np.linalg.cholesky(bound), (found - truth).T)

@@ -5,8 +5,6 @@ between the positions of the table; regions and residuals against their probabil
 starts; the goal of accuracy against the Cramér–Rao bound, which says where it can be met.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -35,11 +33,6 @@ def field():
     return forward_model(board(FIELD))
 
 
-@pytest.fixture(scope="module")
-def row():
-    return forward_model(board(ROW))
-
-
 def between_the_coils(count, seed=0):
     """Points of the field where several coils answer, 0.5 to 1.5 mm deep."""
     return np.random.default_rng(seed).uniform([-9e-3, -6e-3, 0.5e-3], [9e-3, 6e-3, 1.5e-3], (count, 3))
@@ -59,9 +52,6 @@ def best_places(locations):
 
 def share(found, verdict):
     return np.mean([location.verdict == verdict for location in found])
-
-
-# ---- without noise ----
 
 
 def test_truth_comes_back(field):
@@ -88,7 +78,8 @@ def test_known_depth():
     assert found[0].degrees_of_freedom == 3
 
 
-def test_both_signs_of_y_are_modes(row):
+def test_both_signs_of_y_are_modes():
+    row = forward_model(board(ROW))
     truth = np.random.default_rng(3).uniform([-8e-3, 2e-3, 0.6e-3], [20e-3, 6e-3, 1.4e-3], (50, 3))
     for point, location in zip(truth, locate_all(row, row.delta(truth)), strict=True):
         assert location.ambiguous
@@ -111,9 +102,6 @@ def test_order_of_the_coils_is_of_no_effect(field, order, k):
     for other in (locate(field.select(names), reading[order]), locate(field, by_name)):
         assert places(other.modes) == pytest.approx(places(first.modes), abs=1e-7)
         assert other.chi_square == pytest.approx(first.chi_square, abs=1e-5)
-
-
-# ---- with noise ----
 
 
 def test_covariance_grows_with_the_noise(field):
@@ -143,24 +131,20 @@ def test_ellipsoids_of_gaussian_modes_hold_the_truth(field):
 
 
 def test_residuals_have_their_probability(field):
-    truth = between_the_coils(2000, 7)
-    found = locate_all(field, noisy(field.delta(truth), seed=8), alarm=0.05)
+    found = locate_all(field, noisy(field.delta(between_the_coils(2000, 7)), seed=8), alarm=0.05)
     assert {location.degrees_of_freedom for location in found} <= {2, 3}
     assert 0.035 < share(found, "no fit") < 0.065  # 5 % ± 0.5 % by counting, three times that
-    probability = np.array([location.probability for location in found])
-    assert np.mean(probability < 0.5) == pytest.approx(0.5, abs=0.035)
+    assert np.mean(np.array([location.probability for location in found]) < 0.5) == pytest.approx(0.5, abs=0.035)
 
 
 def test_readings_of_no_position_are_told(field):
     """Power of the residual test: a departure d from all positions is seen as a χ² of non-centrality d²."""
     truth = between_the_coils(1000, 9)
-    tangents = field.jacobian(truth)
     # the direction in which δ leaves the surface of all positions: the last left singular vector of the Jacobian
-    away = np.linalg.svd(tangents)[0][..., -1]
+    away = np.linalg.svd(field.jacobian(truth))[0][..., -1]
     found = locate_all(field, noisy(field.delta(truth) + 5 * NOISE * away, seed=9))
-    power = ncx2.sf(chi2.isf(1e-3, 2), 2, 25)
     # 90 % ± 1 % by counting; the surface is curved by some more
-    assert share(found, "no fit") == pytest.approx(power, abs=0.04)
+    assert share(found, "no fit") == pytest.approx(ncx2.sf(chi2.isf(1e-3, 2), 2, 25), abs=0.04)
     reasons = [one.reason for one in found if one.verdict == "no fit"]
     assert "no position of the table explains the reading" in reasons[0]
     # the wrong sign
@@ -208,9 +192,6 @@ def test_a_press_on_the_border_is_marked(field):
     assert "border of the table in x; the indenter may be outside" in marked[0].reason
 
 
-# ---- the board of the paper ----
-
-
 @pytest.fixture(scope="module")
 def paper():
     """Model of the left half of the board, and δ by the response map between the positions of its table."""
@@ -239,8 +220,7 @@ def test_table_is_fine_enough(paper, paper_model):
     miss = (paper_model.delta(points) - delta).reshape(5, -1)
     shift = (jacobian * miss).sum(axis=1) / (jacobian**2).sum(axis=1)
     assert np.abs(shift).max() < 1e-6  # m: 0.1 % of 1 mm
-    rest = np.abs(miss - jacobian * shift[:, None]).max()
-    assert rest < 1e-6
+    assert (rest := np.abs(miss - jacobian * shift[:, None]).max()) < 1e-6
     coarse = forward_model(table.isel(x=slice(None, None, 2), y=slice(None, None, 2)))
     inside = (points <= coarse.upper).all(axis=1)
     assert np.abs(coarse.delta(points[inside]) - delta[inside]).max() > 5 * rest
@@ -250,33 +230,27 @@ def test_search_finds_what_many_random_starts_find(paper, paper_model):
     _, points, delta = paper
     readings = noisy(delta, seed=13)[::9]
     found = locate_all(paper_model, readings)
-    random = np.random.default_rng(14)
-    starts = random.uniform(paper_model.lower, paper_model.upper, (len(readings), 100, 3))
+    starts = np.random.default_rng(14).uniform(paper_model.lower, paper_model.upper, (len(readings), 100, 3))
     starts[:, 0] = points[::9]
     _, chi_square = refine(paper_model, np.repeat(readings, 100, axis=0), starts.reshape(-1, 3), np.full(4, NOISE))
     least = chi_square.reshape(-1, 100).min(axis=1)
-    short = [one.best.chi_square - low for one, low in zip(found, least, strict=True) if one.modes]
     # of what counts in the region, 7.8; one reading of the 40 may end in a side valley
-    assert np.sort(short)[-2] < 0.1
+    assert np.sort([one.best.chi_square - low for one, low in zip(found, least, strict=True) if one.modes])[-2] < 0.1
 
 
 def test_regions_hold_the_truth(paper, paper_model):
     """Coverage of the joint 95 % region of x, y and depth, at the noise of the goal."""
     _, points, delta = paper
-    held = []
-    for seed in range(4):
-        readings = noisy(delta, seed=seed)
-        for reading, point, location in zip(readings, points, locate_all(paper_model, readings), strict=True):
-            if location.modes:
-                held.append(deviance(paper_model, reading, location, point).item() <= REGION)
+    readings, truth = np.concatenate([noisy(delta, seed=seed) for seed in range(4)]), np.tile(points, (4, 1))
+    each = zip(readings, truth, locate_all(paper_model, readings), strict=True)
+    held = [deviance(paper_model, one, found, point).item() <= REGION for one, point, found in each if found.modes]
     assert len(held) > 1000
     assert 0.92 <= np.mean(held) <= 0.98
 
 
 def allowed(model, points, noise):
     """Where 1.96 standard deviations of the Cramér–Rao bound are within 0.1 mm of x and 3 % of the depth."""
-    bound = covariance_of(fisher_information(model, points, noise))
-    sigma = np.sqrt(np.diagonal(bound, axis1=1, axis2=2))
+    sigma = np.sqrt(np.diagonal(covariance_of(fisher_information(model, points, noise)), axis1=1, axis2=2))
     return (1.96 * sigma[:, 0] <= 0.1e-3) & (1.96 * sigma[:, 2] <= 0.03 * points[:, 2]), sigma
 
 
@@ -294,15 +268,11 @@ def test_goal_is_met_where_the_bound_allows_it(paper, paper_model):
     ok, _ = allowed(paper_model, points, noise)
     away = []
     for seed in range(5):
-        found = locate_all(paper_model, noisy(delta, noise, seed)[ok], noise=noise)
-        away.append(best_places(found) - points[ok])
-    error = np.concatenate(away)
+        away.append(best_places(locate_all(paper_model, noisy(delta, noise, seed)[ok], noise=noise)) - points[ok])
+    error = np.abs(np.concatenate(away))
     assert len(error) >= 200
-    assert np.quantile(np.abs(error[:, 0]), 0.95) <= 0.1e-3
-    assert np.quantile(np.abs(error[:, 2]) / np.tile(points[ok, 2], 5), 0.95) <= 0.03
-
-
-# ---- bad input ----
+    assert np.quantile(error[:, 0], 0.95) <= 0.1e-3
+    assert np.quantile(error[:, 2] / np.tile(points[ok, 2], 5), 0.95) <= 0.03
 
 
 def test_bad_readings_are_refused(field):
@@ -327,13 +297,9 @@ def test_bad_readings_are_refused(field):
     assert [location.verdict for location in found] == ["refused", "found"] * len(bad)
     assert found[2].reason == "a reading must have δ of every state; that of coil2 is missing."
     assert found[2].probability is None
-    alone = locate(field, good)
-    assert places([found[-1].best]) == pytest.approx(places([alone.best]), abs=1e-12)
+    assert places([found[-1].best]) == pytest.approx(places([locate(field, good).best]), abs=1e-12)
     assert locate_all(field, []) == []
-
-
-def test_rows_of_an_array_are_readings(field):
-    readings = field.delta(between_the_coils(3))
+    readings = field.delta(between_the_coils(3))  # rows of an array are readings
     readings[1, 2] = np.nan
     assert [location.verdict for location in locate_all(field, readings)] == ["found", "refused", "found"]
 

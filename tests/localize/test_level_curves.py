@@ -1,7 +1,5 @@
 """Ellipses of every level of one map: those of `fit_ellipses`, with the scatter that repeated measurements have."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.localize_boards import ROW, board
@@ -32,8 +30,7 @@ def test_deviations_are_the_scatter_of_repeated_measurements():
     for _ in range(12):
         noisy = level_curves(MAP.assign(delta=MAP.delta + 1e-5 * random.standard_normal(MAP.delta.shape)))
         runs.append(noisy.values[:, :50])
-    seen = np.nanstd(runs, axis=0, ddof=1)
-    ratio = told.deviations[:, 5:50] / seen[:, 5:50]
+    ratio = told.deviations[:, 5:50] / np.nanstd(runs, axis=0, ddof=1)[:, 5:50]
     # the median over 45 levels, neighbours of which share points; √(18² + 21²) % each
     np.testing.assert_allclose(np.nanmedian(ratio, axis=1), 1.0, atol=0.35)
     one, again, other = (level_curves(MAP, NOISE, replicates=3, seed=seed).deviations for seed in (1, 1, 2))
@@ -56,14 +53,11 @@ def test_noise_that_takes_the_hill_away_is_survived():
     assert curves.values.shape == curves.deviations.shape
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda delta: delta.where(delta.x > 0), "the map has gaps"),
-        (lambda delta: -delta, "no closed curves"),
-        (lambda delta: delta.x + 0 * delta, "no closed curves"),
-    ],
-)
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda delta: delta.where(delta.x > 0), "the map has gaps"),
+    (lambda delta: -delta, "no closed curves"),
+    (lambda delta: delta.x + 0 * delta, "no closed curves"),
+])  # fmt: skip
 def test_maps_without_ellipses_say_why(change, words):
     curves = level_curves(MAP.assign(delta=change(MAP.delta).transpose(*MAP.delta.dims)), NOISE)
     assert words in curves.problem

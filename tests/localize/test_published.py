@@ -9,8 +9,6 @@ the model returns the real position again, whatever its polynomials are; only th
 move it. The rest of Table 2 is the difference of the measured readings from the model's own.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.ellipses import readings_at, x_errors
@@ -48,20 +46,15 @@ def test_tables_are_complete():
     assert set(table) == {(key, coil) for key in ("A", "B", "x0") for coil in COILS}
     assert table["B", "coil1"] == (-2.823e13, 7.144e10, -6.048e7, 8.349e3, 12.85)
     assert table["x0", "coil3"] == (6.519e11, -2.95e9, 4.503e6, -3.066e3, 14.19)
-    differing = [key for key, p in table_a1(as_printed=True).items() if p != table[key]]
-    assert differing == [("A", "coil3")]
+    assert [key for key, p in table_a1(as_printed=True).items() if p != table[key]] == [("A", "coil3")]
 
 
 def test_misprint_can_only_be_this_power_of_ten():
     """At δ = 1e-3 the curve is a circle (Sect. 5), and above 1.2e-3 the polynomials vanish (Sect. 6)."""
     printed = table_a1(as_printed=True)["A", "coil3"]
     B = np.polyval(table_a1()["B", "coil3"], 1e-3)
-    circles = []
-    for power in range(6, 14):
-        p = (printed[0], -8.811 * 10.0**power, *printed[2:])
-        if abs(np.polyval(p, 1e-3) - B) < 0.2 * B:
-            circles.append(power)
-    assert circles == [9]
+    A = {power: np.polyval((printed[0], -8.811 * 10.0**power, *printed[2:]), 1e-3) for power in range(6, 14)}
+    assert [power for power, size in A.items() if abs(size - B) < 0.2 * B] == [9]
     assert np.polyval(printed, 1e-3) < -8e3  # 8.8 m, and negative: as printed there is no ellipse at all
     assert 1.2e-3 < MODEL["coil3"].highest < 1.3e-3
 
@@ -85,9 +78,6 @@ def test_model_says_what_the_text_says():
     assert float(MODEL["coil2"].curves(1e-3)[1]) == pytest.approx(6.94e-3, abs=0.01e-3)
 
 
-# Table 2
-
-
 def test_real_positions_have_one_pair_of_readings():
     expected = [
         {"coil1": 8.089e-4, "coil2": 6.468e-4},
@@ -109,18 +99,14 @@ def test_real_positions_have_one_pair_of_readings():
 def test_table_2_with_the_addition():
     """The 0.2 mm explain the sign of all four errors, and of two more than half."""
     real, determined, _, places = zip(*table_2(), strict=True)
-    assert [place.coils for place in places] == [
-        ("coil1", "coil2"), ("coil1", "coil3"), ("coil2", "coil3"), ("coil2", "coil3"),
-    ]  # fmt: skip
+    pairs = [tuple(name[-1] for name in place.coils) for place in places]
+    assert pairs == [("1", "2"), ("1", "3"), ("2", "3"), ("2", "3")]
     assert [place.case for place in places] == ["two points", "adjacent coils", "two points", "two points"]
     model, printed = ((np.array(x) - np.array(real)[:, 0]) * 1e3 for x in ([place.x for place in places], determined))
     assert model == pytest.approx([-0.050, -0.020, 0.138, -0.061], abs=0.001)
     assert printed == pytest.approx([-0.08, -0.26, 0.71, -0.11], abs=1e-9)
     assert (np.sign(model) == np.sign(printed)).all()
     assert model[[0, 3]] / printed[[0, 3]] == pytest.approx([0.63, 0.55], abs=0.01)
-
-
-# The pipeline on the paper's own ellipses
 
 
 def test_published_map_lies_on_the_ellipses():
@@ -131,10 +117,8 @@ def test_published_map_lies_on_the_ellipses():
         for y, x in ((0.0, coil.curves(5e-4)[0]), (4e-3, -8e-3), (-6e-3, 6e-3)):
             at = delta.sel(y=y, x=x, method="nearest")
             found = readings_at(coil, float(at.x), float(at.y))
-            if found:
-                assert found == pytest.approx((float(at),), abs=1e-12)
-            else:
-                assert at < 0 or at > coil.highest - 1e-5
+            told = found == pytest.approx((float(at),), abs=1e-12)
+            assert told if found else (at < 0 or at > coil.highest - 1e-5)
 
 
 @pytest.mark.slow
@@ -162,8 +146,7 @@ def test_one_arc_does_not_tell_the_centre(fits):
         assert len(fit.step) >= 5
         x0, A, _ = MODEL[name].curves(fit.delta.values)
         assert np.abs(fit.x0.values - x0).min() > 5e-3
-        vertex = fit.x0.values + side * fit.A.values - (x0 + side * A)
-        assert np.abs(vertex).max() < 0.35e-3
+        assert np.abs(fit.x0.values + side * fit.A.values - (x0 + side * A)).max() < 0.35e-3
 
 
 @pytest.mark.slow
@@ -173,19 +156,15 @@ def test_centre_outside_the_map_is_refused():
     quiet = published_map()
     found = fit_ellipses(quiet.assign(delta=quiet.delta + 1e-5 * noise), states=COILS)
     assert "centre outside the map" in found.refused.values
-    kept = found.x0.values[found.refused.values == ""]
-    assert (np.abs(kept) <= 26e-3).all()
+    assert (np.abs(found.x0.values[found.refused.values == ""]) <= 26e-3).all()
 
 
 def test_addition_alone_moves_x_by_less_than_the_papers_error(fits):
     """The printed model on its own map, over the paper's grid between the outer centres."""
     # the last: refinement, sweep, polynomials and 0.2 mm; measured 0.36 mm, the paper has < 0.8 mm (Fig. 7)
     pipeline = ellipse_model(fits).with_semiaxis_addition()
-    for model, low, high in (
-        (MODEL, 0, 1e-9),
-        (MODEL.with_semiaxis_addition(), 165e-6, 169e-6),
-        (pipeline, 2e-4, 4.5e-4),
-    ):
+    added = MODEL.with_semiaxis_addition()
+    for model, low, high in ((MODEL, 0, 1e-9), (added, 165e-6, 169e-6), (pipeline, 2e-4, 4.5e-4)):
         errors, lost = x_errors(model, published_map())
         assert (len(errors), lost) == (91, 0)
         assert low <= np.abs(errors).max() < high
@@ -197,12 +176,9 @@ def test_x_errors_with_noise_off_the_grid(seed):
     """Noise of 1e-5 in every δ of the map and of the readings, at 240 places of which none is on the grid."""
     random = np.random.default_rng(seed)
     x, y = (np.sort(random.uniform(-reach, reach, n)) for reach, n in ((13.3e-3, 20), (6e-3, 12)))
-    sampled, readings = (
-        response.assign(delta=response.delta + 1e-5 * random.standard_normal(response.delta.shape))
-        for response in (published_map(), published_map(x, y))
-    )
-    model = ellipse_model(fit_ellipses(sampled, states=COILS)).with_semiaxis_addition()
-    errors, lost = x_errors(model, readings)
+    maps = (published_map(), published_map(x, y))
+    sampled, readings = (m.assign(delta=m.delta + 1e-5 * random.standard_normal(m.delta.shape)) for m in maps)
+    errors, lost = x_errors(ellipse_model(fit_ellipses(sampled, states=COILS)).with_semiaxis_addition(), readings)
     assert len(errors) + lost == 240
     assert lost <= 5
     assert np.abs(errors).max() < 0.8e-3

@@ -1,21 +1,13 @@
 """``benchmarks/compare_reports.py``: every changed number is printed, with its size, and nothing else."""
 
-from __future__ import annotations
-
-import importlib.util
 import json
+import runpy
 from pathlib import Path
 
 import pytest
 import xarray as xr
 
-_FILE = Path(__file__).parents[2] / "benchmarks" / "compare_reports.py"
-_SPEC = importlib.util.spec_from_file_location("compare_reports", _FILE)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-compare_reports = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(compare_reports)
-
+compare = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "compare_reports.py"))["main"]
 ROWS = "coil,inductance_H,kept\na,1e-06,True\nb,2e-06,False\n"
 
 
@@ -53,7 +45,7 @@ def old(tmp_path):
     ({"name": "H"}, ["missing variable B", "new variable H"]),
 ])  # fmt: skip
 def test_every_change_is_one_line(tmp_path, old, capsys, changes, lines):
-    code = compare_reports.main([str(old), str(folder(tmp_path / "new", **changes))])
+    code = compare([str(old), str(folder(tmp_path / "new", **changes))])
     *printed, last = capsys.readouterr().out.splitlines()
     assert code == bool(lines)
     assert len(printed) == len(lines)
@@ -64,15 +56,15 @@ def test_every_change_is_one_line(tmp_path, old, capsys, changes, lines):
 def test_names_and_tolerance_are_options(tmp_path, old, capsys):
     rows = ROWS.replace(",inductance_H", ",L_H").replace("2e-06", "2.02e-06")
     new = str(folder(tmp_path / "new", rows=rows))
-    assert compare_reports.main([str(old), new, "--rename", "parts.csv:inductance_H=L_H"]) == 1
+    assert compare([str(old), new, "--rename", "parts.csv:inductance_H=L_H"]) == 1
     assert "L_H [b, False #1]" in capsys.readouterr().out
-    assert compare_reports.main([str(old), new, "--rename", "parts:inductance_H=L_H", "--tolerance", "0.02"]) == 0
+    assert compare([str(old), new, "--rename", "parts:inductance_H=L_H", "--tolerance", "0.02"]) == 0
 
 
 def test_files_of_one_folder_are_named(tmp_path, old, capsys):
     new = folder(tmp_path / "new")
     (new / "parts.csv").rename(new / "pairs.csv")
-    assert compare_reports.main([str(old), str(new)]) == 1
+    assert compare([str(old), str(new)]) == 1
     assert capsys.readouterr().out.splitlines()[:2] == ["missing file parts.csv", "new file pairs.csv"]
     (tmp_path / "empty").mkdir()
-    assert compare_reports.main([str(tmp_path / "empty"), str(new)]) == 1
+    assert compare([str(tmp_path / "empty"), str(new)]) == 1

@@ -1,7 +1,5 @@
 """Tables of datasets: names, units and digits come from the attributes, SI in the files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -32,9 +30,8 @@ def test_rows_are_the_combinations_of_the_coordinates():
         },
         {"frequency": ("frequency", [1e6, 2e6], {"units": "Hz"}), "state": ["a", "b"]},
     )
-    table = dataset_table(
-        "t", "T", dataset, ("frequency", "state", "impedance", "count", "kept"), {"count": PER_MILLION}
-    )
+    columns = ("frequency", "state", "impedance", "count", "kept")
+    table = dataset_table("t", "T", dataset, columns, {"count": PER_MILLION})
     assert table.headers == ["frequency (MHz)", "state", "Re Z (Ω)", "count (10⁻⁶)", "kept"]
     assert table.csv().splitlines() == [
         "frequency_Hz,state,impedance_ohm,count,kept",

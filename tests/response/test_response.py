@@ -5,8 +5,6 @@ iᵀ ΔL i; a tilted sample against a level one where it is level, and its inter
 of the wires against the image series of a long loop; a lifted sheet against another flat one.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -184,50 +182,31 @@ def test_dataset_is_complete_and_can_be_stored(plain, tmp_path):
 OUTSIDE = read("gast2020").replace("step_mm = 2", "sample_x_mm = [-20, 20]\nsample_y_mm = [-8, 8]\nstep_mm = 2", 1)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"depths": [9e-3]}, "deep|depth"),
-        ({"depths": [1e-3, 0.5e-3]}, "depths must be finite and rising"),
-        ({"x": [np.nan]}, "x must be finite"),
-        ({"imperfections": Imperfections(thickness_errors={"foam": 1e-3})}, "foam.*base, magnetic"),
-        ({"imperfections": Imperfections(tilt=(0.1, 0.0))}, "loses contact"),
-        ({"design": parse_design(OUTSIDE), "x": [-19e-3]}, "outside the sample"),
-        ({"design": replace(PAPER, indentation=None)}, r"no \[indenter\]"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"depths": [9e-3]}, "deep|depth"),
+    ({"depths": [1e-3, 0.5e-3]}, "depths must be finite and rising"),
+    ({"x": [np.nan]}, "x must be finite"),
+    ({"imperfections": Imperfections(thickness_errors={"foam": 1e-3})}, "foam.*base, magnetic"),
+    ({"imperfections": Imperfections(tilt=(0.1, 0.0))}, "loses contact"),
+    ({"design": parse_design(OUTSIDE), "x": [-19e-3]}, "outside the sample"),
+    ({"design": replace(PAPER, indentation=None)}, r"no \[indenter\]"),
+])  # fmt: skip
 def test_bad_input_of_the_response(changes, message):
     with pytest.raises(ElastomerError, match=message):
         nominal(**changes)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"depth_error": np.nan}, "finite"),
-        ({"noise": -1}, "noise must not be negative; got -1"),
-        ({"seed": -1}, "seed must not be negative; got -1"),
-        ({"tilt": (0.5, 0.0)}, r"tilt must be at most 0.1.*0.5"),
-    ],
-)
-def test_bad_imperfections_are_refused(wrong, message):
-    with pytest.raises(ElastomerError, match=message):
-        Imperfections(**wrong)
-
-
-# the two-dimensional model
-
 LONG, WIDE = 2.0, 20e-3
 CORNERS = [(1, -1), (1, 1), (-1, 1), (-1, -1), (1, -1)]
 LOOP = Conductor([[x * WIDE / 2, y * LONG / 2, 0] for x, y in CORNERS], 1e-3, 35e-6)
 SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
+WIRES = cross_section(LOOP, 0.0)
 
 
 def test_wires_are_a_long_loop():
-    wires = cross_section(LOOP, 0.0)
     # the ends of the loop add of the order of their width to its length
-    assert line_inductance(wires, ()) * LONG == pytest.approx(inductance_matrix(LOOP)[0, 0], rel=0.02)
-    by_sheet = line_inductance(wires, SHEETS) - line_inductance(wires, ())
+    assert line_inductance(WIRES, ()) * LONG == pytest.approx(inductance_matrix(LOOP)[0, 0], rel=0.02)
+    by_sheet = line_inductance(WIRES, SHEETS) - line_inductance(WIRES, ())
     assert by_sheet * LONG == pytest.approx(layer_inductance(LOOP, SHEETS)[0, 0], rel=0.02)
 
 
@@ -235,11 +214,10 @@ def test_a_wide_groove_is_another_flat_sheet():
     r = np.concatenate((np.linspace(0, 100e-3, 101), np.linspace(105e-3, 200e-3, 20)))
     fade = np.where(r <= 100e-3, 1.0, np.cos(np.pi / 2 * (r - 100e-3) / 100e-3) ** 2)
     lift = np.column_stack((0 * r, -0.4e-3 * fade, 0.2e-3 * fade))
-    wires = cross_section(LOOP, 0.0)
-    change = line_dent_inductance(wires, [Dent((6e-3, 2e-3), (1.0, 2.7), r, lift, "plane")], [0.0])[0, 0]
+    change = line_dent_inductance(WIRES, [Dent((6e-3, 2e-3), (1.0, 2.7), r, lift, "plane")], [0.0])[0, 0]
     moved = (Sheet("base", 5.6e-3), Sheet("magnetic", 2.6e-3, 2.7))
     # 3e-3: the field has fallen by (10/100)² where the sheet comes back, and it counts as its square there
-    assert change == pytest.approx(line_inductance(wires, moved) - line_inductance(wires, SHEETS), rel=3e-3)
+    assert change == pytest.approx(line_inductance(WIRES, moved) - line_inductance(WIRES, SHEETS), rel=3e-3)
 
 
 def test_the_two_dimensional_model_is_symmetric_and_too_strong():
@@ -255,7 +233,6 @@ def test_the_two_dimensional_model_is_symmetric_and_too_strong():
     assert middle / float(full.delta[0, 0, 0, 0]) == pytest.approx(2.47, abs=0.03)  # as the README says
 
 
-WIRES = cross_section(LOOP, 0.0)
 DENT = Dent((6e-3, 2e-3), (1.0, 2.7), np.array([0.0, 1e-3]), np.zeros((2, 3)))
 
 
@@ -263,20 +240,21 @@ def pressed_by(indenter):
     return replace(FEM, indentation=replace(FEM.indentation, indenter=indenter))
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: line_response(FEM, "coil9"), "no coil 'coil9'"),
-        (lambda: line_response(replace(FEM, indentation=None)), r"no \[indenter\]"),
-        (lambda: line_response(pressed_by(FlatPunch(2e-3))), "round indenter"),
-        (lambda: line_response(pressed_by(Cone(0.5, radius=2e-3))), "round indenter"),
-        (lambda: cross_section(LOOP, 10.0), "as often to as fro"),
-        (lambda: line_dent_inductance(WIRES, [DENT], [0.0]), "plane strain"),
-        (lambda: line_dent_inductance(WIRES, [replace(DENT, symmetry="plane")], [np.inf]), "finite"),
-        (lambda: line_inductance(replace(WIRES, z=WIRES.z + 1e-3), SHEETS), "below the sheets"),
-        (lambda: line_inductance(replace(WIRES, widths=0 * WIRES.widths), SHEETS), "cross-sections"),
-    ],
-)
-def test_bad_input_of_the_two_dimensional_model(call, message):
+@pytest.mark.parametrize(("call", "message"), [
+    (lambda: Imperfections(depth_error=np.nan), "finite"),
+    (lambda: Imperfections(noise=-1), "noise must not be negative; got -1"),
+    (lambda: Imperfections(seed=-1), "seed must not be negative; got -1"),
+    (lambda: Imperfections(tilt=(0.5, 0.0)), r"tilt must be at most 0.1.*0.5"),
+    (lambda: line_response(FEM, "coil9"), "no coil 'coil9'"),
+    (lambda: line_response(replace(FEM, indentation=None)), r"no \[indenter\]"),
+    (lambda: line_response(pressed_by(FlatPunch(2e-3))), "round indenter"),
+    (lambda: line_response(pressed_by(Cone(0.5, radius=2e-3))), "round indenter"),
+    (lambda: cross_section(LOOP, 10.0), "as often to as fro"),
+    (lambda: line_dent_inductance(WIRES, [DENT], [0.0]), "plane strain"),
+    (lambda: line_dent_inductance(WIRES, [replace(DENT, symmetry="plane")], [np.inf]), "finite"),
+    (lambda: line_inductance(replace(WIRES, z=WIRES.z + 1e-3), SHEETS), "below the sheets"),
+    (lambda: line_inductance(replace(WIRES, widths=0 * WIRES.widths), SHEETS), "cross-sections"),
+])  # fmt: skip
+def test_bad_imperfections_and_input_of_the_two_dimensional_model(call, message):
     with pytest.raises(ElastomerError, match=message):
         call()

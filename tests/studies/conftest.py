@@ -1,7 +1,5 @@
 """Bundled designs, read once for all studies."""
 
-from __future__ import annotations
-
 import pytest
 
 from coilarray import load_design

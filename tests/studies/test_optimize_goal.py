@@ -1,11 +1,4 @@
-"""Goal files and their variables: what they say, what they refuse, and the coordinates that they become.
-
-What                              checked against
-wishes, scores, violations        by hand
-every mistake of a goal           one line that names the key, what is allowed and what was given
-axes of entries                   the design's own values and types
-the unit box                      its inverse; ends and grids of every kind of variable (hypothesis)
-"""
+"""Goal files and their variables: what they say, what they refuse, and the coordinates that they become."""
 
 from __future__ import annotations
 
@@ -25,6 +18,7 @@ from coilarray.studies.optimize.study_file import study_name
 
 PITCH = '[[variable]]\nentry = "array.pitch_mm"\nlow = 11\nhigh = 14\n'
 LEAST = '[[objective]]\nquantity = "rms_k"\ndirection = "minimize"\n'
+GOOD = "schema = 1\n" + PITCH + LEAST
 
 
 def goal_of(*parts, head="schema = 1\n") -> Goal:
@@ -43,11 +37,8 @@ def test_defaults_and_words():
 
 
 def test_quantities_have_one_name_each():
-    goal = goal_of(
-        PITCH,
-        '[[objective]]\nquantity = { quantity = "k", coils = ["coil1", "coil2"] }\ntarget = 0.0',
-        head='schema = 1\nwatch = ["k[ coil1 , coil2 ]", "rms_k"]\n',
-    )
+    objective = '[[objective]]\nquantity = { quantity = "k", coils = ["coil1", "coil2"] }\ntarget = 0.0'
+    goal = goal_of(PITCH, objective, head='schema = 1\nwatch = ["k[ coil1 , coil2 ]", "rms_k"]\n')
     assert goal.quantities == ("k[coil1,coil2]", "rms_k")
     assert goal.objectives[0].wish == "bring k[coil1,coil2] to 0"
 
@@ -77,15 +68,12 @@ def test_what_tells_studies_apart(design):
     # more of the same, other words and other numbers to look at: the same points
     assert name(PITCH, LEAST, "[search]\ntrials = 7\npolish = 3\nsampler = 'tpe'") == plain
     assert name(PITCH, LEAST, head='schema = 1\ntitle = "other"\nwatch = ["q"]\n') == plain
+    further = ["seed = 1", "batch = 1", "sampler = 'random'"]
     others = [
-        name(PITCH.replace("14", "15"), LEAST),
-        name(PITCH, LEAST.replace("minimize", "maximize")),
+        name(PITCH.replace("14", "15"), LEAST), name(PITCH, LEAST.replace("minimize", "maximize")),
         name(PITCH, LEAST, '[[constraint]]\nquantity = "q"\nat_least = 1'),
-        name(PITCH, LEAST, "[search]\nseed = 1"),
-        name(PITCH, LEAST, "[search]\nbatch = 1"),
-        name(PITCH, LEAST, "[search]\nsampler = 'random'"),
-        name(PITCH, LEAST, of=load_design("gast_fem")),
-    ]
+        name(PITCH, LEAST, of=load_design("gast_fem")), *(name(PITCH, LEAST, f"[search]\n{one}") for one in further),
+    ]  # fmt: skip
     assert len({plain, *others}) == len(others) + 1
 
 
@@ -106,25 +94,25 @@ def test_what_tells_studies_apart(design):
     ("schema = 1\n" + PITCH + "step = 0.5\nlog = true\n" + LEAST, "variable.0 may have step or log, not both"),
     ("schema = 1\n" + PITCH.replace("11", "0") + "log = true\n" + LEAST, "variable.0 needs low above 0"),
     ("schema = 1\n" + PITCH + PITCH + LEAST, "the goal names the entry array.pitch_mm in more than one variable"),
-    ("schema = 1\n" + PITCH + LEAST + LEAST, "the goal needs objectives of different quantities"),
+    (GOOD + LEAST, "the goal needs objectives of different quantities"),
     ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1]\n" + LEAST, "variable.0.choices must have at least 2"),
     ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1, 1]\n" + LEAST, "variable.0 needs choices that differ"),
     ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [12, 12.0]\n" + LEAST, "variable.0 needs choices that differ"),
     ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [[1], [1.0]]\n" + LEAST, "needs choices that differ"),
     ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1, 1979-05-27]\n" + LEAST, "choices that are numbers"),
-    ("schema = 1\n" + PITCH + LEAST.replace("rms_k", "rms_q"),
+    (GOOD.replace("rms_k", "rms_q"),
      "objective.0.quantity cannot be: there is no quantity 'rms_q'; did you mean rms_k?"),
-    ("schema = 1\n" + PITCH + LEAST.replace('"rms_k"', "7"), "objective.0.quantity cannot be: a quantity must be"),
-    ("schema = 1\n" + PITCH + LEAST.replace('"rms_k"', '"k"'), "objective.0.quantity cannot be: k needs the"),
-    ("schema = 1\n" + PITCH + LEAST + "target = 1\n", "objective.0 needs exactly one of direction"),
-    ("schema = 1\n" + PITCH + LEAST.replace("minimize", "least"), "direction must be 'minimize' or 'maximize'"),
-    ("schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity = 'q'", "constraint.0 needs at_least, at_most"),
-    ("schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity = 'q'\nat_least = 2\nat_most = 1",
+    (GOOD.replace('"rms_k"', "7"), "objective.0.quantity cannot be: a quantity must be"),
+    (GOOD.replace('"rms_k"', '"k"'), "objective.0.quantity cannot be: k needs the"),
+    (GOOD + "target = 1\n", "objective.0 needs exactly one of direction"),
+    (GOOD.replace("minimize", "least"), "direction must be 'minimize' or 'maximize'"),
+    (GOOD + "[[constraint]]\nquantity = 'q'", "constraint.0 needs at_least, at_most"),
+    (GOOD + "[[constraint]]\nquantity = 'q'\nat_least = 2\nat_most = 1",
      "constraint.0 needs at_least up to at_most; got 2 and 1"),
-    ("schema = 1\n" + PITCH + LEAST + "[search]\ntrials = 0", "search.trials must be at least 1; got 0"),
-    ("schema = 1\n" + PITCH + LEAST + "[search]\nseed = -1", "search.seed must be at least 0; got -1"),
-    ("schema = 1\n" + PITCH + LEAST + "[search]\nsampler = 'best'", "search.sampler must be 'tpe', 'nsga2'"),
-    ("schema = 1\n" + PITCH + LEAST + "[[constraint]]\nquantity='q'\nat_least=1\n[search]\nsampler = 'cmaes'",
+    (GOOD + "[search]\ntrials = 0", "search.trials must be at least 1; got 0"),
+    (GOOD + "[search]\nseed = -1", "search.seed must be at least 0; got -1"),
+    (GOOD + "[search]\nsampler = 'best'", "search.sampler must be 'tpe', 'nsga2'"),
+    (GOOD + "[[constraint]]\nquantity='q'\nat_least=1\n[search]\nsampler = 'cmaes'",
      "the goal has the sampler cmaes, which takes one objective and no constraints"),
     ("schema = ", "goal: not valid TOML"), ("schema = 1\nx = " + "[" * 5000, "goal: not valid TOML"),
 ])  # fmt: skip
@@ -165,17 +153,11 @@ def test_axes_know_the_design(design):
     assert (dielectric.continuous, dielectric.start) == (True, 0.215)
     assert (coil2.choices, coil2.start) == (('"short"', '"open"'), None)
     assert (shift.whole, shift.start) == (True, None)  # the design does not say it; its type does
-    assert start_parameters([columns, turns, dielectric]) == {
-        "array.columns": 6,
-        "coils.hexagon.turns_per_layer": 30.0,
-        "stackup.dielectric_thickness_mm.1": 0.215,
-    }
-    assert start_parameters([pitch]) is None  # between two steps
-    assert start_parameters([coil2]) is None
-    assert changes_of([coil2, columns], {"circuit.terminations.coil2": '"open"', "array.columns": 4}) == {
-        "circuit.terminations.coil2": "open",
-        "array.columns": 4,
-    }
+    start = {"array.columns": 6, "coils.hexagon.turns_per_layer": 30.0, "stackup.dielectric_thickness_mm.1": 0.215}
+    assert start_parameters([columns, turns, dielectric]) == start
+    assert start_parameters([pitch]) is start_parameters([coil2]) is None  # between two steps; not in the design
+    changed = {"circuit.terminations.coil2": "open", "array.columns": 4}
+    assert changes_of([coil2, columns], {**changed, "circuit.terminations.coil2": '"open"'}) == changed
 
 
 @pytest.mark.parametrize(("variable", "message"), [
@@ -198,10 +180,8 @@ def test_variables_that_do_not_fit(design, variable, message):
 
 NUMBERS = st.builds(
     lambda low, width, log: Axis("a", (), low, low + width, log=log),
-    st.floats(1e-3, 1e3),
-    st.floats(1e-3, 1e3),
-    st.booleans(),
-)
+    st.floats(1e-3, 1e3), st.floats(1e-3, 1e3), st.booleans(),
+)  # fmt: skip
 STEPPED = st.builds(
     lambda low, step, count, whole: Axis(
         "a", (), round(low) if whole else low, (round(low) if whole else low) + count * (1 if whole else step),

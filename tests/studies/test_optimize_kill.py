@@ -1,7 +1,5 @@
 """A run that is killed with signal 9, in the search and in the local solver, and taken up again: the same trials."""
 
-from __future__ import annotations
-
 import json
 import os
 import runpy
@@ -22,24 +20,13 @@ store.code_version = lambda: "the same"  # a working copy may be edited while th
 
 GOAL = """
 schema = 1
-[[variable]]
-entry = "array.pitch_mm"
-low = 10
-high = 16
-[[variable]]
-entry = "elastomer.0.thickness_mm"
-low = 2
-high = 20
-[[objective]]
-quantity = "worst_k"
-direction = "minimize"
-[[constraint]]
-quantity = "span_mm"
-at_least = 12.9
-[search]
-trials = 30
-batch = 4
-polish = 15
+variable = [
+  { entry = "array.pitch_mm", low = 10, high = 16 },
+  { entry = "elastomer.0.thickness_mm", low = 2, high = 20 },
+]
+objective = [{ quantity = "worst_k", direction = "minimize" }]
+constraint = [{ quantity = "span_mm", at_least = 12.9 }]
+search = { trials = 30, batch = 4, polish = 15 }
 """
 
 def run(folder, seconds, most=100):
@@ -72,12 +59,9 @@ def test_killed_and_resumed(tmp_path, capsys, monkeypatch):
     whole, _ = run(tmp_path / "whole", 0.0)
     evaluated = 0
     for points in (10, 25):  # of each run, the start included: in the second batch; in the local solver
-        with subprocess.Popen(
-            [sys.executable, str(script), str(tmp_path / "killed"), str(points + 2)],
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        ) as process:
+        command = [sys.executable, str(script), str(tmp_path / "killed"), str(points + 2)]
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
             for _ in range(points):
                 assert process.stdout.readline() == "point\n"
             process.kill()

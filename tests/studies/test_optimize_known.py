@@ -10,8 +10,6 @@ differs from that of the middle lines in the square of the width over the distan
 h = R/10: far less than the tolerance, as half and twice the width show.
 """
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -29,37 +27,20 @@ pytestmark = pytest.mark.slow
 LOOPS = """
 schema = 1
 name = "loops"
+array = {{ lattice = "linear", coil = "loop", columns = 2, pitch_mm = 15.0, layers = [["L1"], ["L2"]] }}
+coils.loop = {{ shape = "path", lines_mm = [{corners}], trace_width_mm = {width}, gap_mm = 0.01, terminals = false }}
 [stackup]
 layers = ["L1", "L2"]
 copper_thickness_um = [1, 1]
 dielectric_thickness_mm = [{gap}]
 dielectric_epsilon_r = [4.5]
-[coils.loop]
-shape = "path"
-lines_mm = [{corners}]
-trace_width_mm = {width}
-gap_mm = 0.01
-terminals = false
-[array]
-lattice = "linear"
-coil = "loop"
-columns = 2
-pitch_mm = 15.0
-layers = [["L1"], ["L2"]]
 """
 
 GOAL = """
 schema = 1
-[[variable]]
-entry = "array.pitch_mm"
-low = {low}
-high = {high}
-[[objective]]
-quantity = "k[coil1,coil2]"
-target = 0.0
-[search]
-trials = 6
-polish = 14
+variable = [{{ entry = "array.pitch_mm", low = {low}, high = {high} }}]
+objective = [{{ quantity = "k[coil1,coil2]", target = 0.0 }}]
+search = {{ trials = 6, polish = 14 }}
 """
 
 PAIR = "k[coil1,coil2]"
@@ -70,10 +51,8 @@ SHAPES = {
     "hexagon_across_flats": (6, math.pi / 6, math.sqrt(3) * RADIUS),
     "hexagon_across_corners": (6, 0.0, 2 * RADIUS),
 }
-KNOWN = {
-    (row["shape_direction"], float(row["h_over_R"])): float(row["d_crit_normalised"])
-    for row in rows("geometric_decoupling_loops")
-}
+TABLE = rows("geometric_decoupling_loops")
+KNOWN = {(row["shape_direction"], float(row["h_over_R"])): float(row["d_crit_normalised"]) for row in TABLE}
 
 
 def loops(shape, h, width):
@@ -89,11 +68,10 @@ def loops(shape, h, width):
     return parse_design(LOOPS.format(gap=h * RADIUS - 1e-3, corners=corners, width=width))
 
 
-@pytest.mark.parametrize(
-    ("shape", "h"),
-    [("circle", 0.1), ("circle", 0.5), ("hexagon_across_flats", 0.1), ("hexagon_across_flats", 0.3),
-     ("hexagon_across_corners", 0.1), ("hexagon_across_corners", 0.3)],
-)  # fmt: skip
+@pytest.mark.parametrize(("shape", "h"), [
+    ("circle", 0.1), ("circle", 0.5), ("hexagon_across_flats", 0.1), ("hexagon_across_flats", 0.3),
+    ("hexagon_across_corners", 0.1), ("hexagon_across_corners", 0.3),
+])  # fmt: skip
 def test_decoupling_distance(tmp_path, shape, h):
     size = SHAPES[shape][2]
     goal = parse_goal(GOAL.format(low=0.55 * size, high=0.95 * size))
@@ -112,9 +90,8 @@ def test_width_of_thin_loops_does_not_matter():
     below, above = 0.84 * size, 0.845 * size  # k is straight enough between them
     roots = []
     for width in (0.01, 0.04):
-        ks = [
-            evaluate(vary(loops(shape, h, width), {"array.pitch_mm": pitch}), [PAIR])[PAIR] for pitch in (below, above)
-        ]
+        pair = (vary(loops(shape, h, width), {"array.pitch_mm": pitch}) for pitch in (below, above))
+        ks = [evaluate(design, [PAIR])[PAIR] for design in pair]
         roots.append(below - ks[0] * (above - below) / (ks[1] - ks[0]))
     assert abs(roots[1] - roots[0]) < 1e-4 * size
 

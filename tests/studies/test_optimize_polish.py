@@ -1,14 +1,7 @@
-"""The local solver: it finds minima that are known, keeps bounds, and goes on where it was stopped.
-
-What                              checked against
-the least of a bowl               its centre; on the edge of the box and of a constraint, by hand
-distance to a target              the root of a function
-stops and repeats                 itself
-"""
-
-from __future__ import annotations
+"""The local solver: it finds minima that are known, keeps bounds, and goes on where it was stopped."""
 
 import math
+from contextlib import suppress
 from functools import partial
 
 import pytest
@@ -20,29 +13,21 @@ pytestmark = pytest.mark.slow
 
 GOAL = """
 schema = 1
-[[variable]]
-entry = "array.pitch_mm"
-low = 10
-high = 16
-[[variable]]
-entry = "elastomer.0.thickness_mm"
-low = 2
-high = {high}
-log = true
-[[variable]]
-entry = "array.columns"
-low = 5
-high = 6
+variable = [
+  {{ entry = "array.pitch_mm", low = 10, high = 16 }},
+  {{ entry = "elastomer.0.thickness_mm", low = 2, high = {high}, log = true }},
+  {{ entry = "array.columns", low = 5, high = 6 }},
+]
 {wanted}
 [search]
-trials = 12
+trials = {trials}
 polish = {polish}
 """
 LEAST = '[[objective]]\nquantity = "worst_k"\ndirection = "minimize"\n'
 
 
-def goal_of(wanted=LEAST, polish=60, high=20):
-    return parse_goal(GOAL.format(wanted=wanted, polish=polish, high=high))
+def goal_of(wanted=LEAST, polish=60, high=20, trials=12, text=GOAL):
+    return parse_goal(text.format(wanted=wanted, polish=polish, high=high, trials=trials))
 
 
 def bowl_at(change):
@@ -98,10 +83,8 @@ def test_stops_and_goes_on(design, tmp_path):
     asked = 0
     for end in (17, 5, None):
         bowl = Bowl(end=end)
-        try:
+        with suppress(KeyboardInterrupt):
             resumed = optimize_with(design, goal_of(polish=24), tmp_path / "b", bowl)
-        except KeyboardInterrupt:
-            resumed = None
         asked += len(bowl.asked) - 1  # the start each time
     assert [trial.changes for trial in resumed.trials] == [trial.changes for trial in whole.trials]
     assert asked == 11 + 24  # nothing twice
@@ -116,9 +99,7 @@ def test_more_points_are_the_same_with_and_without(design, tmp_path):
 
     def tried(folder, *runs):
         for trials, polish in runs:
-            goal = parse_goal(GOAL.replace("trials = 12", f"trials = {trials}").format(
-                wanted=LEAST, polish=polish, high=20))  # fmt: skip
-            result = optimize_with(design, goal, tmp_path / folder, Bowl())
+            result = optimize_with(design, goal_of(polish=polish, trials=trials), tmp_path / folder, Bowl())
         return [trial.changes for trial in result.trials if trial.kind == "search"]
 
     assert tried("a", (12, 10), (26, 0)) == tried("b", (26, 0))
@@ -131,7 +112,7 @@ def test_the_best_never_gets_worse_with_more_points(design, tmp_path):
         pitch = change.get("array.pitch_mm", 13.28)
         return {"worst_k": 5 - 3 * math.exp(-(((pitch - 11) / 0.4) ** 2)) - 2 * math.exp(-((pitch - 15) ** 2))}
 
-    variable = GOAL.split('[[variable]]\nentry = "elastomer')[0]
+    variable = 'schema = 1\nvariable = [{ entry = "array.pitch_mm", low = 10, high = 16 }]\n'
     found = []
     for seed in (2, 4, 5):
         bests = []
@@ -149,16 +130,16 @@ def test_the_best_never_gets_worse_with_more_points(design, tmp_path):
 
 
 def test_nothing_to_polish(design, tmp_path):
-    def problem(text):
-        return optimize_with(design, parse_goal(text), tmp_path, Bowl()).polish_problem
+    def problem(**options):
+        return optimize_with(design, goal_of(**{"polish": 5, **options}), tmp_path, Bowl()).polish_problem
 
     two = LEAST + '[[objective]]\nquantity = "q"\ndirection = "maximize"\n'
     never = LEAST + '[[constraint]]\nquantity = "span_mm"\nat_most = 5\n'
-    whole = GOAL.replace("log = true", "step = 1").replace("high = 16", "high = 16\nstep = 0.5")
-    assert "several objectives" in problem(GOAL.format(wanted=two, polish=5, high=20))
-    assert problem(GOAL.format(wanted=LEAST, polish=0, high=20)) == "the goal asks for none."
-    assert problem(GOAL.format(wanted=never, polish=5, high=20)) == "no point of the search keeps all constraints."
-    assert problem(whole.format(wanted=LEAST, polish=5, high=20)) == "no variable is continuous."
+    whole = GOAL.replace("log = true", "step = 1").replace("high = 16", "high = 16, step = 0.5")
+    assert "several objectives" in problem(wanted=two)
+    assert problem(polish=0) == "the goal asks for none."
+    assert problem(wanted=never) == "no point of the search keeps all constraints."
+    assert problem(text=whole) == "no variable is continuous."
 
 
 def test_points_that_cannot_be(design, tmp_path):

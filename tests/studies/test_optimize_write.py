@@ -1,16 +1,6 @@
-"""The files, pictures and page of an optimisation.
-
-What                              checked against
-trials.csv, result.json           the trials themselves
-best.toml, pareto_NN.toml         `load_design`, and the quantities of what it reads
-pictures                          the numbers that they were given
-report.html                       the trials; that it needs no other file
-"""
-
-from __future__ import annotations
+"""The files, pictures and page of an optimisation."""
 
 import csv
-import io
 import json
 import re
 
@@ -34,30 +24,19 @@ GOAL = """
 schema = 1
 title = "Smaller & better"
 watch = ["fab_broken"]
-[[variable]]
-entry = "array.pitch_mm"
-low = 8
-high = 13
-[[variable]]
-entry = "array.columns"
-low = 2
-high = 4
-[[variable]]
-entry = "array.layers"
-choices = [[["L1", "L2"], ["L3", "L4"]], [["L1", "L3"], ["L2", "L4"]]]
-[[objective]]
-quantity = "board_area_mm2"
-direction = "minimize"
-{second}
-[[constraint]]
-quantity = "span_mm"
-at_least = 30
+variable = [
+  {{ entry = "array.pitch_mm", low = 8, high = 13 }},
+  {{ entry = "array.columns", low = 2, high = 4 }},
+  {{ entry = "array.layers", choices = [[["L1", "L2"], ["L3", "L4"]], [["L1", "L3"], ["L2", "L4"]]] }},
+]
+objective = [{{ quantity = "board_area_mm2", direction = "minimize" }}, {second}]
+constraint = [{{ quantity = "span_mm", at_least = 30 }}]
 [search]
 trials = {trials}
 population = 8
 polish = 6
 """
-SECOND = '[[objective]]\nquantity = "worst_k"\ndirection = "minimize"\n'
+SECOND = '{ quantity = "worst_k", direction = "minimize" }'
 
 
 def quantities(change):
@@ -65,36 +44,29 @@ def quantities(change):
     if pitch > 12.5:
         return f"a pitch of {pitch:.2f} mm is too much."
     crossed = change.get("array.layers", [["L1", "L2"]])[0][1] == "L3"
-    return {
-        "board_area_mm2": 30.0 * pitch * columns,
-        "worst_k": 0.01 * abs(pitch - 10.0) + 0.001 * columns + 0.01 * crossed,
-        "span_mm": 16.0 + pitch * (columns - 1),
-        "fab_broken": 0.0,
-    }
+    worst = 0.01 * abs(pitch - 10.0) + 0.001 * columns + 0.01 * crossed
+    layout = {"board_area_mm2": 30.0 * pitch * columns, "span_mm": 16.0 + pitch * (columns - 1), "fab_broken": 0.0}
+    return {"worst_k": worst, **layout}
+
+
+def searched(starter, folders, goal):
+    return optimize_with(starter, parse_goal(goal), folders.mktemp("search"), StandIn(quantities))
 
 
 @pytest.fixture(scope="module")
 def single(starter, tmp_path_factory):
-    goal = parse_goal(GOAL.format(second="", trials=48))
-    return optimize_with(starter, goal, tmp_path_factory.mktemp("single"), StandIn(quantities))
+    return searched(starter, tmp_path_factory, GOAL.format(second="", trials=48))
 
 
 @pytest.fixture(scope="module")
 def double(starter, tmp_path_factory):
-    goal = parse_goal(GOAL.format(second=SECOND, trials=48).replace("polish = 6", ""))
-    return optimize_with(starter, goal, tmp_path_factory.mktemp("double"), StandIn(quantities))
-
-
-def table(text):
-    return list(csv.DictReader(io.StringIO(text)))
+    return searched(starter, tmp_path_factory, GOAL.format(second=SECOND, trials=48).replace("polish = 6", ""))
 
 
 @pytest.mark.slow
 def test_csv_has_every_trial(single, tmp_path):
     write_optimization(single, tmp_path)
-    rows = table((tmp_path / "trials.csv").read_text(encoding="utf-8"))
-    assert len(rows) == 1 + len(single.trials)
-    start, *others = rows
+    start, *others = csv.DictReader((tmp_path / "trials.csv").read_text(encoding="utf-8").splitlines())
     assert (start["kind"], start["array.columns"], start["array.pitch_mm"]) == ("start", "3", "11.0")
     assert json.loads(start["array.layers"]) == [["L1", "L2"], ["L3", "L4"]]
     for row, trial in zip(others, single.trials, strict=True):
@@ -102,8 +74,7 @@ def test_csv_has_every_trial(single, tmp_path):
         assert row["accuracy"] == trial.accuracy
         assert (row["feasible"], row["front"]) == (str(trial.feasible), str(trial is single.best))
         assert float(row["array.pitch_mm"]) == trial.changes["array.pitch_mm"]  # to the last bit
-        for key, value in trial.quantities.items():
-            assert float(row[key]) == value
+        assert {key: float(row[key]) for key in trial.quantities} == trial.quantities
         assert trial.quantities or row["span_mm"] == ""
 
 

@@ -1,7 +1,5 @@
 """Points: the numbers of the quantities whatever the pool, each design computed once, interrupted runs that go on."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 
@@ -63,9 +61,8 @@ class Wide(Counting):
 
 
 def test_outcomes_are_the_quantities_of_each_variation(starter):
-    changes = pitches(12, 13.5, 17)
+    changes = [*pitches(12, 13.5, 17), {}]
     assert run(starter, changes) == [evaluate(vary(starter, change), QUANTITIES) for change in changes]
-    assert run(starter, [{}]) == [evaluate(starter, QUANTITIES)]
 
 
 @pytest.mark.slow
@@ -83,14 +80,8 @@ def test_two_processes_compute_the_same_bits_as_this_one(accuracy):
 
 
 def test_what_cannot_be_has_its_reason(starter):
-    changes = [
-        {"array.pitch_mm": 12},
-        {"array.pitch_mm": -1.0},
-        {"array.pich_mm": 12},
-        {"coils.nothing.turns_per_layer": 3},
-        {"array.pitch_mm": "wide"},
-    ]
-    good, negative, unknown, no_coil, text = run(starter, changes)
+    changes = [*pitches(12, -1.0, "wide"), {"array.pich_mm": 12}, {"coils.nothing.turns_per_layer": 3}]
+    good, negative, text, unknown, no_coil = run(starter, changes)
     assert good.keys() == set(QUANTITIES)
     assert negative == "starter: array.pitch_mm must be greater than 0; got -1."
     assert "did you mean pitch_mm" in unknown
@@ -111,9 +102,8 @@ def test_no_point_is_computed_twice(starter, cache):
     assert (again[0], again[2]) == (expected[2], expected[1])
     # the same board from a file that says so, under another title, its numbers set by numpy
     near = dataclasses.replace(vary(starter, {"array.pitch_mm": 13}), title="Mine")
-    (_, same), (_, shifted) = evaluate_points(
-        near, [{}, {"array.pitch_mm": np.float64(14.0)}], QUANTITIES, other, cache
-    )
+    points = [{}, *pitches(np.float64(14.0))]
+    (_, same), (_, shifted) = evaluate_points(near, points, QUANTITIES, other, cache)
     assert other.computed == 0
     assert (same, shifted) == (expected[1], expected[2])
 
@@ -152,32 +142,22 @@ def test_an_interrupted_run_goes_on(starter, cache):
     '{"reason": 3}', '{"other": {}}',
 ])  # fmt: skip
 def test_an_unreadable_entry_is_computed_again(starter, cache, text):
-    pool = Counting()
-    expected = list(evaluate_points(starter, pitches(12, 13), QUANTITIES, pool, cache))
+    pool, asked = Counting(), (starter, pitches(12, 13), QUANTITIES)
+    expected = list(evaluate_points(*asked, pool, cache))
     for path in cache.folder.rglob("*.json"):
         path.write_text(text, encoding="utf-8")
-    assert list(evaluate_points(starter, pitches(12, 13), QUANTITIES, pool, cache)) == expected
-    assert pool.computed == 4
-    list(evaluate_points(starter, pitches(12, 13), QUANTITIES, pool, cache))
-    assert pool.computed == 4
+    for _ in range(2):
+        assert list(evaluate_points(*asked, pool, cache)) == expected
+        assert pool.computed == 4
 
 
 @pytest.mark.parametrize("kept", [False, True])
 def test_equal_points_in_flight_are_computed_once(starter, cache, kept):
-    pool, told = Wide(), []
-    found = list(
-        evaluate_points(
-            starter,
-            pitches(12, 13, 12, 12.0, 13),
-            QUANTITIES,
-            pool,
-            cache if kept else None,
-            progress=lambda done, total: told.append((done, total)),
-        )
-    )
-    assert pool.computed == 2
+    pool, told, changes = Wide(), [], pitches(12, 13, 12, 12.0, 13)
+    options = {"cache": cache if kept else None, "progress": lambda *now: told.append(now)}
+    found = list(evaluate_points(starter, changes, QUANTITIES, pool, **options))
     values = dict(found)
-    assert len(found) == 5
+    assert (pool.computed, len(found)) == (2, 5)
     assert values[0] == values[2] == values[3] != values[1] == values[4]
     assert told == [(k, 5) for k in range(1, 6)]
 
@@ -214,9 +194,8 @@ def test_a_board_with_errors_is_sent_as_it_is(starter):
 def test_any_function_of_plain_data_can_be_cached(cache):
     first, second, told = Counting(), Counting(), []
     for pool in (first, second):
-        found = dict(
-            run_cached(worker_tasks.refuse_odd, [2, 3, 4], pool, cache, progress=lambda *now: told.append(now), total=3)
-        )
+        options = {"progress": lambda *now: told.append(now), "total": 3}
+        found = dict(run_cached(worker_tasks.refuse_odd, [2, 3, 4], pool, cache, **options))
         assert found == {0: {"half": 1.0}, 1: "3 is odd.", 2: {"half": 2.0}}
     assert (first.computed, second.computed) == (3, 0)
     assert told == [(1, 3), (2, 3), (3, 3)] * 2

@@ -1,17 +1,6 @@
-"""Quantities of a design against the functions they stand on, against closed forms, and against synthetic responses.
-
-What                              checked against
-layout                            hexagons and squares by hand, `check_rules`
-k, inductance                     `mutual_inductance` and `self_inductance` of the same paths
-circuit                           `scan_design`, the drive settings of the LDC1614
-peak, width, x0                   bells and ellipses of known formula; the response at the very place
-position and depth error          Fisher information of bells from differences; a finer table
-requests                          text and table, there and back
-"""
+"""Quantities of a design against the functions they stand on, against closed forms, and against synthetic responses."""
 
 # ruff: noqa: E501 - each case is one line of input and one of output
-from __future__ import annotations
-
 import math
 import pickle
 
@@ -42,12 +31,9 @@ LOOPS = """
 schema = 1
 name = "loops"
 stackup = { layers = ["top", "bottom"], copper_thickness_um = [35, 35], dielectric_thickness_mm = [1.5], dielectric_epsilon_r = [4.4] }
-[coils.square]
-shape = "path"
-trace_width_mm = 0.2
-gap_mm = 0.2
-terminals = false
-lines_mm = [[[-5, -5], [5, -5], [5, 5], [-5, 5], [-5, -4.5]]]
+coils.square = { shape = "path", trace_width_mm = 0.2, gap_mm = 0.2, terminals = false, lines_mm = [
+  [[-5, -5], [5, -5], [5, 5], [-5, 5], [-5, -4.5]],
+] }
 [array]
 lattice = "free"
 placements = [
@@ -62,30 +48,23 @@ def value(design, asked):
     return evaluate(design, [asked])[canonical(asked)]
 
 
-# --- the catalogue and requests ---------------------------------------------------------------------------------------
-
-
 def test_the_catalogue_says_what_everything_is():
     costs = ["geometry", "coupling", "circuit", "response", "table"]
     assert [q.cost for q in QUANTITIES.values()] == sorted((q.cost for q in QUANTITIES.values()), key=costs.index)
     units = {"mm": "mm", "mm2": "mm²", "uH": "µH", "MHz": "MHz"}
     for name, quantity in QUANTITIES.items():
-        assert quantity.name == name
-        assert quantity.unit == units.get(name.rpartition("_")[2], "1")  # the unit stands in the name
+        # the unit stands in the name
+        assert (quantity.name, quantity.unit) == (name, units.get(name.rpartition("_")[2], "1"))
         assert len(quantity.says) > 10
         assert "\n" not in quantity.says
-        for option in quantity.options:
-            assert option.says
-            assert option.must_be
+        assert all(option.says and option.must_be for option in quantity.options)
 
 
 @pytest.mark.parametrize(("asked", "key"), [
-    ("rms_k", "rms_k"), (" rms_k ", "rms_k"), ("rms_k[]", None), ({"quantity": "rms_k"}, "rms_k"),
+    ("rms_k", "rms_k"), (" rms_k ", "rms_k"), ({"quantity": "rms_k"}, "rms_k"),
     ({"quantity": "k", "coils": ["coil1", "coil2"]}, "k[coil1,coil2]"),
-    ({"quantity": "k", "coils": ("coil2", "coil1")}, "k[coil2,coil1]"),
-    ("k[ coil1 , coil2 ]", "k[coil1,coil2]"),
-    ("q[coil=coil1]", "q[coil1]"),
-    ("fab_margin_mm[ hole spacing ]", "fab_margin_mm[hole spacing]"),
+    ({"quantity": "k", "coils": ("coil2", "coil1")}, "k[coil2,coil1]"), ("k[ coil1 , coil2 ]", "k[coil1,coil2]"),
+    ("q[coil=coil1]", "q[coil1]"), ("fab_margin_mm[ hole spacing ]", "fab_margin_mm[hole spacing]"),
     ("peak_delta[depth_mm=0.50,coil2]", "peak_delta[coil2,depth_mm=0.5]"),
     ({"quantity": "peak_delta", "depth_mm": 1, "coil": "coil2"}, "peak_delta[coil2,depth_mm=1]"),
     ("position_error_mm[noise=0.00001,depth_mm=1.0]", "position_error_mm[depth_mm=1,noise=1e-05]"),
@@ -93,21 +72,15 @@ def test_the_catalogue_says_what_everything_is():
     ("depth_error_mm[region_mm=-20:20.5:-5:5]", "depth_error_mm[region_mm=-20:20.5:-5:5]"),
 ])  # fmt: skip
 def test_canonical_text_and_back(asked, key):
-    if key is None:
-        with pytest.raises(GoalError):
-            canonical(asked)
-        return
-    assert canonical(asked) == key
-    assert canonical(key) == key
+    assert canonical(asked) == canonical(key) == key
     assert dict(request(key).options) == dict(request(asked).options)
 
 
+EDGES = st.lists(st.floats(-1e9, 1e9), min_size=4, max_size=4, unique=True)
+
+
 @settings(max_examples=50)
-@given(
-    depth=st.floats(1e-6, 1e6),
-    noise=st.floats(min_value=5e-324, allow_infinity=False),
-    edges=st.lists(st.floats(-1e9, 1e9), min_size=4, max_size=4, unique=True),
-)
+@given(depth=st.floats(1e-6, 1e6), noise=st.floats(min_value=5e-324, allow_infinity=False), edges=EDGES)
 def test_numbers_keep_every_digit_in_a_text(depth, noise, edges):
     region = [*sorted(edges[:2]), *sorted(edges[2:])]
     asked = request({"quantity": "position_error_mm", "region_mm": region, "depth_mm": depth, "noise": noise})
@@ -122,6 +95,7 @@ BAD_REQUESTS = {
     "a table without a name": ({"coils": ["a", "b"]}, "the name of a quantity is missing;"),
     "a number": (3, "a quantity must be a name, with options in brackets as k[coil1,coil2]; got 3."),
     "open bracket": ("k[coil1", "a quantity must be a name, with options in brackets as k[coil1,coil2]; got 'k[coil1'."),
+    "empty brackets": ("rms_k[]", ""),
     "words after": ("k[coil1,coil2] x", "a quantity must be a name, with options in brackets"),
     "missing option": ("k", "k needs the option coils, the names of two coils."),
     "missing coil": ("inductance_uH", "inductance_uH needs the option coil, the name of a coil."),
@@ -162,9 +136,6 @@ def test_wrong_requests_are_one_clear_line_before_anything_is_computed(case, mon
     assert "\n" not in str(error.value)
 
 
-# --- layout -----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("pitch", [13.28, 19.0, 25.0])
 def test_span_and_cover_of_a_row_of_hexagons(pitch):
     """Hexagons with flats towards their neighbours: where two overlap, half-widths add up to more than the pitch."""
@@ -201,7 +172,7 @@ def limited():
 def test_margin_of_every_rule(limited, rule):
     listed = [m for m in check_rules(limited.design.array, limited.design.rules) if m.rule == rule]
     assert listed
-    found = request({"quantity": "fab_margin_mm", "rule": rule}).value(limited)
+    found = request(f"fab_margin_mm[{rule}]").value(limited)
     assert found == pytest.approx(min(m.margin for m in listed) * 1e3, rel=1e-12)
 
 
@@ -223,14 +194,6 @@ def test_a_distance_that_is_too_far_to_be_measured_counts_as_nine_limits():
     assert value(far, "fab_margin_mm[clearance]") == pytest.approx(9 * 0.1)
     near = vary(STARTER, {"array.pitch_mm": 40.0, "fab.min_gap_mm": 0.01})
     assert value(near, "fab_margin_mm[clearance]") == pytest.approx(9 * 0.01)
-
-
-def test_a_rule_without_a_limit_has_no_margin():
-    with pytest.raises(GoalError, match="the rules of starter say nothing of its board size"):
-        value(STARTER, "fab_margin_mm[board size]")
-
-
-# --- coupling ---------------------------------------------------------------------------------------------------------
 
 
 def test_coupling_of_loops():
@@ -263,89 +226,79 @@ def test_sheets_count_and_screening_is_as_good_as_it_says():
     assert screened != full
 
 
-def test_one_coil_couples_with_none():
-    alone = vary(STARTER, {"array.columns": 1, "indentation.origin": "coil1"})
-    for name in ("rms_k", "worst_k"):
-        with pytest.raises(GoalError, match="the design starter has one coil alone"):
-            value(alone, name)
-    assert value(alone, "inductance_uH[coil1]") > 0
+ALONE = {"array.columns": 1, "indentation.origin": "coil1"}
+NO_RESONANCE = {"circuit.short_resistance_ohm": 1e9, "circuit.capacitance_pF": 1e12}
+SAMPLE = {"indentation.sample_x_mm": [-15, 15], "indentation.sample_y_mm": [-20, 20]}
 
 
-@pytest.mark.parametrize("asked", [
-    "k[coil1,coil9]", "inductance_uH[coil9]", "peak_delta[coil9]", "response_width_mm[coil9]",
-    "x0_distortion_mm[coil9]",
+@pytest.mark.parametrize(("changes", "asked", "message"), [
+    ({}, "fab_margin_mm[board size]", "the rules of starter say nothing of its board size"),
+    (ALONE, "rms_k", "the design starter has one coil alone"),
+    (ALONE, "worst_k", "the design starter has one coil alone"),
+    pytest.param(NO_RESONANCE, "q", "resonance", marks=pytest.mark.slow),
+    ({**SAMPLE, "indentation.sample_x_mm": [-9, 9]}, "peak_delta[coil3]",
+     "the indenter at x = 11 mm is outside the sample of starter"),
+    ({**SAMPLE, "indentation.sample_x_mm": [-1, 1]}, "peak_delta", "the sample of starter leaves no room"),
 ])  # fmt: skip
-def test_unknown_coils(asked, monkeypatch):
+def test_what_a_design_does_not_have_is_one_line(changes, asked, message):
+    with pytest.raises(CoilarrayError, match=f"^.*{message}.*$"):
+        value(vary(STARTER, changes), asked)
+
+
+def test_one_coil_has_an_inductance():
+    assert value(vary(STARTER, ALONE), "inductance_uH[coil1]") > 0
+
+
+@pytest.mark.parametrize(
+    "name", ["k[coil1,", "inductance_uH[", "peak_delta[", "response_width_mm[", "x0_distortion_mm["]
+)
+def test_unknown_coils(name, monkeypatch):
     monkeypatch.setattr(evaluation, "response_map", lambda *_, **__: pytest.fail("computed"))
     with pytest.raises(GoalError, match=r"the design starter has no coil 'coil9'; there are coil1, coil2, coil3\."):
-        value(STARTER, asked)
-
-
-# --- circuit ----------------------------------------------------------------------------------------------------------
+        value(STARTER, f"{name}coil9]")
 
 
 @pytest.fixture(scope="module")
-def circuit():
+def true():
+    """What the tests of the starter's true circuit and response share."""
     return Evaluation(STARTER)
 
 
 @pytest.mark.slow
-def test_circuit_is_that_of_the_scan(circuit):
+def test_circuit_is_that_of_the_scan(true):
     scan = scan_design(STARTER)
-    for name, variable, unit in (
-        ("effective_inductance_uH", "effective_inductance", 1e6),
-        ("frequency_MHz", "frequency", 1e-6),
-        ("q", "quality_factor", 1),
-    ):
-        for k, coil in enumerate(STARTER.array.names):
+    inductance = ("effective_inductance_uH", "effective_inductance", 1e6)
+    for name, variable, unit in (inductance, ("frequency_MHz", "frequency", 1e-6), ("q", "quality_factor", 1)):
+        for coil in STARTER.array.names:
             expected = float(scan[variable].sel(state=coil)) * unit
-            assert request(f"{name}[{coil}]").value(circuit) == pytest.approx(expected, rel=1e-9), (name, k)
-    assert request("q").value(circuit) == pytest.approx(float(scan.quality_factor.min()), rel=1e-9)
+            assert request(f"{name}[{coil}]").value(true) == pytest.approx(expected, rel=1e-9), (name, coil)
+    assert request("q").value(true) == pytest.approx(float(scan.quality_factor.min()), rel=1e-9)
     ratio = scan.state_self_resonance / scan.frequency
-    assert request("srf_margin").value(circuit) == pytest.approx(float(ratio.min()), rel=1e-9)
-    assert request("srf_margin").value(circuit) > 1
+    assert request("srf_margin").value(true) == pytest.approx(float(ratio.min()), rel=1e-9)
+    assert request("srf_margin").value(true) > 1
+    R_p = true.scan.parallel_resistance.values
+    assert request("drive_margin").value(true) == pytest.approx(min((R_p / 600 - 1).min(), (1 - R_p / 90e3).min()))
 
 
 @pytest.mark.parametrize("R_p", [300.0, 599.0, 601.0, 33e3, 89e3, 91e3])
 def test_drive_margin_is_positive_where_a_drive_current_fits(R_p):
     """Against the rows of the drive table themselves; the other states are in the middle of the window."""
     of = Evaluation(STARTER)
-    states = ("state", [10e3, R_p, 20e3])
-    vars(of)["scan"] = xr.Dataset(
-        {
-            "frequency": ("state", [2e6] * 3),
-            "parallel_resistance": states,
-            "loaded_quality_factor": ("state", [30.0] * 3),
-            "state_self_resonance": ("state", [9e6] * 3),
-        }
-    )
+    same = {"frequency": 2e6, "loaded_quality_factor": 30.0, "state_self_resonance": 9e6}
+    states = {name: ("state", [number] * 3) for name, number in same.items()}
+    vars(of)["scan"] = xr.Dataset({**states, "parallel_resistance": ("state", [10e3, R_p, 20e3])})
     margin = request("drive_margin").value(of)
     assert (margin >= 0) == (drive_for(R_p) is not None)
     # the state of 20 kΩ is 1 − 20/90 from the upper end
     assert margin == pytest.approx(min(R_p / 600 - 1, 1 - R_p / 90e3, 1 - 20 / 90), rel=1e-12)
 
 
-def test_drive_margin_of_a_design(circuit):
-    R_p = circuit.scan.parallel_resistance.values
-    assert request("drive_margin").value(circuit) == pytest.approx(min((R_p / 600 - 1).min(), (1 - R_p / 90e3).min()))
-
-
 def test_a_scan_that_measures_no_coil_alone():
     pair = '[[scan]]\nname = "pair"\nmeasure = ["coil1", "-coil2"]\n[[scan]]\nname = "third"\nmeasure = ["-coil3"]\n[field]'
-    design = parse_design(read("starter").replace("[field]", pair, 1), "starter")
-    of = Evaluation(design)
+    of = Evaluation(parse_design(read("starter").replace("[field]", pair, 1), "starter"))
     assert of.own_states == {"coil3": 1}  # a coil turned round is still measured alone
     with pytest.raises(GoalError, match="the scan of starter has no state that measures coil1 alone"):
         of.state_of("coil1")
-
-
-@pytest.mark.slow
-def test_a_circuit_without_a_resonance_is_one_line():
-    with pytest.raises(CoilarrayError, match="resonance"):
-        value(vary(STARTER, {"circuit.short_resistance_ohm": 1e9, "circuit.capacitance_pF": 1e12}), "q")
-
-
-# --- response ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -368,18 +321,19 @@ def synthetic(monkeypatch):
     return replace
 
 
-def hill(points, x, y, a, b, peak):
-    """Gaussian over an ellipse, growing with the depth."""
-    u, v = (points[..., 0] - x) / a, (points[..., 1] - y) / b
-    return peak * points[..., 2] / 1e-3 * np.exp(-(u**2 + v**2) / 2)
+def hills(*coils):
+    """Gaussians over ellipses (x, y, a, b, peak), growing with the depth."""
+
+    def hill(points, x, y, a, b, peak):
+        u, v = (points[..., 0] - x) / a, (points[..., 1] - y) / b
+        return peak * points[..., 2] / 1e-3 * np.exp(-(u**2 + v**2) / 2)
+
+    return lambda points: np.stack([hill(points, *coil) for coil in coils], axis=-1)
 
 
 def test_peak_and_width_of_bells(synthetic):
-    pitch, sigma = 11e-3, [4e-3, 5e-3, 6e-3]
-    peaks = [1e-3, 2e-3, 3e-3]
-    calls = synthetic(
-        lambda p: np.stack([hill(p, (k - 1) * pitch, 0.0, sigma[k], 4e-3, peaks[k]) for k in range(3)], axis=-1)
-    )
+    sigma = [4e-3, 5e-3, 6e-3]
+    calls = synthetic(hills(*(((k - 1) * 11e-3, 0.0, sigma[k], 4e-3, (k + 1) * 1e-3) for k in range(3))))
     asked = [f"response_width_mm[coil{k}]" for k in (1, 2, 3)] + ["peak_delta[coil1]", "peak_delta[coil3,depth_mm=0.6]"]
     found = evaluate(STARTER, [*asked, "peak_delta"])
     fwhm = 2 * math.sqrt(2 * math.log(2))
@@ -392,23 +346,33 @@ def test_peak_and_width_of_bells(synthetic):
     assert len(calls) == 2  # one line of each depth serves all coils of the row
 
 
-def test_width_where_delta_does_not_fall(synthetic):
-    synthetic(lambda p: np.ones((*p.shape[:-1], 3)) + 1e-3 * (p[..., :1] / 1e-2 - (p[..., :1] / 1e-2) ** 2))
-    with pytest.raises(GoalError, match="δ of coil2 does not fall to half its peak on both sides"):
-        value(STARTER, "response_width_mm[coil2]")
-    synthetic(lambda p: np.zeros((*p.shape[:-1], 3)))
-    with pytest.raises(GoalError, match="coil2 of starter has no response with a peak"):
-        value(STARTER, "response_width_mm[coil2]")
+def even(points):
+    return np.ones((*points.shape[:-1], 3))
+
+
+WEAK = [((k - 1) * 11e-3, 0.0, 3e-3, 2e-3, 3e-4) for k in range(3)]
+
+
+@pytest.mark.parametrize(("delta", "changes", "asked", "message"), [
+    (lambda p: even(p) + 1e-3 * (p[..., :1] / 1e-2 - (p[..., :1] / 1e-2) ** 2), {}, "response_width_mm[coil2]",
+     "δ of coil2 does not fall to half its peak on both sides"),
+    (lambda p: 0 * even(p), {}, "response_width_mm[coil2]", "coil2 of starter has no response with a peak"),
+    (hills(*WEAK), {}, "x0_distortion_mm[coil2]", "the map of starter has no ellipses between δ = 1e-4 and 1e-3"),
+    (hills(*((y, x, *rest) for x, y, *rest in (WEAK[0], WEAK[2], WEAK[2]))),
+     {"array.direction_deg": 90.0, "indentation.origin": "coil2"}, "x0_distortion_mm",
+     "no coil of starter is on the x axis of its map"),
+    (lambda p: even(p) * p[..., 2:], {}, "position_error_mm", "the readings of starter do not tell where"),
+], ids=["even", "nothing", "weak", "beside the axis", "no position"])  # fmt: skip
+def test_a_response_that_does_not_tell_the_quantity(synthetic, delta, changes, asked, message):
+    synthetic(delta)
+    with pytest.raises(GoalError, match=message):
+        value(vary(STARTER, changes), asked)
 
 
 @pytest.mark.slow
 def test_x0_of_ellipses_that_are_beside_their_coils(synthetic):
     shifts, fine = [-0.4e-3, 0.2e-3, 0.7e-3], vary(STARTER, {"indentation.step_mm": 1.0, "indentation.x_mm": [-20, 20]})
-    calls = synthetic(
-        lambda p: np.stack(
-            [hill(p, (k - 1) * 11e-3 + shifts[k], 0.0, 2.4e-3, 1.8e-3, 4.5e-3) for k in range(3)], axis=-1
-        )
-    )
+    calls = synthetic(hills(*(((k - 1) * 11e-3 + shifts[k], 0.0, 2.4e-3, 1.8e-3, 4.5e-3) for k in range(3))))
     found = evaluate(fine, ["x0_distortion_mm", *(f"x0_distortion_mm[coil{k}]" for k in (1, 2, 3))])
     # levels are bands of the refined map, whose points lie a little unevenly about the centre
     for k in range(3):
@@ -422,16 +386,6 @@ def test_x0_of_ellipses_that_are_beside_their_coils(synthetic):
         value(small, "x0_distortion_mm[coil1]")
 
 
-def test_x0_of_a_map_that_is_too_weak_or_beside_the_coils(synthetic):
-    synthetic(lambda p: np.stack([hill(p, (k - 1) * 11e-3, 0.0, 3e-3, 2e-3, 3e-4) for k in range(3)], axis=-1))
-    with pytest.raises(GoalError, match="the map of starter has no ellipses between δ = 1e-4 and 1e-3"):
-        value(STARTER, "x0_distortion_mm[coil2]")
-    beside = vary(STARTER, {"array.direction_deg": 90.0, "indentation.origin": "coil2"})
-    synthetic(lambda p: np.stack([hill(p, 0.0, (k - 1) * 11e-3, 3e-3, 2e-3, 3e-4) for k in (0, 2, 2)], axis=-1))
-    with pytest.raises(GoalError, match="no coil of starter is on the x axis of its map"):
-        value(beside, "x0_distortion_mm")
-
-
 ROW = [(-11e-3, 0.0), (0.0, 0.0), (11e-3, 0.0)]
 
 
@@ -441,8 +395,7 @@ def bound_by_differences(depth, region, noise):
     x, y = (low + (high - low) * (np.arange(n) + 0.5) / n for low, high, n in ((x_min, x_max, 40), (y_min, y_max, 20)))
     X, Y = np.meshgrid(x, y)
     at = np.stack([X, Y, np.full_like(X, depth * 1e-3)], axis=-1)
-    steps = 1e-6 * np.eye(3)
-    J = np.stack([(bells(at + step, ROW) - bells(at - step, ROW)) / 2e-6 for step in steps], axis=-1)
+    J = np.stack([(bells(at + step, ROW) - bells(at - step, ROW)) / 2e-6 for step in 1e-6 * np.eye(3)], axis=-1)
     covariance = np.linalg.inv(J.swapaxes(-1, -2) @ J) * noise**2
     return [float(np.median(np.sqrt(covariance[..., k, k]))) * 1e3 for k in (0, 2)]
 
@@ -469,12 +422,6 @@ def test_position_error_by_default_is_over_all_coils_at_the_first_depth(syntheti
     assert value(STARTER, "position_error_mm") == pytest.approx(explicit, rel=1e-6)
 
 
-def test_readings_that_tell_no_position(synthetic):
-    synthetic(lambda p: np.ones((*p.shape[:-1], 3)) * p[..., 2:])
-    with pytest.raises(GoalError, match="the readings of starter do not tell where"):
-        value(STARTER, "position_error_mm")
-
-
 def test_a_design_that_says_nothing_of_an_indentation():
     loops = parse_design(LOOPS)
     for name in ("peak_delta", "response_width_mm[a]", "x0_distortion_mm", "position_error_mm", "depth_error_mm"):
@@ -484,62 +431,43 @@ def test_a_design_that_says_nothing_of_an_indentation():
 
 def test_the_window_stays_inside_the_sample():
     """A hemisphere of 2 mm touches within its radius; the sample ends short of the outer coils."""
-    sample = vary(STARTER, {"indentation.sample_x_mm": [-15, 15], "indentation.sample_y_mm": [-20, 20]})
-    x_min, x_max, y_min, y_max = np.multiply(Evaluation(sample).window(0.3e-3, beyond=4e-3), 1e3)
+    x_min, x_max, y_min, y_max = np.multiply(Evaluation(vary(STARTER, SAMPLE)).window(0.3e-3, beyond=4e-3), 1e3)
     reach = math.sqrt(2**2 - (2 - 4 * 0.3) ** 2)
     assert (x_min, x_max) == pytest.approx((-15 + reach, 15 - reach), rel=1e-9)
     corner = 8 / math.cos(math.pi / 6)
     assert (y_min, y_max) == pytest.approx((-corner - 4, corner + 4), rel=1e-9)
-    beside = vary(sample, {"indentation.sample_x_mm": [-9, 9]})
-    with pytest.raises(GoalError, match="the indenter at x = 11 mm is outside the sample of starter"):
-        value(beside, "peak_delta[coil3]")
-    with pytest.raises(GoalError, match="the sample of starter leaves no room"):
-        value(vary(sample, {"indentation.sample_x_mm": [-1, 1]}), "peak_delta")
-
-
-@pytest.fixture(scope="module")
-def pressed():
-    """Return what the tests of the starter's true response share."""
-    return Evaluation(STARTER)
 
 
 @pytest.mark.slow
-def test_peak_is_the_response_at_the_place(pressed):
-    at = response_map(
-        pressed.design, depths=[0.3e-3], x=[-11e-3, 0.0, 11e-3], y=[0.0], inductance=lambda: pressed.inductance
-    )
+def test_peak_is_the_response_at_the_place(true):
+    x = [-11e-3, 0.0, 11e-3]
+    at = response_map(STARTER, depths=[0.3e-3], x=x, y=[0.0], inductance=lambda: true.inductance)
     for k, name in enumerate(("coil1", "coil2", "coil3")):  # the spline along x at eight steps in a thickness
-        found = request(f"peak_delta[{name}]").value(pressed)
+        found = request(f"peak_delta[{name}]").value(true)
         assert found == pytest.approx(float(at.delta[0, 0, k, k]), rel=1e-4)
-    assert request("peak_delta").value(pressed) == pytest.approx(float(at.delta[0, 0, 1].max()), rel=1e-4)
+    assert request("peak_delta").value(true) == pytest.approx(float(at.delta[0, 0, 1].max()), rel=1e-4)
     # within the coil of 16 mm, and about as wide as its mean turn
-    assert 6 < request("response_width_mm[coil2]").value(pressed) < 16
+    assert 6 < request("response_width_mm[coil2]").value(true) < 16
 
 
 @pytest.mark.slow
-def test_position_error_against_a_finer_table(pressed):
+def test_position_error_against_a_finer_table(true):
     """About half the spacing and the six depths of `table_grid`."""
     region = (-5e-3, 5e-3, -4e-3, 4e-3)
-    depths, _, _ = table_grid(pressed.design, deepest=0.75e-3)
+    depths, _, _ = table_grid(STARTER, deepest=0.75e-3)
     x, y = np.linspace(-5e-3, 5e-3, 21), np.linspace(-4e-3, 4e-3, 17)
-    table = response_map(pressed.design, depths=depths, x=x, y=y, inductance=lambda: pressed.inductance)
+    table = response_map(STARTER, depths=depths, x=x, y=y, inductance=lambda: true.inductance)
     places = [low + (high - low) * (np.arange(n) + 0.5) / n for low, high, n in ((*region[:2], 40), (*region[2:], 20))]
     two = identifiability(forward_model(table), 0.3e-3, x=places[0], y=places[1])
-    text = "region_mm=-5:5:-4:4,depth_mm=0.3"
     # the accuracy that the module states: the contact's mesh follows the depths
     for name, sigma, rel in (("position_error_mm", two.sigma_x, 1e-2), ("depth_error_mm", two.sigma_h, 3e-2)):
-        found = request(f"{name}[{text}]").value(pressed)
+        found = request(f"{name}[region_mm=-5:5:-4:4,depth_mm=0.3]").value(true)
         assert found == pytest.approx(float(np.median(sigma)) * 1e3, rel=rel)
 
 
-# --- evaluation -------------------------------------------------------------------------------------------------------
-
-
 def test_common_results_are_computed_once(monkeypatch):
-    calls = []
-    real = evaluation.design_inductance
+    calls, margins, real = [], [], evaluation.design_inductance
     monkeypatch.setattr(evaluation, "design_inductance", lambda *a, **k: calls.append(a) or real(*a, **k))
-    margins = []
     monkeypatch.setattr(evaluation, "check_rules", lambda *a: margins.append(a) or check_rules(*a))
     asked = ["worst_k", "rms_k", "k[coil1,coil2]", "fab_margin_mm", "fab_margin_mm[drill]", "span_mm"]
     found = evaluate(STARTER, asked, accuracy="screen")
@@ -550,11 +478,8 @@ def test_common_results_are_computed_once(monkeypatch):
 
 
 def test_values_are_plain_numbers_and_the_same_again():
-    asked = [
-        name
-        for name, quantity in QUANTITIES.items()
-        if quantity.cost in ("geometry", "coupling") and not any(o.required for o in quantity.options)
-    ]
+    plain = [q for q in QUANTITIES.values() if not any(option.required for option in q.options)]
+    asked = [quantity.name for quantity in plain if quantity.cost in ("geometry", "coupling")]
     first, second = (evaluate(STARTER, asked, accuracy="screen") for _ in range(2))
     assert first == second
     assert {type(number) for number in first.values()} == {float}

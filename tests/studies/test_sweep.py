@@ -1,9 +1,8 @@
 """Sweeps: which points, which numbers at which place of the dataset, and every mistake before the work."""
 
-from __future__ import annotations
-
 import json
 import math
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -71,27 +70,24 @@ def test_a_range_has_its_ends_and_even_steps(start, step, count):
     ("a=1e308:-1e308:3", "a must have a range of finite length; got '1e308:-1e308:3'"),
     ("a=1,nan", "a must have finite values; got nan"), ("a=1,2,1", "a must have each value once; got 1 again"),
     ("a=open,open", "a must have each value once; got open again"),
-    ("a=5:1", "a must have an interval from low to high; got 5.0, 1.0"),
-    ("a=1:nan", "a must have finite values"),
+    ("a=5:1", "a must have an interval from low to high; got 5.0, 1.0"), ("a=1:nan", "a must have finite values"),
 ])  # fmt: skip
 def test_what_is_no_axis_is_refused(text, message):
     with pytest.raises(GoalError) as caught:
         parse_axis(text)
     assert str(caught.value).startswith(message)
-    assert len(str(caught.value).splitlines()) == 1
+    assert "\n" not in str(caught.value)
 
 
 def test_a_grid_has_every_number_at_its_place(starter):
-    axes = [Axis(PITCH, (16.0, 12.0)), Axis(COLUMNS, (3, 2))]
-    result = swept(starter, axes, ["board_area_mm2", "span_mm"])
+    asked = ["board_area_mm2", "span_mm"]
+    result = swept(starter, [Axis(PITCH, (16.0, 12.0)), Axis(COLUMNS, (3, 2))], asked)
     assert dict(result.sizes) == {PITCH: 2, COLUMNS: 2}
     for pitch in (12.0, 16.0):
         for columns in (2, 3):
-            board = vary(starter, {PITCH: pitch, COLUMNS: columns})
-            there = result.sel({PITCH: pitch, COLUMNS: columns})
-            assert {name: there[name].item() for name in ("board_area_mm2", "span_mm")} == evaluate(
-                board, ["board_area_mm2", "span_mm"]
-            )
+            place = {PITCH: pitch, COLUMNS: columns}
+            there = result.sel(place)
+            assert {name: there[name].item() for name in asked} == evaluate(vary(starter, place), asked)
             # the outline of a row of equal coils grows by a pitch a coil
             expected = evaluate(vary(starter, {COLUMNS: 2}), ["span_mm"])["span_mm"] - PITCH_MM
             assert there.span_mm.item() == pytest.approx(expected + pitch * (columns - 1), rel=1e-12)
@@ -136,28 +132,21 @@ def test_a_point_that_cannot_be_is_empty_with_its_reason(starter):
     result = swept(starter, [Axis(PITCH, (12.0, -1.0)), Axis(COLUMNS, (2, 3))])
     assert np.isnan(result.span_mm.sel({PITCH: -1.0})).all()
     assert np.isfinite(result.span_mm.sel({PITCH: 12.0})).all()
-    assert (
-        result.reason.sel({PITCH: -1.0}).values.tolist()
-        == ["starter: array.pitch_mm must be greater than 0; got -1."] * 2
-    )
-    assert result.reason.sel({PITCH: 12.0}).values.tolist() == ["", ""]
+    problem = "starter: array.pitch_mm must be greater than 0; got -1."
+    assert result.reason.sel({PITCH: [12.0, -1.0]}).values.tolist() == [["", ""], [problem, problem]]
 
 
 def test_a_sweep_comes_back_from_its_file(starter, tmp_path):
-    result = swept(
-        starter, [Axis(PITCH, (12.0, -1.0)), Axis("circuit.tank", ("coil",))], ["k[coil1,coil2]"], accuracy="screen"
-    )
+    axes = [Axis(PITCH, (12.0, -1.0)), Axis("circuit.tank", ("coil",))]
+    result = swept(starter, axes, ["k[coil1,coil2]"], accuracy="screen")
     save_dataset(result, tmp_path / "s.nc")
     with xr.open_dataset(tmp_path / "s.nc", engine="h5netcdf") as again:
         xr.testing.assert_identical(again.load(), result)
 
 
 def test_samples_lie_in_their_axes_and_cover_them(starter):
-    axes = [
-        Axis(PITCH, (10.0, 20.0), interval=True),
-        Axis(COLUMNS, (2, 5), interval=True),
-        Axis("circuit.tank", ("coil", "converter", "neither")),
-    ]
+    tank = Axis("circuit.tank", ("coil", "converter", "neither"))
+    axes = [Axis(PITCH, (10.0, 20.0), interval=True), Axis(COLUMNS, (2, 5), interval=True), tank]
     plan = plan_sweep(starter, axes, ["span_mm"], samples=64, seed=3)
     assert (plan.dims, plan.shape, plan.sampling) == (("sample",), (64,), "64 points of a Sobol sequence, seed 3")
     pitch = np.sort([point[PITCH] for point in plan.points])
@@ -167,7 +156,7 @@ def test_samples_lie_in_their_axes_and_cover_them(starter):
     assert {type(value) for value in columns} == {int}
     assert [columns.count(k) for k in (2, 3, 4, 5)] == [16] * 4
     tanks = [point["circuit.tank"] for point in plan.points]
-    assert sorted(tanks.count(name) for name in ("coil", "converter", "neither")) == [21, 21, 22]
+    assert sorted(tanks.count(name) for name in tank.values) == [21, 21, 22]
 
 
 def test_samples_depend_on_the_seed_and_more_begin_with_the_same(starter):
@@ -192,8 +181,6 @@ def test_sampled_numbers_stand_beside_their_entries(starter):
 
 
 GOOD, GOOD_TOO = Axis(PITCH, (12, 13)), Axis(COLUMNS, (2, 3))
-
-
 NO_DESIGN = "no point of the sweep gives a design; the first one: starter: "
 MANY = [Axis(PITCH, tuple(range(1, 1001))), Axis(COLUMNS, tuple(range(1, 102)))]
 BETWEEN = Axis(COLUMNS, (2.2, 2.8), interval=True)
@@ -236,16 +223,11 @@ def test_a_coil_that_only_some_designs_have_is_allowed(starter):
 
 @pytest.mark.parametrize("count", [200, 201, 399, 401])
 def test_at_most_two_hundred_points_are_looked_at(starter, monkeypatch, count):
-    looked = []
-
-    def refuse(design, point):
-        looked.append(point)
-        raise DesignError("no.")
-
+    refuse = Mock(side_effect=DesignError("no."))
     monkeypatch.setattr("coilarray.studies.sweep.vary", refuse)
     with pytest.raises(GoalError, match="no point of the sweep gives a design"):
         plan_sweep(starter, [Axis(PITCH, tuple(range(1, count + 1)))], ["span_mm"])
-    assert 100 <= len(looked) <= 200
+    assert 100 <= refuse.call_count <= 200
 
 
 def test_quantities_that_are_the_same_are_computed_once(starter):

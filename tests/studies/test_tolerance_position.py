@@ -1,9 +1,8 @@
 """Response and located position over the errors of boards, of real boards and of smooth ones of known formula."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from support.localize_boards import FIELD, ROW, bells, board
 
 from coilarray import load_design
@@ -33,25 +32,17 @@ PLACES = Positions((1e-3, 3e-3), (2e-3,), 1e-3, 1e-6)
 
 
 def test_the_linear_map_undoes_the_model(field):
-    """P J = 1 at each place, and nothing between places."""
+    """P J = 1 at each place and nothing between places; of what is no shift it takes the least squares."""
     shifts = shifts_at(field, PLACES, LARGEST)
     assert shifts.determined == ((0, 1, 2), (0, 1, 2))
-    jacobian = field.jacobian(shifts.points) / 1e3  # per mm
-    states = len(field.states)
-    whole = np.zeros((2 * states, 6))
-    for k in range(2):
-        whole[k * states : (k + 1) * states, 3 * k : 3 * k + 3] = jacobian[k]
+    jacobian = field.jacobian(shifts.points)
     # a pseudo-inverse of a matrix of condition 10
-    np.testing.assert_allclose(shifts.matrix() @ whole, np.eye(6), atol=1e-12)
-
-
-def test_the_map_is_that_of_least_squares(field):
-    shifts = shifts_at(field, PLACES, LARGEST)
+    np.testing.assert_allclose(shifts.matrix() @ block_diag(*jacobian / 1e3), np.eye(6), atol=1e-12)  # per mm
     change = np.random.default_rng(0).normal(size=(2, len(field.states))) * 1e-6
-    wanted = [
-        np.linalg.lstsq(field.jacobian(p), c, rcond=None)[0] * 1e3 for p, c in zip(shifts.points, change, strict=True)
-    ]
+    wanted = [np.linalg.lstsq(J, c, rcond=None)[0] * 1e3 for J, c in zip(jacobian, change, strict=True)]
     np.testing.assert_allclose(shifts.matrix() @ change.ravel(), np.concatenate(wanted), rtol=1e-9)
+    assert shifts.names(("a", "b"))[:4] == ("shift_x_mm[a]", "shift_y_mm[a]", "shift_depth_mm[a]", "shift_x_mm[b]")
+    assert shifts.undetermined(("a", "b")) == ()
 
 
 def test_the_solver_finds_where_the_board_reads_from(field):
@@ -65,12 +56,6 @@ def test_the_solver_finds_where_the_board_reads_from(field):
     assert found.tolist() == [2]
     # second order: (30 µm)² against lengths of some mm
     np.testing.assert_allclose(shifts.matrix() @ change[0], located[0], atol=1e-3)
-
-
-def test_names_are_those_of_the_places(field):
-    shifts = shifts_at(field, PLACES, LARGEST)
-    assert shifts.names(("a", "b"))[:4] == ("shift_x_mm[a]", "shift_y_mm[a]", "shift_depth_mm[a]", "shift_x_mm[b]")
-    assert shifts.undetermined(("a", "b")) == ()
 
 
 def test_what_a_symmetric_board_cannot_tell_is_left_out():

@@ -41,22 +41,9 @@ def board(
         for k, name in enumerate(layer_names(layers))
     ]
     table = [f'(net {k} "{name}")' for k, name in enumerate(("", *nets))]
-    return "\n".join(
-        (
-            f"(kicad_pcb (version {version}) (generator pcbnew)",
-            f"(general (thickness {thickness}))",
-            '(paper "A4")',
-            "(layers",
-            *rows,
-            '(44 "Edge.Cuts" user)',
-            ")",
-            f"(setup {setup})",
-            *table,
-            *items,
-            ")",
-            "",
-        )
-    )
+    head = (f"(kicad_pcb (version {version}) (generator pcbnew)", f"(general (thickness {thickness}))", '(paper "A4")')
+    layer_table = ("(layers", *rows, '(44 "Edge.Cuts" user)', ")")
+    return "\n".join((*head, *layer_table, f"(setup {setup})", *table, *items, ")", ""))
 
 
 def segment(start, end, *, width="0.2", layer="F.Cu", net="1"):
@@ -130,25 +117,14 @@ def array_text(array: CoilArray, **options) -> str:
             f'(net {number} "{placement.name}")))'
             for k, hole in reversed(list(enumerate(ends)))
         ]
-    return board(
-        *items,
-        layers=len(array.stackup.names),
-        users=array.stackup.names,
-        setup=f"{stackup_text(array)} (aux_axis_origin 100 100)",
-        nets=array.names,
-        **options,
-    )
+    users, setup = array.stackup.names, f"{stackup_text(array)} (aux_axis_origin 100 100)"
+    return board(*items, layers=len(users), users=users, setup=setup, nets=array.names, **options)
 
 
 def square_spiral(turns=3, outer=10.0, pitch=1.0):
     """Corners of a square spiral from the outside inwards, in mm about the origin."""
-    points = [(-outer / 2, outer / 2)]
-    x, y, side = -outer / 2, outer / 2, outer
-    directions = ((0, -1), (1, 0), (0, 1), (-1, 0))
-    for k in range(4 * turns):
-        if k >= 3 and k % 2 == 1:
-            side -= pitch
-        dx, dy = directions[k % 4]
-        x, y = x + dx * side, y + dy * side
-        points.append((x, y))
-    return [tuple(np.round(point, 6).tolist()) for point in points]
+    k = np.arange(4 * turns)
+    sides = outer - pitch * np.maximum((k - 1) // 2, 0)
+    steps = sides[:, None] * np.array(((0, -1), (1, 0), (0, 1), (-1, 0)))[k % 4]
+    corners = np.vstack(([-outer / 2, outer / 2], steps)).cumsum(axis=0)
+    return [tuple(corner) for corner in np.round(corners, 6).tolist()]

@@ -30,6 +30,17 @@ FOUR_LAYERS = Stackup(("L1", "L2", "L3", "L4"), (35e-6,) * 4, (0.215e-3,) * 3, (
 SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.7))
 
 
+def length(line: np.ndarray[Any, Any]) -> float:
+    """Length of a line of points of shape (n, 2)."""
+    return float(np.hypot(*np.diff(line, axis=0).T).sum())
+
+
+def swept_area(line: np.ndarray[Any, Any]) -> float:
+    """Area swept by the ray from the origin, counted positive counter-clockwise."""
+    x, y = line.T
+    return float(0.5 * np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
+
+
 def many_layers(count: int) -> Stackup:
     """Stack-up of `count` copper layers L1, L2, …"""
     names = tuple(f"L{k + 1}" for k in range(count))

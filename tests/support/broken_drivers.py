@@ -148,8 +148,6 @@ class RightDriver:
         self.board.switches.shift(SAFE)
 
 
-# ------------------------------------------------------------------------------ wrong in one way
-
 BROKEN: dict[str, tuple[type[RightDriver], str]] = {}
 """Broken drivers by what is wrong with them, and what must be found of each, as a regular expression: a driver that is
 caught for another reason does not count."""
@@ -191,11 +189,9 @@ broken("IDRIVE of the first coil for every coil", "sound: coil[4-6] is doubted: 
 broken("40 MHz whatever the chip has", OFF, reference=20e6)
 broken("The typical frequency taken for every chip's", "slow clock: coil. is off by",
        frequency=lambda self, code: 21.7e6 * code / 2**28)  # fmt: skip
-broken(
-    "All four channels configured because the identity is that of a chip with four; others have it too",
-    "two channels: .* not documented",
-    registers=lambda self: (*RightDriver.registers(self), *((0x08 + channel, RCOUNT) for channel in range(4))),
-)
+broken("All four channels configured because the identity is that of a chip with four; others have it too",
+       "two channels: .* not documented",
+       registers=lambda self: (*RightDriver.registers(self), *((0x08 + k, RCOUNT) for k in range(4))))  # fmt: skip
 broken("28 bits in a float of 24", OFF, code=single_precision)
 broken("OFFSET used and not added again", OFF,
        offset=0x0100, frequency=lambda self, code: self.reference * code / 2**28)  # fmt: skip
@@ -315,9 +311,6 @@ class WrongModeOfSpi(RightDriver):
         board.switches.mode = 0
 
 
-# ------------------------------------------------------------------------------------- the judge
-
-
 def a_board(**options) -> EmulatedBoard:
     conditions = Conditions(Oscillator(options.pop("clock", 43.4e6)), noise=0.0)
     return EmulatedBoard(COILS, WIRING.encode(), TwoSizes(), clock=VirtualClock(), conditions=conditions, **options)
@@ -343,14 +336,11 @@ def findings(kind: type[RightDriver]) -> list[str]:
 
 def _on_sound_boards(kind: type[RightDriver]) -> Iterator[str]:
     boards = {
-        "sound": a_board(),
-        "slow clock": a_board(clock=35e6),
-        "fast clock": a_board(clock=55e6),
+        "sound": a_board(), "slow clock": a_board(clock=35e6), "fast clock": a_board(clock=55e6),
         "status clears unread": a_board(open_points=OpenPoints(status_clears_unread=True)),
         "status without gates": a_board(open_points=OpenPoints(status_gated=False, flags_clear_on_read=False)),
-        "two channels": a_board(channels=2),
-        "no read back": a_board(readback=False),
-    }
+        "two channels": a_board(channels=2), "no read back": a_board(readback=False),
+    }  # fmt: skip
     for name, board in boards.items():
         driver = kind(board, board.conditions.oscillator.frequency)
         driver.configure()

@@ -1,7 +1,5 @@
 """Windings and inductance matrices for the tests of fields and circuits."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coilarray.geometry import Conductor

@@ -1,7 +1,5 @@
 """The other way through the converter: the frequency of a tank, and the two words of a result."""
 
-from __future__ import annotations
-
 import math
 
 

@@ -1,7 +1,5 @@
 """Coils that feel each other, for an emulated board: shorted ones lower the inductance of their neighbours."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, Oscillator, VirtualClock

@@ -1,7 +1,5 @@
 """A Dask scheduler and its workers as processes on the loopback."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

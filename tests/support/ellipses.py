@@ -1,7 +1,5 @@
 """Readings that coils must have for an indentation at a place, from their ellipses, and errors of places found."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import brentq
 

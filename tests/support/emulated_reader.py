@@ -1,7 +1,5 @@
 """A quick emulated board with its driver, for tests of both and of what stands on them."""
 
-from __future__ import annotations
-
 from coilarray.design.scan_states import paper_plan
 from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.scan.settings import scan_settings

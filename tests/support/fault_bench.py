@@ -1,10 +1,9 @@
 """Chips that remember, the compiled firmware, a pseudo-terminal and the driver, for tests that spoil one of them."""
 
-from __future__ import annotations
-
 import itertools
 import random
 import time
+from contextlib import closing
 
 import pytest
 
@@ -34,6 +33,8 @@ class DriverClock:
     What a busy computer takes away does not count: the board had no time to answer then either.
     """
 
+    sleep = staticmethod(time.sleep)
+
     def __init__(self):
         self._seconds, self._last = 0.0, time.monotonic()
 
@@ -42,9 +43,6 @@ class DriverClock:
         self._seconds += min(now - self._last, _COUNTED)
         self._last = now
         return self._seconds
-
-    def sleep(self, seconds):
-        time.sleep(seconds)
 
 
 class Bench:
@@ -76,21 +74,15 @@ class Bench:
 
     def scans(self, count):
         """Fetch so many scans of a stream, each looked at; the stream is closed."""
-        stream = self.reader.scans()
-        try:
-            for scan in itertools.islice(stream, count):
-                self.witness.look(scan)
-        finally:
-            stream.close()
+        with closing(self.reader.scans()) as stream:
+            drained(itertools.islice(stream, count), self)
 
     def goes_on(self):
         """Whether reading resumes: streams and single scans, all good."""
-        named = sum(self.witness.named.values())
-        accepted = self.witness.accepted
+        named, accepted = self.witness.named.total(), self.witness.accepted
         self.scans(2)
         self.witness.look(self.reader.scan())
-        assert self.witness.accepted - accepted == 3 * len(COILS)
-        assert sum(self.witness.named.values()) == named
+        assert (self.witness.accepted - accepted, self.witness.named.total()) == (3 * len(COILS), named)
         return True
 
     def close(self):

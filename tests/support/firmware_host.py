@@ -103,9 +103,8 @@ _DONE, _NOT_ACKNOWLEDGED, _TIMEOUT = range(3)
 
 
 class _Callbacks(ctypes.Structure):
-    _fields_ = [
-        ("now", _Now), ("sleep", _Sleep), ("read", _Read), ("write", _Write), ("clear", _Clear), ("shift", _Shift),
-    ]  # fmt: skip
+    _fields_ = [("now", _Now), ("sleep", _Sleep), ("read", _Read), ("write", _Write), ("clear", _Clear),
+                ("shift", _Shift)]  # fmt: skip
 
 
 _boots = itertools.count(1)
@@ -176,8 +175,7 @@ class Firmware:
 
     def take(self) -> bytes:
         """Return what it sent since the last call."""
-        count = self._library.board_take_sent(self._board, self._buffer)
-        return ctypes.string_at(self._buffer, count)
+        return ctypes.string_at(self._buffer, self._library.board_take_sent(self._board, self._buffer))
 
     def run(self, seconds: float) -> bytes:
         """Run for a time of its clock and return what it sent."""
@@ -222,18 +220,11 @@ class Firmware:
         self._guarded(self.bus.clear)
 
     def _shift(self, words: ctypes._Pointer, count: int, before: ctypes._Pointer) -> int:
-        held: bytes | None = None
-
-        def transfer() -> None:
-            nonlocal held
-            held = self.switches.shift(bytes(words[:count]))
-
-        self._guarded(transfer)
-        if held is None:
-            return 0
-        for index, word in enumerate(held[:count]):
+        held: list[bytes | None] = [None]
+        self._guarded(lambda: held.append(self.switches.shift(bytes(words[:count]))))
+        for index, word in enumerate((held[-1] or b"")[:count]):
             before[index] = word
-        return 1
+        return int(held[-1] is not None)
 
 
 class FirmwareHost:

@@ -37,6 +37,7 @@ class Damaged:
     """Comes after the next line."""
 
 
+OTHER_RATES = [0.5, 2.0, 12.0, 1.2, 0.8]
 Damage = Callable[[bytes, random.Random], Damaged]
 
 
@@ -74,10 +75,9 @@ def inserted(line: bytes, noise: random.Random) -> Damaged:
 
 def swapped(line: bytes, noise: random.Random) -> Damaged:
     """Two bytes change places."""
-    while True:
+    first = second = 0
+    while line[first] == line[second]:
         first, second = sorted(noise.sample(range(len(line) - 1), 2))
-        if line[first] != line[second]:
-            break
     data = bytearray(line)
     data[first], data[second] = data[second], data[first]
     return Damaged(bytes(data))
@@ -104,9 +104,7 @@ DAMAGES: dict[str, Damage] = {
     # a line without end comes before it
     "endless": lambda line, noise: Damaged(b"S" * noise.randint(513, 3000) + line),
     # it arrives at another rate than it was sent at
-    "other_rate": lambda line, noise: Damaged(
-        at_another_rate(line, noise.choice([0.5, 2.0, 12.0, 1.2, 0.8])), next_too=True
-    ),
+    "other_rate": lambda line, noise: Damaged(at_another_rate(line, noise.choice(OTHER_RATES)), next_too=True),
 }  # fmt: skip
 
 

@@ -1,7 +1,5 @@
 """One of everything that computes, for tests that do it in several threads and processes at once."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Smooth boards of known formula for the tests of `coilarray.localize`: a bell with a negative ring over every coil."""
 
-from __future__ import annotations
-
 import numpy as np
 import xarray as xr
 

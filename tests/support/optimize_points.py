@@ -1,7 +1,5 @@
 """A stand-in for the workers of an optimisation."""
 
-from __future__ import annotations
-
 
 class StandIn:
     """Outcomes of a function of the changes, in any order; a list of what was asked for, and an end after so many."""

@@ -1,7 +1,5 @@
 """Emulated boards of coils of given inductance that know nothing of each other or of an indenter: quick."""
 
-from __future__ import annotations
-
 import math
 
 from coilarray.hardware.emulator import Conditions, Drift, EmulatedBoard, Oscillator, VirtualClock

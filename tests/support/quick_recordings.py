@@ -1,7 +1,5 @@
 """Recordings of the quick board of two coils, for the tests of calibration, comparison and live display."""
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 
 import numpy as np

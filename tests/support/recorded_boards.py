@@ -1,7 +1,5 @@
 """Small boards for the tests of recordings: two coils, with physics that is quick or with all of it."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -3,8 +3,6 @@
 Written from `hardware/firmware/PROTOCOL.md` for these tests; the real firmware speaks in test_fault_campaign.py.
 """
 
-from __future__ import annotations
-
 from collections import deque
 
 from coilarray.hardware.board.microcontroller import MicrocontrollerReader

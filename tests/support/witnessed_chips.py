@@ -68,11 +68,10 @@ class WitnessedConverter(StubConverter):
 
     def _value(self, register):
         if register == 0x18:
-            status = super()._value(register)
-            if status:
-                self._convert()
-                return self._now.status
-            return status
+            if not super()._value(register):
+                return 0
+            self._convert()
+            return self._now.status
         if register in (0x00, 0x01):
             return self._now.lsb if register else self._now.msb
         return super()._value(register)

@@ -1,7 +1,5 @@
 """What tests give to workers: functions of a module, which other processes can import."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time
