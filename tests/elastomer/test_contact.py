@@ -301,7 +301,8 @@ def test_dataset():
     assert found.depth.values == pytest.approx([0.0, 5e-4, 1e-3], rel=1e-15)
     assert found.r.values[0] == 0
     assert (np.diff(found.r) > 0).all()
-    assert found.attrs == {"symmetry": "axial", "base": "bonded", "indenter": "Hemisphere(radius=0.0025)"}
+    pressed = {"symmetry": "axial", "base": "bonded", "strain": "linear", "indenter": "Hemisphere(radius=0.0025)"}
+    assert found.attrs == pressed
     assert all({"units", "long_name"} <= set(found[name].attrs) for name in found.variables)
     assert all(np.isfinite(found[name].values).all() for name in found.data_vars)
     assert found.force.units == "N"
@@ -336,7 +337,7 @@ def test_depths_keep_their_order_and_accuracy():
         ({"depths": 8e-3}, "got 0.008 m"),
         ({"depths": []}, "at least one"),
         ({"depths": [[1e-4]]}, "one row of numbers"),
-        ({"base": "glued"}, "'bonded' or 'frictionless'; got 'glued'"),
+        ({"base": "glued"}, "'bonded', 'frictionless' or a Seat; got 'glued'"),
         ({"radius": 0.0}, "radius of a sample must be positive and finite; got 0.0 m"),
         ({"radius": math.inf}, "got inf m"),
         ({"indenter": FlatPunch(3e-3), "radius": 2e-3}, "inside the sample, within a radius of 0.002 m"),
