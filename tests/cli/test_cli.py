@@ -213,7 +213,7 @@ def test_a_failed_report_leaves_nothing_half_written(capsys, monkeypatch, functi
     text = read("gast_fem")  # one coil, here without elastomer: the quickest of all reports
     bare = text[: text.index("[[elastomer]]")] + text[text.index("[circuit]") : text.index("[assumed]")]
     Path("d.toml").write_text(bare, encoding="utf-8")
-    monkeypatch.setattr("coilarray.report.write.rendering_problem", lambda: "not here")
+    monkeypatch.setattr("coilarray.viz.rendering_problem", lambda: "not here")
     monkeypatch.setattr(function, failing)
     assert message in refused(capsys, "report", "d.toml")
     left = [path.name for path in Path().rglob("*") if path.is_file()]

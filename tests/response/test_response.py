@@ -19,7 +19,6 @@ from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design
 from coilarray.elastomer.contact import DEFAULT_MESH
-from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.flat_layer import layer_inductance
 from coilarray.elastomer.line_model import cross_section, line_dent_inductance, line_inductance
@@ -125,23 +124,24 @@ def test_a_tilted_sample_is_locally_a_thicker_and_deeper_one():
     assert tilted.delta.values == pytest.approx(nominal(PAIR).delta.values, rel=1e-9)
     tilt, rise = Imperfections(tilt=(0.01, 0.0)), 0.01 * X[0]
     thicker = Imperfections(thickness_errors={"base": rise})
-    tilted, one = nominal(PAIR, imperfections=tilt), nominal(PAIR, x=X[:1], imperfections=tilt)
-    local = nominal(PAIR, depths=[1e-3 + rise], x=X[:1], imperfections=thicker)
-    # the contacts' meshes differ from height to height by 1e-3, and a map interpolates between four heights over
-    # ±0.13 mm; the one place is solved at its own. L_0 is that of another wedge
+    with contacts_of(DEFAULT_MESH):
+        tilted, one = nominal(PAIR, imperfections=tilt), nominal(PAIR, x=X[:1], imperfections=tilt)
+        local = nominal(PAIR, depths=[1e-3 + rise], x=X[:1], imperfections=thicker)
+    # 1e-3: four nodes over ±0.13 mm; L_0 is that of another wedge
     change, expected = (one.inductance_change.values[0, 0, 0] for one in (tilted, local))
-    assert change == pytest.approx(expected, rel=3e-3, abs=1e-13)
-    assert one.delta.values[0, 0, 0, 0] == pytest.approx(tilted.delta.values[0, 0, 0, 0], rel=3e-3)
+    assert change == pytest.approx(expected, rel=1e-3, abs=1e-13)
+    # 2e-3: the map interpolates between four heights, the one place is solved at its own
+    assert one.delta.values[0, 0, 0, 0] == pytest.approx(tilted.delta.values[0, 0, 0, 0], rel=2e-3)
 
 
 def test_nodes_of_the_wedge_are_enough(monkeypatch):
     tilted = Imperfections(tilt=(0.02, 0.0))
-    with contacts_of(ContactMesh(12, 1.5)):
+    with contacts_of(DEFAULT_MESH):
         few = nominal(PAIR, imperfections=tilted).delta.values
-        monkeypatch.setattr(response_setup, "_WEDGE_NODES", 5)
+        monkeypatch.setattr(response_setup, "_WEDGE_NODES", 7)
         many = nominal(PAIR, imperfections=tilted).delta.values
-    # the contact's own mesh differs from node to node by some 1e-3
-    assert few == pytest.approx(many, abs=3e-3 * many.max())
+    # the contact's own mesh differs from node to node by some 1e-4
+    assert few == pytest.approx(many, abs=1e-3 * many.max())
 
 
 def test_noise_has_its_size_and_its_seed():
