@@ -19,7 +19,7 @@ import numpy.typing as npt
 import xarray as xr
 from speed import Speed, peak_memory
 
-from coilarray.circuit.coupling import bare_network
+from coilarray.circuit.coupling import bare_network, design_circuit
 from coilarray.circuit.state_sensitivity import state_sensitivity
 from coilarray.design.bundled import read
 from coilarray.design.model import Design, Indentation, parse_design
@@ -58,9 +58,9 @@ class Cost:
 
     Parameters
     ----------
-    position, first, matrix : float
+    position, first, matrix, circuit : float
         Processor time in s: of one more position, of the first `_FEW` × `_ACROSS` with all that comes before, and of
-        the inductance matrix, which is not counted in them.
+        the inductance matrix and the circuit, which are not counted in them.
     states, coils : int
         Largest number of states and of coils near a position.
     memory : float
@@ -72,6 +72,7 @@ class Cost:
     position: float
     first: float
     matrix: float
+    circuit: float
     states: int
     coils: int
     memory: float
@@ -85,7 +86,8 @@ def figures() -> Iterator[Speed]:
     for count, cost in costs.items():
         note = (
             f"{cost.states} states and {cost.coils} coils near; {cost.first:.1f} s for the first "
-            f"{_FEW * _ACROSS}, {cost.matrix:.1f} s for the matrix; peak memory {cost.memory:.0f} MB"
+            f"{_FEW * _ACROSS}, {cost.matrix:.1f} s for the matrix, {cost.circuit:.1f} s for the circuit; peak memory "
+            f"{cost.memory:.0f} MB"
         )
         yield Speed(f"response of {count} coils, one more position", 1e3 * cost.position, "ms", note)
     growth = costs[1024].position / costs[256].position
@@ -107,6 +109,9 @@ def measure(count: int) -> None:
     begun = time.process_time()
     matrix = inductance_matrix(design.array)
     taken = time.process_time() - begun
+    begun = time.process_time()
+    design_circuit(design)  # kept in memory: the maps below find it
+    circuit = time.process_time() - begun
     _warm_up()
     few, first = _timed(design, _FEW, matrix)
     memory = peak_memory()
@@ -115,7 +120,7 @@ def measure(count: int) -> None:
     peak = float(np.abs(first.delta).max())
     everything, error = _against_all(design, matrix, peak, _ALL[count]) if count in _ALL else (None, None)
     states, coils = (_most_within(design, first, first.attrs[f"{what}_cutoff_m"]) for what in ("state", "coil"))
-    print(json.dumps(asdict(Cost(position, few, taken, states, coils, memory, everything, error))))
+    print(json.dumps(asdict(Cost(position, few, taken, circuit, states, coils, memory, everything, error))))
 
 
 def lattice(columns: int) -> Design:
