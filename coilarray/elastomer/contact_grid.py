@@ -41,6 +41,16 @@ def hoop_strain(symmetry: Symmetry, u: Any, r: FloatArray) -> FloatArray:
     return np.asarray(u[0] / r if symmetry == "axial" else np.zeros_like(r))
 
 
+def quadrature_weights(basis: Any, symmetry: Symmetry) -> FloatArray:
+    """Weights of ∫ … w dr dz at the quadrature points of a basis, shape (elements, points); w is `weight`."""
+    return np.asarray(basis.dx * weight(symmetry, basis.global_coordinates()[0]))
+
+
+def linear_pressures(basis: Any) -> FloatArray:
+    """Pressure functions 1, ξ and η of every element at its quadrature points, shape (3, points)."""
+    return np.stack([np.ones(basis.dx.shape[1]), *(basis.X - 0.5)])
+
+
 @dataclass(frozen=True, eq=False)
 class Stack:
     """Sheets on a board in units of their own: lengths in thicknesses of the stack, stresses in the largest modulus.

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from coilarray.elastomer.contact_grid import ContactGrid, hoop_strain, weight
+from coilarray.elastomer.contact_grid import ContactGrid, hoop_strain, linear_pressures, quadrature_weights
 from coilarray.geometry.indenter import Symmetry
 
 FloatArray = npt.NDArray[np.float64]
@@ -67,15 +67,13 @@ def elastic_grid(grid: ContactGrid) -> ElasticBody:
 
 def _blocks(basis: Any, symmetry: Symmetry, shear: FloatArray, squash: FloatArray) -> tuple[Any, Any, Any]:
     """Matrices of ∫2μ dev ε(u) : dev ε(v) w, −∫q div u w and −∫p q/K w; q = 1, ξ and η in every element."""
-    elements, points = basis.dx.shape
     strain = _strains(basis, symmetry)
     trace = strain[:, :3].sum(axis=1)
     strain[:, :3] -= trace[:, None] / 3
-    measure = basis.dx * weight(symmetry, basis.global_coordinates()[0])
-    local = np.stack([np.ones(points), *(basis.X - 0.5)])
+    measure, local = quadrature_weights(basis, symmetry), linear_pressures(basis)
 
     u = basis.element_dofs
-    p = np.arange(3 * elements).reshape(3, elements)
+    p = np.arange(3 * len(measure)).reshape(3, -1)
     stiffness = np.einsum("iceq,jceq,eq->ije", strain, strain, 2 * shear[:, None] * measure, optimize=True)
     divergence = -np.einsum("kq,ieq,eq->kie", local, trace, measure, optimize=True)
     bulk = -np.einsum("kq,lq,eq->kle", local, local, squash[:, None] * measure, optimize=True)

@@ -12,7 +12,7 @@ The derivative of G_j by u is normal to the indenter: the contact has no frictio
 `coilarray.elastomer.elasticity` under `coilarray.elastomer.contact`. Newton's method, whose contact set is where
 c f_j > G_j (a semi-smooth Newton method), goes from depth to depth.
 
-T. J. R. Hughes, W. K. Liu and others; see P. Wriggers, Nonlinear Finite Element Methods, Springer 2008, sections 3.3.1
+P. Wriggers, Nonlinear Finite Element Methods, Springer 2008, sections 3.3.1
 (material) and 10.4 (mixed elements); M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865 (contact set).
 """
 
@@ -30,7 +30,7 @@ from scipy import sparse
 from scipy.linalg.lapack import dgbtrf, dgbtrs
 from skfem import BilinearForm, LinearForm
 
-from coilarray.elastomer.contact_grid import ContactGrid, hoop_strain, weight
+from coilarray.elastomer.contact_grid import ContactGrid, hoop_strain, linear_pressures, quadrature_weights, weight
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
 
@@ -150,7 +150,7 @@ class SoftBody:
         self.grid, self.outline = grid, outline
         basis, r = grid.basis, grid.basis.global_coordinates()[0]
         self._count, self._dofs = basis.N, basis.element_dofs
-        self._measure = basis.dx * weight(grid.symmetry, r)
+        self._measure, self._local = quadrature_weights(basis, grid.symmetry), linear_pressures(basis)
         # entries rr, rz, zr, zz and the hoop of F for each basis function: (5, functions, elements, points)
         self._strain = np.stack(
             [
@@ -161,7 +161,6 @@ class SoftBody:
         )
         rows = np.ascontiguousarray(self._strain.transpose(2, 3, 0, 1))  # (elements, points, 5, functions)
         self._rows, self._columns = rows, rows.reshape(len(rows), -1, rows.shape[-1]).transpose(0, 2, 1)
-        self._local = np.stack([np.ones(basis.dx.shape[1]), *(basis.X - 0.5)])
         self._squash = grid.squash[:, None]
         local = self._local[:, None, None, :] * self._local[None, :, None, :] * self._measure
         self._pressures = local.sum(axis=-1).transpose(2, 0, 1)  # ∫ p q w of each element
@@ -202,8 +201,7 @@ class SoftBody:
         for depth in depths:
             whole = step = depth - state.depth
             while state.depth < depth:
-                target = min(depth, state.depth + step) if step < depth - state.depth else depth
-                found = self._solved(state, target)
+                found = self._solved(state, depth if step >= depth - state.depth else state.depth + step)
                 if found is not None:
                     state, step = found, 2 * step
                 elif step < _LEAST_STEP * whole:
@@ -222,11 +220,10 @@ class SoftBody:
         Nonlinear Problems, Springer 2004, section 3.3.
         """
         state = replace(state, depth=depth)
-        strained, touching = self._strained(state), None
+        strained, gaps, touching = self._strained(state), self._gaps(state), None
         for _ in range(_MOST_STEPS):
             if strained is None:
                 return None
-            gaps = self._gaps(state)
             new = self._give * state.f > gaps.mean
             state = replace(state, f=np.where(new, state.f, 0.0))
             tangent = self._tangent(strained, gaps, state, new)
@@ -241,7 +238,8 @@ class SoftBody:
                 trial = state.moved(step, damping)
                 strained = self._strained(trial)
                 if strained is not None:
-                    following = tangent(self._residual(strained, self._gaps(trial), trial, new))
+                    gaps = self._gaps(trial)
+                    following = tangent(self._residual(strained, gaps, trial, new))
                     if following is not None and following.size <= (1 - damping / 4) * moved:
                         break
                 damping /= 2
