@@ -47,6 +47,7 @@ _DIGITS: dict[Accuracy, float] = {"full": 25.0, "screen": 8.0}
 _WIDEST_PANEL = 200.0  # radians across the board; wider ones save nothing
 _LOWEST = 2.0**-60  # of the highest wavenumber; below there is nothing to integrate
 _SAME_SHAPE = 1e-12  # of the size; paths that differ by less share a spectrum
+_BLOCKS = 64  # of wavenumbers, each of which is summed before the next
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,7 @@ def layer_inductance(
     for n in range(near):
         change += _weight(slab, n) * mutual_inductance(paths, _images(paths, slab, n), accuracy=accuracy)
         if progress is not None:
-            progress(n + 1, near + len(nodes))
+            progress(n + 1, near + min(_BLOCKS, len(nodes)))
     rest = None if progress is None else lambda done, total: progress(near + done, near + total)
     change += _spectral_rest(board, slab, near, nodes, rest)
     return (change + change.T) / 2
@@ -201,12 +202,15 @@ class _Shape:
 class _Board:
     """Distinct shapes of the paths, and which one lies where below the sheet; lengths in m.
 
-    `origins`, shape (paths, 3), z counted from the sheet's lower face; `extent` is the largest horizontal distance,
+    A kind of path is one of the `shapes`, `shape_of` (kinds,), at one of the `heights` (kinds,) from the sheet's lower
+    face. `kind_of` (paths,) and `origins` (paths, 2) say where they lie. `extent` is the largest horizontal distance,
     `gap` that of the highest copper from its image, `size` the largest width or thickness, `digits` the accuracy.
     """
 
     shapes: list[_Shape]
-    shape_of: list[int]
+    shape_of: IntArray
+    heights: FloatArray
+    kind_of: IntArray
     origins: FloatArray
     extent: float
     gap: float
@@ -230,10 +234,15 @@ def _board(paths: Sequence[Conductor], slab: Slab, accuracy: Accuracy) -> _Board
             known[key] = len(shapes)
             shapes.append(shape)
         shape_of.append(known[key])
+    heights = origins[:, 2] - slab.lower
+    table = np.column_stack((shape_of, np.round(heights / (_SAME_SHAPE * span.max()))))
+    _, first, kind_of = np.unique(table, axis=0, return_index=True, return_inverse=True)
     return _Board(
         shapes,
-        shape_of,
-        origins - [0, 0, slab.lower],
+        np.array(shape_of)[first],
+        heights[first],
+        kind_of,
+        origins[:, :2],
         extent=math.hypot(span[0], span[1]),
         gap=2 * max(slab.lower - max(tops), 0.0),
         size=max(float(max(path.widths.max(), path.thicknesses.max())) for path in paths),
@@ -312,16 +321,44 @@ def _wavenumbers(board: _Board, slab: Slab, near: int) -> list[tuple[float, floa
     return nodes
 
 
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Distinct offsets between the paths of an array in rows and columns, by which pairs share their integrals.
+
+    `x` and `y` in m; `column` and `row`, shape (paths, paths), say which of them each pair has.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    column: IntArray
+    row: IntArray
+
+
+def _grid(board: _Board) -> _Grid | None:
+    """Return the offsets of the paths where there are far fewer than pairs, else None."""
+    steps = board.origins[:, None] - board.origins
+    numbers = np.round(steps / (_SAME_SHAPE * max(board.extent, board.gap))).astype(np.int64)
+    axes = []
+    for axis in (0, 1):
+        _, first, inverse = np.unique(numbers[..., axis], return_index=True, return_inverse=True)
+        axes.append((steps[..., axis].ravel()[first], inverse.reshape(numbers.shape[:2])))
+    (x, column), (y, row) = axes
+    alike = len(x) * len(y) * len(board.heights) ** 2 < 3 * board.kind_of.size**2  # products of scalars, of vectors
+    return _Grid(x, y, column, row) if alike else None
+
+
 def _spectral_rest(
     board: _Board, slab: Slab, near: int, nodes: list[tuple[float, float]], progress: Progress | None
 ) -> FloatArray:
     """Sum of the images from `near` on, in H."""
+    grid = _grid(board)
 
-    def at(node: tuple[float, float]) -> FloatArray:
-        k, weight = node
-        return weight * _rest(slab, near, k) * _spectral_products(board, k)
+    def total(some: list[tuple[float, float]]) -> FloatArray:
+        return np.asarray(sum(weight * _rest(slab, near, k) * _spectral_products(board, grid, k) for k, weight in some))
 
-    return np.asarray(MU_0 / (4 * np.pi) * np.sum(run_blocks(at, nodes, progress), axis=0))
+    blocks = [nodes[start::_BLOCKS] for start in range(min(_BLOCKS, len(nodes)))]  # wavenumbers cost more as they rise
+    sums = MU_0 / (4 * np.pi) * sum(run_blocks(total, blocks, progress))
+    return np.asarray(sums if grid is None else sums[board.kind_of[:, None], board.kind_of, grid.column, grid.row])
 
 
 def _rest(slab: Slab, near: int, k: float) -> float:
@@ -333,15 +370,26 @@ def _rest(slab: Slab, near: int, k: float) -> float:
     return _weight(slab, near) * math.exp(-2 * near * k * slab.thickness) / series
 
 
-def _spectral_products(board: _Board, k: float) -> FloatArray:
-    """Mean of J_i·J'_j over the directions of one wavenumber in 1/m, shape (paths, paths), in m²."""
+def _spectral_products(board: _Board, grid: _Grid | None, k: float) -> FloatArray:
+    """Mean of J_i·J'_j over the directions of one wavenumber in 1/m, in m².
+
+    Shape (paths, paths) without a grid of offsets, else (kinds, kinds, x, y).
+    """
     n = _nodes(k * board.extent, board.digits)
     angle = np.pi * np.arange(n) / n  # the other half circle has the conjugates
     waves = k * np.column_stack((np.cos(angle), np.sin(angle)))
-    own = np.array([_transform(shape, waves, k) for shape in board.shapes])
-    J = own[board.shape_of] * np.exp(1j * board.origins[:, :2] @ waves.T + k * board.origins[:, 2:])[:, None]
+    shapes = np.array([_transform(shape, waves, k) for shape in board.shapes])
+    J = shapes[board.shape_of] * np.exp(k * board.heights)[:, None, None]
+    if grid is None:
+        J = J[board.kind_of] * np.exp(1j * _along(waves, board.origins).T)[:, None]
     mirrored = np.conj(J) * np.array([1.0, 1.0, -1.0])[:, None]
-    return np.asarray((J.reshape(len(J), -1) @ mirrored.reshape(len(J), -1).T).real / n)
+    if grid is None:
+        return np.asarray((J.reshape(len(J), -1) @ mirrored.reshape(len(J), -1).T).real / n)
+    along_x, along_y = (
+        np.exp(1j * np.outer(offsets, wave)) for offsets, wave in zip((grid.x, grid.y), waves.T, strict=True)
+    )
+    products = np.einsum("acn,bcn->abn", J, mirrored)
+    return np.asarray(((products[:, :, None] * along_x) @ along_y.T).real / n)
 
 
 def _transform(shape: _Shape, waves: FloatArray, k: float) -> ComplexArray:
