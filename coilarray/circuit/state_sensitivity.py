@@ -218,10 +218,11 @@ def _sampled_states(network: Network, measured: IntArray) -> _States:
     """Solve all coils, all but the measured one grounded, with strays and any resistance."""
     n, C, count = len(network.names), network.switches.tank_capacitance, len(measured)
     omega = 1 / np.sqrt(np.diag(network.inductance)[measured] * (C + network.winding_capacitance[measured]))
+    K = _terminal_capacitance(network)
     found = _States(omega, np.empty(count, np.complex128), np.empty(count), np.empty((n, count), np.complex128))
     for group in _groups(omega, _FAR, np.empty(0)):  # B = βω − α/ω nearly, from two frequencies
         ends = np.array([omega[group].min() * (1 - _FAR), omega[group].max() * (1 + _FAR)])
-        below, above = (_driven_together(network, measured[group], at)[0].imag for at in ends)
+        below, above = (_driven_together(network, K, measured[group], at)[0].imag for at in ends)
         alpha, beta = np.linalg.solve(np.stack((-1 / ends, ends), axis=1), np.stack((below, above)))
         omega[group] = np.sqrt(alpha / beta)
     knots = network.resistance.frequencies if isinstance(network.resistance, SampledResistance) else np.empty(0)
@@ -234,7 +235,7 @@ def _sampled_states(network: Network, measured: IntArray) -> _States:
             inside = 2 * np.pi * knots[(2 * np.pi * knots > low) & (2 * np.pi * knots < high)]
             middle = float(np.median(omega[group]))
             low, high = max([low, *inside[inside <= middle]]), min([high, *inside[inside > middle]])
-            some = _interpolated(network, measured[group], omega[group], low, high)
+            some = _interpolated(network, K, measured[group], omega[group], low, high)
             away = (some.omega < low * (1 - NEWTON_TOLERANCE)) | (some.omega > high * (1 + NEWTON_TOLERANCE))
             for whole, values in zip(found, some, strict=True):
                 whole[..., group] = values
@@ -255,11 +256,13 @@ def _groups(values: FloatArray, span: float, edges: FloatArray) -> Iterator[IntA
         order = order[~same]
 
 
-def _interpolated(network: Network, measured: IntArray, omega: FloatArray, low: float, high: float) -> _States:
+def _interpolated(
+    network: Network, K: csc_array, measured: IntArray, omega: FloatArray, low: float, high: float
+) -> _States:
     """Solve states whose resonances lie between two angular frequencies, near those given."""
     angle = np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
     nodes = (low + high) / 2 + (high - low) / 2 * np.cos(angle)
-    admittances, currents = zip(*(_driven_together(network, measured, at) for at in nodes.tolist()), strict=True)
+    admittances, currents = zip(*(_driven_together(network, K, measured, at) for at in nodes.tolist()), strict=True)
     Y, lagrange = np.array(admittances), BarycentricInterpolator(nodes, np.eye(_POINTS))
 
     def susceptance(points: FloatArray) -> FloatArray:
@@ -282,13 +285,24 @@ def _interpolated(network: Network, measured: IntArray, omega: FloatArray, low: 
     )
 
 
-def _driven_together(network: Network, measured: IntArray, omega: float) -> tuple[ComplexArray, ComplexArray]:
+def _terminal_capacitance(network: Network) -> csc_array:
+    """Maxwell matrix in F of the coils' terminals with all that lies at them but the converter, (2 coils, 2 coils)."""
+    switches = network.switches
+    across = network.winding_capacitance + (switches.tank_capacitance if switches.tank_at == "coil" else 0.0)
+    ground = np.full(2 * len(across), 2 * switches.off_capacitance + switches.terminal_capacitance)
+    pairs = np.kron(np.diag(across), [[1, -1], [-1, 1]])
+    return csc_array(between_coils(network.mutual_capacitance) + pairs + np.diag(ground))
+
+
+def _driven_together(
+    network: Network, K: csc_array, measured: IntArray, omega: float
+) -> tuple[ComplexArray, ComplexArray]:
     """Admittances (states,) with the tank in S and currents (coils, states) for one volt, all other coils grounded.
 
     Notes
     -----
     The terminals t have the voltages v = q − r (jωK v + A i), where q are the voltages behind their closed switches of
-    resistance r, K the capacitances of the terminals and A i the coil currents that leave them. With the coils'
+    resistance r, K their capacitances (`_terminal_capacitance`) and A i the coil currents that leave them. With the coils'
     Aᵀ v = Z i and H = (1 + jω r K)⁻¹ this is i = P q, P = (Z + r AᵀHA)⁻¹ AᵀH, and the switches carry the currents
     D q, D = jωK (H − r HA P) + A P. A side of the converter also acts through open switches: with κ = jω r c as a part
     κ of its voltage in every q, and by the current s = jωc times the voltage across each.
@@ -296,11 +310,6 @@ def _driven_together(network: Network, measured: IntArray, omega: float) -> tupl
     n, switches = len(network.names), network.switches
     r, s = switches.on_resistance, 1j * omega * switches.off_capacitance
     kappa = r * s
-    across = network.winding_capacitance + (switches.tank_capacitance if switches.tank_at == "coil" else 0.0)
-    own = np.full(2 * n, 2 * switches.off_capacitance + switches.terminal_capacitance)
-    K = csc_array(
-        between_coils(network.mutual_capacitance) + np.kron(np.diag(across), [[1, -1], [-1, 1]]) + np.diag(own)
-    )
     H = np.asarray(splu(csc_array(eye_array(2 * n) + 1j * omega * r * K)).solve(np.eye(2 * n, dtype=np.complex128)))
     HA = H[:, 0::2] - H[:, 1::2]
     Z = network.resistance(omega / (2 * np.pi)) + 1j * omega * network.inductance
@@ -312,10 +321,13 @@ def _driven_together(network: Network, measured: IntArray, omega: float) -> tupl
         return np.asarray(np.einsum("aei,iaf->aef", left.reshape(n, 2, -1), right.reshape(-1, n, 2), optimize=True))
 
     coil, sign = np.arange(n), np.array([1, -1])
-    KH, KHA = K @ H, K @ HA
-    D = 1j * omega * (KH.reshape(n, 2, n, 2)[coil, :, coil] - r * of_own(KHA, P))
+    KHA, entries = K @ np.ascontiguousarray(HA), K.tocoo()
+    KH = np.zeros((n, 2, 2), dtype=np.complex128)  # of each coil's own terminals
+    own = entries.row // 2
+    np.add.at(KH, (own, entries.row % 2), entries.data[:, None] * H.reshape(2 * n, n, 2)[entries.col, own])
+    D = 1j * omega * (KH - r * of_own(KHA, P))
     D = (D + sign[:, None] * ends[coil, coil][:, None, :])[measured]
-    sums = 1j * omega * (KH.sum(axis=1) - r * KHA @ total) + np.kron(total, sign)
+    sums = 1j * omega * (K @ H.sum(axis=1) - r * KHA @ total) + np.kron(total, sign)
     all_sums, sums = sums.sum(), sums.reshape(n, 2)[measured]
     # currents that leave the sides A and B for a voltage of one of them: H − r HA P = 1 − r D, of which g are the sums
     g, bus = 1 - r * sums, 1j * omega * switches.bus_capacitance

@@ -357,7 +357,7 @@ def _spectral_rest(
         return np.asarray(sum(weight * _rest(slab, near, k) * _spectral_products(board, grid, k) for k, weight in some))
 
     blocks = [nodes[start::_BLOCKS] for start in range(min(_BLOCKS, len(nodes)))]  # wavenumbers cost more as they rise
-    sums = MU_0 / (4 * np.pi) * sum(run_blocks(total, blocks, progress))
+    sums = MU_0 / (4 * np.pi) * np.sum(run_blocks(total, blocks, progress), axis=0)
     return np.asarray(sums if grid is None else sums[board.kind_of[:, None], board.kind_of, grid.column, grid.row])
 
 
