@@ -1,6 +1,7 @@
 """The command line: what it prints, its exit codes, and one line for every mistake."""
 
 import re
+import runpy
 import subprocess
 import sys
 import tempfile
@@ -73,8 +74,12 @@ def test_lengths_are_a_rising_list_or_range():
             lengths("--x-mm", text)
 
 
-def test_version(capsys):
-    assert good(capsys, "--version").startswith("coilarray 0.")
+def test_version(capsys, monkeypatch):
+    assert (told := good(capsys, "--version")).startswith("coilarray 0.")
+    monkeypatch.setattr(sys, "argv", ["-m", "--version"])
+    with pytest.raises(SystemExit) as end:
+        runpy.run_module("coilarray", run_name="__main__")
+    assert (end.value.code, capsys.readouterr().out.strip()) == (0, told.strip())
 
 
 @pytest.mark.slow
