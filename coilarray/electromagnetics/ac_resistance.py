@@ -7,6 +7,7 @@ field of all coils, and wider ones with filaments in the cross-section of the co
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,6 +16,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.compute.netcdf import variables
+from coilarray.compute.recent import Recent
 from coilarray.compute.threads import Progress, ranges, run_blocks, serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.kernels.cuts import gauss_points, lateral_axes, nearest_crossing, radial_cut
@@ -48,6 +50,8 @@ BASIS_TOLERANCE = 3e-2
 POINTS = ((0.0, 1), (6.0, 4), (24.0, 8))
 """Gauss points along a segment, from a length of so many widths on."""
 MODELS = ("transverse field", "section filaments")
+_SAME = 1e-10  # of a coil's size; shapes and offsets that differ by less are equal
+_FIELDS: Recent[FloatArray] = Recent(32)  # of one coil on another: they depend neither on frequency nor on other coils
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,15 +208,14 @@ def resistance_matrix(
     n = len(conductors)
     R = np.zeros((len(f), n, n))
     wide = np.zeros((len(f), n), dtype=bool)
-    vertices = np.concatenate([conductor.vertices for conductor in conductors])
-    starts = np.cumsum([0, *(len(conductor.vertices) for conductor in conductors)])
+    shapes = [shape_key(conductor) for conductor in conductors]
     for c, conductor in enumerate(conductors):
         _, flat = lateral_axes(conductor.vertices)
         via = ~flat
         R[:, c, c] += resistivity * (conductor.lengths[via] / conductor.areas[via]).sum()
         if flat.any():
             wide[:, c] = conductor.widths[flat].max() > WIDE * delta
-            R += _trace_losses(conductor, c, vertices, starts, f, resistivity, wide[:, c])
+            R += _trace_losses(conductors, shapes, c, f, resistivity, wide[:, c])
         if progress is not None:
             progress(c + 1, n)
     names = [conductor.name for conductor in conductors]
@@ -225,29 +228,59 @@ def resistance_matrix(
     return xr.Dataset(variables(*rows), {"frequency": ("frequency", f, {"units": "Hz"}), "coil": names, "other": names})
 
 
+def shape_key(conductor: Conductor) -> bytes:
+    """Bytes that are equal for paths of one shape and cross-section, wherever they lie."""
+    grain = _grain(conductor)
+    sizes = conductor.widths, conductor.thicknesses, conductor.areas
+    places = np.round((conductor.vertices - conductor.vertices[0]) / grain).astype(np.int64)
+    return np.float64(grain).tobytes() + places.tobytes() + b"".join(values.tobytes() for values in sizes)
+
+
+def _grain(conductor: Conductor) -> float:
+    """Differences in m that make no other shape, the same for copies that differ by rounding."""
+    return float(_SAME * 2.0 ** np.round(np.log2(np.ptp(conductor.vertices, axis=0).max())))
+
+
 def _trace_losses(
-    conductor: Conductor,
+    conductors: Sequence[Conductor],
+    shapes: Sequence[bytes],
     c: int,
-    vertices: FloatArray,
-    starts: npt.NDArray[np.int64],
     f: FloatArray,
     resistivity: float,
     wide: npt.NDArray[np.bool_],
 ) -> FloatArray:
     """Losses in the horizontal segments of coil c; shape (frequencies, coils, coils)."""
+    conductor = conductors[c]
     lateral, flat = lateral_axes(conductor.vertices)
     segments = np.flatnonzero(flat)
     lengths, widths, thicknesses = conductor.lengths, conductor.widths, conductor.thicknesses
     of_point, weight, points = gauss_points(conductor.vertices, widths, segments, POINTS)
     normals = np.cross(lateral, np.diff(conductor.vertices, axis=0) / lengths[:, None])
-    h = np.empty((len(points), len(starts) - 1, 2))
 
-    def work(block: tuple[int, int]) -> None:
-        rows = slice(*block)
-        which = of_point[rows]
-        transverse_fields(points[rows], which + starts[c], lateral[which], normals[which], vertices, starts, h[rows])
+    def field_of(source: int) -> FloatArray:
+        """H of unit current in a coil along the width and the thickness at the points, shape (points, 2), in 1/m."""
+        found = np.empty((len(points), 1, 2))
+        vertices = conductors[source].vertices
+        starts = np.array([0, len(vertices)])
 
-    run_blocks(work, ranges(len(points), 256))
+        def work(block: tuple[int, int]) -> None:
+            rows = slice(*block)
+            which = of_point[rows]
+            own = which if source == c else np.full(len(which), -1)
+            transverse_fields(points[rows], own, lateral[which], normals[which], vertices, starts, found[rows])
+
+        run_blocks(work, ranges(len(points), 1024))
+        return found[:, 0]
+
+    offsets = [path.vertices[0] - conductor.vertices[0] for path in conductors]
+    places = np.round(np.array(offsets) / _grain(conductor)).astype(np.int64).tolist()
+    h = np.stack(
+        [
+            _FIELDS.get((shapes[c], shape, *place, k == c), lambda k=k: field_of(k))  # type: ignore[misc]
+            for k, (shape, place) in enumerate(zip(shapes, places, strict=True))
+        ],
+        axis=1,
+    )
     turn = np.full(len(lengths), -1)
     factors = np.ones((3, len(f), 1))
     if wide.any():
