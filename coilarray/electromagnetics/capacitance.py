@@ -54,6 +54,7 @@ class WindingCapacitance:
 
 # by all that they depend on: designs that differ in the places of their coils alone share them
 _WINDINGS: Recent[WindingCapacitance] = Recent(32)
+_PER_AREA: Recent[FloatArray] = Recent(256)
 
 
 def coil_capacitance(
@@ -378,7 +379,10 @@ def _between_coils(array: CoilArray, above: Slabs, half_space: float) -> FloatAr
                 pitches.append(band.width + coil.gap)
                 grids.append(grid)
                 owners.append(coils.index(band.coil))
-        per_area = crossed_grid_capacitance(medium, planes, widths, pitches, grids, owners, basis=basis)
+        faces = tuple(planes), tuple(widths), tuple(pitches), tuple(grids), tuple(owners)
+        per_area = _PER_AREA.get(
+            (medium, *faces, basis), partial(crossed_grid_capacitance, medium, *faces, basis=basis)
+        )
         C[np.ix_(coils, coils)] += area * per_area
     np.fill_diagonal(C, 0.0)
     np.fill_diagonal(C, -C.sum(axis=1))

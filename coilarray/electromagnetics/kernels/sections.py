@@ -51,7 +51,7 @@ def _moments(w1: float, t1: float, w2: float, t2: float) -> tuple[float, float]:
 
 @inner_kernel
 def _far_mean_log(x: float, z: float, spread: float, fourth: float) -> float:
-    """Mean of ln r between two cells (x, z) apart by `_moments`; without a branch, so that many are computed at once."""
+    """Mean of ln r between cells (x, z) apart by `_moments`; without a branch, so that many are computed at once."""
     r2 = x * x + z * z
     inverse = 1.0 / r2
     cosine, sine = (x * x - z * z) * inverse, 2.0 * x * z * inverse
