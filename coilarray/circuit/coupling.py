@@ -20,7 +20,7 @@ from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.elastomer.flat_layer import layer_inductance
-from coilarray.electromagnetics.ac_resistance import resistance_matrix
+from coilarray.electromagnetics.ac_resistance import resistance_matrix, shape_key
 from coilarray.electromagnetics.capacitance import coil_capacitance
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix, inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
@@ -34,7 +34,6 @@ _RESISTANCE_POINTS = 9
 _MARGIN = 0.05  # of a frequency; alternating-current resistance shifts a resonance by far less
 _MOST_TOGETHER = 24  # coils whose currents heat each other's copper: the work grows with their square
 _OTHERS_COPPER = "losses in the copper of other coils"
-_SAME = 1e-12  # m
 _KEPT = 4  # designs whose circuit is kept in memory
 
 
@@ -191,8 +190,7 @@ def _own_resistance(array: CoilArray, grid: FloatArray, resistivity: float) -> x
     known: dict[bytes, xr.Dataset] = {}
     own = []
     for conductor in conductors:
-        shape = np.round((conductor.vertices - conductor.vertices[0]) / _SAME)
-        key = shape.tobytes() + conductor.widths.tobytes() + conductor.thicknesses.tobytes() + conductor.areas.tobytes()
+        key = shape_key(conductor)
         if key not in known:
             known[key] = resistance_matrix([conductor], grid, resistivity)
         own.append(known[key])

@@ -55,8 +55,8 @@ class SampledResistance:
         f, R = self.frequencies, self.matrices
         if len(f) == 1:
             return np.asarray(R[0])
-        k = int(np.clip(np.searchsorted(f, frequency) - 1, 0, len(f) - 2))
-        share = float(np.clip((frequency - f[k]) / (f[k + 1] - f[k]), 0, 1))
+        k = min(max(int(f.searchsorted(frequency)) - 1, 0), len(f) - 2)
+        share = min(max(float((frequency - f[k]) / (f[k + 1] - f[k])), 0.0), 1.0)
         return np.asarray((1 - share) * R[k] + share * R[k + 1])
 
 
@@ -157,7 +157,7 @@ def solve_state(network: Network, state: ScanState, frequency: float) -> StateRe
     check_state(state, network.names)
     check_frequency(frequency)
     at = np.array([frequency])
-    impedance, currents, admittance = _solve_with_tank(network, state, at, network.inductance)
+    impedance, currents, admittance = _solve_with_tank(network, _wire(network, state), at, network.inductance)
     first = network.names.index(state.measured[0][0])
     own = currents[0] / (currents[0, first] * state.measured[0][1])
     return StateResult(frequency, complex(impedance[0]), state, complex(admittance[0]), own)
@@ -170,9 +170,9 @@ def impedances(network: Network, state: ScanState, frequencies: FloatArray) -> C
     """
     check_state(state, network.names)
     check_frequency(frequencies)
-    blocks = ranges(len(frequencies), _AT_ONCE)
+    blocks, wiring = ranges(len(frequencies), _AT_ONCE), _wire(network, state)
     return np.concatenate(
-        [_solve_with_tank(network, state, frequencies[low:high], network.inductance)[0] for low, high in blocks]
+        [_solve_with_tank(network, wiring, frequencies[low:high], network.inductance)[0] for low, high in blocks]
     )
 
 
@@ -183,7 +183,8 @@ def driven(network: Network, state: ScanState, frequencies: FloatArray) -> tuple
     """
     switches = network.switches
     at_coil = switches.tank_capacitance if switches.tank_at == "coil" else 0.0
-    impedance, currents = _solve(network, state, frequencies, network.winding_capacitance + at_coil, network.inductance)
+    across = network.winding_capacitance + at_coil
+    impedance, currents = _solve(network, _wire(network, state), frequencies, across, network.inductance)
     tank = 0.0 if at_coil else 2j * math.pi * frequencies * switches.tank_capacitance
     return 1 / impedance + tank, currents / impedance[:, None]
 
@@ -197,24 +198,24 @@ def susceptance_slope(network: Network, state: ScanState, frequency: float) -> f
 
 def _solve_with_tank(
     network: Network,
-    state: ScanState,
+    wiring: _Wiring,
     frequencies: FloatArray,
     inductances: FloatArray,
     winding_capacitances: FloatArray | None = None,
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """As `_solve`, and the admittances (f,) in S with the tank's capacitor."""
-    switches = network.switches
+    switches, state = network.switches, wiring.state
     measured = {name for name, _ in state.measured}
     winding = network.winding_capacitance if winding_capacitances is None else winding_capacitances
     at_coil = np.full(len(network.names), switches.tank_capacitance if switches.tank_at == "coil" else 0.0)
     bare_tank = np.array([0.0 if name in measured else c for name, c in zip(network.names, at_coil, strict=True)])
-    impedance, currents = _solve(network, state, frequencies, winding + bare_tank, inductances)
+    impedance, currents = _solve(network, wiring, frequencies, winding + bare_tank, inductances)
     if not impedance.all():
         raise NetworkError(f"state {state.name} shorts the converter at {frequencies[0]:.6g} Hz.")
     if switches.tank_at == "converter":
         admittance = 1 / impedance + 2j * math.pi * frequencies * switches.tank_capacitance
     else:
-        admittance = 1 / _solve(network, state, frequencies, winding + at_coil, inductances)[0]
+        admittance = 1 / _solve(network, wiring, frequencies, winding + at_coil, inductances)[0]
     return impedance, currents, admittance
 
 
@@ -228,9 +229,10 @@ def resonate(network: Network, state: ScanState) -> Resonance:
     alone, least = _bare_inductances(network, state)
     start = 1 / (2 * math.pi * math.sqrt(alone * network.switches.tank_capacitance))
     low, high = start / _SEARCH, start * _SEARCH * math.sqrt(alone / least)
+    wiring = _wire(network, state)
 
     def susceptance(frequencies: FloatArray) -> FloatArray:
-        return _solve_with_tank(network, state, frequencies, network.inductance)[2].imag
+        return _solve_with_tank(network, wiring, frequencies, network.inductance)[2].imag
 
     # Im Y grows with frequency through a parallel resonance. It mostly lies near the start; where strays or several
     # tanks move it far away, the lowest crossing counts.
@@ -259,9 +261,10 @@ def self_resonance_of(network: Network, result: StateResult) -> float:
 
     Infinite where there is none below thirty times the resonance.
     """
+    wiring = _wire(network, result.state)
 
     def susceptance(frequencies: FloatArray) -> FloatArray:
-        return np.asarray((1 / impedances(network, result.state, frequencies)).imag)
+        return np.asarray((1 / _solve_with_tank(network, wiring, frequencies, network.inductance)[0]).imag)
 
     # fine steps: modes of several coils lie close together
     crossing = _upward_crossing(susceptance, result.frequency * np.geomspace(1, _SEARCH, _FINE_POINTS))
@@ -280,9 +283,9 @@ def resonances_near(
     """
     f0 = result.frequency
     slope = susceptance_slope(network, result.state, f0)
-    frequencies = np.full(len(inductances), f0)
+    frequencies, wiring = np.full(len(inductances), f0), _wire(network, result.state)
     for _ in range(NEWTON_STEPS):
-        solved = _solve_with_tank(network, result.state, frequencies, inductances, winding_capacitances)
+        solved = _solve_with_tank(network, wiring, frequencies, inductances, winding_capacitances)
         step = solved[2].imag / slope
         frequencies -= step
         if not len(step) or np.abs(step).max() <= NEWTON_TOLERANCE * f0:
@@ -326,25 +329,28 @@ class _Wiring:
 
     `ends` (branches, 2) are the nodes that each branch joins: coils, closed switches, loads, leads, with a series
     `resistance` and `inductance` (branches,) in Ω and H, zero for the coils. `capacitance` (nodes, nodes) in F is the
-    Maxwell matrix of all capacitors but those across the coils; `port` the nodes of the converter.
+    Maxwell matrix of all capacitors but those across the coils; `port` the nodes of the converter. `references` are one
+    node of every part of the circuit that nothing joins to the others: no current can leave there.
     """
 
+    state: ScanState
     ends: IntArray
     resistance: FloatArray
     inductance: FloatArray
     capacitance: FloatArray
     port: tuple[int, int]
+    references: list[int]
 
 
 def _solve(
-    network: Network, state: ScanState, frequencies: FloatArray, across: FloatArray, inductances: FloatArray
+    network: Network, wiring: _Wiring, frequencies: FloatArray, across: FloatArray, inductances: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
     """Impedances (f,) between the converter's sides in Ω and the coils' currents (f, n) in A per A fed in there.
 
     `inductances` (n, n) and the capacitances `across` the coils (n,) may have one more axis in front, (f,).
     """
     omega = 2 * math.pi * frequencies
-    wiring, n = _wire(network, state), len(network.names)
+    n = len(network.names)
     nodes, branches = len(wiring.capacitance), len(wiring.ends)
     require_memory(
         _BYTES_AN_ENTRY * len(omega) * (nodes + branches) ** 2, f"the circuit of {n} coils at {len(omega)} frequencies"
@@ -369,12 +375,12 @@ def _solve(
     matrix[:, nodes + number, nodes + number] -= series / unit[:, None]
     source = np.zeros((matrix.shape[1], 1), dtype=np.complex128)
     source[wiring.port, 0] = 1, -1
-    keep = np.setdiff1d(np.arange(len(source)), _references(wiring))
+    keep = np.setdiff1d(np.arange(len(source)), wiring.references)
     solution = np.zeros(matrix.shape[:2], dtype=np.complex128)
     try:
         solution[:, keep] = np.linalg.solve(matrix[:, keep[:, None], keep], source[keep])[..., 0]
     except np.linalg.LinAlgError:
-        raise NetworkError(f"state {state.name} makes a singular network at {frequencies[0]:.6g} Hz.") from None
+        raise NetworkError(f"state {wiring.state.name} makes a singular network at {frequencies[0]:.6g} Hz.") from None
     plus, minus = wiring.port
     return (solution[:, plus] - solution[:, minus]) * unit, solution[:, nodes : nodes + n]
 
@@ -408,7 +414,11 @@ def _wire(network: Network, state: ScanState) -> _Wiring:
     a, b, farads = (np.array(column) for column in zip(*capacitors, strict=True))
     for rows, columns, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
         np.add.at(capacitance, (rows, columns), sign * farads)
-    return _Wiring(np.array(ends), np.array([*resistance, 0.0, 0.0]), np.array(inductance), capacitance, port)
+    branches = np.array(ends)
+    references = _references(branches, capacitance, port[0] - 3)
+    return _Wiring(
+        state, branches, np.array([*resistance, 0.0, 0.0]), np.array(inductance), capacitance, port, references
+    )
 
 
 def between_coils(mutual: FloatArray) -> FloatArray:
@@ -448,11 +458,10 @@ def _nets(names: Sequence[str], state: ScanState) -> dict[str, tuple[str, str]]:
     return {name: nets[name] for name in names}
 
 
-def _references(wiring: _Wiring) -> list[int]:
-    """One node of every part of the circuit that nothing joins to the others: no current can leave there."""
-    count = len(wiring.capacitance)
-    a, b = np.concatenate((wiring.ends, np.argwhere(wiring.capacitance))).T
+def _references(ends: IntArray, capacitance: FloatArray, ground: int) -> list[int]:
+    """See `_Wiring`; the ground is the reference of its own part."""
+    count = len(capacitance)
+    a, b = np.concatenate((ends, np.argwhere(capacitance))).T
     parts, label = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(count, count)), directed=False)
-    ground = wiring.port[0] - 3
     label_first = [int(np.flatnonzero(label == part)[0]) for part in range(parts)]
     return [ground if label[ground] == part else label_first[part] for part in range(parts)]

@@ -7,6 +7,7 @@ field of all coils, and wider ones with filaments in the cross-section of the co
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,6 +16,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.compute.netcdf import variables
+from coilarray.compute.recent import Recent
 from coilarray.compute.threads import Progress, ranges, run_blocks, serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.kernels.cuts import gauss_points, lateral_axes, nearest_crossing, radial_cut
@@ -34,6 +36,7 @@ from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 WIDE = 2.0
 """Trace width in skin depths above which the section filaments take over."""
@@ -48,6 +51,8 @@ BASIS_TOLERANCE = 3e-2
 POINTS = ((0.0, 1), (6.0, 4), (24.0, 8))
 """Gauss points along a segment, from a length of so many widths on."""
 MODELS = ("transverse field", "section filaments")
+_SAME = 1e-10  # of a coil's size; shapes and offsets that differ by less are equal
+_FIELDS: Recent[FloatArray] = Recent(32)  # of one coil on another: they depend neither on frequency nor on other coils
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,15 +209,17 @@ def resistance_matrix(
     n = len(conductors)
     R = np.zeros((len(f), n, n))
     wide = np.zeros((len(f), n), dtype=bool)
-    vertices = np.concatenate([conductor.vertices for conductor in conductors])
-    starts = np.cumsum([0, *(len(conductor.vertices) for conductor in conductors)])
-    for c, conductor in enumerate(conductors):
+    shapes = [shape_key(conductor) for conductor in conductors]
+    known: dict[bytes, _Traces] = {}
+    for c, (conductor, shape) in enumerate(zip(conductors, shapes, strict=True)):
         _, flat = lateral_axes(conductor.vertices)
         via = ~flat
         R[:, c, c] += resistivity * (conductor.lengths[via] / conductor.areas[via]).sum()
         if flat.any():
             wide[:, c] = conductor.widths[flat].max() > WIDE * delta
-            R += _trace_losses(conductor, c, vertices, starts, f, resistivity, wide[:, c])
+            if shape not in known:
+                known[shape] = _traces(conductor, shape, f, resistivity, wide[:, c])
+            R += _trace_losses(conductors, shapes, c, known[shape])
         if progress is not None:
             progress(c + 1, n)
     names = [conductor.name for conductor in conductors]
@@ -225,38 +232,94 @@ def resistance_matrix(
     return xr.Dataset(variables(*rows), {"frequency": ("frequency", f, {"units": "Hz"}), "coil": names, "other": names})
 
 
-def _trace_losses(
-    conductor: Conductor,
-    c: int,
-    vertices: FloatArray,
-    starts: npt.NDArray[np.int64],
-    f: FloatArray,
-    resistivity: float,
-    wide: npt.NDArray[np.bool_],
-) -> FloatArray:
-    """Losses in the horizontal segments of coil c; shape (frequencies, coils, coils)."""
-    lateral, flat = lateral_axes(conductor.vertices)
+def shape_key(conductor: Conductor) -> bytes:
+    """Bytes that are equal for paths of one shape and cross-section, wherever they lie."""
+    grain = _grain(conductor)
+    sizes = conductor.widths, conductor.thicknesses, conductor.areas
+    places = np.round((conductor.vertices - conductor.vertices[0]) / grain).astype(np.int64)
+    return np.float64(grain).tobytes() + places.tobytes() + b"".join(values.tobytes() for values in sizes)
+
+
+def _grain(conductor: Conductor) -> float:
+    """Differences in m that make no other shape, the same for copies that differ by rounding."""
+    return float(_SAME * 2.0 ** np.round(np.log2(np.ptp(conductor.vertices, axis=0).max())))
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Gauss points on the horizontal segments of a path that begins at the origin.
+
+    `places` (n, 3) in m, with the directions of the trace's width and thickness, `lateral` and `normal` (n, 3), the
+    number of the `segment` (n,) and the length in m that each point stands for, `weight` (n,).
+    """
+
+    places: FloatArray
+    lateral: FloatArray
+    normal: FloatArray
+    segment: IntArray
+    weight: FloatArray
+
+    def field(self, vertices: FloatArray, *, own: bool) -> FloatArray:
+        """H of unit current in a polyline along the widths and thicknesses, shape (n, 2), in 1/m.
+
+        That of the path's `own` current is without the segment of the point.
+        """
+        found = np.empty((len(self.places), 1, 2))
+        left_out = self.segment if own else np.full(len(self.segment), -1)
+        starts = np.array([0, len(vertices)])
+
+        def work(block: tuple[int, int]) -> None:
+            rows = slice(*block)
+            transverse_fields(
+                self.places[rows], left_out[rows], self.lateral[rows], self.normal[rows], vertices, starts, found[rows]
+            )
+
+        run_blocks(work, ranges(len(self.places), 1024))
+        return found[:, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Traces:
+    """Losses in the horizontal segments of coils of one shape.
+
+    `resistance` (frequencies,) in Ω without the fields of other segments. The field of unit currents adds its square at
+    the `points` times the loss of their `group` (points,) of traces: `own`, `mixed` and `others` (2, frequencies,
+    groups) in Ω·m, for fields along width and thickness of the coil's own current twice, once, and not at all.
+    """
+
+    points: _Points
+    group: IntArray
+    resistance: FloatArray
+    own: FloatArray
+    mixed: FloatArray
+    others: FloatArray
+
+
+def _own_field(shape: bytes, points: _Points, vertices: FloatArray) -> FloatArray:
+    return _FIELDS.get((shape, shape, 0, 0, 0, True), lambda: points.field(vertices, own=True))
+
+
+def _traces(
+    conductor: Conductor, shape: bytes, f: FloatArray, resistivity: float, wide: npt.NDArray[np.bool_]
+) -> _Traces:
+    """Prepare the losses in the horizontal segments of a coil."""
+    vertices = conductor.vertices - conductor.vertices[0]
+    lateral, flat = lateral_axes(vertices)
     segments = np.flatnonzero(flat)
     lengths, widths, thicknesses = conductor.lengths, conductor.widths, conductor.thicknesses
-    of_point, weight, points = gauss_points(conductor.vertices, widths, segments, POINTS)
-    normals = np.cross(lateral, np.diff(conductor.vertices, axis=0) / lengths[:, None])
-    h = np.empty((len(points), len(starts) - 1, 2))
-
-    def work(block: tuple[int, int]) -> None:
-        rows = slice(*block)
-        which = of_point[rows]
-        transverse_fields(points[rows], which + starts[c], lateral[which], normals[which], vertices, starts, h[rows])
-
-    run_blocks(work, ranges(len(points), 256))
+    of_point, weight, places = gauss_points(vertices, widths, segments, POINTS)
+    normals = np.cross(lateral, np.diff(vertices, axis=0) / lengths[:, None])
+    points = _Points(places, lateral[of_point], normals[of_point], of_point, weight)
     turn = np.full(len(lengths), -1)
     factors = np.ones((3, len(f), 1))
     if wide.any():
-        cut = radial_cut(conductor.vertices, widths)
+        cut = radial_cut(vertices, widths)
         crossed = cut[0]
-        turn = nearest_crossing(conductor.vertices, crossed, 0.5 * float(thicknesses[flat].max()))
+        turn = nearest_crossing(vertices, crossed, 0.5 * float(thicknesses[flat].max()))
         of_turn = turn[of_point]
+        h = _own_field(shape, points, vertices)
         mean = np.array(
-            [np.average(h[of_turn == k, c], axis=0, weights=weight[of_turn == k]) for k in range(len(crossed))]
+            [np.average(h[of_turn == k], axis=0, weights=weight[of_turn == k]) for k in range(len(crossed))]
         )
         factors = np.ones((3, len(f), len(crossed) + 1))
         if len(crossed):
@@ -266,23 +329,40 @@ def _trace_losses(
         np.column_stack((turn, widths, thicknesses))[segments], axis=0, return_inverse=True
     )  # turn −1, outside the cut, takes the last factor, 1
     group = group.ravel()
-    group_of_point = group[np.searchsorted(segments, of_point)]
-    own, normal, side = factors[:, :, groups[:, 0].astype(np.int64)]
-    R = np.zeros((len(f), h.shape[1], h.shape[1]))
+    alone, normal, side = factors[:, :, groups[:, 0].astype(np.int64)]
     skin = np.bincount(group, (lengths / conductor.areas)[segments])
-    ratio, g = np.empty(own.shape), np.empty((2, *own.shape))
-    for k, (_, w, t) in enumerate(groups):
-        trace = cross_section(float(w), float(t), f, resistivity)
-        ratio[:, k], g[0, :, k], g[1, :, k] = trace.resistance_ratio, trace.lateral_field_loss, trace.normal_field_loss
-    for axis, other in enumerate((side, normal)):
-        gram = np.array(
-            [(h[p, :, axis].T * weight[p]) @ h[p, :, axis] for p in (group_of_point == k for k in range(len(groups)))]
-        )
-        part = np.einsum("fg,gij->fij", g[axis] * other, gram)
-        part[:, c, :] = part[:, :, c] = (g[axis] * np.sqrt(own * other)) @ gram[:, c, :]
-        part[:, c, c] = (g[axis] * own) @ gram[:, c, c]
+    sizes_of = {(w, t): cross_section(w, t, f, resistivity) for w, t in np.unique(groups[:, 1:], axis=0).tolist()}
+    traces = [sizes_of[w, t] for _, w, t in groups.tolist()]
+    ratio = np.stack([trace.resistance_ratio for trace in traces], axis=1)
+    g = np.stack([np.stack((one.lateral_field_loss, one.normal_field_loss)) for one in traces], axis=2)
+    other = np.stack((side, normal))
+    return _Traces(
+        points, group[np.searchsorted(segments, of_point)], resistivity * (ratio * alone) @ skin,
+        g * alone, g * np.sqrt(alone * other), g * other,
+    )  # fmt: skip
+
+
+def _trace_losses(conductors: Sequence[Conductor], shapes: Sequence[bytes], c: int, traces: _Traces) -> FloatArray:
+    """Losses in the horizontal segments of coil c; shape (frequencies, coils, coils)."""
+    points, start, grain = traces.points, conductors[c].vertices[0], _grain(conductors[c])
+
+    def field_of(k: int) -> FloatArray:
+        vertices = conductors[k].vertices - start
+        if k == c:
+            return _own_field(shapes[c], points, vertices)
+        steps = np.round(vertices[0] / grain).astype(np.int64).tolist()
+        return _FIELDS.get((shapes[c], shapes[k], *steps, False), lambda: points.field(vertices, own=False))
+
+    h = np.stack([field_of(k) for k in range(len(conductors))], axis=1)
+    of_group = [np.flatnonzero(traces.group == k) for k in range(traces.own.shape[-1])]
+    R = np.zeros((len(traces.resistance), h.shape[1], h.shape[1]))
+    for axis in range(2):
+        gram = np.array([(h[p, :, axis].T * points.weight[p]) @ h[p, :, axis] for p in of_group])
+        part = np.einsum("fg,gij->fij", traces.others[axis], gram)
+        part[:, c, :] = part[:, :, c] = traces.mixed[axis] @ gram[:, c, :]
+        part[:, c, c] = traces.own[axis] @ gram[:, c, c]
         R += part
-    R[:, c, c] += resistivity * (ratio * own) @ skin
+    R[:, c, c] += traces.resistance
     return R
 
 

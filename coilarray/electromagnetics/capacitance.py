@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ import xarray as xr
 from shapely import affinity
 
 from coilarray.compute.netcdf import variables
+from coilarray.compute.recent import Recent
 from coilarray.electromagnetics.layered_strips import LayeredMedium, crossed_grid_capacitance, strip_capacitance
 from coilarray.errors import GeometryError
 from coilarray.geometry import Coil, CoilArray, Placement, Sheet, Stackup
@@ -48,6 +50,11 @@ class WindingCapacitance:
     def total(self) -> float:
         """Lumped capacitance across the terminals in F."""
         return self.interlayer + self.turn_to_turn
+
+
+# by all that they depend on: designs that differ in the places of their coils alone share them
+_WINDINGS: Recent[WindingCapacitance] = Recent(32)
+_PER_AREA: Recent[FloatArray] = Recent(256)
 
 
 def coil_capacitance(
@@ -217,12 +224,14 @@ def _board_medium(stackup: Stackup, above: Slabs, half_space: float) -> tuple[La
 
 
 def _windings(array: CoilArray, above: Slabs, half_space: float) -> list[WindingCapacitance]:
-    known: dict[tuple[int, tuple[str, ...]], WindingCapacitance] = {}
+    stackup = array.stackup
+    windings = []
     for placement in array.placements:
-        key = (id(placement.coil), placement.layers)
-        if key not in known:
-            known[key] = _winding(array.stackup, placement, above, half_space)
-    return [known[id(placement.coil), placement.layers] for placement in array.placements]
+        coil = placement.coil
+        shape = (*coil.lines, *coil.widths, coil.outline)
+        key = stackup, placement.layers, coil.gap, tuple(part.tobytes() for part in shape), above, half_space
+        windings.append(_WINDINGS.get(key, partial(_winding, stackup, placement, above, half_space)))
+    return windings
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,7 +379,10 @@ def _between_coils(array: CoilArray, above: Slabs, half_space: float) -> FloatAr
                 pitches.append(band.width + coil.gap)
                 grids.append(grid)
                 owners.append(coils.index(band.coil))
-        per_area = crossed_grid_capacitance(medium, planes, widths, pitches, grids, owners, basis=basis)
+        faces = tuple(planes), tuple(widths), tuple(pitches), tuple(grids), tuple(owners)
+        per_area = _PER_AREA.get(
+            (medium, *faces, basis), partial(crossed_grid_capacitance, medium, *faces, basis=basis)
+        )
         C[np.ix_(coils, coils)] += area * per_area
     np.fill_diagonal(C, 0.0)
     np.fill_diagonal(C, -C.sum(axis=1))

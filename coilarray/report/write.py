@@ -129,27 +129,26 @@ def write_report(design: Design | DesignFile, where: str | Path = ".", *, progre
         responding = beside.submit(
             _or_reason, lambda: None if design.indentation is None else response_map(design, reach="auto")
         )
-        coupling = coupled.result()
-        step()
-        active = design.array.names[(len(design.array.names) - 1) // 2]
-        line, plane = _fields(design, coupling, active)
-        step()
+        # what needs no circuit comes first
         margins = check_rules(design.array, design.rules)
-        step()
-        pictures = [
-            *figures.copper_pictures(design),
-            *(figures.coupling_pictures(coupling) if len(design.array.names) > 1 else []),
-            *figures.field_pictures(design, active, line, plane),
-        ]
+        pictures = figures.copper_pictures(design)
         step()
         problem = probe.result()
         pictures.append(figures.board_picture(design))
         step()
+        active = design.array.names[(len(design.array.names) - 1) // 2]
         indentation, indentation_problem = pressing.result()
-        response, response_problem = responding.result()
-        positions, position_problem = None, "there is no response map."
         if design.indentation is not None and indentation is not None:
             pictures += figures.indentation_pictures(design, design.indentation.indenter, indentation, active)
+        step()
+        coupling = coupled.result()
+        pictures += figures.coupling_pictures(coupling) if len(design.array.names) > 1 else []
+        step()
+        line, plane = _fields(design, coupling, active)
+        pictures += figures.field_pictures(design, active, line, plane)
+        step()
+        response, response_problem = responding.result()
+        positions, position_problem = None, "there is no response map."
         if response is not None:
             pictures += figures.response_pictures(design, response)
             positions, position_problem = _or_reason(lambda: map_positions(response))

@@ -26,7 +26,7 @@ from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.ac_resistance import WIDE, cross_section, resistance_matrix, skin_depth
 from coilarray.electromagnetics.kernels.cuts import nearest_crossing, radial_cut
 from coilarray.electromagnetics.kernels.eddy_modes import isolated_modes
-from coilarray.electromagnetics.kernels.sections import NEAR, mean_log
+from coilarray.electromagnetics.kernels.sections import NEAR, pair_logs
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Spiral
 
@@ -41,6 +41,12 @@ def racetrack(turns, width, pitch, inner, length):
         a, b = inner + k * pitch, length / 2 + k * pitch
         points += [(a, -b + pitch if k else -b), (a, b), (-a, b), (-a, -b)]
     return Conductor([(x, y, 0.0) for x, y in points], width, T, name="racetrack")
+
+
+def mean_log(x, z, w1, t1, w2, t2):
+    out = np.empty((1, 1))
+    pair_logs(np.array([[0.0, 0.0, w1, t1]]), np.array([[0.0], [0.0], [w2], [t2]]), x, z, out)
+    return float(out[0, 0])
 
 
 def gauss_mean_log(x, z, w1, t1, w2, t2, n=16):

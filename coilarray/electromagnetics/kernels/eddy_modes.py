@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.electromagnetics.kernels.sections import mirrored_logs, pair_logs
+from coilarray.electromagnetics.kernels.sections import pair_logs
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -75,10 +75,13 @@ def isolated_modes(
     nx, nz = cell_counts(width, thickness, longer, shorter)
     cells = mesh(cosine_edges(width, nx)[nx // 2 :], cosine_edges(thickness, nz)[nz // 2 :])
     root = np.sqrt(cells[:, 2] * cells[:, 3])
-    logs = np.empty((len(cells), len(cells)))
+    # with the cells themselves and with their images in x, in z and in both
+    direct, in_x, in_z, in_both = (
+        _logs(cells, cells * [x, z, 1.0, 1.0], 0.0, 0.0) for x, z in ((1, 1), (-1, 1), (1, -1), (-1, -1))
+    )
     found = []
     for parity_x, parity_z in ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0)):
-        mirrored_logs(cells, parity_x, parity_z, logs)
+        logs = direct + parity_x * in_x + parity_z * in_z + parity_x * parity_z * in_both
         M = -root[:, None] * logs * root
         if parity_x == parity_z:
             values, vectors, source = _without_net_current(M, root / np.linalg.norm(root))
@@ -122,7 +125,7 @@ def response_basis(
 def _logs(first: FloatArray, second: FloatArray, x: float, z: float) -> FloatArray:
     """Mean logarithms between the cells of two traces, the second at (x, z) from the first; shape (cells, cells)."""
     logs = np.empty((len(first), len(second)))
-    pair_logs(first, second, x, z, logs)
+    pair_logs(first, np.ascontiguousarray(second.T), x, z, logs)
     return logs
 
 

@@ -23,9 +23,11 @@ def add_node_sums(
     """
     x, y, z = other_nodes[0], other_nodes[1], other_nodes[2]
     wx, wy, wz = other_currents[0], other_currents[1], other_currents[2]
-    ax, ay, az = np.empty_like(x), np.empty_like(x), np.empty_like(x)
+    potential = np.empty((3, x.shape[0]))
+    ax, ay, az = potential[0], potential[1], potential[2]
     for m in range(shifts.shape[0]):
-        ax[:], ay[:], az[:] = 0.0, 0.0, 0.0
+        for q in range(x.shape[0]):
+            ax[q], ay[q], az[q] = 0.0, 0.0, 0.0
         for p in range(nodes.shape[0]):
             px, py, pz = nodes[p, 0] - shifts[m, 0], nodes[p, 1] - shifts[m, 1], nodes[p, 2] - shifts[m, 2]
             cx, cy, cz = currents[p, 0], currents[p, 1], currents[p, 2]

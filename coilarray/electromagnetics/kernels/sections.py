@@ -51,7 +51,7 @@ def _moments(w1: float, t1: float, w2: float, t2: float) -> tuple[float, float]:
 
 @inner_kernel
 def _far_mean_log(x: float, z: float, spread: float, fourth: float) -> float:
-    """`mean_log` by `_moments`; without a branch, so that many are computed at once."""
+    """Mean of ln r between cells (x, z) apart by `_moments`; without a branch, so that many are computed at once."""
     r2 = x * x + z * z
     inverse = 1.0 / r2
     cosine, sine = (x * x - z * z) * inverse, 2.0 * x * z * inverse
@@ -61,7 +61,7 @@ def _far_mean_log(x: float, z: float, spread: float, fourth: float) -> float:
 
 @inner_kernel
 def _near_mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: float) -> float:
-    """`mean_log` in closed form."""
+    """Mean of ln r between two cells w1 × t1 and w2 × t2 that are (x, z) apart, in closed form."""
     total = 0.0
     for i in range(4):
         xi = x + (0.5 * w1 if i & 1 else -0.5 * w1) + (0.5 * w2 if i & 2 else -0.5 * w2)
@@ -74,52 +74,23 @@ def _near_mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: floa
 
 
 @kernel
-def mean_log(x: float, z: float, w1: float, t1: float, w2: float, t2: float) -> float:
-    """Mean of ln r between two rectangles w1 × t1 and w2 × t2 whose centres are (x, z) apart."""
-    if math.hypot(x, z) > NEAR * max(w1, t1, w2, t2):
-        spread, fourth = _moments(w1, t1, w2, t2)
-        return _far_mean_log(x, z, spread, fourth)
-    return _near_mean_log(x, z, w1, t1, w2, t2)
-
-
-@kernel
-def mirrored_logs(cells: FloatArray, parity_x: float, parity_z: float, out: FloatArray) -> None:
-    """Mean logarithms of the cells of one quarter with the four mirror images of each.
-
-    `cells` (n, 4) holds x, z, width, thickness, all centres in the quarter x > 0, z > 0; an image in x (z) counts
-    with `parity_x` (`parity_z`). `out` (n, n).
-    """
-    for i in range(cells.shape[0]):
-        x, z, w, t = cells[i, 0], cells[i, 1], cells[i, 2], cells[i, 3]
-        for k in range(i + 1):
-            xk, zk, wk, tk = cells[k, 0], cells[k, 1], cells[k, 2], cells[k, 3]
-            out[i, k] = (
-                mean_log(x - xk, z - zk, w, t, wk, tk)
-                + parity_x * mean_log(x + xk, z - zk, w, t, wk, tk)
-                + parity_z * mean_log(x - xk, z + zk, w, t, wk, tk)
-                + parity_x * parity_z * mean_log(x + xk, z + zk, w, t, wk, tk)
-            )
-            out[k, i] = out[i, k]
-
-
-@kernel
 def pair_logs(first: FloatArray, second: FloatArray, x: float, z: float, out: FloatArray) -> None:
-    """Mean logarithms between the cells of two traces.
+    """Mean of ln r between the cells of two traces.
 
-    `first` (n, 4) and `second` (m, 4) hold x, z, width, thickness about the trace's centre; the second trace lies at
-    (x, z) from the first. `out` (n, m).
+    `first` (n, 4) holds x, z, width, thickness of each cell about its trace's centre, `second` (4, m) those of the
+    other trace, one a row, so that the processor takes several at once; the second trace lies at (x, z) from the first.
+    `out` (n, m).
     """
-    xs, zs, ws, ts = second.T.copy()
-    largest = max(ws.max(), ts.max())
+    xs, zs, ws, ts = second[0], second[1], second[2], second[3]
     for i in range(first.shape[0]):
         dx, dz, w, t = x - first[i, 0], z - first[i, 1], first[i, 2], first[i, 3]
-        for k in range(len(xs)):
+        for k in range(xs.shape[0]):
             spread, fourth = _moments(w, t, ws[k], ts[k])
             out[i, k] = _far_mean_log(dx + xs[k], dz + zs[k], spread, fourth)
-        near = NEAR * max(w, t, largest)
-        for k in range(len(xs)):
+        for k in range(xs.shape[0]):
+            near = NEAR * max(w, t, ws[k], ts[k])
             if (dx + xs[k]) ** 2 + (dz + zs[k]) ** 2 <= near * near:
-                out[i, k] = mean_log(dx + xs[k], dz + zs[k], w, t, ws[k], ts[k])
+                out[i, k] = _near_mean_log(dx + xs[k], dz + zs[k], w, t, ws[k], ts[k])
 
 
 @kernel
