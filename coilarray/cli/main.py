@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import typer
 
@@ -47,30 +49,44 @@ _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THRE
 # as often as Python does by default takes a tenth of a command's time, and a fifth of the compilation.
 _OBJECTS_A_COLLECTION = 100_000
 
-app = typer.Typer(
-    name="coilarray",
-    help="Planar coil arrays: from a design file to geometry, coupling and a report.\n\nStart with: coilarray report",
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-)
-for _command in (
-    report.report, init.init, check.check, matrix.matrix, field.field, impedance.impedance, indent.indent,
-    response.response, fit.fit, distortion.distortion, locate.locate, sweep.sweep, optimize.optimize,
-    tolerance.tolerance, export.export, import_board.import_board, view.view, studio.studio, board.board,
-    measure.measure, campaign.campaign, scan_info.scan_info, calibrate_board.calibrate_board, compare.compare,
-    live.live,
-):  # fmt: skip
-    app.command("import" if _command is import_board.import_board else _command.__name__.replace("_", "-"))(_command)
+COMMANDS: dict[str, Callable[..., None]] = {
+    "import" if command is import_board.import_board else command.__name__.replace("_", "-"): command
+    for command in (
+        report.report, init.init, check.check, matrix.matrix, field.field, impedance.impedance, indent.indent,
+        response.response, fit.fit, distortion.distortion, locate.locate, sweep.sweep, optimize.optimize,
+        tolerance.tolerance, export.export, import_board.import_board, view.view, studio.studio, board.board,
+        measure.measure, campaign.campaign, scan_info.scan_info, calibrate_board.calibrate_board, compare.compare,
+        live.live,
+    )
+}  # fmt: skip
+"""Every command by the name under which the program offers it, in the order of the help."""
 
 
-@app.callback(invoke_without_command=True)
 def _root(version: bool = typer.Option(False, "--version", help="Print the version and leave.")) -> None:
     if version:
         from importlib import metadata
 
         typer.echo(f"coilarray {metadata.version('coilarray')}")
         raise typer.Exit
+
+
+@functools.cache
+def _program(name: str) -> Callable[..., Any]:
+    """Return the program with the command of this name alone, with all where none is called so.
+
+    Typer takes milliseconds to read the signature of a command.
+    """
+    app = typer.Typer(
+        name="coilarray",
+        help="Planar coil arrays: from a design file to geometry, coupling and a report.\n\n"
+        "Start with: coilarray report",
+        add_completion=False,
+        rich_markup_mode=None,
+    )
+    app.callback(invoke_without_command=True)(_root)
+    for one in (name,) if name in COMMANDS else COMMANDS:
+        app.command(one)(COMMANDS[one])
+    return typer.main.get_command(app)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -84,7 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     gc.set_threshold(_OBJECTS_A_COLLECTION, 20, 20)
     arguments = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     try:
-        code = app(arguments, prog_name="coilarray", standalone_mode=False)
+        code = _program(arguments[0])(arguments, prog_name="coilarray", standalone_mode=False)
     except CoilarrayError as error:
         return _refuse(str(error))
     except (KeyboardInterrupt, typer.Abort):
@@ -95,8 +111,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         format_message = getattr(error, "format_message", None)
         if format_message is None:
             raise
-        commands = [command.name for command in app.registered_commands]
-        help_for = f" {arguments[0]}" if arguments[0] in commands else ""
+        help_for = f" {arguments[0]}" if arguments[0] in COMMANDS else ""
         return _refuse(f"{' '.join(format_message().split())} (try: coilarray{help_for} --help)")
     if code == _INTERRUPTED:  # typer's own answer to an interrupt, without a word
         typer.echo("coilarray: interrupted", err=True)

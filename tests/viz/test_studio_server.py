@@ -14,7 +14,6 @@ from support.command_line import runner
 from support.patience import PATIENCE, until
 
 from coilarray import load_design
-from coilarray.cli import main as program
 from coilarray.cli import studio as command
 from coilarray.design import bundled
 from coilarray.design.model import load_design_file
@@ -25,8 +24,6 @@ from coilarray.viz.studio.services import BoardRequest, Services, compute_table
 _problem = missing_studio()
 needs_studio = pytest.mark.skipif(_problem is not None, reason=str(_problem))
 
-if "studio" not in {one.name for one in program.app.registered_commands}:
-    program.app.command("studio")(command.studio)
 run, refused = runner("studio")
 
 

@@ -206,8 +206,8 @@ def workers(count: int = 1, cluster: str | None = None) -> Iterator[Pool]:
     Parameters
     ----------
     count : int
-        Number of local processes; 1 computes in this process. Processes are started by "spawn": a script that asks for
-        more than one must do so under ``if __name__ == "__main__":``.
+        Number of local processes; 1 computes in this process. They load the script that asks for them, which must do
+        so under ``if __name__ == "__main__":``.
     cluster : str, optional
         Address of a Dask scheduler, ``tcp://host:port``, whose workers are used instead.
 

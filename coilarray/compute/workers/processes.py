@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import pickle
 import signal
+import sys
 import traceback
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing import get_all_start_methods, get_context, parent_process, resource_tracker
+from multiprocessing.context import BaseContext
 from threading import Thread
 from typing import Any
 
@@ -24,8 +26,7 @@ class _Worker:
     """One process with an executor of its own, so that only its own tasks are lost with it."""
 
     def __init__(self) -> None:
-        # "spawn": OpenMP kills forked children
-        self._executor = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_begin)
+        self._executor = ProcessPoolExecutor(1, mp_context=_context(), initializer=_begin, initargs=(dict(os.environ),))
         self._process: Any = None
         self.pending: set[Future[Any]] = set()
 
@@ -114,6 +115,18 @@ class LocalPool(Pool):
             self._send(task)
 
 
+def _context() -> BaseContext:
+    """How processes are started: forked from one that has loaded what this one has of the package, and never computes.
+
+    OpenMP kills the children of a process that has computed. Without such a server every process loads all by itself.
+    """
+    if "forkserver" not in get_all_start_methods():
+        return get_context("spawn")
+    context = get_context("forkserver")
+    context.set_forkserver_preload([name for name in list(sys.modules) if name.startswith("coilarray.")])
+    return context
+
+
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
     """Block Ctrl-C while the block runs; a process that is started in it never gets one."""
@@ -128,8 +141,13 @@ def _no_interrupt() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin() -> None:
-    """Prepare a worker process: it computes with one thread, and ends with the process that started it."""
+def _begin(environment: dict[str, str]) -> None:
+    """Prepare a worker process: it computes with one thread, and ends with the process that started it.
+
+    `environment` is that of this process; the one from which it was forked may have an older one.
+    """
+    os.environ.clear()
+    os.environ.update(environment)
     Thread(target=_end_with_parent, daemon=True).start()
     one_thread_for_good()
 
