@@ -82,6 +82,7 @@ def compare_responses(
         known, ``points`` how many positions all this is of.
 
         ``x0``, ``A``, ``B`` in m (source, depth, state, level) of the ellipses of every level of δ, and ``…_std``;
+        ``undetermined`` of the same shape, whether the level's points do not determine its ellipse;
         ``ellipse_problem`` (source, depth, state), why there are none.
 
         ``base_inductance`` (source, state) in H where both have it.
@@ -240,17 +241,20 @@ def _ellipses(windows: Sequence[tuple[xr.Dataset, FloatArray | None]], fit: Call
         curves[side, k, j] = fit(response.isel(depth=[k], state=[j]), None if noise is None else noise[k, ..., j])
     count = max(one.values.shape[1] for one in curves.values())
     values, deviations = (np.full((3, *shape, count), np.nan) for _ in range(2))
+    undetermined = np.zeros((*shape, count), dtype=bool)
     problems = np.empty(shape, dtype=object)
     for place, one in curves.items():
         reached = one.values.shape[1]
         values[(slice(None), *place, slice(reached))] = one.values
         deviations[(slice(None), *place, slice(reached))] = one.deviations
+        undetermined[(*place, slice(reached))] = one.undetermined
         problems[place] = one.problem
     described = dict(zip(PARAMETERS, ("centre of the ellipse", "semi-axis along x", "semi-axis along y"), strict=True))
     data: dict[str, object] = {}
     for k, (name, text) in enumerate(described.items()):
         data[name] = ((*dims, "level"), values[k], {"units": "m", "long_name": text})
         data[f"{name}_std"] = ((*dims, "level"), deviations[k], {"units": "m", "long_name": f"± {name}"})
+    data["undetermined"] = ((*dims, "level"), undetermined, {"long_name": "the points do not determine the ellipse"})
     data["ellipse_problem"] = (dims, problems.astype(str), {"long_name": "why there is no ellipse"})
     return xr.Dataset(data, {"level": ("level", level_axis(count), {"units": "1", "long_name": "δ of the level"})})
 
