@@ -137,7 +137,7 @@ def compare_responses(
             progress(count, total)
         return curves
 
-    windows = _windows(kept, simulated, model, _own_noise(kept, "measured"))
+    windows = _windows(kept, simulated, model, own_noise(kept, "measured"))
     result = _dataset(kept, simulated, rows, _ellipses(windows, fit))
     known = "residuals" if noise is None else "delta_std"
     return result.assign_attrs({**alone, "depths_left_out": depths_out, "noise_from": known})
@@ -302,15 +302,19 @@ def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Datase
 
 def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
     """Noise of measured less simulated δ (depth, y, x, state), its standard deviation; None where neither has any."""
-    own, other = (_own_noise(data, who) for data, who in zip((measured, simulated), SOURCES, strict=True))
+    own, other = (own_noise(data, who) for data, who in zip((measured, simulated), SOURCES, strict=True))
     if own is None and other is None:
         return None
     level = 0.0 if other is None else np.sqrt(np.mean(other**2, axis=(0, 1, 2)))
     return np.hypot(0.0 if own is None else own, level) * np.ones(measured.delta.shape)
 
 
-def _own_noise(response: xr.Dataset, who: str) -> FloatArray | None:
-    """``delta_std``; where a position has none, the level of its state."""
+def own_noise(response: xr.Dataset, who: str) -> FloatArray | None:
+    """Return the standard deviation of δ (depth, y, x, state); where a position has none, that of its state.
+
+    It is ``delta_std``, with the attribute ``repeats`` that of their mean. None where the response does not say;
+    LocalizeError, which names the response as `who`, for values that cannot be.
+    """
     if "delta_std" not in response:
         return None
     if not set(response["delta_std"].dims) <= set(_DIMS):

@@ -217,7 +217,8 @@ def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArr
         for k, name in enumerate(PARAMETERS):
             curves[k, j] = np.interp(levels, kept.delta, kept[name], left=np.nan, right=np.nan)
         undetermined[j] = np.interp(levels, kept.delta, kept.undetermined) > 0  # one of the two steps around is
-    return EllipseCurves(*curves, undetermined & np.isfinite(curves[0]))
+    x0, A, B = curves
+    return EllipseCurves(x0, A, B, undetermined & np.isfinite(x0))
 
 
 def _middles(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> FloatArray:

@@ -125,7 +125,7 @@ def fit_ellipse(x: npt.ArrayLike, y: npt.ArrayLike) -> Ellipse:
 
 
 def standard_errors(ellipse: Ellipse, x: FloatArray, y: FloatArray, independent: int) -> tuple[float, float, float]:
-    """Standard errors of x0, A and B in m of an ellipse that `fit_ellipse` made of these points (n,) in m.
+    """Return the standard errors of x0, A and B in m of an ellipse fitted by `fit_ellipse` to points (n,) in m.
 
     Of first order, with the scale of the residuals estimated. `independent`, at least four, says for how many
     independent points the n stand: those that are interpolated from the same samples err together. Infinite where the

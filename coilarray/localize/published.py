@@ -64,11 +64,16 @@ def published_model() -> EllipseModel:
     return EllipseModel(tuple(coils))
 
 
-def undetermined_levels(coil: CoilEllipses, delta: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Whether too little of a coil's ellipses at δ (n,) lay in the paper's window, x ±26 and y ±6 mm, to know them.
+def undetermined_levels(
+    coil: CoilEllipses,
+    delta: npt.ArrayLike,
+    x: tuple[float, float] = (-_X, _X),
+    y: tuple[float, float] = (-_Y, _Y),
+) -> npt.NDArray[np.bool_]:
+    """Whether too little of a coil's ellipses at δ (n,) lies in the window of the map to know them.
 
-    The points of each ellipse within the window are judged as those of a computed level, by
-    `coilarray.localize.ellipse.closes`.
+    The window reaches over `x` and `y` in m; the paper's, x ±26 and y ±6 mm, by default. The points of each ellipse
+    within it are judged as those of a computed level, by `coilarray.localize.ellipse.closes`.
 
     Examples
     --------
@@ -78,8 +83,9 @@ def undetermined_levels(coil: CoilEllipses, delta: npt.ArrayLike) -> npt.NDArray
     angle = np.linspace(0, 2 * np.pi, _ANGLES)
     marks = []
     for x0, A, B in np.stack(coil.curves(np.atleast_1d(delta)), axis=-1):
-        x, y = x0 + A * np.cos(angle), B * np.sin(angle)
-        marks.append(min(A, B) <= 0 or not closes(x[(np.abs(x) <= _X) & (np.abs(y) <= _Y)], x0, A))
+        at_x, at_y = x0 + A * np.cos(angle), B * np.sin(angle)
+        seen = at_x[(x[0] <= at_x) & (at_x <= x[1]) & (y[0] <= at_y) & (at_y <= y[1])]
+        marks.append(min(A, B) <= 0 or not closes(seen, x0, A))
     return np.array(marks)
 
 

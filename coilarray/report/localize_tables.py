@@ -6,7 +6,6 @@ The tables of causes are made of the dataset that `coilarray.localize.distortion
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np

@@ -18,7 +18,7 @@ from coilarray.compute.display_units import MILLI_DELTA, MM, true_minus
 from coilarray.localize.ellipse import Ellipse
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition
 from coilarray.viz.datasets.overlays import of_state
-from coilarray.viz.palette import BLUE, COILS, GREEN, GREY, INK, SEQUENTIAL, SKY, VERMILLION, CurveLook, curve_look
+from coilarray.viz.palette import BLUE, GREEN, GREY, INK, SEQUENTIAL, SKY, VERMILLION, CurveLook, curve_look
 from coilarray.viz.plots import style
 
 _PARAMETERS = {"A": (BLUE, "o", "-"), "B": (VERMILLION, "s", "--"), "x0": (GREEN, "^", ":")}
