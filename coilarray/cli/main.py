@@ -10,6 +10,7 @@ import typer
 
 from coilarray.cli import (
     board,
+    calibrate,
     calibrate_board,
     campaign,
     check,
@@ -52,10 +53,10 @@ app = typer.Typer(
 )
 for _command in (
     report.report, init.init, check.check, matrix.matrix, field.field, impedance.impedance, indent.indent,
-    response.response, fit.fit, distortion.distortion, locate.locate, sweep.sweep, optimize.optimize,
-    tolerance.tolerance, export.export, import_board.import_board, view.view, studio.studio, board.board,
-    measure.measure, campaign.campaign, scan_info.scan_info, calibrate_board.calibrate_board, compare.compare,
-    live.live,
+    response.response, fit.fit, distortion.distortion, calibrate.calibrate, locate.locate, sweep.sweep,
+    optimize.optimize, tolerance.tolerance, export.export, import_board.import_board, view.view, studio.studio,
+    board.board, measure.measure, campaign.campaign, scan_info.scan_info, calibrate_board.calibrate_board,
+    compare.compare, live.live,
 ):  # fmt: skip
     app.command("import" if _command is import_board.import_board else _command.__name__.replace("_", "-"))(_command)
 

@@ -191,7 +191,7 @@ def test_x_errors_with_noise_off_the_grid(seed):
 
 
 def test_undetermined_levels_are_those_that_are_wrong(fits):
-    """Nothing of Table A1 enters the marks; the errors against it are 6 mm and more where they stand, 0.2 mm elsewhere."""
+    """Nothing of Table A1 enters the marks; where they stand x0 is 6 mm off and more, elsewhere 0.2 mm."""
     for coil in MODEL.coils:
         of = fits.sel(state=coil.name)
         of = of.isel(step=np.flatnonzero((of.refused == "") & (of.delta < 0.9 * coil.highest)))

@@ -139,18 +139,14 @@ def calibrate(
             fits = _fit_all(fitted, problems, measured, plan.data, here, store, progress)
     else:
         fits = _fit_all(fitted, problems, measured, plan.data, pool, store, progress)
-    found = iter(zip(problems, fits, strict=True))
-    rows: list[Solution | Unsolved] = []
-    for case in cases:
-        problem, one = (None, None) if isinstance(case, Unsolved) else next(found)
-        if isinstance(case, Unsolved) or problem is None or one is None:
-            rows.append(case)
-        elif one.problem:
-            rows.append(Unsolved(case.name, case.choices, case.unknowns, one.problem))
+    solved: list[Solution] = []
+    unsolved = [one for one in cases if isinstance(one, Unsolved)]
+    for case, problem, one in zip(fitted, problems, fits, strict=True):
+        if one.problem:
+            unsolved.append(Unsolved(case.name, case.choices, case.unknowns, one.problem))
         else:
-            rows.append(solution(case, problem, one))
-    solved = sorted((row for row in rows if isinstance(row, Solution)), key=lambda row: -row.log_evidence)
-    unsolved = [row for row in rows if isinstance(row, Unsolved)]
+            solved.append(solution(case, problem, one))
+    solved.sort(key=lambda row: -row.log_evidence)
     if not solved:
         raise GoalError(f"no combination has a fit: {unsolved[0].reason}")
     best = solved[0]

@@ -37,8 +37,8 @@ class Measurement:
         Numbers in SI, NaN where unknown; their standard deviations; and for how many independent numbers each stands: 0
         where it is only predicted, not fitted.
     coords : mapping of str to sequence
-        ``quantity`` ("delta", "A", "B", "x0" or "peak") and ``state`` of each; for a response ``depth``, ``y`` and ``x``
-        in m, for ellipses ``level``.
+        ``quantity`` ("delta", "A", "B", "x0" or "peak") and ``state`` of each; for a response ``depth``, ``y`` and
+        ``x`` in m, for ellipses ``level``.
     request : mapping of str to object
         What `model_values` needs, as plain values.
     estimated : bool
@@ -144,7 +144,7 @@ def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequ
         told = coil.highest <= _BEYOND * levels[-1]
         weight = 1.0 if told and "peak" in table.parameters else 0.0
         rows.append((coil.highest if told else np.nan, table.peak_std, weight, "peak", name, np.nan))
-    values, std, weight, quantity, state, level = zip(*rows, strict=True)
-    coords = {"quantity": quantity, "state": state, "level": level}
+    values, std, weight, quantity, state, of_level = zip(*rows, strict=True)
+    coords = {"quantity": quantity, "state": state, "level": of_level}
     request = {"kind": "ellipses", "states": list(states), "levels": levels.tolist()}
     return Measurement(np.array(values), np.array(std), np.array(weight), coords, request, table.noise != "given")

@@ -19,8 +19,17 @@ from coilarray.errors import GoalError
 PLANS = TomlFiles("calibration plan", GoalError, "coilarray.studies.calibrate.plans")
 """Files of calibration plans, and those that come with the package."""
 
+Parameter = Literal["A", "B", "x0", "peak"]
+"""What may be fitted of ellipses."""
+
 MOST_COMBINATIONS = 200
 """Largest number of combinations of choices that are fitted."""
+
+FITTED: tuple[Parameter, ...] = ("A", "B", "peak")
+"""What is fitted of ellipses where a plan does not say."""
+
+LEVELS = tuple(k * 1e-4 for k in range(1, 11))
+"""δ of the ellipses that are fitted where a plan does not say."""
 
 IMPERFECTIONS = {
     "depth_error_mm": 1e-3, "tilt_x_mrad": 1e-3, "tilt_y_mrad": 1e-3, "offset_x_mm": 1e-3, "offset_y_mm": 1e-3,
@@ -104,8 +113,10 @@ class DataTable(Table):
     """
 
     states: Annotated[list[str], Field(min_length=1)] | None = None
-    parameters: Annotated[list[Literal["A", "B", "x0", "peak"]], Field(min_length=1)] = ["A", "B", "peak"]
-    levels: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)] = [k * 1e-4 for k in range(1, 11)]
+    parameters: Annotated[list[Parameter], Field(min_length=1)] = Field(default_factory=lambda: list(FITTED))
+    levels: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)] = Field(
+        default_factory=lambda: list(LEVELS)
+    )
     semiaxis_std_mm: Annotated[float, Field(gt=0)] = 0.5
     peak_std: Annotated[float, Field(gt=0)] = 5e-5
     delta_std: Annotated[float, Field(gt=0)] | None = None

@@ -33,7 +33,7 @@ def bounded_normal(
     (-0.693147, True, 0.8)
     """
     n = len(mean)
-    lower = np.linalg.cholesky(covariance)
+    lower = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
     parts = np.clip(qmc.Sobol(n + 1, seed=np.random.default_rng(0)).random(_DRAWS), 1e-12, 1 - 1e-12)
     normal, weight = _separated(mean, lower, low, high, parts[:, :n], np.ones(_DRAWS))
     probability = float(logsumexp(weight)) - np.log(_DRAWS)

@@ -136,10 +136,10 @@ def _untold(row: Solution) -> list[str]:
     rows = problem.weighted(row.fit.slopes) / row.fit.scale * prior
     squares, directions = np.linalg.eigh(rows.T @ rows)
     said = []
-    for square, direction in zip(squares, directions.T, strict=True):
+    for square, either in zip(squares, directions.T, strict=True):
         if square >= 1:
             continue
-        direction = direction * np.sign(direction[int(np.argmax(np.abs(direction)))])
+        direction = either * np.sign(either[int(np.argmax(np.abs(either)))])
         order = [k for k in np.argsort(-np.abs(direction)) if abs(direction[k]) >= _WEAKEST * np.abs(direction).max()]
         parts = [
             f"{row.case.names[k]} by {direction[k] * prior[k]:+.3g} {_unit(row.case.names[k])}".rstrip() for k in order
@@ -200,6 +200,7 @@ def result_dataset(
         ):
             figures[key][i] = value
     solved = [isinstance(row, Solution) for row in rows]
+    reasons = [row.reason if isinstance(row, Unsolved) else "" for row in rows]
     evidence = np.where(solved, figures["log_evidence"], -np.inf)
     units = [entry_unit(name) for name in names]
     both, of_datum = ("combination", "unknown"), ("combination", "datum")
@@ -219,13 +220,13 @@ def result_dataset(
         ),
         "converged": ("combination", [isinstance(row, Solution) and row.fit.converged for row in rows]),
         "untold": ("combination", said, {"long_name": "directions that the data do not tell"}),
-        "problem": ("combination", [row.reason if isinstance(row, Unsolved) else "" for row in rows], {"long_name": "why there is no fit"}),
+        "problem": ("combination", reasons, {"long_name": "why there is no fit"}),
     }  # fmt: skip
     coords: dict[str, Any] = {"combination": [one.name for one in combinations], "unknown": names, "other": names}
     coords |= {"unit": ("unknown", units)}
     coords |= {key: ("datum", list(values)) for key, values in measured.coords.items()}
     for number, one in enumerate(plan.alternatives):
-        coords[one.name] = ("combination", [each.choices[number].name for each in combinations])
+        coords[f"choice of {one.name}"] = ("combination", [each.choices[number].name for each in combinations])
     how = "estimated" if measured.estimated else "given"
     kind = str(measured.request["kind"])
     return xr.Dataset(data, coords, {**provenance(design), "title": plan.title, "kind": kind, "noise_is": how})

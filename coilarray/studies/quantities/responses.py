@@ -60,7 +60,7 @@ def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float
 
 @quantity(
     "x0_distortion_mm", "mm", "response",
-    "root mean square over δ = 1e-4 to 1e-3 of fitted x0, where determined, less the coil's centre, on the design's map",
+    "root mean square over δ = 1e-4 to 1e-3 of fitted x0 less the coil's centre, where determined, in its map",
     Option("coil", COIL.must_be, read_name, "which coil; the worst of those in the map by default", bare=True),
 )  # fmt: skip
 def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
