@@ -67,4 +67,6 @@ from .report.write import write_report as write_report
 from .response.map import response_map as response_map
 from .response.setup import Imperfections as Imperfections
 from .response.two_dimensional import line_response as line_response
+from .studies.calibrate.calibration import calibrate as calibrate
+from .studies.calibrate.plan import load_plan as load_plan
 from .studies.sweep import sweep as sweep

@@ -20,6 +20,9 @@ from .offscreen import window_problem as window_problem
 from .plots.board import check_figure as check_figure
 from .plots.board import plot_board as plot_board
 from .plots.board import plot_copper as plot_copper
+from .plots.calibration import calibration_figure as calibration_figure
+from .plots.calibration import plot_evidence as plot_evidence
+from .plots.calibration import posterior_figure as posterior_figure
 from .plots.comparison import comparison_figure as comparison_figure
 from .plots.comparison import plot_centres as plot_centres
 from .plots.comparison import plot_readings as plot_readings

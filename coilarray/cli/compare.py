@@ -12,7 +12,7 @@ import typer
 from coilarray import viz
 from coilarray.cli import shared
 from coilarray.cli.board_options import marked
-from coilarray.cli.maps import is_map, is_recording, read_response
+from coilarray.cli.maps import is_map, is_recording, read_response, recorded_map
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def _response(
 ) -> _Source:
     """Read or compute a response; what is computed beside another one has positions around all of its own."""
     if is_recording(name):
-        return _recorded(Path(name), calibration)
+        return recorded_map(Path(name), calibration)
     if is_map(name):
         return read_response(Path(name)), ()
     if name == "published":
@@ -121,23 +121,6 @@ def _response(
         x, y = (None, None) if beside is None else _around(beside, largest_shift)
         return published_map(x, y), ()
     return _computed(shared.open_design(name, allow_violations=allow_violations), beside, largest_shift)
-
-
-def _recorded(path: Path, calibration: Path | None) -> _Source:
-    from coilarray.hardware.record.calibration_file import load_calibration
-    from coilarray.hardware.record.channel_calibration import calibrated_response
-    from coilarray.hardware.record.recorded_response import recorded_response
-    from coilarray.hardware.record.recording import open_recording
-    from coilarray.report.figures import map_outlines
-
-    known = None if calibration is None else load_calibration(calibration)
-    with open_recording(path) as recording:
-        if known is None:
-            response = recorded_response(recording, partial=True)
-        else:
-            response = calibrated_response(recording, known, partial=True)
-        design = recording.design
-    return response, map_outlines(design, response)
 
 
 def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | None) -> _Source:

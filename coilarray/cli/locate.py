@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coilarray.cli import shared
-from coilarray.cli.maps import depth_in_metres, is_map, kept_table, one_map, read_map
+from coilarray.cli.maps import depth_in_metres, is_map, kept_table, one_map, read_ellipses, read_map
 from coilarray.cli.readings import Reading, line_readings, read_readings
 from coilarray.errors import LocalizeError
 
@@ -135,16 +135,13 @@ def _forward_model(source: str | None, table: Path | None, allow_violations: boo
 
 def _ellipse_model(source: str | None, depth: float | None, allow_violations: bool) -> EllipseModel:
     from coilarray.localize.ellipse import fit_ellipses
-    from coilarray.localize.ellipse_model import ellipse_model, model_from_json
+    from coilarray.localize.ellipse_model import ellipse_model
     from coilarray.localize.published import published_model
 
     if source == _PUBLISHED:
         return published_model()
     if source is not None and source.lower().endswith(".json"):
-        try:
-            return model_from_json(Path(source).read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError):
-            raise LocalizeError(f"cannot read {source}.") from None
+        return read_ellipses(Path(source))
     response, at = one_map(source, depth, allow_violations=allow_violations)
     return ellipse_model(fit_ellipses(response, at))
 

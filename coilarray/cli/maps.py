@@ -14,9 +14,14 @@ from coilarray.cli.board_options import marked
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
     import xarray as xr
 
     from coilarray.design.model import Design
+    from coilarray.localize.ellipse_model import EllipseModel
+
+    FloatArray = npt.NDArray[np.float64]
 
 _SQLITE = b"SQLite format 3\0"  # begins every file of SQLite
 _RECORDING = ".sqlite"
@@ -66,6 +71,37 @@ def read_response(path: Path) -> xr.Dataset:
     if "delta" not in response or set(response["delta"].dims) != wanted or not wanted <= set(response.coords):
         raise LocalizeError(f"{path} is no response: it must have delta over depth, y, x and state.")
     return response
+
+
+def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list[FloatArray]]:
+    """Read the response of a campaign, and the outlines of its coils in m from the map's origin.
+
+    `calibration` is a file with the constants of the board.
+    """
+    from coilarray.hardware.record.calibration_file import load_calibration
+    from coilarray.hardware.record.channel_calibration import calibrated_response
+    from coilarray.hardware.record.recorded_response import recorded_response
+    from coilarray.hardware.record.recording import open_recording
+    from coilarray.report.figures import map_outlines
+
+    known = None if calibration is None else load_calibration(calibration)
+    with open_recording(path) as recording:
+        if known is None:
+            response = recorded_response(recording, partial=True)
+        else:
+            response = calibrated_response(recording, known, partial=True)
+        design = recording.design
+    return response, map_outlines(design, response)
+
+
+def read_ellipses(path: Path) -> EllipseModel:
+    """Read an ellipse model of `coilarray fit`; LocalizeError where it is none."""
+    from coilarray.localize.ellipse_model import model_from_json
+
+    try:
+        return model_from_json(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        raise LocalizeError(f"cannot read {path}.") from None
 
 
 def one_map(source: str | None, depth: float | None, *, allow_violations: bool) -> tuple[xr.Dataset, int | float]:

@@ -16,6 +16,25 @@ SCALES: Mapping[str, float] = {
 }  # fmt: skip
 """SI value of each unit that stands at the end of a key."""
 
+_ENTRY_UNITS = {
+    "mm": "mm", "um": "µm", "deg": "deg", "mrad": "mrad", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa",
+    "kPa_per_mm": "kPa/mm", "ohm": "ohm", "ohm_m": "ohm m", "percent": "%",
+}  # fmt: skip
+
+
+def entry_unit(key: str) -> str:
+    """Return the unit of an entry of a file by its dotted key, as shown in tables; "1" where it has none.
+
+    Examples
+    --------
+    >>> entry_unit("array.pitch_mm"), entry_unit("circuit.resistivity_ohm_m"), entry_unit("array.columns")
+    ('mm', 'ohm m', '1')
+    """
+    last = key.rpartition(".")[2]
+    ends = [end for end in _ENTRY_UNITS if last.endswith(f"_{end}")]
+    return _ENTRY_UNITS[max(ends, key=len)] if ends else "1"
+
+
 # Bounds far beyond any board: a typo is refused where it stands instead of overflowing or running for hours.
 Millimetres = Annotated[float, Field(gt=0, le=10_000)]
 Micrometres = Annotated[float, Field(gt=0, le=100_000)]

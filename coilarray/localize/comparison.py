@@ -82,6 +82,7 @@ def compare_responses(
         known, ``points`` how many positions all this is of.
 
         ``x0``, ``A``, ``B`` in m (source, depth, state, level) of the ellipses of every level of δ, and ``…_std``;
+        ``undetermined`` of the same shape, whether the level's points do not determine its ellipse;
         ``ellipse_problem`` (source, depth, state), why there are none.
 
         ``base_inductance`` (source, state) in H where both have it.
@@ -136,7 +137,7 @@ def compare_responses(
             progress(count, total)
         return curves
 
-    windows = _windows(kept, simulated, model, _own_noise(kept, "measured"))
+    windows = _windows(kept, simulated, model, own_noise(kept, "measured"))
     result = _dataset(kept, simulated, rows, _ellipses(windows, fit))
     known = "residuals" if noise is None else "delta_std"
     return result.assign_attrs({**alone, "depths_left_out": depths_out, "noise_from": known})
@@ -240,17 +241,20 @@ def _ellipses(windows: Sequence[tuple[xr.Dataset, FloatArray | None]], fit: Call
         curves[side, k, j] = fit(response.isel(depth=[k], state=[j]), None if noise is None else noise[k, ..., j])
     count = max(one.values.shape[1] for one in curves.values())
     values, deviations = (np.full((3, *shape, count), np.nan) for _ in range(2))
+    undetermined = np.zeros((*shape, count), dtype=bool)
     problems = np.empty(shape, dtype=object)
     for place, one in curves.items():
         reached = one.values.shape[1]
         values[(slice(None), *place, slice(reached))] = one.values
         deviations[(slice(None), *place, slice(reached))] = one.deviations
+        undetermined[(*place, slice(reached))] = one.undetermined
         problems[place] = one.problem
     described = dict(zip(PARAMETERS, ("centre of the ellipse", "semi-axis along x", "semi-axis along y"), strict=True))
     data: dict[str, object] = {}
     for k, (name, text) in enumerate(described.items()):
         data[name] = ((*dims, "level"), values[k], {"units": "m", "long_name": text})
         data[f"{name}_std"] = ((*dims, "level"), deviations[k], {"units": "m", "long_name": f"± {name}"})
+    data["undetermined"] = ((*dims, "level"), undetermined, {"long_name": "the points do not determine the ellipse"})
     data["ellipse_problem"] = (dims, problems.astype(str), {"long_name": "why there is no ellipse"})
     return xr.Dataset(data, {"level": ("level", level_axis(count), {"units": "1", "long_name": "δ of the level"})})
 
@@ -298,15 +302,19 @@ def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Datase
 
 def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
     """Noise of measured less simulated δ (depth, y, x, state), its standard deviation; None where neither has any."""
-    own, other = (_own_noise(data, who) for data, who in zip((measured, simulated), SOURCES, strict=True))
+    own, other = (own_noise(data, who) for data, who in zip((measured, simulated), SOURCES, strict=True))
     if own is None and other is None:
         return None
     level = 0.0 if other is None else np.sqrt(np.mean(other**2, axis=(0, 1, 2)))
     return np.hypot(0.0 if own is None else own, level) * np.ones(measured.delta.shape)
 
 
-def _own_noise(response: xr.Dataset, who: str) -> FloatArray | None:
-    """``delta_std``; where a position has none, the level of its state."""
+def own_noise(response: xr.Dataset, who: str) -> FloatArray | None:
+    """Return the standard deviation of δ (depth, y, x, state); where a position has none, that of its state.
+
+    It is ``delta_std``, with the attribute ``repeats`` that of their mean. None where the response does not say;
+    LocalizeError, which names the response as `who`, for values that cannot be.
+    """
     if "delta_std" not in response:
         return None
     if not set(response["delta_std"].dims) <= set(_DIMS):

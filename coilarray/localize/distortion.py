@@ -20,7 +20,7 @@ from coilarray.design.scan_states import Passive, ScanState
 from coilarray.errors import LocalizeError
 from coilarray.geometry import Conductor
 from coilarray.localize.ellipse import PARAMETERS, fit_ellipses, refined_map
-from coilarray.localize.published import published_model
+from coilarray.localize.published import published_model, undetermined_levels
 from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
 from coilarray.response.setup import indentation_of, map_axes
 
@@ -40,11 +40,21 @@ _SEEDS = 8
 
 @dataclass(frozen=True, eq=False)
 class EllipseCurves:
-    """x0, A and B over δ of every state, NaN where the map has no such level; shape (states, deltas) in m."""
+    """x0, A and B over δ of every state, NaN where the map has no such level; shape (states, deltas) in m.
+
+    `undetermined` of the same shape marks levels whose points do not determine the ellipse, see
+    `coilarray.localize.ellipse`.
+    """
 
     x0: FloatArray
     A: FloatArray
     B: FloatArray
+    undetermined: npt.NDArray[np.bool_]
+
+    @property
+    def determined_x0(self) -> FloatArray:
+        """x0 where the points determine it, else NaN."""
+        return np.where(self.undetermined, np.nan, self.x0)
 
 
 def distortion(
@@ -66,7 +76,7 @@ def distortion(
     deltas : array_like, shape (n,)
         Levels of δ, rising.
     imperfections : Imperfections, optional
-        Deviations of the experiment, in every map; for example from `coilarray.localize.calibration.calibrate`.
+        Deviations of the experiment, in every map; for example those of a calibration.
     progress : callable, optional
         Called with (done, total) as the maps are computed.
 
@@ -75,9 +85,11 @@ def distortion(
     xarray.Dataset
         ``x0``, ``A``, ``B`` (neighbours, state, delta) in m with the neighbours ``grounded`` (as the design's scan has
         them) and ``open``; ``published_x0``, ``published_A``, ``published_B`` (state, delta) from Table A1, NaN for
-        states that it has not; ``effect`` (cause, state, delta) in m, what x0 loses without the cause; ``centre``
-        (state) in m; ``rms`` (cause, state) of the effects and ``rms_residual`` (state) of predicted − published x0, in
-        m. Values are NaN at levels that a map does not reach.
+        states that it has not; ``undetermined`` (neighbours, state, delta) and ``published_undetermined`` (state,
+        delta), levels of which the window leaves too little; ``effect`` (cause, state, delta) in m, what x0 loses
+        without the cause; ``centre`` (state) in m; ``rms`` (cause, state) of the effects and ``rms_residual`` (state)
+        of predicted − published x0, in m. Values are NaN at levels that a map does not reach; effects and root mean
+        squares leave undetermined levels out.
 
     Raises
     ------
@@ -104,15 +116,15 @@ def distortion(
     curves = ellipse_curves(base, states, levels)
 
     def without(response: xr.Dataset) -> FloatArray:
-        return curves.x0 - ellipse_curves(response, states, levels).x0
+        return curves.determined_x0 - ellipse_curves(response, states, levels).determined_x0
 
     opened = ellipse_curves(_opened(design, base, names), states, levels)
-    effects = {"all neighbours": curves.x0 - opened.x0}
+    effects = {"all neighbours": curves.determined_x0 - opened.determined_x0}
     effects |= {f"neighbour {name}": without(_opened(design, base, (name,))) for name in names}
     both = maps.plain(widen=_WIDE, parts=_FINE)
     effects["window"] = without(maps.plain(widen=_WIDE))
     effects["grid"] = without(maps.plain(parts=_FINE))
-    effects["ellipse"] = ellipse_curves(both, states, levels).x0 - _middles(both, states, levels)
+    effects["ellipse"] = ellipse_curves(both, states, levels).determined_x0 - _middles(both, states, levels)
     effects["winding and leads"] = without(maps.turned(base))
     effects["layers"] = without(maps.levelled(base))
     tilted = replace(given, tilt=(given.tilt[0] + TILT, given.tilt[1]))
@@ -199,11 +211,14 @@ def ellipse_curves(response: xr.Dataset, states: Sequence[str], levels: FloatArr
     """Fit the ellipses of a map's first depth and read them at levels of δ, linear between the steps of the sweep."""
     fits = fit_ellipses(response, 0, states=states)
     curves = np.full((len(PARAMETERS), len(states), len(levels)), np.nan)
+    undetermined = np.zeros((len(states), len(levels)), dtype=bool)
     for j, state in enumerate(states):
         kept = fits.sel(state=state).isel(step=np.flatnonzero(fits.refused.sel(state=state) == "")).sortby("delta")
         for k, name in enumerate(PARAMETERS):
             curves[k, j] = np.interp(levels, kept.delta, kept[name], left=np.nan, right=np.nan)
-    return EllipseCurves(*curves)
+        undetermined[j] = np.interp(levels, kept.delta, kept.undetermined) > 0  # one of the two steps around is
+    x0, A, B = curves
+    return EllipseCurves(x0, A, B, undetermined & np.isfinite(x0))
 
 
 def _middles(response: xr.Dataset, states: Sequence[str], levels: FloatArray) -> FloatArray:
@@ -231,7 +246,7 @@ def _scatter(base: xr.Dataset, states: Sequence[str], levels: FloatArray) -> Flo
     for seed in range(_SEEDS):
         random = np.random.default_rng(seed)
         noise = np.sqrt(2) * NOISE * random.standard_normal(base.delta.shape)  # L_peak and L_0 are one reading each
-        runs.append(ellipse_curves(base.assign(delta=base.delta + noise), states, levels).x0)
+        runs.append(ellipse_curves(base.assign(delta=base.delta + noise), states, levels).determined_x0)
     return np.asarray(np.std(runs, axis=0, ddof=1))
 
 
@@ -252,7 +267,12 @@ def _dataset(
         data[name] = (("neighbours", *dims), pair, metres)
         data[f"published_{name}"] = (dims, _published(name, states, levels), metres)
     effect = np.array(list(effects.values()))
-    residual = grounded.x0 - _published("x0", states, levels)
+    hidden = _published_undetermined(states, levels)
+    marks = np.array([grounded.undetermined, opened.undetermined])
+    described = {"long_name": "the window does not determine the ellipse"}
+    data["undetermined"] = (("neighbours", *dims), marks, described)
+    data["published_undetermined"] = (dims, hidden, described)
+    residual = grounded.determined_x0 - np.where(hidden, np.nan, _published("x0", states, levels))
     data["effect"] = (("cause", *dims), effect, {**metres, "long_name": "what x0 loses without the cause"})
     data["rms"] = (("cause", "state"), _rms(effect), metres)
     data["rms_residual"] = ("state", _rms(residual), {**metres, "long_name": "predicted less published x0, rms"})
@@ -272,6 +292,12 @@ def _dataset(
 def _published(name: str, states: Sequence[str], levels: FloatArray) -> FloatArray:
     known = {coil.name: np.polyval(getattr(coil, name), levels) for coil in published_model().coils}
     return np.array([known.get(state, levels * np.nan) for state in states])
+
+
+def _published_undetermined(states: Sequence[str], levels: FloatArray) -> npt.NDArray[np.bool_]:
+    model = published_model()
+    none = np.zeros(len(levels), dtype=bool)
+    return np.array([undetermined_levels(model[s], levels) if s in model.names else none for s in states])
 
 
 def _rms(values: FloatArray) -> FloatArray:

@@ -25,6 +25,11 @@ What the paper leaves open, and how it is read here:
   ellipses that is so for coil 1 below δ = 2.7e-4 and for coil 3 below 1.8e-4: x0 is wrong by 7 to 16 mm there, x0 ± A
   by 0.1 to 0.3 mm (tests/localize/test_published.py). Below these δ the printed x0 and A of the outer coils are
   therefore hardly known, and those of coil 2 are.
+- *Which levels are determined* the paper does not ask. Here every level has standard errors of x0, A and B from its own
+  points, and is undetermined where that of x0 exceeds the map's step along x, or where its points do not reach half a
+  semi-axis beyond the centre on both sides (30° past the highest point): one arc is left, and the errors do not know
+  how far the width of the level draws the fit inwards. On the map of Table A1 the levels that are wrong by 6 mm and
+  more reach at most 0.2 of A to one side and the others at least 0.85.
 """
 
 from __future__ import annotations
@@ -57,7 +62,11 @@ STEP = 3e-5
 LEAST_POINTS = 6
 """Of a level that is fitted: twice the unknowns."""
 
+LEAST_REACH = 0.5
+"""How far the points of a determined level go beyond the centre on both sides, in semi-axes."""
+
 _LEAST_SAMPLES = 4  # of a cubic, along each axis
+_CORNERS = 4  # of a cell of the sampled grid: so many independent values has the smallest level
 _LONGEST = 10.0  # semi-axis over the extent of the points: beyond it the conic is as good as a parabola or two lines
 
 
@@ -113,6 +122,38 @@ def fit_ellipse(x: npt.ArrayLike, y: npt.ArrayLike) -> Ellipse:
         raise LocalizeError("the conic through the points is no ellipse.")
     A, B = (np.sqrt(squares) * length).tolist()
     return Ellipse(mean - float(d / (2 * a)) * length, A, B)
+
+
+def standard_errors(ellipse: Ellipse, x: FloatArray, y: FloatArray, independent: int) -> tuple[float, float, float]:
+    """Return the standard errors of x0, A and B in m of an ellipse fitted by `fit_ellipse` to points (n,) in m.
+
+    Of first order, with the scale of the residuals estimated. `independent`, at least four, says for how many
+    independent points the n stand: those that are interpolated from the same samples err together. Infinite where the
+    points do not determine all three.
+    """
+    length = max(float(np.ptp(x)), float(np.ptp(y)))
+    mean = float(x.mean())
+    centre, A, B = (ellipse.x0 - mean) / length, ellipse.A / length, ellipse.B / length
+    u, v = (x - mean) / length - centre, y / length
+    # a u² + c y² + d u − 1 of fit_ellipse is E/K with E = (u − u0)²/A² + y²/B² − 1 and K = 1 − u0²/A²
+    K = 1 - (centre / A) ** 2
+    residual = ((u / A) ** 2 + (v / B) ** 2 - 1) / K
+    slopes = np.stack([-2 * u / A**2, -2 * u**2 / A**3, -2 * v**2 / B**3], axis=-1)
+    slopes_of_K = np.array([-2 * centre / A**2, 2 * centre**2 / A**3, 0.0])
+    jacobian = (slopes - residual[:, None] * slopes_of_K) / K
+    information = jacobian.T @ jacobian * (independent / len(u))
+    variance = float(residual @ residual) / len(u) * independent / (independent - 3)
+    try:
+        squares = variance * np.diag(np.linalg.inv(information))
+    except np.linalg.LinAlgError:
+        return (np.inf, np.inf, np.inf)
+    errors = np.sqrt(np.where(squares >= 0, squares, np.inf)) * length
+    return float(errors[0]), float(errors[1]), float(errors[2])
+
+
+def closes(x: FloatArray, x0: float, A: float) -> bool:
+    """Whether points at x (n,) in m on an ellipse reach `LEAST_REACH` semi-axes beyond its centre on both sides."""
+    return bool(len(x) and min(x0 - float(x.min()), float(x.max()) - x0) >= LEAST_REACH * A)
 
 
 def refined_map(delta: xr.DataArray, refinement: int = REFINEMENT) -> xr.DataArray:
@@ -178,8 +219,10 @@ def fit_ellipses(
     xarray.Dataset
         Dimensions ``state`` and ``step``, with the coordinate ``level`` (step). ``delta``, the mean of the level's
         points; ``x0``, ``A``, ``B`` and ``rms``, the misfit along the ray from the centre (half the width of the level
-        is part of it), in m; ``points``, their number; ``refused``, why a step has no ellipse, empty where it has
-        one. Refused steps hold NaN. ``peak`` (state) is the largest δ of the refined map.
+        is part of it), in m; ``x0_std``, ``A_std`` and ``B_std`` of `standard_errors`, all points in a cell of the
+        sampled grid counted as one; ``undetermined``, whether an ellipse is there but its points do not say where;
+        ``points``, their number; ``refused``, why a step has no ellipse, empty where it has one. Refused steps hold
+        NaN. ``peak`` (state) is the largest δ of the refined map.
 
     Raises
     ------
@@ -204,7 +247,11 @@ def fit_ellipses(
     peaks = np.array([float(fine.max()) for fine in maps])
     count = max(1, int(np.floor((peaks.max() - first) / step)) + 1)
     levels = first + step * np.arange(count, dtype=np.float64)
-    rows = [[_fit_level(fine, level, threshold, connected) for level in levels.tolist()] for fine in maps]
+    spacing = float(np.median(np.diff(delta.x.values)))
+    rows = [
+        [_fit_level(fine, level, threshold, connected, refinement, spacing) for level in levels.tolist()]
+        for fine in maps
+    ]
     for state, row in zip(chosen, rows, strict=True):
         if all(one.refused for one in row):
             raise LocalizeError(f"no level of {state} is an ellipse: the map has no closed curves of δ ≥ {first:.3g}.")
@@ -221,10 +268,16 @@ class _Level:
     A: float = np.nan
     B: float = np.nan
     rms: float = np.nan
+    x0_std: float = np.nan
+    A_std: float = np.nan
+    B_std: float = np.nan
+    undetermined: bool = False
     refused: str = ""
 
 
-def _fit_level(fine: xr.DataArray, level: float, threshold: float, connected: bool) -> _Level:
+def _fit_level(
+    fine: xr.DataArray, level: float, threshold: float, connected: bool, refinement: int, spacing: float
+) -> _Level:
     if level > float(fine.max()):
         return _Level(0, refused="above the largest δ")
     within = np.abs(fine.values - level) <= threshold
@@ -242,7 +295,10 @@ def _fit_level(fine: xr.DataArray, level: float, threshold: float, connected: bo
         return _Level(len(rows), refused="centre outside the map")
     mean = float(fine.values[rows, columns].mean())
     rms = float(np.sqrt(np.mean(ellipse.distance(x, y) ** 2)))
-    return _Level(len(rows), mean, ellipse.x0, ellipse.A, ellipse.B, rms)
+    cells = len(np.unique(np.stack((rows // refinement, columns // refinement)), axis=1).T)
+    errors = standard_errors(ellipse, x, y, max(cells, _CORNERS))
+    undetermined = not (errors[0] <= spacing and closes(x, ellipse.x0, ellipse.A))
+    return _Level(len(rows), mean, ellipse.x0, ellipse.A, ellipse.B, rms, *errors, undetermined)
 
 
 def _hill(values: FloatArray, foot: float) -> npt.NDArray[np.bool_]:
@@ -356,12 +412,14 @@ def _dataset(
         "A": ("m", "semi-axis along x"),
         "B": ("m", "semi-axis along y"),
         "rms": ("m", "misfit along the ray from the centre, root mean square"),
+        **{f"{name}_std": ("m", f"± {name}") for name in PARAMETERS},
         "points": ("1", "points of the level"),
     }
     both = ("state", "step")
     return xr.Dataset(
         {
             **{name: (both, table(name), {"units": u, "long_name": text}) for name, (u, text) in described.items()},
+            "undetermined": (both, table("undetermined"), {"long_name": "the points do not determine the ellipse"}),
             "refused": (both, table("refused"), {"long_name": "why the step has no ellipse"}),
             "peak": ("state", peaks, {"units": "1", "long_name": "largest δ of the refined map"}),
         },

@@ -21,12 +21,14 @@ class LevelCurves:
     """Ellipses of the levels STEP, 2·STEP, … of δ of one state at one depth.
 
     `values` and `deviations`, shape (3, levels), are x0, A and B in m and their standard deviations; NaN where a level
-    has no ellipse, deviations NaN too where no noise is known. `problem` says why there is no ellipse at all; empty
-    where there are some.
+    has no ellipse, deviations NaN too where no noise is known. `undetermined`, shape (levels,), marks the levels whose
+    points do not determine the ellipse, see `coilarray.localize.ellipse`. `problem` says why there is no
+    ellipse at all; empty where there are some.
     """
 
     values: FloatArray
     deviations: FloatArray
+    undetermined: npt.NDArray[np.bool_]
     problem: str = ""
 
 
@@ -42,18 +44,20 @@ def level_curves(
     try:
         if not np.isfinite(response.delta.values).all():
             raise LocalizeError("the map has gaps.")
-        values = _fitted(response)
+        fits = fit_ellipses(response).isel(state=0)
     except LocalizeError as error:
-        return LevelCurves(np.empty((3, 0)), np.empty((3, 0)), str(error))
+        return LevelCurves(np.empty((3, 0)), np.empty((3, 0)), np.empty(0, dtype=bool), str(error))
+    values, undetermined = _parameters(fits), fits.undetermined.values
     unknown = np.full_like(values, np.nan)
     if noise is None or replicates < 2:
-        return LevelCurves(values, unknown)
+        return LevelCurves(values, unknown, undetermined)
     sigma = xr.DataArray(np.asarray(noise, dtype=np.float64), dims=("y", "x"))
     random = np.random.default_rng(seed)
     runs = np.full((replicates, *values.shape), np.nan)
     for run in runs:
         try:
-            noisy = _fitted(response.assign(delta=response.delta + sigma * random.standard_normal(sigma.shape)))
+            shaken = response.assign(delta=response.delta + sigma * random.standard_normal(sigma.shape))
+            noisy = _parameters(fit_ellipses(shaken).isel(state=0))
         except LocalizeError:  # noise took the hill away
             continue
         run[:, : noisy.shape[1]] = noisy[:, : values.shape[1]]
@@ -61,7 +65,7 @@ def level_curves(
     known = np.isfinite(values) & (count >= max(2.0, _LEAST_SHARE * replicates))
     mean = np.nansum(runs, axis=0) / np.maximum(count, 1)
     scatter = np.sqrt(np.nansum((runs - mean) ** 2, axis=0) / np.maximum(count - 1, 1))
-    return LevelCurves(values, np.where(known, scatter, unknown))
+    return LevelCurves(values, np.where(known, scatter, unknown), undetermined)
 
 
 def level_axis(count: int) -> FloatArray:
@@ -69,6 +73,6 @@ def level_axis(count: int) -> FloatArray:
     return np.asarray(STEP * np.arange(1, count + 1), dtype=np.float64)
 
 
-def _fitted(response: xr.Dataset) -> FloatArray:
+def _parameters(fits: xr.Dataset) -> FloatArray:
     """x0, A and B, shape (3, levels)."""
-    return fit_ellipses(response)[[*PARAMETERS]].isel(state=0).to_dataarray().values
+    return fits[[*PARAMETERS]].to_dataarray().values

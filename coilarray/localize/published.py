@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.localize.ellipse import PARAMETERS
+from coilarray.localize.ellipse import PARAMETERS, closes
 from coilarray.localize.ellipse_model import CoilEllipses, EllipseModel
 
 CENTRE_DELTA = 1e-3
@@ -18,6 +18,7 @@ CENTRE_DELTA = 1e-3
 _DEPTH, _SPACING, _X, _Y = 1e-3, 2e-3, 26e-3, 6e-3  # in m, Table 1
 _FLOOR = -2e-4  # of δ on `published_map`: well below the lowest level
 _HALVINGS = 50  # of a range of 2e-3 in δ: to 2e-18
+_ANGLES = 721  # points on an ellipse, half a degree apart
 _COILS = ("coil1", "coil2", "coil3")
 
 
@@ -61,6 +62,31 @@ def published_model() -> EllipseModel:
         x0, A, B = (table[key, name] for key in PARAMETERS)
         coils.append(CoilEllipses(name, x0, A, B, 0.0, min(_vanishes(A), _vanishes(B)), CENTRE_DELTA))
     return EllipseModel(tuple(coils))
+
+
+def undetermined_levels(
+    coil: CoilEllipses,
+    delta: npt.ArrayLike,
+    x: tuple[float, float] = (-_X, _X),
+    y: tuple[float, float] = (-_Y, _Y),
+) -> npt.NDArray[np.bool_]:
+    """Whether too little of a coil's ellipses at δ (n,) lies in the window of the map to know them.
+
+    The window reaches over `x` and `y` in m; the paper's, x ±26 and y ±6 mm, by default. The points of each ellipse
+    within it are judged as those of a computed level, by `coilarray.localize.ellipse.closes`.
+
+    Examples
+    --------
+    >>> undetermined_levels(published_model()["coil1"], [1e-4, 2e-4, 3e-4, 1e-3])
+    array([ True,  True, False, False])
+    """
+    angle = np.linspace(0, 2 * np.pi, _ANGLES)
+    marks = []
+    for x0, A, B in np.stack(coil.curves(np.atleast_1d(delta)), axis=-1):
+        at_x, at_y = x0 + A * np.cos(angle), B * np.sin(angle)
+        seen = at_x[(x[0] <= at_x) & (at_x <= x[1]) & (y[0] <= at_y) & (at_y <= y[1])]
+        marks.append(min(A, B) <= 0 or not closes(seen, x0, A))
+    return np.array(marks)
 
 
 def published_map(x: npt.ArrayLike | None = None, y: npt.ArrayLike | None = None) -> xr.Dataset:

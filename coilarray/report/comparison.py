@@ -47,23 +47,29 @@ def remains_table(comparison: xr.Dataset) -> Table:
 
 
 def ellipse_table(comparison: xr.Dataset) -> Table:
-    """Return one row for each depth, state and ellipse parameter: measured less simulated over the levels of both."""
+    """Return one row for each depth, state and ellipse parameter: measured less simulated over the levels of both.
+
+    Levels that one of the two maps does not determine are counted and left out.
+    """
     columns = (
         Column("depth", unit="m"), Column("state"), Column("parameter"), Column("levels", "levels of both", "1"),
+        Column("undetermined", "undetermined, left out", "1"),
         Column("mean_difference", "measured − simulated, mean", "m"), Column("rms_difference", "rms", "m"),
         Column("rms_noise", "rms of the noise in it", "m"), Column("problem", "why there is none"),
     )  # fmt: skip
     rows: list[tuple[Value, ...]] = []
     for depth, state, at in _each(comparison):
-        problems = _problems(at)
+        problems, hidden = _problems(at), at.undetermined.any("source").values
         for name in PARAMETERS if not problems else PARAMETERS[:1]:
             apart = (at[name].sel(source="measured") - at[name].sel(source="simulated")).values
-            both = np.isfinite(apart)
+            levels = np.isfinite(apart)
+            both = levels & ~hidden
             spread = np.sqrt(np.nansum(at[f"{name}_std"].values ** 2, axis=0))
             known = spread[both & (spread > 0)]
             mean = cell(apart[both].mean()) if both.any() else ""
             differences = (mean, root_mean_square(apart[both]), root_mean_square(known))
-            rows.append((depth, state, "" if problems else name, int(both.sum()), *differences, "; ".join(problems)))
+            counts = int(both.sum()), int((levels & hidden).sum())
+            rows.append((depth, state, "" if problems else name, *counts, *differences, "; ".join(problems)))
     return Table("ellipses", "Ellipses", columns, tuple(rows))
 
 
@@ -77,9 +83,16 @@ def curve_table(comparison: xr.Dataset) -> Table:
         for source in comparison.source.values.tolist()
         for end in ("", "_std")
     }
-    levels = xr.Dataset(curves).rename(level="delta")
-    table = dataset_table("curves", "x0, A and B over δ", levels, (*_WHERE, "delta", *curves), {"delta": PER_MILLION})
-    return replace(table, rows=tuple(row for row in table.rows if any(value != "" for value in row[3:])))
+    marks = {
+        f"undetermined_{source}": comparison.undetermined.sel(source=source, drop=True).assign_attrs(
+            long_name=f"undetermined, {source}"
+        )
+        for source in comparison.source.values.tolist()
+    }
+    levels = xr.Dataset({**curves, **marks}).rename(level="delta")
+    names = (*_WHERE, "delta", *curves, *marks)
+    table = dataset_table("curves", "x0, A and B over δ", levels, names, {"delta": PER_MILLION})
+    return replace(table, rows=tuple(row for row in table.rows if any(value != "" for value in row[3 : -len(marks)])))
 
 
 def inductance_table(comparison: xr.Dataset) -> Table | None:

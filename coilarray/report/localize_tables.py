@@ -1,4 +1,4 @@
-"""The numbers of the localization as tables: ellipse models, causes of the distortion of x0, calibration, positions.
+"""The numbers of the localization as tables: ellipse models, causes of the distortion of x0, positions.
 
 The tables of causes are made of the dataset that `coilarray.localize.distortion.distortion` returns.
 """
@@ -6,7 +6,6 @@ The tables of causes are made of the dataset that `coilarray.localize.distortion
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ import xarray as xr
 from coilarray.compute.display_units import DisplayUnit
 from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.localize.inverse import Location
-from coilarray.localize.published import published_model
+from coilarray.localize.published import published_model, undetermined_levels
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table, root_mean_square
 
 _PARAMETERS = ("A", "B", "x0")
@@ -49,13 +48,14 @@ def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) ->
 
     Misfits are root mean squares in m: of the points of all ellipses, of each polynomial over the steps and, to
     compare, of each polynomial less that of Table A1 over δ = 1e-4 … 1e-3 as far as the model reaches; empty without
-    that coil.
+    that coil. Undetermined steps, and levels that the window of either board does not determine, are left out.
     """
     whole = DisplayUnit("10⁻⁶", 1e6, 0)
     columns = (
         Column("coil"),
         Column("steps", unit="1"),
         Column("refused", unit="1"),
+        Column("undetermined", unit="1"),
         Column("lowest_delta", "δ from", "1", whole),
         Column("highest_delta", "δ to", "1", whole),
         Column("ellipse_rms", "ellipses, rms", "m"),
@@ -66,7 +66,8 @@ def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) ->
     rows: list[tuple[Value, ...]] = []
     for coil in model.coils:
         of = fits.sel(state=coil.name)
-        kept = of.isel(step=np.flatnonzero(of.refused.values == ""))
+        fitted = of.isel(step=np.flatnonzero(of.refused.values == "")).sortby("delta")
+        kept = fitted.isel(step=np.flatnonzero(~fitted.undetermined.values))
         delta = kept.delta.values
         below = [text for text in of.refused.values.tolist() if text and text != "above the largest δ"]
         off = [root_mean_square(kept[key].values - np.polyval(getattr(coil, key), delta)) for key in _PARAMETERS]
@@ -74,9 +75,12 @@ def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) ->
         apart: list[Value] = ["", "", ""] if compare else []
         if coil.name in published:
             other = published[coil.name]
+            hidden = np.interp(at, fitted.delta, fitted.undetermined) > 0
+            at = at[~(hidden | undetermined_levels(other, at))]
             both = ((np.polyval(getattr(one, key), at) for one in (coil, other)) for key in _PARAMETERS)
             apart = [root_mean_square(mine - theirs) for mine, theirs in both]
-        counts, misfit = (kept.sizes["step"], len(below)), root_mean_square(kept.rms.values)
+        counts = (fitted.sizes["step"], len(below), fitted.sizes["step"] - kept.sizes["step"])
+        misfit = root_mean_square(kept.rms.values)
         rows.append((coil.name, *counts, coil.lowest, coil.highest, misfit, *off, *apart))
     return Table("fits", "Ellipses", columns, tuple(rows))
 
@@ -93,33 +97,30 @@ def cause_table(distortion: xr.Dataset) -> Table:
 def residual_table(distortion: xr.Dataset) -> Table:
     """Return one row for each coil: how far x0 moves in Table A1 and in the prediction, and what remains between them.
 
-    Predictions of calibrated designs in ``calibrated_x0`` (calibration, state, delta) are included. Numbers are empty
-    where there is nothing to compare.
+    Levels that the window of one of the two does not determine are counted and left out. Numbers are empty where there
+    is nothing to compare.
     """
     columns = (
         Column("coil"),
-        Column("prediction"),
         Column("published_rms", "published x0 − centre, rms", "m"),
         Column("predicted_rms", "predicted x0 − centre, rms", "m"),
         Column("residual_rms", "predicted − published x0, rms", "m"),
         Column("residual_mean", "mean", "m"),
         Column("compared", "levels of δ", "1"),
+        Column("undetermined", "undetermined, left out", "1"),
     )
-    predictions = {"as designed": distortion.x0.sel(neighbours="grounded")}
-    if "calibrated_x0" in distortion:
-        for name in distortion.calibration.values.tolist():
-            predictions[f"calibrated, {name}"] = distortion.calibrated_x0.sel(calibration=name)
+    grounded = distortion.sel(neighbours="grounded")
     rows: list[tuple[Value, ...]] = []
     for state in distortion.state.values.tolist():
-        centre = float(distortion.centre.sel(state=state))
-        published = distortion.published_x0.sel(state=state).values
-        for name, x0 in predictions.items():
-            predicted = x0.sel(state=state).values
-            both = np.isfinite(predicted) & np.isfinite(published)
-            apart = (predicted - published)[both]
-            moved = ((published - centre)[both], (predicted - centre)[np.isfinite(predicted)], apart)
-            mean = cell(apart.mean()) if len(apart) else ""
-            rows.append((state, name, *map(root_mean_square, moved), mean, int(both.sum())))
+        of = grounded.sel(state=state)
+        published = of.published_x0.where(~of.published_undetermined).values - float(of.centre)
+        predicted = of.x0.where(~of.undetermined).values - float(of.centre)
+        both = np.isfinite(predicted) & np.isfinite(published)
+        apart = (predicted - published)[both]
+        moved = (published[both], predicted[np.isfinite(predicted)], apart)
+        mean = cell(apart.mean()) if len(apart) else ""
+        hidden = np.isfinite(of.x0.values) & np.isfinite(of.published_x0.values) & ~both
+        rows.append((state, *map(root_mean_square, moved), mean, int(both.sum()), int(hidden.sum())))
     return Table("residuals", "What remains", columns, tuple(rows))
 
 
@@ -130,54 +131,15 @@ def distortion_table(distortion: xr.Dataset) -> Table:
         for neighbours in distortion.neighbours.values.tolist():
             series[f"{key}_{neighbours}"] = distortion[key].sel(neighbours=neighbours, drop=True)
         series[f"{key}_published"] = distortion[f"published_{key}"]
-    if "calibrated_x0" in distortion:
-        for name in distortion.calibration.values.tolist():
-            series[f"x0_calibrated_{name}"] = distortion.calibrated_x0.sel(calibration=name, drop=True)
+    for neighbours in distortion.neighbours.values.tolist():
+        series[f"undetermined_{neighbours}"] = distortion.undetermined.sel(neighbours=neighbours, drop=True)
+    series["undetermined_published"] = distortion.published_undetermined
     for cause in distortion.cause.values.tolist():
         series[f"effect_{cause.replace(' ', '_')}"] = distortion.effect.sel(cause=cause, drop=True)
     named = {key: array.assign_attrs(long_name=key.replace("_", " ")) for key, array in series.items()}
     table = xr.Dataset(named).rename(state="coil")
     shown = {"delta": DisplayUnit("10⁻⁶", 1e6, 0)}
     return dataset_table("distortion", "x0, A and B over δ", table, ("coil", "delta", *named), shown)
-
-
-def calibration_table(results: Mapping[str, xr.Dataset]) -> Table:
-    """Return one row for each calibration and unknown: first guess, value and its 95 % interval.
-
-    The results of `coilarray.localize.calibration.calibrate` are given by the name of the base. Where a value is at a
-    bound of its range, its interval means little.
-    """
-    numbers = ("start", "value", "low", "high")
-    names = ("base", "unknown", "unit", *numbers, "at_bound")
-    title = "Calibration to A, B and the peaks"
-    return _by_base("calibration", title, results, names, dict.fromkeys(numbers, DisplayUnit(significant=True)))
-
-
-def correlation_table(base: str, result: xr.Dataset) -> Table:
-    """Return one row for each unknown: its correlations with the others."""
-    columns = {
-        f"correlation_{name}": result.correlation.sel(other=name, drop=True).assign_attrs(long_name=name)
-        for name in result.unknown.values.tolist()
-    }
-    unknowns = result.unknown.assign_attrs(long_name=f"correlation, {base}")
-    shown = dict.fromkeys(columns, DisplayUnit(digits=2))
-    table = xr.Dataset(columns).assign_coords(unknown=unknowns)
-    return dataset_table(f"correlation_{base}", "Correlation", table, ("unknown", *columns), shown)
-
-
-def misfit_table(results: Mapping[str, xr.Dataset]) -> Table:
-    """Return one row for each calibration: rms of the residuals over their standard deviations, before and after."""
-    return _by_base("misfit", "Misfit of A, B and the peaks", results, ("base", "misfit_before", "misfit_after"), {})
-
-
-def _by_base(
-    name: str, title: str, results: Mapping[str, xr.Dataset], variables: Sequence[str], shown: Mapping[str, DisplayUnit]
-) -> Table:
-    """One table of several datasets, each with the name of its base in the first column."""
-    tables = [
-        dataset_table(name, title, one.assign_coords(base=base), variables, shown) for base, one in results.items()
-    ]
-    return replace(tables[0], rows=tuple(row for table in tables for row in table.rows))
 
 
 def location_record(location: Location) -> dict[str, object]:

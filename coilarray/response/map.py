@@ -183,6 +183,7 @@ def response_map(
             ),
         }  # fmt: skip
         left_out = {"error_of_peak": 0.0}
+    delta = delta + true.drift * axes.order[..., None]
     if true.noise:
         delta = _noisy(delta, true)
     return response_dataset(

@@ -42,6 +42,9 @@ class Imperfections:
         True minus assumed depth in m, for example because the contact was detected too late.
     thickness_errors : mapping of str to float
         True minus designed thickness in m, by the name of the sheet.
+    drift : float
+        Change of δ from the first to the last position of the map, in proportion to their number in the order of a
+        campaign (row after row, x rising, all depths at one place): a drift of the inductance since L_0 was read.
     noise : float
         Relative standard deviation of every reading of an inductance; L_peak and L_0 are one reading each.
     seed : int
@@ -57,13 +60,15 @@ class Imperfections:
     offset: tuple[float, float] = (0.0, 0.0)
     depth_error: float = 0.0
     thickness_errors: Mapping[str, float] = field(default_factory=dict)
+    drift: float = 0.0
     noise: float = 0.0
     seed: int = 0
 
     def __post_init__(self) -> None:
-        numbers = [*self.tilt, *self.offset, self.depth_error, *self.thickness_errors.values(), self.noise]
+        errors = (self.depth_error, *self.thickness_errors.values(), self.drift, self.noise)
+        numbers = [*self.tilt, *self.offset, *errors]
         if not np.isfinite(numbers).all():
-            raise ElastomerError(f"tilt, offset, errors and noise must be finite; got {numbers}.")
+            raise ElastomerError(f"tilt, offset, errors, drift and noise must be finite; got {numbers}.")
         if max(map(abs, self.tilt)) > _STEEPEST:
             raise ElastomerError(f"tilt must be at most {_STEEPEST}, for it is taken as small; got {self.tilt}.")
         for name in ("noise", "seed"):
@@ -83,6 +88,16 @@ class MapAxes:
     def shape(self) -> tuple[int, int, int]:
         """Number of depths, of positions along y and along x."""
         return len(self.depth), len(self.y), len(self.x)
+
+    @property
+    def order(self) -> FloatArray:
+        """Number of every indentation in the order of a campaign, over all of them from 0 to 1; shape (depth, places).
+
+        Row after row, x rising, all depths at one place.
+        """
+        depths, places = len(self.depth), len(self.y) * len(self.x)
+        number = np.arange(places * depths, dtype=np.float64).reshape(places, depths).T
+        return number / max(number.size - 1, 1)
 
     @property
     def places(self) -> FloatArray:

@@ -20,6 +20,7 @@ from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool, workers
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.toml_file import TomlFiles
+from coilarray.design.units import entry_unit
 from coilarray.design.vary import vary
 from coilarray.design.write import as_file
 from coilarray.electromagnetics.inductance import Accuracy
@@ -33,10 +34,6 @@ _VALUES = TomlFiles("value", GoalError)
 _LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
 _DIGITS = 12  # of the values of a range: steps of 0.1 shall have short names
 _RANGE = re.compile(r"([^:,\[\"']+):([^:,\[\"']+)(?::([^:,\[\"']+))?")
-_UNITS = {
-    "mm": "mm", "um": "µm", "deg": "deg", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa", "ohm": "ohm",
-    "m": "ohm m",  # the resistivity is the one entry in metres
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -300,8 +297,7 @@ def _coordinate(plan: Sweep, axis: Axis) -> xr.Variable:
     dim = axis.key if grid else "sample"
     if not axis.numeric:
         return xr.Variable(dim, np.array([_label(value) for value in values], dtype=object), attributes)
-    last = axis.key.rpartition(".")[2]
-    attributes["units"] = _UNITS.get(last.rpartition("_")[2], "1") if "_" in last else "1"
+    attributes["units"] = entry_unit(axis.key)
     return xr.Variable(dim, np.array(values), attributes)
 
 

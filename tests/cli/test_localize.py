@@ -13,7 +13,6 @@ from support.command_line import mistakes, runner
 from support.contacts import contacts_of, first_coils
 from support.localize_boards import FIELD, ROW, bells, board
 
-import coilarray.localize.calibration as calibration
 import coilarray.localize.distortion
 import coilarray.localize.forward
 import coilarray.response.map
@@ -163,10 +162,14 @@ def made_up(design, states=("coil1", "coil2", "coil3"), **_):
     published[2:] = np.nan
     effect = np.stack([np.full(shape, 0.3e-3), np.full(shape, -0.1e-3)])
     effect[:, 0, 2] = np.nan
+    marks = np.zeros_like(published, dtype=bool)
+    marks[0, 0] = True
     both[:, 0, 2] = np.nan
     metres = {"units": "m"}
     data = dict.fromkeys(("x0", "A", "B"), (("neighbours", "state", "delta"), both, metres))
     data |= {f"published_{name}": (("state", "delta"), published, metres) for name in ("x0", "A", "B")}
+    data["undetermined"] = (("neighbours", "state", "delta"), np.zeros(both.shape, dtype=bool))
+    data["published_undetermined"] = (("state", "delta"), marks)
     data["effect"] = (("cause", "state", "delta"), effect, metres)
     data["rms"] = (("cause", "state"), np.sqrt(np.nanmean(effect**2, axis=-1)), metres)
     data["centre"] = ("state", np.zeros(len(states)), metres)
@@ -176,32 +179,14 @@ def made_up(design, states=("coil1", "coil2", "coil3"), **_):
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Neither maps nor calibrations are computed; what was asked for is kept."""
+    """No maps are computed; what was asked for is kept."""
     asked = []
 
     def split(design, states, *, progress):
         asked.append(("distortion", design.indentation.base, list(states)))
         return made_up(design, states)
 
-    def fitted(design, states, *, base, progress):
-        asked.append(("calibrate", base, list(states)))
-        unknown = ["tilt", "poissons_ratio"]
-        numbers = {"start": [0.0, 0.49], "value": [0.002, 0.4999], "low": [0.001, np.nan], "high": [0.003, np.nan]}
-        columns = {name: ("unknown", values) for name, values in (numbers | {"at_bound": [False, True]}).items()}
-        coords = {"unknown": unknown, "other": unknown, "unit": ("unknown", ["1", "1"])}
-        result = xr.Dataset(columns, coords).assign(
-            correlation=(("unknown", "other"), [[1.0, -0.25], [-0.25, 1.0]]), misfit_before=8.0, misfit_after=2.0
-        )
-        return calibration.Calibration(*calibration.apply(design, {}, base), result)
-
-    def curves(response, states, levels):
-        x0 = np.full((len(states), len(levels)), 0.75e-3)
-        return coilarray.localize.distortion.EllipseCurves(x0, x0, x0)
-
     monkeypatch.setattr(coilarray.localize.distortion, "distortion", split)
-    monkeypatch.setattr(calibration, "calibrate", fitted)
-    monkeypatch.setattr(coilarray.localize.distortion, "ellipse_curves", curves)
-    monkeypatch.setattr(coilarray.response.map, "response_map", lambda design, **_: None)
     return asked
 
 
@@ -213,7 +198,8 @@ def test_distortion_tells_what_remains(capsys, quick):
     assert rows["all neighbours"][2:] == ["0.300"] * 3
     last = out.splitlines()[-3]
     # 1 mm predicted, 0.25 mm published; coil3 has nothing to compare with
-    assert last.endswith("rms: coil1 as designed 0.75 of 0.25 mm; coil2 as designed 0.75 of 0.25 mm.")
+    left_out = "Undetermined levels of δ, left out: 1."
+    assert last.endswith(f"rms: coil1 0.75 of 0.25 mm; coil2 0.75 of 0.25 mm. {left_out}")
     assert Path("d.svg").read_text(encoding="utf-8").startswith("<?xml")
     with Path("d.csv").open(encoding="utf-8") as lines:
         table = list(csv.DictReader(lines))
@@ -228,43 +214,16 @@ def test_distortion_as_json_has_no_nan(capsys, quick):
     answer = answered(capsys, "distortion", "--coil", "coil1", "--coil", "coil2", "--coil", "coil3")
     one, _, three = answer["residuals"]
     assert [one["residual_rms_m"], one["residual_mean_m"]] == pytest.approx([0.75e-3] * 2, rel=1e-12)
-    assert one["compared"] == 2  # of three levels the map reaches two
+    assert one["compared"] == 1  # of three levels the map reaches two
     assert (three["coil"], three["residual_rms_m"]) == ("coil3", "")
     assert three["predicted_rms_m"] == pytest.approx(1e-3, rel=1e-12)
-    assert "calibration" not in answer
-
-
-def test_calibration_of_both_bases_and_the_prediction_after_it(capsys, quick):
-    answer = answered(capsys, "distortion", "gast2020", "--calibrate", "--out", "d.nc", "--plot", "d.svg")
-    bases = [one[:2] for one in quick]
-    assert bases == [("distortion", "bonded"), ("calibrate", "bonded"), ("calibrate", "frictionless")]
-    assert [(row["base"], row["unknown"], row["at_bound"]) for row in answer["calibration"]] == [
-        ("bonded", "tilt", False), ("bonded", "poissons_ratio", True),
-        ("frictionless", "tilt", False), ("frictionless", "poissons_ratio", True),
-    ]  # fmt: skip
-    assert (answer["calibration"][0]["value"], answer["calibration"][1]["low"]) == (0.002, "")
-    assert answer["misfit"][1] == {"base": "frictionless", "misfit_before": 8.0, "misfit_after": 2.0}
-    assert answer["correlation_bonded"][0]["correlation_poissons_ratio"] == -0.25
-    rows = {(row["coil"], row["prediction"]): row["residual_rms_m"] for row in answer["residuals"]}
-    assert rows["coil2", "as designed"] == pytest.approx(0.75e-3, rel=1e-12)
-    assert rows["coil2", "calibrated, frictionless"] == pytest.approx(0.5e-3, rel=1e-12)
-    with xr.open_dataset("d.nc", engine="h5netcdf") as saved:
-        assert saved.calibration.values.tolist() == ["bonded", "frictionless"]
-        np.testing.assert_allclose(saved.calibrated_x0, 0.75e-3)
-
-
-def test_one_base_is_that_of_prediction_and_calibration(capsys, quick):
-    code, out, _ = run(capsys, "distortion", "--base", "frictionless", "--calibrate")
-    assert code == 0
-    assert [one[:2] for one in quick] == [("distortion", "frictionless"), ("calibrate", "frictionless")]
-    assert "coil1 calibrated, frictionless 0.50 of 0.25 mm" in out.splitlines()[-1]
-    assert "correlation, frictionless" in out
+    # the window leaves too little of the published ellipse of coil 1 at the lowest level
+    assert (one["undetermined"], three["undetermined"]) == (1, 0)
 
 
 test_mistakes_of_distortion = mistakes(
     runner("distortion", "gast2020")[1],
     (("--coil", "coil9"), "a state must be measured and named after its coil; got 'coil9'"),
-    (("--base", "glued"), "'glued'"),
     (("--out", "d.txt"), "--out must end in .nc or .csv; got d.txt"),
     (("--plot", "d.gif"), "--plot must end in .png, .svg or .pdf"),
     (("--out", "no/d.nc"), "there is no folder no"),

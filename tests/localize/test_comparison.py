@@ -77,7 +77,7 @@ def test_scale_and_shift_are_recovered_within_their_uncertainty(seed):
 
 def test_the_uncertainties_are_those_of_repeated_measurements(monkeypatch):
     """Every figure's standard deviation against the scatter over 60 seeds, which is known to 9 %."""
-    none = LevelCurves(*np.empty((2, 3, 0)))
+    none = LevelCurves(*np.empty((2, 3, 0)), np.empty(0, dtype=bool))
     monkeypatch.setattr(coilarray.localize.comparison, "level_curves", lambda *_, **__: none)
     measured = world(1.1, (0.3e-3, 0.0))
     runs = [compared(noisy(measured, seed)) for seed in range(60)]

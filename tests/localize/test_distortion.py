@@ -1,21 +1,18 @@
-"""The distortion of x0 and its causes, and the calibration that never sees x0.
+"""The distortion of x0 and its causes.
 
 Who checks whom: the effects of single neighbours add up to that of all; opened neighbours leave the geometric centre;
-the published ellipses come back from a map made of them; a calibration finds the values a map was made with.
+the published ellipses come back from a map made of them.
 """
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 from support.contacts import coarse_maps, first_coils_design
 
-import coilarray.localize.calibration as calibration_module
 import coilarray.localize.distortion as distortion_module
 from coilarray import load_design
-from coilarray.errors import ElastomerError, LocalizeError
-from coilarray.localize.calibration import UNKNOWNS, Unknown, apply, calibrate
+from coilarray.errors import LocalizeError
 from coilarray.localize.distortion import distortion, ellipse_curves
 from coilarray.localize.published import published_map, published_model
 from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
@@ -73,59 +70,6 @@ def test_other_paths_meet_the_same_tilted_sample():
         response = response_map(pair, x=[-5e-3, 3e-3], y=[0.0], imperfections=given, ideal=True)
         change = inductance_changes(pair, map_axes(pair, None, response.x, response.y), imperfections=given)
     assert change == pytest.approx(response.inductance_change.values, rel=1e-12)
-
-
-def _fake_map(design, **_):
-    """A published map whose hills widen with the modulus ratio and rise with the permeability: quick to compute."""
-    ratio = design.sheets[1].youngs_modulus / design.sheets[0].youngs_modulus / 3
-    gain = design.sheets[1].relative_permeability / 2.7
-    response = published_map(np.arange(-26, 27, 2) * 1e-3 * ratio, np.arange(-6, 7, 2) * 1e-3 * ratio)
-    return response.assign(delta=response.delta * gain).assign_coords(x=response.x / ratio, y=response.y / ratio)
-
-
-def test_calibration_finds_what_a_map_was_made_with(monkeypatch):
-    """Only A, B and peaks are compared; Table A1 itself stands at a ratio of 3 and 2.7."""
-    monkeypatch.setattr(calibration_module, "response_map", _fake_map)
-    wanted = (Unknown("modulus_ratio", "1", 2.6, 2.0, 4.5), Unknown("relative_permeability", "1", 2.4, 2.0, 3.5))
-    found = calibrate(PAPER, ("coil2",), wanted)
-    value = found.result["value"].values
-    # 3 %: the pipeline's own error of A, 0.05 mm in 5 mm and more at the window's edge
-    assert value == pytest.approx([3.0, 2.7], rel=0.03)
-    assert float(found.result.misfit_after) < float(found.result.misfit_before)
-    assert not found.result.at_bound.values.any()
-    assert np.diag(found.result.correlation) == pytest.approx(np.ones(2))
-    assert ((found.result.low.values < value) & (value < found.result.high.values)).all()
-    assert found.design.sheets[1].relative_permeability == pytest.approx(value[1])
-
-
-def test_calibration_marks_bounds(monkeypatch):
-    monkeypatch.setattr(calibration_module, "response_map", _fake_map)
-    found = calibrate(PAPER, ("coil2",), [Unknown("relative_permeability", "1", 2.0, 1.5, 2.2)])
-    assert found.result.at_bound.values.all()
-
-
-def test_values_enter_the_design():
-    material = {"poissons_ratio": 0.45, "modulus_ratio": 2.0, "relative_permeability": 3.0}
-    design, given = apply(PAPER, {**material, "depth_error": 1e-4, "tilt": 0.002}, "frictionless")
-    assert [sheet.poissons_ratio for sheet in design.sheets] == [0.45, 0.45]
-    assert design.sheets[1].youngs_modulus == 2 * design.sheets[0].youngs_modulus
-    assert (design.sheets[0].relative_permeability, design.sheets[1].relative_permeability) == (1.0, 3.0)
-    assert design.indentation.base == "frictionless"
-    assert given == Imperfections(tilt=(0.002, 0.0), depth_error=1e-4)
-
-
-@pytest.mark.parametrize(("arguments", "message"), [
-    ({"unknowns": [Unknown("x0", "m", 0, -1, 1)]}, "one of depth_error"),
-    ({"unknowns": [Unknown("tilt", "1", 2, -1, 1)]}, "between its bounds"),
-    ({"unknowns": []}, "at least one unknown"),
-    ({"states": ("coil5",)}, "published"),
-    ({"base": "glued"}, "bonded or frictionless"),
-    ({"design": replace(PAPER, indentation=None)}, r"no \[indenter\]"),
-    ({"design": replace(PAPER, sheets=PAPER.sheets[:1])}, "exactly one magnetic sheet"),
-])  # fmt: skip
-def test_bad_input_of_the_calibration(arguments, message):
-    with pytest.raises((LocalizeError, ElastomerError), match=message):
-        calibrate(**{"design": PAPER, "states": ("coil2",), "unknowns": UNKNOWNS, **arguments})
 
 
 def test_unknown_states_are_refused():

@@ -18,7 +18,7 @@ from support.ellipses import readings_at, x_errors
 import coilarray.localize.ellipse as ellipse_module
 from coilarray import load_design, response_map
 from coilarray.errors import LocalizeError
-from coilarray.localize.ellipse import Ellipse, fit_ellipse, fit_ellipses, refined_map
+from coilarray.localize.ellipse import Ellipse, closes, fit_ellipse, fit_ellipses, refined_map, standard_errors
 from coilarray.localize.ellipse_model import (
     CENTRE_SHARE,
     CoilEllipses,
@@ -213,6 +213,31 @@ def test_steps_without_an_ellipse_are_refused(wide):
     reasons = fit_ellipses(response(np.stack([ridge, HILL], axis=-1), states=COILS[:2])).refused
     assert (reasons.sel(state="coil1")[10:25] == "no ellipse").all()
     assert (reasons.sel(state="coil2") == "").sum() > 30
+
+
+@pytest.mark.parametrize("spread", [(-np.pi, np.pi), (-1.0, 1.0)])
+def test_standard_errors_are_the_scatter_of_fits(spread):
+    """A whole ellipse and an arc of it, 40 points with independent errors along the ray."""
+    random, angle = np.random.default_rng(3), np.linspace(*spread, 40)
+    true, fits, errors = Ellipse(-3e-3, 9e-3, 6e-3), [], []
+    for _ in range(400):
+        away = 1 + 3e-3 * random.standard_normal(len(angle))
+        x, y = true.x0 + away * true.A * np.cos(angle), away * true.B * np.sin(angle)
+        fits.append(fit_ellipse(x, y))
+        errors.append(standard_errors(fits[-1], x, y, len(x)))
+    scatter = np.std([[one.x0, one.A, one.B] for one in fits], axis=0, ddof=1)
+    # 400 fits tell their scatter to 3.5 %
+    assert np.sqrt(np.mean(np.square(errors), axis=0)) == pytest.approx(scatter, rel=0.12)
+    # four points that stand for one have twice the errors of as many independent ones, but for the freedom
+    x, y = true.x0 + 1.01 * true.A * np.cos(angle), true.B * np.sin(angle)
+    alike = [standard_errors(fit_ellipse(x, y), x, y, count) for count in (400, 100)]
+    assert np.divide(alike[1], alike[0]) == pytest.approx(2 * np.sqrt(397 / 400 * 100 / 97), rel=1e-6)
+
+
+def test_points_of_one_arc_do_not_determine_an_ellipse():
+    assert closes(np.array([-1.5, 0.0, 1.5]), 0.0, 3.0)
+    assert not closes(np.array([-1.4, 0.0, 3.0]), 0.0, 3.0)
+    assert not closes(np.array([]), 0.0, 3.0)
 
 
 def test_depth_by_index_and_by_value():

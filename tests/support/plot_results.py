@@ -143,6 +143,7 @@ def comparison(states=2, y=(-1e-3, 0.0, 1e-3)):
             "scale_std": (("depth", "state"), np.full((1, states), 0.125)),
             "x0": (curves, x0),
             "x0_std": (curves, np.stack([0.1e-3 + 0 * x0[0], np.full_like(x0[0], np.nan)])),
+            "undetermined": (curves, np.zeros(x0.shape, dtype=bool)),
         },
         {
             "depth": [1e-3], "y": np.asarray(y), "x": x, "state": names, "source": ["measured", "simulated"],
@@ -160,6 +161,8 @@ def distortion():
         {
             "x0": (("neighbours", "state", "delta"), x0),
             "published_x0": (("state", "delta"), [[0.5e-3, 1e-3, 1.5e-3], [np.nan] * 3]),
+            "undetermined": (("neighbours", "state", "delta"), np.zeros(x0.shape, dtype=bool)),
+            "published_undetermined": (("state", "delta"), np.zeros((2, 3), dtype=bool)),
             "effect": (("cause", "state", "delta"), effect), "rms": (("cause", "state"), effect[..., 0]),
             "centre": ("state", [0.0, 4e-3]),
         },

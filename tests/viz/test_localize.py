@@ -103,10 +103,9 @@ def test_distortion_of_a_coil_and_its_ranked_causes():
     np.testing.assert_allclose(lines["neighbours open"].get_ydata(), [1.5, 2.5, 3.5])
     np.testing.assert_allclose(lines["Table A1"].get_ydata(), [0.5, 1.0, 1.5])
     assert "Table A1" not in curves(viz.plot_distortion(data, "coil2"))
-    calibrated = data.assign_coords(calibration=["bonded"]).assign(
-        calibrated_x0=(("calibration", "state", "delta"), np.full((1, 2, 3), 7e-3))
-    )
-    np.testing.assert_allclose(curves(viz.plot_distortion(calibrated, "coil2"))["calibrated, bonded"].get_ydata(), 7.0)
+    hidden = data.assign(published_undetermined=data.published_x0 < 0.7e-3)
+    crossed = curves(viz.plot_distortion(hidden, "coil1"))["undetermined"]
+    np.testing.assert_allclose(crossed.get_xydata(), [[DELTA[0] * 1e3, 0.5]])
     for draw in (viz.plot_distortion, viz.plot_causes):
         with pytest.raises(ValueError, match="state must be one of coil1, coil2; got 'coil3'"):
             draw(data, "coil3")

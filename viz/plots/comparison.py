@@ -124,6 +124,8 @@ def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None
 def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | None = None) -> Axes:
     """Draw x0 of the ellipses of one state over δ, measured and simulated, with bands of two standard deviations.
 
+    Levels whose points do not determine their ellipse are crossed out.
+
     Parameters
     ----------
     comparison, state, depth
@@ -141,7 +143,8 @@ def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | 
     >>> import xarray as xr
     >>> x0 = (("source", "depth", "state", "level"), [[[[0.0, 1e-4]]], [[[1e-4, 2e-4]]]])
     >>> axes = {"source": ["measured", "simulated"], "depth": [1e-3], "state": ["coil1"], "level": [1e-4, 2e-4]}
-    >>> ax = plot_centres(xr.Dataset({"x0": x0, "x0_std": x0}, axes), "coil1")
+    >>> curves = xr.Dataset({"x0": x0, "x0_std": x0}, axes)
+    >>> ax = plot_centres(curves.assign(undetermined=curves.x0 > 1), "coil1")
     >>> [line.get_label() for line in ax.lines], ax.get_ylabel()
     (['measured', 'simulated'], '$x_0$ (mm)')
     """
@@ -155,6 +158,7 @@ def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | 
         ax.plot(level, x0, look, color=colour, markersize=3.0, markerfacecolor="none", linewidth=1.0, label=source)
         band = (x0 - _SIGMAS * deviation, x0 + _SIGMAS * deviation)
         ax.fill_between(level, *band, color=colour, alpha=0.2, linewidth=0)
+        style.mark_undetermined(ax, level, x0, of.undetermined.sel(source=source), colour)
     if "coil_x" in of.coords and state in of.coil.values:
         centre = float(MM.of(of.coil_x.sel(coil=state)))
         ax.axhline(centre, color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")

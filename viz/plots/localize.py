@@ -18,7 +18,7 @@ from coilarray.compute.display_units import MILLI_DELTA, MM, true_minus
 from coilarray.localize.ellipse import Ellipse
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition
 from coilarray.viz.datasets.overlays import of_state
-from coilarray.viz.palette import BLUE, COILS, GREEN, GREY, INK, SEQUENTIAL, SKY, VERMILLION, CurveLook, curve_look
+from coilarray.viz.palette import BLUE, GREEN, GREY, INK, SEQUENTIAL, SKY, VERMILLION, CurveLook, curve_look
 from coilarray.viz.plots import style
 
 _PARAMETERS = {"A": (BLUE, "o", "-"), "B": (VERMILLION, "s", "--"), "x0": (GREEN, "^", ":")}
@@ -35,7 +35,7 @@ def plot_ellipse_parameters(
 ) -> Axes:
     """Draw A, B and x0 of a coil over δ, markers for the fitted ellipses and lines for the polynomials.
 
-    Like Fig. 5b of Gast & Zimmermann (2020).
+    Like Fig. 5b of Gast & Zimmermann (2020). Levels whose points do not determine their ellipse are crossed out.
 
     Parameters
     ----------
@@ -72,6 +72,7 @@ def plot_ellipse_parameters(
     for key, (colour, marker, line) in _PARAMETERS.items():
         look: dict[str, Any] = {"color": colour, "markersize": 3.5, "markerfacecolor": "none"}
         ax.plot(MILLI_DELTA.of(of.delta), MM.of(of[key]), marker, **look)
+        style.mark_undetermined(ax, MILLI_DELTA.of(of.delta), MM.of(of[key]), of.undetermined, colour)
         at = np.linspace(np.nanmin(of.delta.values), np.nanmax(of.delta.values), 200)
         ax.plot(MILLI_DELTA.of(at), MM.of(np.polyval(getattr(coil, key), at)), line, color=colour, label=_NAMES[key])
     if published is not None and state in published.names:
@@ -209,13 +210,14 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
 
 @style.styled
 def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> Axes:
-    """Draw x0 of a coil over δ as predicted with the neighbours grounded and open, as calibrated, and as published.
+    """Draw x0 of a coil over δ as predicted with the neighbours grounded and open, and as published.
+
+    Levels of which the window leaves too little to know the ellipse are crossed out.
 
     Parameters
     ----------
     distortion : xarray.Dataset
-        Result of `coilarray.localize.distortion.distortion`, optionally with ``calibrated_x0`` (calibration, state,
-        delta).
+        Result of `coilarray.localize.distortion.distortion`.
     state : str
         Name of the coil.
     ax : Axes, optional
@@ -232,21 +234,23 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
     >>> published = (("state", "delta"), [[5e-4, 2e-4]])
     >>> axes = {"neighbours": ["grounded", "open"], "state": ["coil2"], "delta": [1e-4, 1e-3]}
     >>> result = xr.Dataset({"x0": x0, "published_x0": published, "centre": ("state", [0.0])}, axes)
-    >>> [line.get_label() for line in plot_distortion(result, "coil2").lines]
-    ['neighbours grounded', 'neighbours open', 'Table A1', 'centre of the coil']
+    >>> marks = {"undetermined": result.x0 > 1, "published_undetermined": result.published_x0 > 4e-4}
+    >>> [line.get_label() for line in plot_distortion(result.assign(marks), "coil2").lines]
+    ['neighbours grounded', 'neighbours open', 'Table A1', 'undetermined', 'centre of the coil']
     """
     of = of_state(distortion, state)
     ax = ax or style.new_axes(6.5, 4.0)
     at = MILLI_DELTA.of(of.delta)
-    curves = [("neighbours grounded", of.x0.sel(neighbours="grounded"), BLUE, "-")]
-    curves.append(("neighbours open", of.x0.sel(neighbours="open"), SKY, "--"))
-    if "calibrated_x0" in of:
-        for k, name in enumerate(of.calibration.values.tolist()):
-            curves.append((f"calibrated, {name}", of.calibrated_x0.sel(calibration=name), COILS[2 + k % 3], "-."))
-    curves.append(("Table A1", of.published_x0, INK, "-"))
-    for label, x0, colour, line in curves:
-        if np.isfinite(x0.values).any():
-            ax.plot(at, MM.of(x0), line, color=colour, label=label)
+    curves = (
+        ("neighbours grounded", of.sel(neighbours="grounded"), "", BLUE, "-"),
+        ("neighbours open", of.sel(neighbours="open"), "", SKY, "--"),
+        ("Table A1", of, "published_", INK, "-"),
+    )
+    for label, curve, prefix, colour, line in curves:
+        x0 = MM.of(curve[f"{prefix}x0"])
+        if np.isfinite(x0).any():
+            ax.plot(at, x0, line, color=colour, label=label)
+            style.mark_undetermined(ax, at, x0, curve[f"{prefix}undetermined"], colour)
     ax.axhline(float(MM.of(of.centre)), color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
     style.faint_grid(ax)
     ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("$x_0$"), title=f"$x_0$ of {state}")

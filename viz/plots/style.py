@@ -104,6 +104,15 @@ def legend_above(
     ax.legend(bbox_to_anchor=anchor, ncols=columns, **look)
 
 
+def mark_undetermined(ax: Axes, x: npt.ArrayLike, y: npt.ArrayLike, undetermined: npt.ArrayLike, colour: str) -> None:
+    """Cross out points, named once in the legend, whose values are only a guess."""
+    hidden = np.asarray(undetermined, dtype=bool) & np.isfinite(y)
+    if hidden.any():
+        known = [line.get_label() for line in ax.lines]
+        label = "_undetermined" if "undetermined" in known else "undetermined"
+        ax.plot(np.asarray(x)[hidden], np.asarray(y)[hidden], "x", color=colour, markersize=4.5, label=label)
+
+
 def zero_line(ax: Axes) -> None:
     """Draw a thin line at zero behind the curves."""
     ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)

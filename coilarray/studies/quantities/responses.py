@@ -60,7 +60,7 @@ def _response_width(evaluation: Evaluation, options: Mapping[str, Any]) -> float
 
 @quantity(
     "x0_distortion_mm", "mm", "response",
-    "root mean square over δ = 1e-4 to 1e-3 of fitted x0 less the coil's centre, on the design's map",
+    "root mean square over δ = 1e-4 to 1e-3 of fitted x0 less the coil's centre, where determined, in its map",
     Option("coil", COIL.must_be, read_name, "which coil; the worst of those in the map by default", bare=True),
 )  # fmt: skip
 def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
@@ -72,7 +72,7 @@ def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     states = [str(response.state.values[evaluation.state_of(coil)]) for coil in coils]
     curves = ellipse_curves(response, states, DELTAS)
     rms = []
-    for coil, x0 in zip(coils, curves.x0, strict=True):
+    for coil, x0 in zip(coils, curves.determined_x0, strict=True):
         there = x0[np.isfinite(x0)] - evaluation.centre(coil)[0]
         if there.size:
             rms.append(math.sqrt(float(np.mean(there**2))) * 1e3)

@@ -1,0 +1,161 @@
+"""A calibration as tables and as a page, made of the dataset that `coilarray.studies.calibrate.calibrate` returns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from coilarray import viz
+from coilarray.compute.display_units import DisplayUnit
+from coilarray.compute.files import write_text
+from coilarray.report.figures import Picture, draw
+from coilarray.report.page import now, render_page
+from coilarray.report.tables import Table, dataset_table
+
+_PLAIN = DisplayUnit(significant=True)
+_FOUR = DisplayUnit(digits=4)
+_MOST_ALTERNATIVES = 20  # rows of the posterior's picture
+_LEAST_DOUBT = 1e-3  # of a larger χ² by chance; below, the data are not explained
+_ESTIMATED = "estimated"
+
+
+def ranking_table(result: xr.Dataset) -> Table:
+    """Return one row for each combination of choices, the most probable one first: how well it fits."""
+    relative = {
+        name: (result[name] - result[name][0]).assign_attrs(long_name=f"{text} − best", units="1")
+        for name, text in (("log_evidence", "ln evidence"), ("log_likelihood", "ln likelihood"), ("bic", "BIC"))
+    }
+    names = ("combination", "probability", *relative, "chi_square", "degrees_of_freedom", "noise_scale", "told")
+    names += ("converged", "evaluations", "problem")
+    shown = dict.fromkeys((*relative, "chi_square", "degrees_of_freedom"), DisplayUnit(digits=2))
+    shown |= {"probability": _FOUR, "noise_scale": DisplayUnit(digits=3), "told": DisplayUnit(digits=0)}
+    shown |= {"evaluations": DisplayUnit(digits=0)}
+    table = dataset_table("ranking", "Combinations", result.assign(relative), names, shown)
+    return table.without_empty_columns()
+
+
+def unknown_table(result: xr.Dataset, combination: int = 0) -> Table:
+    """Return one row for each unknown of a combination, by its place: value, error, 95 % interval."""
+    numbers = ("start", "value", "std", "low", "high")
+    of = _own(result, combination)
+    names = ("unknown", "unit", *numbers, "at_bound")
+    return dataset_table("unknowns", "Unknowns", of, names, dict.fromkeys(numbers, _PLAIN))
+
+
+def correlation_table(result: xr.Dataset, combination: int = 0) -> Table:
+    """Return one row for each unknown of a combination, by its place: its correlations with the others."""
+    of = _own(result, combination)
+    columns = {
+        f"correlation_{name}": of.correlation.sel(other=name, drop=True).assign_attrs(long_name=name)
+        for name in of.unknown.values.tolist()
+    }
+    shown = dict.fromkeys(columns, DisplayUnit(digits=2))
+    return dataset_table("correlation", "Correlations", xr.Dataset(columns), ("unknown", *columns), shown)
+
+
+def misfit_table(result: xr.Dataset, combination: int = 0) -> Table:
+    """Return one row for each state and quantity that is fitted: root mean square of what remains, before and after.
+
+    In SI, and relative to the measured numbers.
+    """
+    of = result.isel(combination=combination)
+    of = of.isel(datum=np.flatnonzero((of.weight > 0) & np.isfinite(of.measured)))
+    keys = list(dict.fromkeys(zip(of.state.values.tolist(), of.quantity.values.tolist(), strict=True)))
+    rows = []
+    for state, quantity in keys:
+        part = of.isel(datum=np.flatnonzero((of.state == state) & (of.quantity == quantity)))
+        size = float(np.sqrt((part.measured**2).mean()))
+        remains = [float(np.sqrt(((part[name] - part.measured) ** 2).mean())) for name in ("before", "model")]
+        rows.append((*remains, remains[1] / size if size else np.nan, part.sizes["datum"]))
+    before, after, share, count = np.array(rows).T
+    data = {
+        "quantity": ("row", [quantity for _, quantity in keys]),
+        "before": ("row", before, {"long_name": "rms before", "units": "1"}),
+        "after": ("row", after, {"long_name": "rms after", "units": "1"}),
+        "share": ("row", share, {"long_name": "rms after, relative", "units": "1"}),
+        "count": ("row", count.astype(int), {"long_name": "numbers", "units": "1"}),
+    }
+    table = xr.Dataset(data, {"state": ("row", [state for state, _ in keys])})
+    return dataset_table("misfit", "What remains", table, ("state", *data), {"before": _PLAIN, "after": _PLAIN})
+
+
+def residual_table(result: xr.Dataset, combination: int = 0) -> Table:
+    """Return one row for each measured or predicted number of a combination: where, measured, model, what remains."""
+    of = result.isel(combination=combination, drop=True)
+    where = [name for name in ("quantity", "state", "level", "depth", "y", "x") if name in of.coords]
+    names = (*where, "measured", "noise", "weight", "before", "model", "model_std", "residual")
+    return dataset_table("data", "Data and model", of, names)
+
+
+def calibration_tables(result: xr.Dataset) -> list[Table]:
+    """Return every table of a calibration, the long one of all numbers last; those of the best combination."""
+    makers = (ranking_table, unknown_table, correlation_table, misfit_table, residual_table)
+    return [make(result) for make in makers]
+
+
+def calibration_notes(result: xr.Dataset) -> list[str]:
+    """Return sentences about what the best combination cannot tell, and what limits its figures."""
+    best = result.isel(combination=0)
+    notes = []
+    for name in best.unknown.values[best.at_bound.values].tolist():
+        notes.append(f"{name} is at a bound of its range: the data want it beyond.")
+    if not bool(best.converged):
+        notes.append("The fit ended before it converged; its errors are those of where it stands.")
+    untold = str(best.untold.values).splitlines()
+    if untold:
+        notes.append("The data tell less than the priors of: " + "; ".join(untold) + ".")
+    if result.attrs["noise_is"] == _ESTIMATED:
+        notes.append(
+            f"The scale of the noise is estimated from what remains: {float(best.noise_scale):.3g} of the standard "
+            "deviations given. Whether the model fits at all, it cannot say."
+        )
+    elif float(best.fit_probability) < _LEAST_DOUBT:
+        notes.append(
+            f"The model does not explain the data: χ² is {float(best.chi_square):.4g} with "
+            f"{float(best.degrees_of_freedom):.4g} degrees of freedom. The errors hold for a model that does."
+        )
+    failed = int((result.problem != "").sum())
+    if failed:
+        notes.append(f"{failed} of {result.sizes['combination']} combinations have no fit.")
+    return notes
+
+
+def calibration_pictures(result: xr.Dataset) -> list[Picture]:
+    """Draw data, model and what remains by position or level, and the posterior."""
+    pictures = [draw("model", "Measured and fitted, and what remains.", viz.calibration_figure(result))]
+    drawn = viz.posterior_figure(result)
+    caption = "Posterior of the unknowns between their bounds: draws, and the most probable point as a cross."
+    pictures.append(draw("posterior", caption, drawn))
+    if result.sizes["combination"] > 1:
+        shown = min(result.sizes["combination"], _MOST_ALTERNATIVES)
+        caption = f"Evidence of the {shown} most probable combinations, relative to the best."
+        pictures.append(draw("ranking", caption, viz.plot_evidence(result.isel(combination=slice(shown)))))
+    return pictures
+
+
+def write_calibration_page(result: xr.Dataset, path: Path, data: str) -> None:
+    """Write a calibration to `data`, as named on the page, as an HTML page that needs no other file.
+
+    OutputError where it cannot be written; an earlier page stays as it was.
+    """
+    page = render_page(
+        "calibration.html.j2",
+        title=result.attrs["title"] or f"Calibration of {result.attrs['design']}",
+        data=data,
+        best=str(result.combination.values[0]),
+        several=result.sizes["combination"] > 1,
+        tables={table.name: table for table in calibration_tables(result)},
+        notes=calibration_notes(result),
+        pictures=calibration_pictures(result),
+        made={**{key: result.attrs[key] for key in ("design", "design_hash", "coilarray_version")}, "date": now()},
+    )
+    write_text(path, page)
+
+
+def _own(result: xr.Dataset, combination: int) -> xr.Dataset:
+    """Return a combination with the unknowns that it has."""
+    of = result.isel(combination=combination, drop=True)
+    own = np.flatnonzero(np.isfinite(of["value"].values))
+    return of.isel(unknown=own, other=own)

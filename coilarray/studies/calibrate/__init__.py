@@ -1,0 +1,6 @@
+"""Calibration of a design by what was measured on its board."""
+
+from coilarray.studies.calibrate.calibration import Calibration, calibrate
+from coilarray.studies.calibrate.plan import Plan, load_plan
+
+__all__ = ["Calibration", "Plan", "calibrate", "load_plan"]

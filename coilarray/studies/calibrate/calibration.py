@@ -1,0 +1,252 @@
+"""Calibrate a design: fit its unknown entries to what was measured, and rank the alternatives that it may be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.compute.store import Store, open_store
+from coilarray.compute.threads import Progress
+from coilarray.compute.workers import Pool, workers
+from coilarray.design.model import Design, DesignFile, build_design, build_design_file
+from coilarray.design.vary import plain, vary_document
+from coilarray.design.write import as_file
+from coilarray.errors import DesignError, GoalError
+from coilarray.localize.ellipse_model import EllipseModel
+from coilarray.localize.published import published_model
+from coilarray.response.setup import Imperfections
+from coilarray.studies.calibrate.data import Measurement, measurement
+from coilarray.studies.calibrate.fit import Fit, Problem, fit, together
+from coilarray.studies.calibrate.model import evaluate_model, imperfections_of
+from coilarray.studies.calibrate.plan import IMPERFECTION, Choice, DataTable, Plan, Unknown, simple_plan
+from coilarray.studies.calibrate.result import Case, Solution, Unsolved, result_dataset, solution
+from coilarray.studies.evaluate import run_cached
+
+FloatArray = npt.NDArray[np.float64]
+
+_SAYS_NOTHING = ("title", "source", "assumed")  # tables and values of a design that enter no response
+_GUESSED_STEPS = 6  # of a fit, for a progress bar
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A calibrated design.
+
+    Parameters
+    ----------
+    design : Design
+        The design with the choices of the best combination and the values fitted to it.
+    imperfections : Imperfections
+        What was fitted of the experiment.
+    values : mapping of str to float
+        Fitted values of the best combination, by the first entry of each unknown, in the units of the entries.
+    dataset : xarray.Dataset
+        Everything of every combination, the most probable one first, see `calibrate`.
+    """
+
+    design: Design
+    imperfections: Imperfections
+    values: Mapping[str, float]
+    dataset: xr.Dataset
+
+
+def calibrate(
+    design: Design | DesignFile,
+    data: xr.Dataset | EllipseModel | None = None,
+    unknowns: Plan | Mapping[str, Any] | None = None,
+    *,
+    keep: bool | Path = False,
+    pool: Pool | None = None,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Fit entries of a design to measured data, with errors, correlations and what the data cannot tell.
+
+    Parameters
+    ----------
+    design : Design or DesignFile
+        Design with an indentation; what is no unknown stays as it is.
+    data : xarray.Dataset or EllipseModel, optional
+        A measured response, as `coilarray.hardware.record.recorded_response.recorded_response` returns it, with NaN
+        where it has gaps; or ellipses, by default those of Table A1 of Gast & Zimmermann (2020).
+    unknowns : Plan or mapping of str to sequence
+        A plan from `coilarray.studies.calibrate.plan.load_plan`, or (low, high) or (low, high, start) of each unknown
+        by its dotted key, in the unit of the key. Keys are those of `coilarray.vary`, and ``imperfections.`` with
+        ``depth_error_mm``, ``tilt_x_mrad``, ``tilt_y_mrad``, ``offset_x_mm``, ``offset_y_mm`` or ``drift``.
+    keep : bool or Path
+        Whether evaluations are kept and found again: in the user's cache folder, or in a folder of your own.
+    pool : Pool, optional
+        Workers from `coilarray.compute.workers.workers`; by default everything is computed here.
+    progress : callable, optional
+        Called with (done, total); the total is a guess.
+
+    Returns
+    -------
+    Calibration
+        Its dataset has a row for each ``combination`` of choices, by falling probability.
+
+        For each ``unknown`` ``value``, the most probable one, ``std`` by the slopes there, ``low`` and ``high``, the
+        95 % interval between the bounds, ``at_bound``, ``correlation`` with each ``other``, and ``posterior``, draws.
+
+        For each ``datum`` ``measured``, its ``noise``, and ``weight``, for how many independent numbers it stands, 0
+        where it is predicted only; ``model`` and ``before``, as fitted and as first guessed, ``model_std``, the band of
+        the posterior, and ``residual``, fitted less measured in standard deviations of the noise.
+
+        ``chi_square``, ``degrees_of_freedom``, ``fit_probability`` of a larger χ² by noise of the given size,
+        ``noise_scale``, ``log_likelihood``, ``bic``, ``log_evidence`` and ``probability`` among the combinations;
+        ``told``, how many directions the data tell better than the priors, and ``untold``, the others in words, one a
+        line; ``converged``, ``evaluations`` and ``problem``, why a combination has no fit.
+
+    Raises
+    ------
+    GoalError
+        A plan that does not fit the design or the data; fewer numbers than unknowns; or no combination that has a fit,
+        with the reason of the first.
+    LocalizeError, ElastomerError
+        Data that are no response; a design without an indentation.
+    ClusterError, OutputError
+        As `coilarray.studies.sweep.run_sweep`.
+
+    Notes
+    -----
+    The posterior is the normal distribution of the linear model at the best point, cut off at the bounds; where the
+    scale of the noise is estimated, Student's. Evidences are Laplace's approximation of the same box (D. J. C. MacKay,
+    Information Theory, Inference, and Learning Algorithms, ch. 28); flat priors enter them with their ranges, so that
+    wide bounds cost probability. A direction is told where the data alone know it better than the prior, whose standard
+    deviation is the range/√12 where flat.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> calibrate(load_design("gast2020"), unknowns={"array.pitch_mm": (14, 12)})
+    Traceback (most recent call last):
+    coilarray.errors.GoalError: unknowns: unknown.0 needs low below high; got 14 and 12.
+    """
+    file = as_file(design)
+    plan = unknowns if isinstance(unknowns, Plan) else simple_plan(unknowns or {})
+    measured = measurement(published_model() if data is None else data, plan.data, file.design)
+    cases = [_case_of(file, plan, choices) for choices in plan.combinations()]
+    fitted = [one for one in cases if isinstance(one, Case)]
+    problems = [_problem(case, measured) for case in fitted]
+    store = open_store(keep if isinstance(keep, Path) else None) if keep else None
+    if pool is None:
+        with workers() as here:
+            fits = _fit_all(fitted, problems, measured, plan.data, here, store, progress)
+    else:
+        fits = _fit_all(fitted, problems, measured, plan.data, pool, store, progress)
+    solved: list[Solution] = []
+    unsolved = [one for one in cases if isinstance(one, Unsolved)]
+    for case, problem, one in zip(fitted, problems, fits, strict=True):
+        if one.problem:
+            unsolved.append(Unsolved(case.name, case.choices, case.unknowns, one.problem))
+        else:
+            solved.append(solution(case, problem, one))
+    solved.sort(key=lambda row: -row.log_evidence)
+    if not solved:
+        raise GoalError(f"no combination has a fit: {unsolved[0].reason}")
+    best = solved[0]
+    values = dict(zip(best.case.names, best.fit.point.tolist(), strict=True))
+    document, imperfections = best.case.changed(best.fit.point)
+    return Calibration(
+        build_design(document, file.design.name),
+        imperfections_of(imperfections),
+        values,
+        result_dataset(file.design, measured, plan, (*solved, *unsolved)),
+    )
+
+
+def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case | Unsolved:
+    name = ", ".join(choice.name for choice in choices) or "as designed"
+    unknowns = tuple(plan.unknowns_of(choices))
+    document: dict[str, Any] = {key: plain(value) for key, value in file.document.items() if key not in _SAYS_NOTHING}
+    changes = {key: value for choice in choices for key, value in choice.set.items()}
+    try:
+        for key in (key for choice in choices for key in choice.without):
+            document = _without(document, key.split("."), key)
+        document = vary_document(document, changes)
+        known = build_design_file(document, file.design.name).values
+        starts = [_start(unknown, known) for unknown in unknowns]
+    except DesignError as error:
+        return Unsolved(name, choices, unknowns, str(error))
+    return Case(name, choices, document, unknowns, np.array(starts))
+
+
+def _without(table: Any, parts: Sequence[str], key: str) -> Any:
+    """Return tables without an entry; DesignError where it is not there."""
+    if isinstance(table, list) and parts[0].isdecimal() and int(parts[0]) < len(table) and len(parts) > 1:
+        place = int(parts[0])
+        return [*table[:place], _without(table[place], parts[1:], key), *table[place + 1 :]]
+    if not isinstance(table, Mapping) or parts[0] not in table:
+        raise DesignError(f"{key} is not in the design, so that it cannot be taken away.")
+    rest = {name: value for name, value in table.items() if name != parts[0]}
+    return rest if len(parts) == 1 else {**rest, parts[0]: _without(table[parts[0]], parts[1:], key)}
+
+
+def _start(unknown: Unknown, known: Mapping[str, object]) -> float:
+    """First guess: as given, else the design's own value where it is between the bounds, else their middle."""
+    own = 0.0 if unknown.name.startswith(IMPERFECTION) else known.get(unknown.name)
+    if unknown.start is not None:
+        return unknown.start
+    if isinstance(own, int | float) and unknown.low <= own <= unknown.high:
+        return float(own)
+    return (unknown.low + unknown.high) / 2
+
+
+def _problem(case: Case, measured: Measurement) -> Problem:
+    rows = [
+        (one.low, one.high, *((np.nan, np.inf) if one.prior_std is None else (one.prior_mean, one.prior_std)))
+        for one in case.unknowns
+    ]
+    low, high, mean, std = np.array(rows, dtype=np.float64).T
+    numbers = (measured.values, measured.std, measured.weight)
+    return Problem(low, high, case.start, mean, std, *numbers, measured.estimated)
+
+
+def _fit_all(
+    cases: Sequence[Case],
+    problems: Sequence[Problem],
+    measured: Measurement,
+    table: DataTable,
+    pool: Pool,
+    store: Store | None,
+    progress: Progress | None,
+) -> list[Fit]:
+    """Fit all combinations side by side on the workers; evaluations that the store keeps are not made again."""
+    ellipses = measured.request["kind"] == "ellipses"
+    how = {
+        "request": measured.request,
+        "circuit": table.circuit or ("ideal" if ellipses else "full"),
+        "mesh": table.mesh or ("coarse" if ellipses else "fine"),
+    }
+    total = sum(2 * len(case.unknowns) + 1 + _GUESSED_STEPS for case in cases)
+    done = 0
+
+    def item(k: int, point: FloatArray) -> dict[str, Any] | str:
+        try:
+            document, imperfections = cases[k].changed(point)
+        except DesignError as error:
+            return f"{cases[k].document['name']}: {error}"
+        circuit = any(entry.startswith("circuit.") for one in cases[k].unknowns for entry in one.entry)
+        parts = str(store.folder) if store is not None and circuit else ""
+        return {"document": document, "imperfections": imperfections, "start": cases[k].document, "parts": parts, **how}
+
+    driver = together([fit(problem) for problem in problems])
+    try:
+        points = next(driver) if cases else []
+        while points:
+            outcomes: list[FloatArray | str] = [""] * len(points)
+            items = [item(k, point) for k, point in points]
+            for index, outcome in run_cached(evaluate_model, items, pool, store):
+                outcomes[index] = outcome if isinstance(outcome, str) else np.array(list(outcome.values()))
+                done += 1
+                if progress is not None:
+                    progress(done, max(total, done + 1))
+            points = driver.send(outcomes)
+    except StopIteration as stop:
+        return list(stop.value)
+    return []

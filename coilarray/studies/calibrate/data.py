@@ -1,0 +1,150 @@
+"""What was measured, as rows of numbers with their standard deviations, and what a model must compute to compare."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.design.model import Design
+from coilarray.errors import GoalError, LocalizeError
+from coilarray.localize.comparison import own_noise
+from coilarray.localize.distortion import ellipse_curves
+from coilarray.localize.ellipse import PARAMETERS
+from coilarray.localize.ellipse_model import DEGREE, EllipseModel
+from coilarray.localize.forward import checked_axes
+from coilarray.localize.published import undetermined_levels
+from coilarray.response.setup import indentation_of
+from coilarray.studies.calibrate.plan import DataTable
+
+FloatArray = npt.NDArray[np.float64]
+
+_DIMS = ("depth", "y", "x", "state")
+_BEYOND = 1.5  # of the highest level: a polynomial that ends further beyond does not tell the peak
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """Measured numbers, and the request for the same of a model.
+
+    Parameters
+    ----------
+    values, std, weight : ndarray, shape (n,)
+        Numbers in SI, NaN where unknown; their standard deviations; and for how many independent numbers each stands: 0
+        where it is only predicted, not fitted.
+    coords : mapping of str to sequence
+        ``quantity`` ("delta", "A", "B", "x0" or "peak") and ``state`` of each; for a response ``depth``, ``y`` and
+        ``x`` in m, for ellipses ``level``.
+    request : mapping of str to object
+        What `model_values` needs, as plain values.
+    estimated : bool
+        Whether the standard deviations are relative ones, whose scale comes from what remains.
+    """
+
+    values: FloatArray
+    std: FloatArray
+    weight: FloatArray
+    coords: Mapping[str, Sequence[object]]
+    request: Mapping[str, Any]
+    estimated: bool
+
+
+def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Design) -> Measurement:
+    """Take what a plan asks for from a measured response or an ellipse model.
+
+    GoalError for a state that the data or the design does not have, or for nothing that could be fitted; LocalizeError
+    for data that are no response.
+    """
+    known = list(data.names) if isinstance(data, EllipseModel) else [str(name) for name in data["state"].values]
+    states = known if table.states is None else table.states
+    planned = [state.name for state in design.plan]
+    for name in states:
+        for where, names in (("data have", known), (f"scan of {design.name} has", planned)):
+            if name not in names:
+                raise GoalError(f"the {where} no state {name!r}; there are {', '.join(names)}.")
+    if len(set(states)) != len(states):
+        raise GoalError(f"states must be named once each; got {', '.join(states)}.")
+    found = (_ellipses if isinstance(data, EllipseModel) else _response)(data, table, design, states)  # type: ignore[arg-type]
+    if not found.weight.any():
+        raise GoalError("the data have nothing to fit: no number that is asked for is known and determined.")
+    return found
+
+
+def model_values(response: xr.Dataset, request: Mapping[str, Any]) -> FloatArray:
+    """Return of a computed response the numbers in the order of a `Measurement` with this request; NaN for none.
+
+    Semi-axes of a level above the peak are 0. Where too little of a level is in the window to determine its ellipse,
+    they are the length of the map, which is larger. LocalizeError for a map without any ellipse of a state.
+    """
+    states = list(request["states"])
+    if request["kind"] == "response":
+        return np.asarray(response.delta.transpose(*_DIMS).sel(state=states).values.ravel())
+    levels = np.array(request["levels"])
+    curves = ellipse_curves(response, states, levels)
+    length = float(np.ptp(response.x.values))
+    peaks = response.delta.isel(depth=0).max(("x", "y")).sel(state=states).values
+    rows = []
+    for j in range(len(states)):
+        hidden = curves.undetermined[j]
+        A, B = (np.where(hidden, length, np.nan_to_num(axis[j])) for axis in (curves.A, curves.B))
+        rows += [A, B, curves.determined_x0[j], peaks[j : j + 1]]
+    return np.concatenate(rows)
+
+
+def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequence[str]) -> Measurement:
+    if "delta" not in data or set(data["delta"].dims) != set(_DIMS) or not set(_DIMS) <= set(data.coords):
+        raise LocalizeError("measured data must be a response: delta over depth, y, x and state, with coordinates.")
+    checked_axes(data, "the measured response", 1)
+    data = data.transpose(*_DIMS, ...).sel(state=list(states))
+    noise = None if table.delta_std is not None else own_noise(data, "measured")
+    values = data.delta.values.astype(np.float64)
+    known = np.isfinite(values)
+    if noise is None:
+        level = np.full(len(states), 1.0 if table.delta_std is None else table.delta_std)
+        estimated = table.noise == "estimated" or (table.noise is None and table.delta_std is None)
+        if table.noise == "given" and table.delta_std is None:
+            raise GoalError('the data say nothing of their noise; give data.delta_std or noise = "estimated".')
+    else:  # of a state one number: those of single positions, from a few repeats, would be weights that mislead
+        level = np.sqrt(np.mean(noise**2, axis=(0, 1, 2)))
+        estimated = table.noise == "estimated"
+    if not (np.isfinite(level) & (level > 0)).all():
+        raise GoalError("the noise of the data must be positive; give data.delta_std.")
+    index = np.meshgrid(*(np.arange(n) for n in values.shape), indexing="ij")
+    axes = {name: data[name].values for name in _DIMS}
+    coords: dict[str, Sequence[object]] = {"quantity": ["delta"] * values.size}
+    coords |= {name: axes[name][k.ravel()].tolist() for name, k in zip(_DIMS, index, strict=True)}
+    request = {"kind": "response", "states": list(states)}
+    request |= {name: axes[name].tolist() for name in _DIMS[:3]}
+    std = np.broadcast_to(level, values.shape).ravel()
+    return Measurement(values.ravel(), std, known.ravel().astype(np.float64), coords, request, estimated)
+
+
+def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequence[str]) -> Measurement:
+    """Take A, B, x0 and the peak of every state; x0 is always predicted.
+
+    The levels of a polynomial with five coefficients are together no more than five independent numbers.
+    """
+    setup, levels = indentation_of(design), np.array(sorted(table.levels))
+    share = min(1.0, (DEGREE + 1) / len(levels))
+    window = (min(setup.x), max(setup.x)), (min(setup.y), max(setup.y))
+    rows: list[tuple[float, float, float, str, str, float]] = []
+    for name in states:
+        coil = data[name]
+        within = (levels >= coil.lowest) & (levels <= coil.highest) & ~undetermined_levels(coil, levels, *window)
+        axes = dict(zip(PARAMETERS, coil.curves(levels), strict=True))
+        for key in ("A", "B", "x0"):
+            for level, value, there in zip(levels.tolist(), axes[key].tolist(), within.tolist(), strict=True):
+                weight = share if there and key in table.parameters else 0.0
+                shown = value if there else np.nan
+                rows.append((shown, table.semiaxis_std_mm * 1e-3, weight, key, name, level))
+        told = coil.highest <= _BEYOND * levels[-1]
+        weight = 1.0 if told and "peak" in table.parameters else 0.0
+        rows.append((coil.highest if told else np.nan, table.peak_std, weight, "peak", name, np.nan))
+    values, std, weight, quantity, state, of_level = zip(*rows, strict=True)
+    coords = {"quantity": quantity, "state": state, "level": of_level}
+    request = {"kind": "ellipses", "states": list(states), "levels": levels.tolist()}
+    return Measurement(np.array(values), np.array(std), np.array(weight), coords, request, table.noise != "given")

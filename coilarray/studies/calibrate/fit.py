@@ -1,0 +1,257 @@
+"""Least squares between bounds for a model that takes seconds: few evaluations, and many at once where they are needed.
+
+Gauss–Newton steps in a box with Marquardt's damping. The slopes are differences of evaluations at the start and at the
+end, where they make the covariance, and Broyden's updates of them in between (C. G. Broyden, Math. Comput. 19, 577,
+1965), which cost nothing; where those give no better point they are evaluated anew. A fit asks for evaluations and does
+not make them, so that several fits can share the workers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import lsq_linear
+
+from coilarray.errors import GoalError
+
+FloatArray = npt.NDArray[np.float64]
+Asking = Generator[list[FloatArray], list["FloatArray | str"], "Fit"]
+"""Yields points (unknowns,), gets the model's numbers at each or why there are none, and returns the fit."""
+
+_MOST_STEPS = 40
+_STEP = 0.02  # of an unknown's range, for the first slopes
+_STEPS = (1e-3, 0.1)  # the same for later ones: outside the noise of meshes and levels, and not far away
+_ENOUGH = 2e-3  # of a unit of χ²/2: a fit that could gain less stands within 0.06 of its standard deviations
+_DAMPING, _MOST_DAMPING = 1e-3, 1e6
+_SHARE = 0.1  # of the gain that the linear model promises: a step with less is not taken
+_ABSENT = 10.0  # standard deviations by which a number is off that the model does not have
+_AT_BOUND = 1e-6  # of an unknown's range
+_RIDGE = 1e-3  # standard deviations in an unknown's range that it has in any case, or the information is singular
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is fitted to what.
+
+    Parameters
+    ----------
+    low, high, start, prior_mean, prior_std : ndarray, shape (unknowns,)
+        Bounds, first guesses and priors in any units; a flat prior has a mean of NaN and an infinite deviation.
+    measured, std, weight : ndarray, shape (n,)
+        As in `coilarray.studies.calibrate.data.Measurement`.
+    estimated : bool
+        Whether the scale of `std` is estimated.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    start: FloatArray
+    prior_mean: FloatArray
+    prior_std: FloatArray
+    measured: FloatArray
+    std: FloatArray
+    weight: FloatArray
+    estimated: bool
+
+    def __post_init__(self) -> None:
+        if self.estimated and self.freedom < 1:
+            raise GoalError(
+                f"{len(self.low)} unknowns and the scale of the noise need more than {len(self.low)} independent "
+                f"numbers; the data have {self.numbers:.3g}."
+            )
+
+    @cached_property
+    def numbers(self) -> float:
+        """How many independent numbers the data are."""
+        return float(self.weight.sum())
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom: independent numbers less unknowns."""
+        return self.numbers - len(self.low)
+
+    @property
+    def reach(self) -> FloatArray:
+        """Range of every unknown."""
+        return self.high - self.low
+
+    def residuals(self, values: FloatArray) -> FloatArray:
+        """Weighted residuals of the model's numbers, in standard deviations, shape (n,)."""
+        off = np.where(self.weight > 0, (values - self.measured) / self.std, 0.0)
+        return np.sqrt(self.weight) * np.where(np.isfinite(off), off, _ABSENT)
+
+    def prior_residuals(self, point: FloatArray) -> FloatArray:
+        """Distance of unknowns from the means of their priors in standard deviations; 0 for flat ones."""
+        return np.where(np.isfinite(self.prior_std), (point - np.nan_to_num(self.prior_mean)) / self.prior_std, 0.0)
+
+    def weighted(self, slopes: FloatArray) -> FloatArray:
+        """Slopes of `residuals` from those of the model's numbers, (n, unknowns); 0 where the model lacks one."""
+        rows = np.where(self.weight > 0, np.sqrt(self.weight) / self.std, 0.0)[:, None] * slopes
+        return np.where(np.isfinite(rows), rows, 0.0)
+
+    def scale_at(self, residuals: FloatArray) -> float:
+        """Scale of the noise: 1 where it is given, else by the residuals."""
+        if not self.estimated:
+            return 1.0
+        return max(float(np.sqrt(residuals @ residuals / self.freedom)), np.finfo(float).tiny ** 0.25)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where a fit ended.
+
+    `point` (unknowns,), the model's numbers `values` (n,) there, at the first guess `before` (n,), and their `slopes`
+    (n, unknowns) by the unknowns. `scale` is the factor of all standard deviations, 1 where the noise is given;
+    `converged` says whether no better point is near, `evaluations` how many were made. `problem` says why there is no
+    fit at all; then the arrays are empty.
+    """
+
+    point: FloatArray
+    values: FloatArray
+    before: FloatArray
+    slopes: FloatArray
+    scale: float
+    converged: bool
+    evaluations: int
+    problem: str = ""
+
+
+def information(problem: Problem, fit: Fit) -> FloatArray:
+    """Information of data and priors about the unknowns at a fit, (unknowns, unknowns), positive definite."""
+    rows = problem.weighted(fit.slopes) / fit.scale
+    prior = 1 / problem.prior_std**2 + (_RIDGE / problem.reach) ** 2
+    return np.asarray(rows.T @ rows + np.diag(prior))
+
+
+def gradient(problem: Problem, fit: Fit) -> FloatArray:
+    """Slope of χ²/2 of data and priors by the unknowns at a fit, (unknowns,)."""
+    from_data = problem.weighted(fit.slopes).T @ problem.residuals(fit.values) / fit.scale**2
+    return np.asarray(from_data + problem.prior_residuals(fit.point) / problem.prior_std)
+
+
+def at_bound(problem: Problem, point: FloatArray) -> npt.NDArray[np.bool_]:
+    """Whether each unknown is at a bound."""
+    return np.minimum(point - problem.low, problem.high - point) < _AT_BOUND * problem.reach
+
+
+def fit(problem: Problem) -> Asking:
+    """Fit the unknowns of a problem; see `Asking` for how it is driven."""
+    asked = 1
+    point = np.clip(problem.start, problem.low, problem.high)
+    (first,) = yield [point]
+    if isinstance(first, str):
+        nothing = np.empty(0)
+        return Fit(nothing, nothing, nothing, np.empty((0, len(point))), 1.0, False, 1, first)
+    values = before = first
+    slopes, made = yield from _slopes(problem, point, values, np.full(len(point), _STEP))
+    asked, fresh, damping, converged = asked + made, True, _DAMPING, False
+    scale = problem.scale_at(problem.residuals(values))
+    for _ in range(_MOST_STEPS):
+        now = Fit(point, values, before, slopes, scale, converged, asked)
+        if _gain(problem, now, _step(problem, now, 0.0)) < _ENOUGH:
+            if fresh:
+                converged = True
+                break
+        else:
+            move = _step(problem, now, damping)
+            expected = _gain(problem, now, move)
+            (outcome,) = yield [point + move]
+            asked += 1
+            if not isinstance(outcome, str):
+                gained = _cost(problem, point, values, scale) - _cost(problem, point + move, outcome, scale)
+                if gained > _SHARE * expected:
+                    along = move / problem.reach**2
+                    slopes = slopes + np.outer(outcome - values - slopes @ move, along) / (move @ along)
+                    point, values, fresh = np.clip(point + move, problem.low, problem.high), outcome, False
+                    scale = problem.scale_at(problem.residuals(values))
+                    damping = max(damping / 5, _DAMPING / 100)
+                    continue
+            if fresh:
+                damping *= 10
+                if damping > _MOST_DAMPING:
+                    break
+                continue
+        steps = _difference_steps(problem, now)
+        slopes, made = yield from _slopes(problem, point, values, steps)
+        asked, fresh = asked + made, True
+    return Fit(point, values, before, slopes, scale, converged, asked)
+
+
+def _slopes(
+    problem: Problem, point: FloatArray, values: FloatArray, steps: FloatArray
+) -> Generator[list[FloatArray], list[FloatArray | str], tuple[FloatArray, int]]:
+    """Slopes of the model's numbers by differences, and the number of evaluations; 0 where no step is possible."""
+    slopes = np.zeros((len(values), len(point)))
+    inwards = np.where(point + steps * problem.reach <= problem.high, 1.0, -1.0)
+    todo, made = list(range(len(point))), 0
+    for sign in (1.0, -1.0):
+        moves = {k: sign * inwards[k] * steps[k] * problem.reach[k] for k in todo}
+        moves = {k: move for k, move in moves.items() if problem.low[k] <= point[k] + move <= problem.high[k]}
+        if not moves:
+            break
+        outcomes = yield [point + move * np.eye(len(point))[k] for k, move in moves.items()]
+        made += len(moves)
+        for (k, move), outcome in zip(moves.items(), outcomes, strict=True):
+            if not isinstance(outcome, str):
+                slopes[:, k] = (outcome - values) / move
+                todo.remove(k)
+    return slopes, made
+
+
+def _difference_steps(problem: Problem, now: Fit) -> FloatArray:
+    """Half a standard deviation of every unknown in its range: the data then change by half of their noise."""
+    deviation = np.sqrt(np.diag(np.linalg.inv(information(problem, now))))
+    return np.clip(0.5 * deviation / problem.reach, *_STEPS)
+
+
+def _rows(problem: Problem, now: Fit) -> tuple[FloatArray, FloatArray]:
+    """Slopes in ranges of the unknowns and residuals of data and priors, all in standard deviations."""
+    data = problem.weighted(now.slopes) * problem.reach / now.scale
+    prior = np.diag(problem.reach / problem.prior_std)
+    offsets = problem.residuals(now.values) / now.scale, problem.prior_residuals(now.point)
+    return np.vstack((data, prior)), np.concatenate(offsets)
+
+
+def _step(problem: Problem, now: Fit, damping: float) -> FloatArray:
+    """Step to the least damped sum of squares of the linear model in the box."""
+    slopes, offsets = _rows(problem, now)
+    size = np.sqrt((slopes**2).sum(axis=0) + _RIDGE**2)
+    matrix = np.vstack((slopes, np.sqrt(damping) * np.diag(size))) if damping else slopes
+    target = np.concatenate((-offsets, np.zeros(len(matrix) - len(offsets))))
+    where = (now.point - problem.low) / problem.reach
+    box = np.minimum(-where, -1e-15), np.maximum(1 - where, 1e-15)
+    move = np.clip(lsq_linear(matrix, target, bounds=box, method="bvls").x, -where, 1 - where)
+    return np.asarray(move * problem.reach)
+
+
+def _gain(problem: Problem, now: Fit, move: FloatArray) -> float:
+    """By how much the linear model says that a step lowers χ²/2."""
+    slopes, offsets = _rows(problem, now)
+    after = offsets + slopes @ (move / problem.reach)
+    return float(offsets @ offsets - after @ after) / 2
+
+
+def _cost(problem: Problem, point: FloatArray, values: FloatArray, scale: float) -> float:
+    """χ²/2 of data and priors."""
+    data, prior = problem.residuals(values) / scale, problem.prior_residuals(point)
+    return float(data @ data + prior @ prior) / 2
+
+
+def together(fits: Sequence[Asking]) -> Generator[list[tuple[int, FloatArray]], list[FloatArray | str], list[Fit]]:
+    """Drive several fits side by side: yields their points together, each with the number of its fit."""
+    ended: dict[int, Fit] = {}
+    asking = {k: next(one) for k, one in enumerate(fits)}
+    while asking:
+        outcomes = iter((yield [(k, point) for k, points in asking.items() for point in points]))
+        answers = {k: [next(outcomes) for _ in points] for k, points in asking.items()}
+        asking = {}
+        for k, answer in answers.items():
+            try:
+                asking[k] = fits[k].send(answer)
+            except StopIteration as stop:
+                ended[k] = stop.value
+    return [ended[k] for k in range(len(fits))]

@@ -1,0 +1,73 @@
+"""One evaluation of a calibration: the response of a changed design, and of it the numbers that were measured.
+
+What an evaluation costs depends on what was changed. Contacts are kept by sheets and indenter, inductances by coils and
+sheets, inductance changes by coils and dents in the store of results; losses and strays are those of the coils under
+the sheets of the design that the fit began with, for no sheet changes them by as much as δ could show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from coilarray.circuit.coupling import design_circuit
+from coilarray.circuit.network import Network
+from coilarray.compute.recent import Recent
+from coilarray.design.model import Design, build_design
+from coilarray.elastomer.scattering import LayerMesh
+from coilarray.response.map import response_map
+from coilarray.response.setup import Imperfections, indentation_of
+from coilarray.studies.calibrate.data import model_values
+from coilarray.studies.calibrate.plan import IMPERFECTIONS
+
+COARSE = LayerMesh(harmonics=6, decays=6.0, width=0.4, rows=4)
+"""Right to 1e-3 of δ, and twice as fast."""
+
+_NETWORKS: Recent[Network] = Recent(16)
+
+
+def evaluate_model(item: Mapping[str, Any]) -> dict[str, float]:
+    """Evaluate one point of a fit; workers run this function.
+
+    The item has the ``document`` of the changed design, ``start`` that of the design the fit began with, the values of
+    ``imperfections`` by name, the ``request`` of a measurement, ``circuit`` and ``mesh`` of the plan and, or empty, the
+    folder of ``parts``. Returns the numbers by their place.
+    """
+    document, request = item["document"], item["request"]
+    whole = build_design(document, document["name"])
+    wanted = set(request["states"])
+    plan = tuple(state for state in whole.plan if state.name in wanted)
+    design = replace(whole, circuit=replace(whole.circuit, scan=plan))
+    ideal = item["circuit"] == "ideal"
+    ellipses = request["kind"] == "ellipses"
+    response = response_map(
+        design,
+        depths=indentation_of(design).depths[:1] if ellipses else request["depth"],
+        x=None if ellipses else request["x"],
+        y=None if ellipses else request["y"],
+        imperfections=imperfections_of(item["imperfections"]),
+        network=None if ideal else _network(design, item["start"]),
+        ideal=ideal,
+        mesh=COARSE if item["mesh"] == "coarse" else None,
+        parts=Path(item["parts"]) if item["parts"] else None,
+    )
+    return {str(k): value for k, value in enumerate(model_values(response, request).tolist())}
+
+
+def imperfections_of(values: Mapping[str, float]) -> Imperfections:
+    """Return the imperfections of values by the names and in the units of a plan."""
+    si = {name: values.get(name, 0.0) * scale for name, scale in IMPERFECTIONS.items()}
+    return Imperfections(
+        tilt=(si["tilt_x_mrad"], si["tilt_y_mrad"]),
+        offset=(si["offset_x_mm"], si["offset_y_mm"]),
+        depth_error=si["depth_error_mm"],
+        drift=si["drift"],
+    )
+
+
+def _network(design: Design, start: Mapping[str, Any]) -> Network:
+    """Circuit of a design with all losses and strays, as under the sheets that the fit began with."""
+    flat = replace(design, sheets=build_design(start, start["name"]).sheets, indentation=None)
+    return _NETWORKS.get(flat.digest, lambda: design_circuit(flat))

@@ -1,0 +1,196 @@
+"""Calibration plans: which entries of a design are unknown, which alternatives it has, and what is fitted to what.
+
+TOML, ``schema = 1``; the bundled ``table_a1`` is an example with all that there is.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from coilarray.design.toml_file import TomlFiles
+from coilarray.design.units import Table
+from coilarray.errors import GoalError
+
+PLANS = TomlFiles("calibration plan", GoalError, "coilarray.studies.calibrate.plans")
+"""Files of calibration plans, and those that come with the package."""
+
+Parameter = Literal["A", "B", "x0", "peak"]
+"""What may be fitted of ellipses."""
+
+MOST_COMBINATIONS = 200
+"""Largest number of combinations of choices that are fitted."""
+
+FITTED: tuple[Parameter, ...] = ("A", "B", "peak")
+"""What is fitted of ellipses where a plan does not say."""
+
+LEVELS = tuple(k * 1e-4 for k in range(1, 11))
+"""δ of the ellipses that are fitted where a plan does not say."""
+
+IMPERFECTIONS = {
+    "depth_error_mm": 1e-3, "tilt_x_mrad": 1e-3, "tilt_y_mrad": 1e-3, "offset_x_mm": 1e-3, "offset_y_mm": 1e-3,
+    "drift": 1.0,
+}  # fmt: skip
+"""Unknowns of the experiment, named ``imperfections.…``, and the SI value of their unit."""
+
+IMPERFECTION = "imperfections."
+"""Begins the names of unknowns of the experiment."""
+
+
+class Unknown(Table):
+    """``[[unknown]]``: an entry of the design, or several that share one value, between bounds.
+
+    The prior is flat between the bounds or, with `prior_mean` and `prior_std`, normal and cut off there.
+    """
+
+    entry: Annotated[
+        list[str],
+        Field(min_length=1),
+        BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
+    ]
+    low: float
+    high: float
+    start: float | None = None
+    prior_mean: float | None = None
+    prior_std: Annotated[float, Field(gt=0)] | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Unknown:
+        if not self.low < self.high:
+            raise ValueError(f"needs low below high; got {self.low:g} and {self.high:g}")
+        if self.start is not None and not self.low <= self.start <= self.high:
+            raise ValueError(f"needs start from low to high; got {self.start:g}")
+        if (self.prior_mean is None) != (self.prior_std is None):
+            raise ValueError("needs both prior_mean and prior_std, or neither")
+        known = [f"{IMPERFECTION}{name}" for name in IMPERFECTIONS]
+        for entry in self.entry:
+            if entry.startswith(IMPERFECTION) and entry not in known:
+                raise ValueError(f"needs an imperfection that there is: {', '.join(known)}; got {entry}")
+        return self
+
+    @property
+    def name(self) -> str:
+        """The first entry."""
+        return self.entry[0]
+
+
+class Choice(Table):
+    """``[[alternative.choice]]``: entries that it sets and takes away, and unknowns that only it has."""
+
+    name: Annotated[str, Field(min_length=1)]
+    set: dict[str, Any] = Field(default_factory=dict)
+    without: list[str] = Field(default_factory=list)
+    unknowns: list[Unknown] = Field(alias="unknown", default_factory=list)
+
+
+class Alternative(Table):
+    """``[[alternative]]``: a question with a few possible answers, each of which is fitted."""
+
+    name: Annotated[str, Field(min_length=1)]
+    choices: list[Choice] = Field(alias="choice", min_length=1)
+
+    @model_validator(mode="after")
+    def _different(self) -> Alternative:
+        names = [choice.name for choice in self.choices]
+        if len(set(names)) != len(names):
+            raise ValueError(f"needs choices of different names; got {', '.join(names)}")
+        return self
+
+
+class DataTable(Table):
+    """``[data]``: what of the measurement is fitted, and how far it is trusted.
+
+    ``states`` are all by default. ``parameters`` and ``levels`` of δ are for ellipses, of which A, B and the peak are
+    fitted by default; ``semiaxis_std_mm`` and ``peak_std`` are their standard deviations, and ``delta_std`` that of δ
+    of a response that has none of its own. ``noise = "estimated"`` takes them as relative and estimates their scale
+    from what remains: the default for ellipses, and for a response without any standard deviation. ``circuit`` is
+    "full" or "ideal" (without losses and strays, which change δ by less than 1 %), the default for ellipses; so is
+    ``mesh = "coarse"``, right to 1e-3 of δ.
+    """
+
+    states: Annotated[list[str], Field(min_length=1)] | None = None
+    parameters: Annotated[list[Parameter], Field(min_length=1)] = Field(default_factory=lambda: list(FITTED))
+    levels: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)] = Field(
+        default_factory=lambda: list(LEVELS)
+    )
+    semiaxis_std_mm: Annotated[float, Field(gt=0)] = 0.5
+    peak_std: Annotated[float, Field(gt=0)] = 5e-5
+    delta_std: Annotated[float, Field(gt=0)] | None = None
+    noise: Literal["given", "estimated"] | None = None
+    circuit: Literal["full", "ideal"] | None = None
+    mesh: Literal["fine", "coarse"] | None = None
+
+
+class Plan(Table):
+    """A calibration plan; `load_plan` reads one."""
+
+    schema_: Annotated[int, Field(ge=1, le=1)] = Field(alias="schema", default=1)
+    title: str = ""
+    data: DataTable = DataTable()
+    unknowns: list[Unknown] = Field(alias="unknown", default_factory=list)
+    alternatives: list[Alternative] = Field(alias="alternative", default_factory=list)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Plan:
+        names = [one.name for one in self.alternatives]
+        if len(set(names)) != len(names):
+            raise ValueError(f"needs alternatives of different names; got {', '.join(names)}")
+        count = 1
+        for one in self.alternatives:
+            count *= len(one.choices)
+        if count > MOST_COMBINATIONS:
+            raise ValueError(f"needs at most {MOST_COMBINATIONS} combinations of choices; got {count}")
+        for choices in self.combinations():
+            unknowns = self.unknowns_of(choices)
+            if not unknowns:
+                raise ValueError("needs at least one unknown in every combination of choices")
+            entries = [entry for unknown in unknowns for entry in unknown.entry]
+            twice = next((entry for entry in entries if entries.count(entry) > 1), None)
+            if twice is not None:
+                raise ValueError(f"names {twice} in more than one unknown")
+            fixed = [key for choice in choices for key in (*choice.set, *choice.without)]
+            for key in fixed:
+                if key in entries or fixed.count(key) > 1:
+                    raise ValueError(f"sets {key} twice: by two choices, or by a choice and an unknown")
+        return self
+
+    def combinations(self) -> list[tuple[Choice, ...]]:
+        """Return every combination of one choice for each alternative; one empty combination without any."""
+        return list(itertools.product(*(one.choices for one in self.alternatives)))
+
+    def unknowns_of(self, choices: tuple[Choice, ...]) -> list[Unknown]:
+        """Return the unknowns of a combination: those of the plan, then those of its choices."""
+        return [*self.unknowns, *(unknown for choice in choices for unknown in choice.unknowns)]
+
+
+def load_plan(name_or_path: str | Path) -> Plan:
+    """Read a calibration plan from a TOML file, or a bundled one by its name.
+
+    GoalError for an unreadable file, wrong TOML, an unknown key or a value that is not allowed, in one line.
+
+    Examples
+    --------
+    >>> [unknown.name for unknown in load_plan("table_a1").unknowns][:2]
+    ['coils.hexagon.gap_mm', 'elastomer.1.relative_permeability']
+    """
+    return check_plan(PLANS.parse(PLANS.text(name_or_path), str(name_or_path)), str(name_or_path))
+
+
+def check_plan(document: Mapping[str, Any], origin: str = "plan") -> Plan:
+    """Read a calibration plan from tables as TOML gives them. See `load_plan`."""
+    return PLANS.check(Plan, document, origin)
+
+
+def simple_plan(unknowns: Mapping[str, Any]) -> Plan:
+    """Return the plan of unknowns between bounds, (low, high) or (low, high, start) by their entries."""
+    tables = []
+    for entry, values in unknowns.items():
+        numbers = [float(value) for value in values]
+        if len(numbers) not in (2, 3):
+            raise GoalError(f"the unknown {entry} must have low and high, or low, high and start; got {values}.")
+        tables.append({"entry": entry, **dict(zip(("low", "high", "start"), numbers, strict=False))})
+    return check_plan({"unknown": tables}, "unknowns")

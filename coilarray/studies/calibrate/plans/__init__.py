@@ -1,0 +1,1 @@
+"""The calibration plans that come with the package."""

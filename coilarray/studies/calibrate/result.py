@@ -1,0 +1,246 @@
+"""What fits of several combinations of choices say: posteriors, evidences, and what the data cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from scipy.special import gammaln, log_ndtr, logsumexp
+from scipy.stats import chi2
+
+from coilarray.circuit.coupling import provenance
+from coilarray.design.model import Design
+from coilarray.design.units import entry_unit
+from coilarray.design.vary import vary_document
+from coilarray.studies.calibrate.data import Measurement
+from coilarray.studies.calibrate.fit import Fit, Problem, at_bound, gradient, information
+from coilarray.studies.calibrate.plan import IMPERFECTION, Choice, Plan, Unknown
+from coilarray.studies.calibrate.posterior import bounded_normal
+
+FloatArray = npt.NDArray[np.float64]
+
+DRAWS = 1000
+"""Draws from the posterior of every combination of choices."""
+
+_FLAT_STD = 1 / np.sqrt(12)  # of a flat prior, in its range
+_WEAKEST = 0.15  # of the largest share in a direction: what counts less is not said
+_INTERVAL = (0.025, 0.975)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One combination of choices: its document, its unknowns and where they start."""
+
+    name: str
+    choices: tuple[Choice, ...]
+    document: Mapping[str, Any]
+    unknowns: tuple[Unknown, ...]
+    start: FloatArray
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the unknowns."""
+        return [unknown.name for unknown in self.unknowns]
+
+    def changed(self, point: FloatArray) -> tuple[dict[str, Any], dict[str, float]]:
+        """Return the document and the imperfections with values of the unknowns."""
+        values = {
+            entry: value
+            for unknown, value in zip(self.unknowns, point.tolist(), strict=True)
+            for entry in unknown.entry
+        }
+        entries = {key: value for key, value in values.items() if not key.startswith(IMPERFECTION)}
+        imperfections = {key.removeprefix(IMPERFECTION): v for key, v in values.items() if key not in entries}
+        return vary_document(self.document, entries), imperfections
+
+
+@dataclass(frozen=True)
+class Unsolved:
+    """A combination of choices that has no fit, and why."""
+
+    name: str
+    choices: tuple[Choice, ...]
+    unknowns: tuple[Unknown, ...]
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A fitted combination: covariance of the unknowns, draws from their posterior, and its figures."""
+
+    case: Case
+    problem: Problem
+    fit: Fit
+    covariance: FloatArray
+    draws: FloatArray
+    log_likelihood: float
+    log_evidence: float
+    bic: float
+
+
+def solution(case: Case, problem: Problem, found: Fit) -> Solution:
+    """Return posterior, likelihood and evidence of a fit that was found."""
+    curvature = information(problem, found)
+    covariance = np.linalg.inv(curvature)
+    covariance = (covariance + covariance.T) / 2
+    pull = covariance @ gradient(problem, found)
+    freedom = problem.freedom if problem.estimated else np.inf
+    draws, inside = bounded_normal(found.point - pull, covariance, problem.low, problem.high, DRAWS, freedom)
+    likelihood, marginal = _likelihoods(problem, found)
+    shift = float(gradient(problem, found) @ pull) / 2
+    volume = (len(found.point) * np.log(2 * np.pi) + float(np.linalg.slogdet(covariance)[1])) / 2
+    evidence = marginal + _log_prior(problem, found.point) + shift + volume + inside
+    count = len(found.point) + problem.estimated
+    bic = count * np.log(problem.numbers) - 2 * likelihood
+    return Solution(case, problem, found, covariance, draws, likelihood, evidence, float(bic))
+
+
+def _likelihoods(problem: Problem, found: Fit) -> tuple[float, float]:
+    """Logarithms of the likelihood of the data, at the best scale of the noise and averaged over scales.
+
+    Where the noise is given there is one likelihood. Scales have the prior 1/s.
+    """
+    r = problem.residuals(found.values)
+    square, n = float(r @ r), problem.numbers
+    constant = -float(problem.weight @ np.log(np.sqrt(2 * np.pi) * problem.std))
+    if not problem.estimated:
+        return constant - square / 2, constant - square / 2
+    best = constant - n / 2 * (np.log(square / n) + 1)
+    averaged = constant - n / 2 * np.log(square / 2) + float(gammaln(n / 2)) - np.log(2)
+    return float(best), float(averaged)
+
+
+def _log_prior(problem: Problem, point: FloatArray) -> float:
+    """Logarithm of the density of the priors, each cut off at its bounds."""
+    total = 0.0
+    for low, high, mean, std, at in zip(
+        problem.low, problem.high, problem.prior_mean, problem.prior_std, point, strict=True
+    ):
+        if not np.isfinite(std):
+            total -= np.log(high - low)
+            continue
+        ends = log_ndtr(np.array([low - mean, high - mean]) / std)
+        mass = ends[1] + np.log1p(-np.exp(ends[0] - ends[1]))
+        total -= ((at - mean) / std) ** 2 / 2 + np.log(np.sqrt(2 * np.pi) * std) + mass
+    return float(total)
+
+
+def _untold(row: Solution) -> list[str]:
+    """Directions that the data tell less well than the priors, each in words."""
+    problem = row.problem
+    prior = np.where(np.isfinite(problem.prior_std), problem.prior_std, problem.reach * _FLAT_STD)
+    rows = problem.weighted(row.fit.slopes) / row.fit.scale * prior
+    squares, directions = np.linalg.eigh(rows.T @ rows)
+    said = []
+    for square, either in zip(squares, directions.T, strict=True):
+        if square >= 1:
+            continue
+        direction = either * np.sign(either[int(np.argmax(np.abs(either)))])
+        order = [k for k in np.argsort(-np.abs(direction)) if abs(direction[k]) >= _WEAKEST * np.abs(direction).max()]
+        parts = [
+            f"{row.case.names[k]} by {direction[k] * prior[k]:+.3g} {_unit(row.case.names[k])}".rstrip() for k in order
+        ]
+        noises = np.sqrt(max(float(square), 0.0))
+        said.append(f"{' with '.join(parts)}: changes the data by {noises:.2g} of their noise")
+    return said
+
+
+def _unit(entry: str) -> str:
+    unit = entry_unit(entry)
+    return "" if unit == "1" else unit
+
+
+def result_dataset(
+    design: Design, measured: Measurement, plan: Plan, rows: Sequence[Solution | Unsolved]
+) -> xr.Dataset:
+    """Return everything of every combination, in the given order; see `coilarray.studies.calibrate.calibrate`."""
+    combinations = [row if isinstance(row, Unsolved) else row.case for row in rows]
+    names = list(dict.fromkeys(unknown.name for one in combinations for unknown in one.unknowns))
+    n, m = len(names), len(measured.values)
+    table = {key: np.full((len(rows), n), np.nan) for key in ("start", "value", "std", "low", "high")}
+    bounds, correlation = np.zeros((len(rows), n), dtype=bool), np.full((len(rows), n, n), np.nan)
+    draws = np.full((len(rows), DRAWS, n), np.nan)
+    numbers = {key: np.full((len(rows), m), np.nan) for key in ("model", "before", "model_std", "residual")}
+    figures = {key: np.full(len(rows), np.nan) for key in _FIGURES}
+    said = [""] * len(rows)
+    for i, row in enumerate(rows):
+        if isinstance(row, Unsolved):
+            continue
+        problem = row.problem
+        at = [names.index(name) for name in row.case.names]
+        std = np.sqrt(np.diag(row.covariance))
+        interval = np.quantile(row.draws, _INTERVAL, axis=0)
+        for key, values in zip(table, (row.case.start, row.fit.point, std, *interval), strict=True):
+            table[key][i, at] = values
+        bounds[i, at] = at_bound(problem, row.fit.point)
+        correlation[i][np.ix_(at, at)] = row.covariance / np.outer(std, std)
+        draws[i][:, at] = row.draws
+        known = np.isfinite(measured.values) & np.isfinite(row.fit.values)
+        off = np.where(known, row.fit.values - measured.values, np.nan)
+        slopes = row.fit.slopes
+        band = np.sqrt(np.einsum("ij,jk,ik->i", slopes, row.covariance, slopes))
+        given = (row.fit.values, row.fit.before, band, off / (measured.std * row.fit.scale))
+        for key, values in zip(numbers, given, strict=True):
+            numbers[key][i] = values
+        r = problem.residuals(row.fit.values)
+        square = float(r @ r)
+        direct = _untold(row)
+        said[i] = "\n".join(direct)
+        odds = np.nan if problem.estimated else float(chi2.sf(square, max(problem.freedom, 1e-9)))
+        likelihood = (row.log_likelihood, row.bic, row.log_evidence)
+        told = len(row.case.names) - len(direct)
+        for key, value in zip(
+            _FIGURES,
+            (square, problem.freedom, odds, row.fit.scale, *likelihood, told, row.fit.evaluations),
+            strict=True,
+        ):
+            figures[key][i] = value
+    solved = [isinstance(row, Solution) for row in rows]
+    reasons = [row.reason if isinstance(row, Unsolved) else "" for row in rows]
+    evidence = np.where(solved, figures["log_evidence"], -np.inf)
+    units = [entry_unit(name) for name in names]
+    both, of_datum = ("combination", "unknown"), ("combination", "datum")
+    data: dict[str, Any] = {key: (both, values, {"long_name": _SAID[key]}) for key, values in table.items()}
+    data |= {
+        "at_bound": (both, bounds, {"long_name": "at a bound"}),
+        "correlation": (("combination", "unknown", "other"), correlation, {"units": "1"}),
+        "posterior": (("combination", "draw", "unknown"), draws, {"long_name": "draws from the posterior"}),
+        "measured": ("datum", measured.values, {"long_name": "measured"}),
+        "noise": ("datum", measured.std, {"long_name": "standard deviation, given or relative"}),
+        "weight": ("datum", measured.weight, {"long_name": "independent numbers for which one stands"}),
+        **{key: (of_datum, values, {"long_name": _SAID[key]}) for key, values in numbers.items()},
+        **{key: ("combination", figures[key], {"long_name": _SAID[key], "units": "1"}) for key in _FIGURES},
+        "probability": (
+            "combination", np.exp(evidence - logsumexp(evidence)),
+            {"long_name": "probability among the combinations", "units": "1"},
+        ),
+        "converged": ("combination", [isinstance(row, Solution) and row.fit.converged for row in rows]),
+        "untold": ("combination", said, {"long_name": "directions that the data do not tell"}),
+        "problem": ("combination", reasons, {"long_name": "why there is no fit"}),
+    }  # fmt: skip
+    coords: dict[str, Any] = {"combination": [one.name for one in combinations], "unknown": names, "other": names}
+    coords |= {"unit": ("unknown", units)}
+    coords |= {key: ("datum", list(values)) for key, values in measured.coords.items()}
+    for number, one in enumerate(plan.alternatives):
+        coords[f"choice of {one.name}"] = ("combination", [each.choices[number].name for each in combinations])
+    how = "estimated" if measured.estimated else "given"
+    kind = str(measured.request["kind"])
+    return xr.Dataset(data, coords, {**provenance(design), "title": plan.title, "kind": kind, "noise_is": how})
+
+
+_FIGURES = (
+    "chi_square", "degrees_of_freedom", "fit_probability", "noise_scale", "log_likelihood", "bic", "log_evidence",
+    "told", "evaluations",
+)  # fmt: skip
+_SAID = {
+    "start": "first guess", "value": "value", "std": "± value", "low": "95 % interval, from",
+    "high": "95 % interval, to", "model": "fitted", "before": "as first guessed", "model_std": "± fitted",
+    "residual": "fitted less measured, in standard deviations", "chi_square": "χ²",
+    "degrees_of_freedom": "degrees of freedom", "fit_probability": "probability of a larger χ²",
+    "noise_scale": "scale of the noise", "log_likelihood": "ln likelihood", "bic": "BIC",
+    "log_evidence": "ln evidence", "told": "directions that the data tell", "evaluations": "evaluations",
+}  # fmt: skip
