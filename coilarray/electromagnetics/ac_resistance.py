@@ -237,7 +237,7 @@ def shape_key(conductor: Conductor) -> bytes:
     grain = _grain(conductor)
     sizes = conductor.widths, conductor.thicknesses, conductor.areas
     places = np.round((conductor.vertices - conductor.vertices[0]) / grain).astype(np.int64)
-    return np.float64(grain).tobytes() + places.tobytes() + b"".join(values.tobytes() for values in sizes)
+    return bytes(np.float64(grain).tobytes()) + places.tobytes() + b"".join(values.tobytes() for values in sizes)
 
 
 def _grain(conductor: Conductor) -> float:
@@ -296,7 +296,7 @@ class _Traces:
 
 
 def _own_field(shape: bytes, points: _Points, vertices: FloatArray) -> FloatArray:
-    return _FIELDS.get((shape, shape, 0, 0, 0, True), lambda: points.field(vertices, own=True))
+    return _FIELDS.get((shape, shape, POINTS), lambda: points.field(vertices, own=True))
 
 
 def _traces(
@@ -351,7 +351,7 @@ def _trace_losses(conductors: Sequence[Conductor], shapes: Sequence[bytes], c: i
         if k == c:
             return _own_field(shapes[c], points, vertices)
         steps = np.round(vertices[0] / grain).astype(np.int64).tolist()
-        return _FIELDS.get((shapes[c], shapes[k], *steps, False), lambda: points.field(vertices, own=False))
+        return _FIELDS.get((shapes[c], shapes[k], POINTS, *steps), lambda: points.field(vertices, own=False))
 
     h = np.stack([field_of(k) for k in range(len(conductors))], axis=1)
     of_group = [np.flatnonzero(traces.group == k) for k in range(traces.own.shape[-1])]

@@ -211,6 +211,19 @@ def test_direct_current_limit(board):
 
 
 @pytest.mark.slow
+def test_neither_place_nor_order_of_the_coils_matters(board):
+    R = resistance_matrix(board[:4], 1.7e6).resistance.values[0]
+    # traces that are wider by 1e-12 share nothing with the others that was computed before
+    moved = [
+        Conductor(coil.vertices + np.array([0.1, -0.2, 0.3]), coil.widths * (1 + 1e-12), coil.thicknesses, coil.areas)
+        for coil in board[:4]
+    ]
+    again = resistance_matrix(moved[::-1], 1.7e6).resistance.values[0]
+    # places of 0.3 m are rounded to 5e-17 m, 1e-12 of the distances between turns
+    np.testing.assert_allclose(again[::-1, ::-1], R, rtol=0, atol=1e-10 * R.max())
+
+
+@pytest.mark.slow
 def test_symmetric_and_positive_definite(board):
     R = resistance_matrix(board, np.geomspace(1e5, 2e7, 7)).resistance.values
     np.testing.assert_allclose(R, R.transpose(0, 2, 1), rtol=0, atol=1e-14 * R.max())  # rounding
