@@ -1,4 +1,4 @@
-"""What all tests share: the machine is used by others too, and signals do what they do on a terminal."""
+"""What all tests share: one store of results, files in an order that ends well, and signals as on a terminal."""
 
 import os
 import signal
@@ -12,11 +12,57 @@ import hypothesis  # noqa: E402
 import pytest  # noqa: E402
 from support.patience import PATIENCE  # noqa: E402
 
+from coilarray.compute.store import FOLDER_VARIABLE  # noqa: E402
+
 # Under CI the parent is hypothesis' own profile for it, which tries the same examples every time.
 hypothesis.settings.register_profile(
     "shared machine", hypothesis.settings(), deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
 )
 hypothesis.settings.load_profile("shared machine")
+
+
+# Files that take longest, or wait for other processes: begun first, none of them is left for the end.
+LONGEST = (
+    "compute/test_under_load", "viz/test_studio_page", "compute/test_cluster", "elastomer/test_finite_strain",
+    "studies/test_optimize_search", "report/test_report", "cli/test_live", "cli/test_localize",
+    "response/test_response", "cli/test_measure", "viz/test_studio_server", "hardware/test_board_safety",
+    "cli/test_view", "circuit/test_volumes", "response/test_near_response", "studies/test_tolerance_analysis",
+    "localize/test_distortion", "cli/test_cli", "localize/test_inverse", "cli/test_sweep", "cli/test_export",
+    "cli/test_optimize", "cli/test_calibrate_board",
+)  # fmt: skip
+
+
+def pytest_configure(config):
+    # else pytest-xdist begins with the files of many tests, which are the short ones
+    config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items):
+    first = {f"tests/{name}.py": k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: first.get(item.nodeid.partition("::")[0], len(first)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers():
+    """One more than there are cores: some tests only wait."""
+    return len(os.sched_getaffinity(0)) + 1 if hasattr(os, "sched_getaffinity") else None
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_store(tmp_path_factory, request):
+    """Keep results in one folder a run, for all its processes and those that they start."""
+    folder = tmp_path_factory.getbasetemp()
+    if hasattr(request.config, "workerinput"):  # a worker's folder lies in that of the run
+        folder = folder.parent
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(FOLDER_VARIABLE, str(folder / "store"))
+        yield
+
+
+@pytest.fixture
+def own_store(tmp_path, monkeypatch):
+    """Keep the results of a test about the store in a folder of its own."""
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "cache"))
 
 
 @pytest.fixture(scope="session", autouse=True)

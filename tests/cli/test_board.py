@@ -10,7 +10,7 @@ from coilarray.cli import board as command
 from coilarray.hardware.board import connect as boards
 from coilarray.hardware.wire import ports
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("kept_circuits")]
+pytestmark = pytest.mark.slow
 
 run, refused = runner("board")
 good, answer = successes("board")

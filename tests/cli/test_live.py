@@ -38,7 +38,7 @@ FINGER = [(0.0, 0.0, 0.0, 0.0), (4.0, 1e-3, 0.0, 0.0), (4.5, 1e-3, 0.0, 1e-3), (
 """Lifted for the baseline, then pressed: time in s, x, y and depth in m."""
 
 
-board, kept = recorded_boards.board, recorded_boards.kept
+board = recorded_boards.board
 
 
 @pytest.fixture(scope="module")

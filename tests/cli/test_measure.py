@@ -29,7 +29,7 @@ from coilarray.hardware.scan.readings import read_scan
 
 pytestmark = pytest.mark.slow
 
-board, kept = recorded_boards.board, recorded_boards.kept
+board = recorded_boards.board
 measure, measure_record = successes("measure")
 measure_campaign, campaign_record = successes("campaign")
 scan_info, scan_info_record = successes("scan-info")

@@ -26,7 +26,7 @@ from coilarray.hardware.wire.link import LinkTimes
 
 pytestmark = pytest.mark.slow
 
-board, kept = recorded_boards.board, recorded_boards.kept
+board = recorded_boards.board
 measure, measure_refused = runner("measure")
 measured, _ = successes("measure")
 measure_campaign, _ = runner("campaign")

@@ -43,7 +43,7 @@ polish = 6
 
 
 @pytest.fixture(autouse=True)
-def _cheap_goal(own_folder, monkeypatch):
+def _cheap_goal(own_folder, own_store, monkeypatch):
     monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))  # circuits take long
     monkeypatch.setattr("coilarray.report.figures._DPI", 40)
     # the page takes longer than the search; one test here writes it

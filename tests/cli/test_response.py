@@ -13,7 +13,7 @@ from coilarray import load_design
 from coilarray.design.bundled import read
 from coilarray.response.map import Imperfections, response_map
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder", "own_store")]
 
 run, refused = runner("response")
 good, answer = successes("response")

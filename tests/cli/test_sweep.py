@@ -18,7 +18,7 @@ from coilarray.cli.main import main
 from coilarray.compute.workers import workers
 from coilarray.studies.sweep import Axis, plan_sweep, run_sweep
 
-pytestmark = pytest.mark.usefixtures("own_folder")
+pytestmark = pytest.mark.usefixtures("own_folder", "own_store")
 _, refused = runner("sweep", "starter")
 good, answer = successes("sweep", "starter")
 

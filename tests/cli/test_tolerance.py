@@ -38,7 +38,7 @@ at_most = 0.256
 
 
 @pytest.fixture(autouse=True)
-def _files(own_folder):
+def _files(own_folder, own_store):
     Path("loops.toml").write_text(tomli_w.dumps(design_document(loops())), encoding="utf-8")
     Path("fab.toml").write_text(FILE, encoding="utf-8")
 

@@ -11,7 +11,6 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
-from support import recorded_boards
 from support.recorded_boards import QuickWorld, configured, dent, quick_board, session_of, two_coil_wiring, two_coils
 from support.refusals import refused
 
@@ -36,7 +35,6 @@ from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.forward import forward_model
 from coilarray.response.map import response_map
 
-kept = recorded_boards.kept
 DESIGN = two_coils()
 SMALL = Campaign(x=(-2e-3, 0.0, 3e-3), y=(0.0, 2e-3), depths=(0.5e-3, 1e-3))
 CODE = 8e-8  # of L: a code is 4e-8 of a frequency near 2 MHz
@@ -229,7 +227,7 @@ def test_deviation_from_baselines(path, tmp_path):
 
 
 @pytest.mark.slow
-def test_simulated_response_of_the_design(kept, path):
+def test_simulated_response_of_the_design(path):
     """The whole way: physics, chips, scans, file, δ; beside the map that is computed directly."""
     campaign = design_campaign(DESIGN, x=[-4e-3, 1e-3, 6e-3], y=[-3e-3], depths=[0.6e-3, 1e-3])
     wiring = two_coil_wiring()
@@ -431,7 +429,7 @@ def test_a_place_that_is_not_of_the_campaign(path):
 
 
 @pytest.mark.slow
-def test_settings_fit_the_coils(kept):
+def test_settings_fit_the_coils():
     settings = design_settings(DESIGN, two_coil_wiring())
     network = board_network(DESIGN, open_store())
     for state, plan in zip(settings.states, DESIGN.plan, strict=True):
@@ -456,5 +454,5 @@ def test_settings_fit_the_coils(kept):
         (DESIGN, {"external_clock": True}, "external clock needs"),
     ],
 )
-def test_wrong_settings(kept, design, options, message):
+def test_wrong_settings(design, options, message):
     refused(HardwareError, message, design_settings, design, two_coil_wiring(), **options)

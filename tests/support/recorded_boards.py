@@ -53,19 +53,10 @@ def two_coils():
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory):
-    """A folder where the physics of the small board is kept for all modules."""
-    folder = tmp_path_factory.getbasetemp() / "two_coils"
-    folder.mkdir(exist_ok=True)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COILARRAY_CACHE", str(folder / "cache"))
-        yield folder
-
-
-@pytest.fixture(scope="module")
-def board(kept):
+def board(tmp_path_factory):
     """Arguments of a command for the small board."""
-    design, wiring = kept / "two_coils.toml", kept / "wiring.toml"
+    folder = tmp_path_factory.mktemp("two_coils")
+    design, wiring = folder / "two_coils.toml", folder / "wiring.toml"
     design.write_text(tomli_w.dumps(two_coils_document()))
     wiring.write_text(WIRING_TEXT)
     return (design, "--wiring", wiring)
