@@ -42,6 +42,7 @@ from coilarray.geometry import (
     Paraboloid,
     Placement,
     PlatedHole,
+    Seat,
     Sheet,
     Spiral,
     Stackup,
@@ -50,6 +51,7 @@ from coilarray.geometry import (
     path_coil,
     spiral_coil,
 )
+from coilarray.geometry.sheet import KPA_PER_MM, Base, Strain
 
 SCHEMA = 1
 """Version of the design file format."""
@@ -334,7 +336,10 @@ class ConeTable(Table):
 class IndentationTable(Table):
     """``[indentation]``: how deep and where the indenter presses."""
 
-    base: Literal["bonded", "frictionless"] = "bonded"
+    strain: Strain = "finite"
+    base: Literal["bonded", "frictionless", "seat"] = "bonded"
+    seat_stiffness_kPa_per_mm: Annotated[float, Field(gt=0, le=1e9)] | None = None  # noqa: N815 - the unit
+    seat_shear_kPa_per_mm: Annotated[float, Field(ge=0, le=1e9)] | None = None  # noqa: N815 - the unit
     depths_mm: list[Millimetres] = Field(min_length=1)
     x_mm: Range | None = None
     y_mm: Range | None = None
@@ -350,6 +355,10 @@ class IndentationTable(Table):
     @model_validator(mode="after")
     def _consistent(self) -> IndentationTable:
         require_rising("depths_mm", self.depths_mm)
+        if (self.base == "seat") != (self.seat_stiffness_kPa_per_mm is not None):
+            raise ValueError('needs seat_stiffness_kPa_per_mm for base = "seat", and for no other base')
+        if self.base != "seat" and self.seat_shear_kPa_per_mm is not None:
+            raise ValueError(f'needs base = "seat" for seat_shear_kPa_per_mm; got base = "{self.base}"')
         if self.origin is not None and self.origin_mm is not None:
             raise ValueError("needs one of origin and origin_mm, not both")
         ranges = (self.x_mm, self.y_mm, self.step_mm)
@@ -391,6 +400,12 @@ class IndentationTable(Table):
         else:
             x, y = map_positions(self.x_mm, self.step_mm), map_positions(self.y_mm, self.step_mm)
         return x, y
+
+    def support(self) -> Base:
+        """Return what the lowest sheet lies on."""
+        if self.seat_stiffness_kPa_per_mm is not None:
+            return Seat(self.seat_stiffness_kPa_per_mm * KPA_PER_MM, (self.seat_shear_kPa_per_mm or 0.0) * KPA_PER_MM)
+        return "frictionless" if self.base == "frictionless" else "bonded"
 
     def sample_bounds(self) -> tuple[float, float, float, float] | None:
         """Return the edges (x_min, y_min, x_max, y_max) of the sample in m, or None where it covers everything."""

@@ -24,6 +24,7 @@ from coilarray.geometry import (
     Lattice,
     Leads,
     PlatedHole,
+    Seat,
     Sheet,
     Spiral,
     Stackup,
@@ -31,6 +32,7 @@ from coilarray.geometry import (
     apothem_from_size,
     hull_outline,
 )
+from coilarray.geometry.sheet import KPA_PER_MM
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # a list of plain values as tomli-w writes it, one a line
@@ -308,7 +310,14 @@ def _indenter_table(indenter: Indenter) -> dict[str, Any]:
 
 
 def _indentation_table(setup: Indentation, names: Mapping[str, str]) -> dict[str, Any]:
-    table: dict[str, Any] = {"base": setup.base, "depths_mm": [_entry(depth, _MM) for depth in setup.depths]}
+    table: dict[str, Any] = {"strain": setup.strain}
+    if isinstance(setup.base, Seat):
+        table |= {"base": "seat", "seat_stiffness_kPa_per_mm": _entry(setup.base.stiffness, KPA_PER_MM)}
+        if setup.base.shear:
+            table["seat_shear_kPa_per_mm"] = _entry(setup.base.shear, KPA_PER_MM)
+    else:
+        table["base"] = setup.base
+    table["depths_mm"] = [_entry(depth, _MM) for depth in setup.depths]
     x, y = ([_number(1e3 * v, v, lambda mm: mm / 1e3, places=True) for v in row] for row in (setup.x, setup.y))
     step = next((round(row[1] - row[0], 9) for row in (x, y) if len(row) > 1), 1.0)
     if _is_regular(x, step) and _is_regular(y, step):
