@@ -20,7 +20,7 @@ from coilarray.design.fab_limits import load_profile
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state, terminated_state
 from coilarray.design.tables import PASSIVE, Document
 from coilarray.errors import DesignError, GeometryError, NetworkError
-from coilarray.geometry import Coil, CoilArray, FabRules, Indenter, Sheet
+from coilarray.geometry import EVEN, Coil, CoilArray, FabRules, Indenter, Sheet, Unevenness
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,10 @@ class Indentation:
     sample_radius : float or None
         Radius in m of a finite sample around the indenter, half the width under a cylinder; None for a wide one.
     sample_bounds : tuple of float or None
-        Edges (x_min, y_min, x_max, y_max) in m of the sample relative to `origin_point`; None where it covers
-        everything.
+        Edges (x_min, y_min, x_max, y_max) in m of a rectangular sample with free sides, relative to `origin_point`;
+        None where it covers everything. With a `sample_radius` they only say where it can be pressed.
+    unevenness : Unevenness
+        How the seat under a rectangular sample differs from an even one that holds it down.
 
     Raises
     ------
@@ -100,6 +102,7 @@ class Indentation:
     origin_point: tuple[float, float] = (0.0, 0.0)
     sample_radius: float | None = None
     sample_bounds: tuple[float, float, float, float] | None = None
+    unevenness: Unevenness = EVEN
 
     def __post_init__(self) -> None:
         if not (self.depths and self.x and self.y):
@@ -223,7 +226,14 @@ class Design:
         pressed: tuple[object, ...] = ()
         if setup is not None and self.sheets:  # else there is nothing to press on
             places = (setup.x, setup.y, setup.origin_point, setup.sample_bounds or ())
-            pressed = (setup.indenter, setup.depths, setup.base, setup.sample_radius, *map(np.array, places))
+            pressed = (
+                setup.indenter,
+                setup.depths,
+                setup.base,
+                setup.sample_radius,
+                setup.unevenness,
+                *map(np.array, places),
+            )
         return digest_of(
             self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,
             self.terminations, self.plan, self.rules, self.field_height,
