@@ -22,6 +22,8 @@ import numpy.typing as npt
 from numpy.polynomial import legendre
 from scipy.linalg import cholesky, solve_triangular
 
+from coilarray.compute.threads import serial_algebra
+
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
@@ -145,20 +147,17 @@ def element_stiffness(parts: tuple[ElementMatrices, ...], shear: float, squash: 
     ]
     degree = len(parts[0].mean)
     modes = [mode for mode in itertools.product(range(degree), repeat=3) if sum(mode) < degree]
-    swelling = np.array(
-        [
-            np.concatenate(
-                [_outer(*((q.slope if axis == i else q.mean)[m] for axis, (q, m) in enumerate(zip(parts, mode, strict=True))))
-                 for i in range(3)]
-            )
-            for mode in modes
-        ]
-    )  # fmt: skip
+    swelling = np.array([_divergence(parts, mode) for mode in modes])
     return np.asarray(np.block(blocks) + swelling.T @ swelling / max(squash, SOFTEST))
 
 
-def _outer(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-    return np.asarray(np.kron(np.kron(x, y), z))
+def _divergence(parts: tuple[ElementMatrices, ...], mode: tuple[int, ...]) -> FloatArray:
+    """∫ L div φ over an element for a product L of Legendre polynomials, order (component, x node, y node, z node)."""
+    rows = []
+    for component in range(3):
+        x, y, z = ((part.slope if axis == component else part.mean)[mode[axis]] for axis, part in enumerate(parts))
+        rows.append(np.kron(np.kron(x, y), z))
+    return np.concatenate(rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,6 +202,7 @@ class Box:
         return solution.reshape(loads.shape)
 
 
+@serial_algebra()
 def factorised(
     axes: tuple[Axis, Axis, Axis], shear: FloatArray, squash: FloatArray, springs: FloatArray, held: BoolArray
 ) -> Box:
@@ -244,7 +244,7 @@ def factorised(
         same = round(float(width), 9)
         if same not in known:
             known[same] = slab(float(width))
-        matrix = known[same].copy()
+        matrix = known[same].copy(order="F")
         matrix[: len(kept), : len(kept)] += carried
         matrix[range(n), range(n)] += diagonal[k * p : (k + 1) * p].ravel()
         lower = cholesky(matrix[:n, :n], lower=True, overwrite_a=True, check_finite=False)

@@ -23,11 +23,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import PPoly
 
 from coilarray.elastomer.box import Axis, Box, factorised
 from coilarray.elastomer.contact_grid import Base, Stack, stack_of
 from coilarray.elastomer.contact_mesh import graded
-from coilarray.elastomer.wide_stack import WideField, wide_field
+from coilarray.elastomer.wide_stack import wide_field
 from coilarray.errors import ElastomerError
 from coilarray.geometry import EVEN, Seat, Sheet, Unevenness
 
@@ -97,8 +98,8 @@ class SampleCorrection:
     `depth`, shape (depths, places), is the shift s of the depth at which the wide sample is pressed, and `moved`, shape
     (depths, places, levels, nx, ny), w_z at the board and at the upper face of every sheet on the nodes of `x` and `y`.
     `lifted`, (depths, places, nx, ny), is by how much the bottom is off a seat that can be left; zero where it is not.
-    `beyond` gives the displacement of the wide sample, whose faces outside the sample do not exist: u_z at every level,
-    shape (…, depths, levels), at radii of shape (…).
+    `wide` gives u_z of the wide sample at every level, shape (…, depths, levels), at radii of shape (…), both in
+    thicknesses, i.e. in units of `length`.
     """
 
     x: Axis
@@ -106,8 +107,7 @@ class SampleCorrection:
     depth: FloatArray
     moved: FloatArray
     lifted: FloatArray
-    wide: WideField
-    levels: slice
+    wide: PPoly
     length: float
 
     def at_indenter(self, places: FloatArray) -> FloatArray:
@@ -117,7 +117,7 @@ class SampleCorrection:
 
     def beyond(self, radii: FloatArray) -> FloatArray:
         """u_z of the wide sample in m at radii in m, shape (…, depths, levels)."""
-        return self.length * np.asarray(self.wide.moved(radii / self.length))[..., 1, :, self.levels]
+        return self.length * np.asarray(self.wide(radii / self.length))
 
 
 def sample_correction(
@@ -177,9 +177,7 @@ def sample_correction(
             depth[case, some] = shift
     length = problem.stack.length
     x, y = (Axis(axis.edges * length, axis.degree) for axis in problem.box.axes[:2])
-    return SampleCorrection(
-        x, y, depth * length, moved * length, lifted * length, problem.wide, problem.level_heights, length
-    )
+    return SampleCorrection(x, y, depth * length, moved * length, lifted * length, problem.upwards(), length)
 
 
 def _shift(mean: FloatArray, slope: float) -> FloatArray:
@@ -248,6 +246,11 @@ class _Problem:
             )
         unit = length / self.stack.stress
         return np.array([base.shear, base.shear, base.stiffness]) * unit, factor
+
+    def upwards(self) -> PPoly:
+        """Return u_z of the wide sample at every level over the radius."""
+        moved = self.wide.moved
+        return PPoly(np.ascontiguousarray(moved.c[:, :, 1, :, self.level_heights]), moved.x)
 
     def faces(self, displacement: FloatArray) -> FloatArray:
         """w_z at every level, shape (levels, nx, ny, cases)."""
@@ -339,7 +342,7 @@ class _Lift:
         self._rest = self._pull(self._start, self._start)
 
     def _bottom_forces(self, start: int, stop: int) -> FloatArray:
-        """Unit forces upwards on some nodes of the bottom."""
+        """Return unit forces upwards on some nodes of the bottom."""
         nx, ny = self._problem.plan
         forces = np.zeros((nx * ny, stop - start))
         forces[range(start, stop), range(stop - start)] = 1.0
@@ -370,7 +373,7 @@ class _Lift:
     def solve(
         self, places: FloatArray, case: int, faces: FloatArray, mean: FloatArray, slope: float
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Shift of the depth (places,), w_z (places, levels, nx, ny) and lift (places, nx, ny) with the lifting seat."""
+        """Shift of the depth (places,), w_z (places, levels, nx, ny) and lift (places, nx, ny) on a lifting seat."""
         problem = self._problem
         wide = problem.bottom(places / problem.stack.length, case)[:, 2].reshape(-1, len(places))
         along_x, along_y = problem.ring(places, case)

@@ -1,6 +1,6 @@
 """A wide stack of sheets under a pressure about an axis: displacement and stress at any depth, by Hankel's transform.
 
-Each wavenumber k of the pressure, p = p̂(k) J_0(kr), makes u_z = W(z) J_0(kr) and u_r = U(z) J_1(kr). With the measure of
+Each wavenumber k of the pressure, p = p̂(k) J_0(kr), makes u_z = W(z) J_0(kr) and u_r = U(z) J_1(kr). In the elements of
 `coilarray.elastomer.box` over the height, the profiles are the stationary point of
 
     ½ ∫ 2μ (k²U² + W'²) + μ (U' − kW)² − ⅔ μ (W' + kU)² + K (Π(W' + kU))² dz + ½ (n W² + s U²)(bottom) + p̂ W(top)
@@ -132,9 +132,8 @@ def _profiles(stack: Stack, base: Base | Seat, k: FloatArray, heights: FloatArra
     for e in np.unique(element):
         here, own, (part, soft) = element == e, axis.of(int(e)), bulk[int(e)]
         local = 2 * (heights[here] - edges[e]) / (edges[e + 1] - edges[e]) - 1
-        modes = legendre.legvander(local, _DEGREE - 1) * np.sqrt(
-            (2 * np.arange(_DEGREE) + 1) / (edges[e + 1] - edges[e])
-        )
+        norms = np.sqrt((2 * np.arange(_DEGREE) + 1) / (edges[e + 1] - edges[e]))
+        modes = legendre.legvander(local, _DEGREE - 1) * norms
         amount = W[:, own] @ part.slope.T + k[:, None] * (U[:, own] @ part.mean.T)
         isotropic[:, here] = amount @ modes.T / soft
     isotropic -= 2 / 3 * mu * (W @ slope.T + k[:, None] * (U @ value.T))

@@ -24,7 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 _FARTHEST = 1.0  # m
 _STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
 _LEVEL = 1e-9  # relative difference of heights that counts as none
-# A finite sample's dent is that of a wide one at another depth: the parts of the depth that are solved for that, and the
+# A finite sample's dent is that of a wide one at another depth: the parts of the depth solved for that, and the
 # part of the lowest sheet's thickness by which everything is lifted to see what that changes.
 _DEPTH_PARTS = (1.0, 0.9, 0.8)
 _LIFT_PART = 0.02
