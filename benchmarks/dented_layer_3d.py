@@ -206,13 +206,13 @@ def dent_inductance_change(
     """
     box = Box().refined(1.5) if mesh is None else mesh
     loops = _checked(paths, z_bottom, z_top, relative_permeability, centre)
-    cells, in_layer = _flat_mesh(box, z_bottom, z_top)
+    cells, in_layer = flat_mesh(box, z_bottom, z_top)
     dented = _moved(cells, box, z_bottom, z_top, bottom, top)
     below = float(np.min(dented.doflocs[2][dented.t[:, in_layer]]))
     if max(loop[:, 2].max() for loop in loops) >= below:
         raise GeometryError(f"paths must lie below the dented layer, which reaches down to {below} m.")
-    flat_inductance, potential = _solve(loops, cells, in_layer, relative_permeability, None)
-    inductance, _ = _solve(loops, dented, in_layer, relative_permeability, potential)
+    flat_inductance, potential = solve(loops, cells, in_layer, relative_permeability, None)
+    inductance, _ = solve(loops, dented, in_layer, relative_permeability, potential)
     return inductance - flat_inductance
 
 
@@ -238,7 +238,7 @@ def _checked(
     return [loop - [*place, 0.0] for loop in loops]
 
 
-def _flat_mesh(box: Box, z_bottom: float, z_top: float) -> tuple[Any, npt.NDArray[np.bool_]]:
+def flat_mesh(box: Box, z_bottom: float, z_top: float) -> tuple[Any, npt.NDArray[np.bool_]]:
     x, z = box.axes(z_bottom, z_top)
     cells = skfem.MeshHex.init_tensor(x, x, z)
     middle = cells.p[2][cells.t].mean(axis=0)
@@ -252,12 +252,20 @@ def _fade(t: FloatArray) -> FloatArray:
 
 
 def _moved(cells: Any, box: Box, z_bottom: float, z_top: float, bottom: Face, top: Face) -> Any:
-    """Move the nodes up or down: with the faces in the layer, less and less in the air."""
-    x, y, z = cells.doflocs
-    r = np.hypot(x, y)
+    """Move the nodes up or down by faces about an axis."""
+    r = np.hypot(*cells.doflocs[:2])
     lower, upper = (np.asarray(face(r), dtype=np.float64) for face in (bottom, top))
     if lower.shape != r.shape or upper.shape != r.shape or not np.isfinite([lower, upper]).all():
         raise GeometryError("bottom and top must give one finite rise for every radius.")
+    return moved_mesh(cells, box, z_bottom, z_top, lower, upper)
+
+
+def moved_mesh(cells: Any, box: Box, z_bottom: float, z_top: float, lower: FloatArray, upper: FloatArray) -> Any:
+    """Move the nodes up or down: with the faces in the layer, less and less in the air.
+
+    `lower` and `upper` are the rise of the faces in m above or below every node.
+    """
+    x, y, z = cells.doflocs
     thinnest = z_top - z_bottom + float(np.min(upper - lower))
     if thinnest <= 0:
         raise GeometryError(f"the dented faces must not touch; the layer would be {thinnest} m thick.")
@@ -269,7 +277,7 @@ def _moved(cells: Any, box: Box, z_bottom: float, z_top: float, bottom: Face, to
     return replace(cells, doflocs=np.array([x, y, z + rise]))
 
 
-def _solve(
+def solve(
     loops: list[FloatArray],
     cells: Any,
     in_layer: npt.NDArray[np.bool_],

@@ -1,4 +1,4 @@
-"""Flat sheets that lie on the board, the elastomer layers, and the seat that they may lie on."""
+"""Flat sheets that lie on the board, the elastomer layers, and the seat that they may lie on, even or uneven."""
 
 from __future__ import annotations
 
@@ -95,3 +95,43 @@ class Seat:
 
 Base: TypeAlias = RigidBase | Seat
 """Support of the lowest sheet: a rigid board to which it is glued or on which it slides, or a soft seat."""
+
+
+@dataclass(frozen=True)
+class Unevenness:
+    """How the seat under a sample differs from an even one that holds it down.
+
+    Parameters
+    ----------
+    stiffness_slope : tuple of float
+        Relative change of the seat's stiffness along x and y in 1/m: it is 1 + slope · position times that at the
+        origin of the map. Its shear stiffness changes alike.
+    gap_slope : tuple of float
+        Fall of the seat's surface along x and y in m per m, from the origin of the map. It counts only where the seat
+        lifts: a seat that also pulls is a linear spring, whose length at rest changes nothing.
+    lifts : bool
+        Whether the sample can lift off its seat.
+    weight : float
+        Pressure in Pa by which its weight holds a sample that can lift.
+
+    Raises
+    ------
+    GeometryError
+        A value that is not finite, or a weight below zero.
+    """
+
+    stiffness_slope: tuple[float, float] = (0.0, 0.0)
+    gap_slope: tuple[float, float] = (0.0, 0.0)
+    lifts: bool = False
+    weight: float = 0.0
+
+    def __post_init__(self) -> None:
+        numbers = [*self.stiffness_slope, *self.gap_slope, self.weight]
+        if not all(map(math.isfinite, numbers)) or self.weight < 0:
+            raise GeometryError(
+                f"slopes of a seat and the weight on it must be finite, the weight at least 0; got {numbers}."
+            )
+
+
+EVEN = Unevenness()
+"""A seat that is everywhere the same and pulls as it pushes."""

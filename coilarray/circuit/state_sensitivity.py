@@ -302,10 +302,10 @@ def _driven_together(
     Notes
     -----
     The terminals t have the voltages v = q − r (jωK v + A i), where q are the voltages behind their closed switches of
-    resistance r, K their capacitances (`_terminal_capacitance`) and A i the coil currents that leave them. With the coils'
-    Aᵀ v = Z i and H = (1 + jω r K)⁻¹ this is i = P q, P = (Z + r AᵀHA)⁻¹ AᵀH, and the switches carry the currents
-    D q, D = jωK (H − r HA P) + A P. A side of the converter also acts through open switches: with κ = jω r c as a part
-    κ of its voltage in every q, and by the current s = jωc times the voltage across each.
+    resistance r, K their capacitances (`_terminal_capacitance`) and A i the coil currents that leave them. With the
+    coils' Aᵀ v = Z i and H = (1 + jω r K)⁻¹ this is i = P q, P = (Z + r AᵀHA)⁻¹ AᵀH, and the switches carry the
+    currents D q, D = jωK (H − r HA P) + A P. A side of the converter also acts through open switches: with κ = jω r c
+    as a part κ of its voltage in every q, and by the current s = jωc times the voltage across each.
     """
     n, switches = len(network.names), network.switches
     r, s = switches.on_resistance, 1j * omega * switches.off_capacitance

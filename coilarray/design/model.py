@@ -20,7 +20,7 @@ from coilarray.design.fab_limits import load_profile
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state, terminated_state
 from coilarray.design.tables import PASSIVE, Document
 from coilarray.errors import DesignError, GeometryError, NetworkError
-from coilarray.geometry import Coil, CoilArray, FabRules, Indenter, Sheet
+from coilarray.geometry import EVEN, Coil, CoilArray, FabRules, Indenter, Sheet, Unevenness
 from coilarray.geometry.sheet import Base, Strain
 
 
@@ -83,11 +83,13 @@ class Indentation:
     sample_radius : float or None
         Radius in m of a finite sample around the indenter, half the width under a cylinder; None for a wide one.
     sample_bounds : tuple of float or None
-        Edges (x_min, y_min, x_max, y_max) in m of the sample relative to `origin_point`; None where it covers
-        everything.
+        Edges (x_min, y_min, x_max, y_max) in m of a rectangular sample with free sides, relative to `origin_point`;
+        None where it covers everything. With a `sample_radius` they only say where it can be pressed.
     strain : {"finite", "linear"}
         Mechanics of the sheets: large deformations, or linear elasticity, which is quicker, and whose faces move up and
         down only.
+    unevenness : Unevenness
+        How the seat under a rectangular sample differs from an even one that holds it down.
 
     Raises
     ------
@@ -105,6 +107,7 @@ class Indentation:
     sample_radius: float | None = None
     sample_bounds: tuple[float, float, float, float] | None = None
     strain: Strain = "finite"
+    unevenness: Unevenness = EVEN
 
     def __post_init__(self) -> None:
         if not (self.depths and self.x and self.y):
@@ -228,7 +231,7 @@ class Design:
         pressed: tuple[object, ...] = ()
         if setup is not None and self.sheets:  # else there is nothing to press on
             places = (setup.x, setup.y, setup.origin_point, setup.sample_bounds or ())
-            how = (setup.base, setup.strain, setup.sample_radius)
+            how = (setup.base, setup.strain, setup.sample_radius, setup.unevenness)
             pressed = (setup.indenter, setup.depths, *how, *map(np.array, places))
         return digest_of(
             self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,

@@ -22,13 +22,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.compute.threads import run_blocks
+from coilarray.compute.threads import ranges, run_blocks
 from coilarray.electromagnetics.source import Source, as_conductors
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
 _SAME_SHAPE = 1e-9  # of the size; coils that differ by less share a spectrum
+_AT_ONCE = 16  # wavenumbers of a grid, which bounds the memory
 _SPARE_ANGLES = 40  # above the bandwidth: the rest decays like the Bessel functions beyond their turning point
 
 
@@ -118,6 +119,42 @@ def harmonics_about(spectra: CoilSpectra, points: FloatArray, highest: int) -> C
         return np.asarray(values.reshape(len(points), len(spectra.centres), -1))
 
     return np.array(run_blocks(at, range(len(spectra.wavenumbers))))
+
+
+def gradients_on_grid(
+    spectra: CoilSpectra, x: FloatArray, y: FloatArray, weights: FloatArray, profiles: FloatArray, slopes: FloatArray
+) -> FloatArray:
+    """Gradient of every coil's potential in 1/m at the points of a grid (nx,) by (ny,) in m on some planes.
+
+    Shape (coils, 3, planes, nx, ny), the coils carrying 1 A. `weights`, shape (k,), are those of an integral over the
+    wavenumbers; `profiles` and `slopes`, shape (planes, k), are the potential over that of each wave at z = 0, and its
+    derivative over the height in 1/m.
+    """
+    corners = np.array(np.meshgrid(x[[0, -1]], y[[0, -1]])).reshape(2, -1).T
+    distance = np.hypot(*(corners[:, None] - spectra.centres).T).max()
+
+    def at(index: int) -> FloatArray:
+        k = float(spectra.wavenumbers[index])
+        n = _angles(k * (distance + spectra.radius))
+        half = slice(0, n // 2)  # the waves of opposite directions are conjugates
+        alpha = 2 * np.pi * np.arange(n // 2) / n
+        kx, ky = k * np.cos(alpha), k * np.sin(alpha)
+        own = [_on_angles(series[index], n)[half] for series in spectra.series]
+        along_x, along_y = np.exp(1j * np.outer(x, kx)), np.exp(1j * np.outer(y, ky)).T
+        waves = np.empty((len(spectra.centres), 3, len(x), len(y)))
+        for coil, (shape, centre) in enumerate(zip(spectra.shape_of, spectra.centres, strict=True)):
+            wave = own[shape] * np.exp(-1j * (kx * centre[0] + ky * centre[1])) * (k / np.pi / n)
+            for part, factor in enumerate((1j * kx, 1j * ky, 1.0)):
+                waves[coil, part] = ((along_x * (wave * factor)) @ along_y).real
+        return waves
+
+    total = np.zeros((len(spectra.centres), 3, len(profiles), len(x), len(y)))
+    for some in ranges(len(spectra.wavenumbers), _AT_ONCE):
+        numbers = range(*some)
+        for k, waves in zip(numbers, run_blocks(at, numbers), strict=True):
+            total[:, :2] += waves[:, :2, None] * (weights[k] * profiles[:, k])[:, None, None]
+            total[:, 2] += waves[:, 2, None] * (weights[k] * slopes[:, k])[:, None, None]
+    return total
 
 
 def _angles(bandwidth: float) -> int:

@@ -21,7 +21,9 @@ from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.dielectric import dent_capacitance
+from coilarray.elastomer.face_shift import shift_energy, shift_inductance
 from coilarray.elastomer.scattering import LayerMesh
+from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, NetworkError
 from coilarray.geometry import Conductor
 from coilarray.response.near import near_response
@@ -164,6 +166,7 @@ def response_map(
     if flat is not None and states is not None:
         base = states.base_inductance
         delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
+        delta += _shift_of_states(pressed, states, mesh)
         changes: Variables = {}
         left_out = {"error_of_peak": error, "state_cutoff_m": cutoff.states, "coil_cutoff_m": cutoff.coils}
     else:
@@ -258,10 +261,11 @@ def inductance_changes(
     source = design.array.conductors() if paths is None else paths
     pressed = experiment(design, axes, imperfections)
     change = sum(
-        level.shares[:, None, None] * dent_inductance(source, level.dents, pressed.points, progress=progress)
+        level.shares[..., None, None] * dent_inductance(source, level.dents, pressed.points, progress=progress)
         for level in pressed.levels
     )
-    return np.asarray(change).reshape(*axes.shape, len(source), len(source))
+    change = np.asarray(change) + _shift(pressed, source, LayerMesh())
+    return change.reshape(*axes.shape, len(source), len(source))
 
 
 def response_dataset(
@@ -365,7 +369,10 @@ def _changes(
     steps = _Steps(progress, depths * len(ranges(len(points), _POSITIONS)) * len(levels))
     for k in range(depths):
         for start, stop in ranges(len(points), _POSITIONS):
-            block = [replace(level, dents=level.dents[k : k + 1], shares=level.shares[start:stop]) for level in levels]
+            block = [
+                replace(level, dents=level.dents[k : k + 1], shares=level.shares[k : k + 1, start:stop])
+                for level in levels
+            ]
             on_board = points[start:stop]
             # everything that decides the numbers of a part
             shares, dented = [level.shares for level in block], [level.dents[0] for level in block]
@@ -380,7 +387,26 @@ def _changes(
                     Store(parts).put_dataset(key, part)
             change[k, start:stop] = part.change.values
             capacitance_change[k, start:stop] = part.capacitance_change.values
+    change += _shift(pressed, design.array, mesh)
     return change, capacitance_change
+
+
+def _shift(pressed: Experiment, source: Source, mesh: LayerMesh) -> FloatArray | float:
+    """Inductance changes in H that the sides and the seat of a finite sample add to its dents; 0 for a wide one."""
+    if pressed.correction is None:
+        return 0.0
+    origin = indentation_of(pressed.design).origin_point
+    return shift_inductance(source, pressed.design.sheets, pressed.correction, pressed.points - origin, origin, mesh)
+
+
+def _shift_of_states(pressed: Experiment, states: StateSensitivity, mesh: LayerMesh) -> FloatArray | float:
+    """δ that the sides and the seat of a finite sample add to its dents, (depths, places, states); 0 for a wide one."""
+    if pressed.correction is None:
+        return 0.0
+    design, origin, currents = pressed.design, indentation_of(pressed.design).origin_point, states.currents.T
+    places = pressed.points - origin
+    energy = shift_energy(design.array, design.sheets, pressed.correction, places, origin, mesh, currents, currents)
+    return np.asarray((states.weights * energy).real)
 
 
 def _through_circuit(
@@ -434,7 +460,7 @@ def _compute_part(
     coils = len(design.array.names)
     change, capacitance_change = np.zeros((len(points), coils, coils)), np.zeros((len(points), coils))
     for level in levels:
-        share = level.shares[:, None]
+        share = level.shares[0, :, None]
         part = dent_inductance(design.array, level.dents, points, mesh, progress=steps.within)
         change += share[..., None] * part[0]
         if permittivity is not None:

@@ -68,7 +68,7 @@ def near_response(
     and 4e-5 for 2 mm. The distances are chosen for an error of δ relative to its peak. MemoryLimitError for too many
     positions.
     """
-    dents = [(k, level.shares, dent) for level in pressed.levels for k, dent in enumerate(level.dents)]
+    dents = [(k, level.shares[k], dent) for level in pressed.levels for k, dent in enumerate(level.dents)]
     moving = [one for one in dents if np.isfinite(one[2].clearance)]
     delta = np.zeros((len(pressed.axes.depth), len(pressed.points), len(states.measured)))
     if not moving:

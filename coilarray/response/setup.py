@@ -15,6 +15,7 @@ from coilarray.design.model import Design, Indentation
 from coilarray.elastomer.contact import DEFAULT_MESH, indent
 from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.elastomer.dent import Dent, dent_of
+from coilarray.elastomer.finite_sample import Sample, SampleCorrection, sample_correction
 from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Indenter, Sheet
@@ -25,6 +26,10 @@ FloatArray = npt.NDArray[np.float64]
 _FARTHEST = 1.0  # m
 _STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
 _LEVEL = 1e-9  # relative difference of heights that counts as none
+# A finite sample's dent is that of a wide one at another depth: the parts of the depth solved for that, and the
+# part of the lowest sheet's thickness by which everything is lifted to see what that changes.
+_DEPTH_PARTS = (1.0, 0.9, 0.8)
+_LIFT_PART = 0.02
 # Thicknesses at which a tilted sample is solved; between them a cubic (tests/response/test_response.py).
 _WEDGE_NODES = 4
 
@@ -109,10 +114,10 @@ class MapAxes:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One of the level samples whose weighted sum is a tilted one.
+    """One of the level samples whose weighted sum is a tilted or a finite one.
 
-    `contact` and `dents` are those of the indenter at all depths; `shares`, shape (places,), is the weight of this
-    sample at every position.
+    `contact` and `dents` are those of the indenter at all depths; `shares`, shape (depths, places), is the weight of
+    this sample at every depth and position.
     """
 
     contact: xr.Dataset
@@ -126,7 +131,8 @@ class Experiment:
 
     The `design` has the true thicknesses of its sheets, `axes` the assumed depths and positions; `points` (n, 2) are
     the true positions of the indenter on the board in m, x fastest. `contact` is that at the map's origin, at all
-    depths. `levels` is the sample; several level ones for a tilted sample.
+    depths. `levels` is the sample; several level ones for a tilted or a finite sample. `correction` is what a finite
+    sample adds to its dents; None for a wide one.
     """
 
     design: Design
@@ -134,6 +140,7 @@ class Experiment:
     points: FloatArray
     contact: xr.Dataset
     levels: tuple[Level, ...]
+    correction: SampleCorrection | None = None
 
 
 def indentation_of(design: Design) -> Indentation:
@@ -174,10 +181,65 @@ def experiment(design: Design, axes: MapAxes, imperfections: Imperfections | Non
     sheets = _true_sheets(design.sheets, true.thickness_errors)
     magnetic_slab(sheets)  # more than one magnetic region is refused before the work begins
     depths, places = axes.depth + true.depth_error, axes.places + true.offset
-    contact = contact_at(setup, sheets, depths)
+    sample = _sample(setup)
+    parts = (1.0,) if sample is None else _DEPTH_PARTS
+    pressed = contact_at(setup, sheets, np.unique(np.outer(parts, depths)))
+    contact = _at_depths(pressed, depths)
     levels = _levels(setup, sheets, contact, depths, places, true.tilt)
     _require_inside(setup, places, max(float(level.contact.contact_radius.max()) for level in levels))
-    return Experiment(replace(design, sheets=sheets), axes, places + setup.origin_point, contact, levels)
+    finite = Experiment(replace(design, sheets=sheets), axes, places + setup.origin_point, contact, levels)
+    return finite if sample is None else _finite(finite, sample, pressed, places, depths)
+
+
+def _sample(setup: Indentation) -> Sample | None:
+    """Return the rectangular sample of a map; None for a wide one, or one that is a disc about the indenter."""
+    if setup.sample_bounds is None or setup.sample_radius is not None:
+        return None
+    return Sample(setup.sample_bounds, setup.unevenness)
+
+
+def _finite(
+    wide: Experiment, sample: Sample, pressed: xr.Dataset, places: FloatArray, depths: FloatArray
+) -> Experiment:
+    """Turn the experiment with a wide sample into that with a finite one, `pressed` at all parts of its depths.
+
+    A finite sample's dent is that of the wide one at a depth that follows the rise of the top under the indenter, and
+    a rise of everything there changes what the dent does to the field: both are weighted sums of dents, whose weights
+    add up to those of the wide sample. The rest, `SampleCorrection.moved`, is to first order in
+    `coilarray.elastomer.face_shift`. On a tilted sample the correction is that of the level one.
+    """
+    setup, sheets = indentation_of(wide.design), wide.design.sheets
+    parts = np.array(_DEPTH_PARTS)
+    contacts = [_at_depths(pressed, depths * part) for part in _DEPTH_PARTS]
+    contact = contacts[0]
+    slope = np.zeros(len(depths))  # F'/F
+    loaded = contact.force.values > 0
+    force = np.array([one.force.values[loaded] for one in contacts])
+    slope[loaded] = _lagrange_slope(parts) @ force / force[0] / depths[loaded]
+    correction = sample_correction(sheets, setup.base, sample, places, contact.r.values, contact.pressure.values, slope)
+    relative = 1 + correction.depth / np.where(depths > 0, depths, 1.0)[:, None]
+    shares = _lagrange(parts, relative.ravel()).reshape(*relative.shape, -1)
+    lowest = next((k for k, sheet in enumerate(sheets) if sheet.relative_permeability > 1), len(sheets))
+    step = _LIFT_PART * sheets[0].thickness
+    lift = correction.at_indenter(places)[..., lowest] / step
+    levels = [
+        Level(one, dents_of(one, sheets), share)
+        for one, share in zip(contacts, np.moveaxis(shares, -1, 0), strict=True)
+    ]
+    levels[0] = replace(levels[0], shares=levels[0].shares - lift)
+    lifted = tuple(
+        replace(dent, thicknesses=(dent.thicknesses[0] + step, *dent.thicknesses[1:])) for dent in levels[0].dents
+    )
+    levels.append(Level(contact, lifted, lift))
+    if len(wide.levels) == 1 and wide.levels[0].contact is wide.contact:
+        return replace(wide, levels=tuple(levels), correction=correction)
+    levels[0] = replace(levels[0], shares=levels[0].shares - 1)
+    return replace(wide, levels=(*wide.levels, *levels), correction=correction)
+
+
+def _at_depths(contact: xr.Dataset, depths: FloatArray) -> xr.Dataset:
+    """Select the depths of a contact that are nearest to some in m."""
+    return contact.isel(depth=np.abs(contact.depth.values - depths[:, None]).argmin(axis=1))
 
 
 def contact_at(setup: Indentation, sheets: Sequence[Sheet], depths: npt.ArrayLike) -> xr.Dataset:
@@ -252,7 +314,7 @@ def _levels(
     """Level samples whose weighted sum is the sample at every place; one where it is not tilted."""
     rise = places @ np.array(tilt)
     if not rise.any():
-        return (Level(contact, dents_of(contact, sheets), np.ones(len(places))),)
+        return (Level(contact, dents_of(contact, sheets), np.ones((len(depths), len(places)))),)
     lowest = float(rise.min())
     if depths[0] + lowest <= 0:
         raise ElastomerError(
@@ -268,7 +330,7 @@ def _levels(
     for height, share in zip(heights.tolist(), shares.T, strict=True):
         raised = _raised(sheets, height)
         indented = contact_at(setup, raised, depths + height)
-        levels.append(Level(indented, dents_of(indented, raised), share))
+        levels.append(Level(indented, dents_of(indented, raised), np.tile(share, (len(depths), 1))))
     return tuple(levels)
 
 
@@ -291,6 +353,12 @@ def _nodes(low: float, high: float) -> FloatArray:
     """Chebyshev points of an interval."""
     angle = np.pi * (np.arange(_WEDGE_NODES) + 0.5) / _WEDGE_NODES
     return (low + high) / 2 + (high - low) / 2 * np.cos(angle)
+
+
+def _lagrange_slope(nodes: FloatArray) -> FloatArray:
+    """Slopes of the Lagrange polynomials of the nodes at the first of them, shape (nodes,)."""
+    powers = np.vander(nodes - nodes[0], increasing=True)
+    return np.asarray(np.linalg.inv(powers)[1])
 
 
 def _lagrange(nodes: FloatArray, at: FloatArray) -> FloatArray:

@@ -1,0 +1,255 @@
+"""Linear elasticity of a layered rectangular box: spectral elements, factorised once for any number of loads.
+
+Displacement u with the energy ½ ∫ 2μ dev ε : dev ε + K (Π div u)² dV + ½ Σ springs u², where Π projects on the
+polynomials of degree p − 1 of each element. That is the mixed method with a pressure −K Π div u that jumps between
+elements, the pressure eliminated element by element: it does not lock as ν → 0.5 (D. Boffi, F. Brezzi, M. Fortin, Mixed
+Finite Element Methods and Applications, Springer 2013, section 8.6.3). The elements are boxes of one degree in every
+direction with nodes at the Gauss–Lobatto points (C. Canuto et al., Spectral Methods, Springer 2006, section 2.3), so an
+element's matrix is made of Kronecker products of small one-dimensional ones. The Cholesky factorisation goes along x
+from one slab of elements to the next.
+
+Lengths and stresses are in the units of a `coilarray.elastomer.contact_grid.Stack`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from numpy.polynomial import legendre
+from scipy.linalg import cholesky, solve_triangular
+
+from coilarray.compute.threads import serial_algebra
+
+FloatArray = npt.NDArray[np.float64]
+IndexArray = npt.NDArray[np.intp]
+BoolArray = npt.NDArray[np.bool_]
+
+SOFTEST = 1e-5
+"""Least 1/K in units of the stack: an incompressible sheet counts as one of ν = 0.499998."""
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """Elements along one direction with the given `edges`, rising, and the degree of their polynomials."""
+
+    edges: FloatArray
+    degree: int
+
+    @cached_property
+    def reference(self) -> FloatArray:
+        """Gauss–Lobatto points of the reference element from −1 to 1, shape (degree + 1,)."""
+        inner = legendre.legroots(legendre.legder(np.eye(self.degree + 1)[self.degree]))
+        return np.concatenate(([-1.0], np.sort(inner.real), [1.0]))
+
+    @cached_property
+    def nodes(self) -> FloatArray:
+        """Nodes from the lowest to the highest, shape (n,)."""
+        left, width = self.edges[:-1, None], np.diff(self.edges)[:, None]
+        return np.append((left + width * (self.reference[:-1] + 1) / 2).ravel(), self.edges[-1])
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """Weights of the Gauss–Lobatto rule at the nodes, shape (n,)."""
+        p = self.degree
+        own = 2 / (p * (p + 1) * legendre.legval(self.reference, np.eye(p + 1)[p]) ** 2)
+        weights = np.zeros(len(self.nodes))
+        for element, width in enumerate(np.diff(self.edges)):
+            weights[self.of(element)] += own * width / 2
+        return weights
+
+    def of(self, element: int) -> slice:
+        """Nodes of an element."""
+        return slice(element * self.degree, (element + 1) * self.degree + 1)
+
+    def shapes(self, at: FloatArray, derivative: int = 0) -> FloatArray:
+        """Shape functions of the reference element, or a derivative, at points from −1 to 1, (points, degree + 1)."""
+        coefficients = np.linalg.inv(legendre.legvander(self.reference, self.degree))
+        slopes = legendre.legder(coefficients, derivative)
+        return np.asarray(legendre.legvander(at, len(slopes) - 1) @ slopes)
+
+    def basis(self, points: FloatArray, derivative: int = 0) -> FloatArray:
+        """Shape functions of all nodes, or a derivative, at points within the edges, shape (points, n)."""
+        element = np.clip(np.searchsorted(self.edges, points, side="right") - 1, 0, len(self.edges) - 2)
+        width = np.diff(self.edges)[element]
+        local = self.shapes(2 * (points - self.edges[element]) / width - 1, derivative)
+        values = np.zeros((len(points), len(self.nodes)))
+        columns = element[:, None] * self.degree + np.arange(self.degree + 1)
+        np.put_along_axis(values, columns, local * (2 / width[:, None]) ** derivative, axis=1)
+        return values
+
+    def rule(self, widest: float) -> tuple[FloatArray, FloatArray]:
+        """Gauss–Legendre points and weights in every element, about `widest` or less apart."""
+        points, weights = [], []
+        for left, width in zip(self.edges[:-1], np.diff(self.edges), strict=True):
+            x, w = legendre.leggauss(self.degree + 1 + int(width / widest))
+            points.append(left + width * (x + 1) / 2)
+            weights.append(width * w / 2)
+        return np.concatenate(points), np.concatenate(weights)
+
+
+@dataclass(frozen=True, eq=False)
+class ElementMatrices:
+    """Integrals over one element of an axis, `width` wide: of products of shape functions φ and Legendre polynomials L.
+
+    `mass` ∫φφ, `mixed` ∫φ'φ and `stiffness` ∫φ'φ' are of shape (n, n); `mean` ∫L_a φ, `slope` ∫L_a φ', (degree, n),
+    have their rows divided by the norm of L_a.
+    """
+
+    mass: FloatArray
+    mixed: FloatArray
+    stiffness: FloatArray
+    mean: FloatArray
+    slope: FloatArray
+
+    def product(self, test: bool, trial: bool) -> FloatArray:
+        """∫ of the test function times the trial function, each or its derivative."""
+        if test and trial:
+            return self.stiffness
+        if test or trial:
+            return self.mixed if test else self.mixed.T
+        return self.mass
+
+
+def element_matrices(axis: Axis, width: float) -> ElementMatrices:
+    """Integrals over an element of an axis."""
+    x, w = legendre.leggauss(axis.degree + 1)
+    value, slope = axis.shapes(x), axis.shapes(x, 1)
+    polynomials = legendre.legvander(x, axis.degree - 1) * np.sqrt(2 * np.arange(axis.degree) + 1) / np.sqrt(width)
+    weighted = w[:, None] * value
+    return ElementMatrices(
+        mass=width / 2 * value.T @ weighted,
+        mixed=slope.T @ weighted,
+        stiffness=2 / width * slope.T @ (w[:, None] * slope),
+        mean=width / 2 * polynomials.T @ weighted,
+        slope=polynomials.T @ (w[:, None] * slope),
+    )
+
+
+def element_stiffness(parts: tuple[ElementMatrices, ...], shear: float, squash: float) -> FloatArray:
+    """Stiffness of a box, order (component, x node, y node, z node), squared."""
+
+    def product(test: int, trial: int) -> FloatArray:
+        x, y, z = (part.product(test == axis, trial == axis) for axis, part in enumerate(parts))
+        return np.kron(np.kron(x, y), z)
+
+    gradients = [[product(i, j) for j in range(3)] for i in range(3)]  # ∫ ∂_i φ ∂_j φ
+    laplace = sum(gradients[i][i] for i in range(3))
+    blocks = [
+        [
+            shear * (gradients[j][i] - 2 / 3 * gradients[i][j] + (laplace if i == j else 0.0))  # test i, trial j
+            for j in range(3)
+        ]
+        for i in range(3)
+    ]
+    degree = len(parts[0].mean)
+    modes = [mode for mode in itertools.product(range(degree), repeat=3) if sum(mode) < degree]
+    swelling = np.array([_divergence(parts, mode) for mode in modes])
+    return np.asarray(np.block(blocks) + swelling.T @ swelling / max(squash, SOFTEST))
+
+
+def _divergence(parts: tuple[ElementMatrices, ...], mode: tuple[int, ...]) -> FloatArray:
+    """∫ L div φ over an element for a product L of Legendre polynomials, order (component, x node, y node, z node)."""
+    rows = []
+    for component in range(3):
+        x, y, z = ((part.slope if axis == component else part.mean)[mode[axis]] for axis, part in enumerate(parts))
+        rows.append(np.kron(np.kron(x, y), z))
+    return np.concatenate(rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A layered box, factorised.
+
+    `axes` are those of x, y and z, the elements of z from the board up with the shear moduli and compressibilities of
+    their sheets. Displacements and loads have the shape (nx, 3, ny, nz, cases).
+    """
+
+    axes: tuple[Axis, Axis, Axis]
+    _kept: IndexArray
+    _slabs: tuple[tuple[FloatArray, FloatArray], ...]
+    _last: FloatArray
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """Shape of a displacement: x nodes, components, y nodes, z nodes."""
+        x, y, z = (len(axis.nodes) for axis in self.axes)
+        return x, 3, y, z
+
+    def displacements(self, loads: FloatArray) -> FloatArray:
+        """Displacements under nodal loads, both of shape (nx, 3, ny, nz, cases); zero where the box is held."""
+        nx, cases, p = self.shape[0], loads.shape[-1], self.axes[0].degree
+        right = loads.reshape(nx, -1, cases)[:, self._kept]
+        parts = []
+        for k, (lower, coupling) in enumerate(self._slabs):
+            part = solve_triangular(
+                lower, right[k * p : (k + 1) * p].reshape(-1, cases), lower=True, check_finite=False
+            )
+            right[(k + 1) * p] -= coupling.T @ part
+            parts.append(part)
+        found = solve_triangular(self._last, right[-1], lower=True, check_finite=False)
+        found = solve_triangular(self._last, found, lower=True, trans=1, check_finite=False)
+        solution = np.zeros((nx, int(np.prod(self.shape[1:])), cases))
+        solution[-1, self._kept] = found
+        for k in reversed(range(len(self._slabs))):
+            lower, coupling = self._slabs[k]
+            part = parts[k] - coupling @ solution[(k + 1) * p, self._kept]
+            part = solve_triangular(lower, part, lower=True, trans=1, check_finite=False)
+            solution[k * p : (k + 1) * p, self._kept] = part.reshape(p, -1, cases)
+        return solution.reshape(loads.shape)
+
+
+@serial_algebra()
+def factorised(
+    axes: tuple[Axis, Axis, Axis], shear: FloatArray, squash: FloatArray, springs: FloatArray, held: BoolArray
+) -> Box:
+    """Assemble and factorise a box.
+
+    `shear` and `squash`, shape (elements along z,), are μ and 1/K; `springs`, shape (3, nx, ny), are those at the nodes
+    of the bottom, and `held` (3,) the components of the displacement that are zero there.
+    """
+    x, y, z = axes
+    p, ny, nz = x.degree, len(y.nodes), len(z.nodes)
+    plane = np.zeros((3, ny, nz), dtype=bool)
+    plane[held, :, 0] = True
+    kept = np.flatnonzero(~plane)
+    number = np.arange(3 * ny * nz).reshape(3, ny, nz)
+    size = number.size
+    bottom = np.zeros((len(x.nodes), 3, ny, nz))
+    bottom[..., 0] = springs.transpose(1, 0, 2)
+    diagonal = bottom.reshape(len(x.nodes), size)[:, kept]
+    known: dict[float, FloatArray] = {}
+
+    def slab(width: float) -> FloatArray:
+        """Stiffness of a slab of elements between two planes across x, without the rows that are held."""
+        total = np.zeros((p + 1, size, p + 1, size)).reshape((p + 1) * size, -1)
+        along = element_matrices(x, width)
+        for (row, depth), (level, height) in itertools.product(
+            enumerate(np.diff(y.edges)), enumerate(np.diff(z.edges))
+        ):
+            matrices = (along, element_matrices(y, depth), element_matrices(z, height))
+            matrix = element_stiffness(matrices, float(shear[level]), float(squash[level]))
+            own = number[:, y.of(row), z.of(level)]
+            where = (own[:, None] + size * np.arange(p + 1)[None, :, None, None]).ravel()
+            total[np.ix_(where, where)] += matrix
+        planes = (kept + size * np.arange(p + 1)[:, None]).ravel()
+        return total[np.ix_(planes, planes)]
+
+    slabs, n = [], p * len(kept)
+    carried = np.zeros((len(kept), len(kept)))
+    for k, width in enumerate(np.diff(x.edges)):
+        same = round(float(width), 9)
+        if same not in known:
+            known[same] = slab(float(width))
+        matrix = known[same].copy(order="F")
+        matrix[: len(kept), : len(kept)] += carried
+        matrix[range(n), range(n)] += diagonal[k * p : (k + 1) * p].ravel()
+        lower = cholesky(matrix[:n, :n], lower=True, overwrite_a=True, check_finite=False)
+        coupling = solve_triangular(lower, matrix[:n, n:], lower=True, check_finite=False)
+        carried = matrix[n:, n:] - coupling.T @ coupling
+        slabs.append((lower, coupling))
+    last = cholesky(carried + np.diag(diagonal[-1]), lower=True, check_finite=False)
+    return Box(axes, kept, tuple(slabs), last)

@@ -1,0 +1,124 @@
+"""What small shifts of the faces of flat magnetic sheets do to the inductance matrix, to first order.
+
+Hadamard's formula: a face with μ1 below and μ2 above that moves up by f(x, y) changes the inductances by
+
+    ΔL_ij = μ0 ∫ f [(μ1 − μ2) H_t,i·H_t,j + (1/μ2 − 1/μ1) B_n,i B_n,j] dS
+
+with the fields of the flat sheets, here with permeabilities relative to μ0 and B in units of μ0. For the smooth shifts
+by the sides and the seat of a sample, which are small against its thickness; dents are for
+`coilarray.elastomer.scattering`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from numpy.polynomial.legendre import leggauss
+
+from coilarray.constants import MU_0
+from coilarray.elastomer.box import Axis
+from coilarray.elastomer.coil_spectrum import coil_segments, gradients_on_grid, segment_centres, segment_spectra
+from coilarray.elastomer.finite_sample import SampleCorrection
+from coilarray.elastomer.flat_stack import flat_profile
+from coilarray.elastomer.scattering import LayerMesh, wavenumber_rule
+from coilarray.electromagnetics.source import Source, as_conductors
+from coilarray.geometry import Sheet
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+_STEP = 1e-6  # of a difference in heights, over the shortest wavelength
+_SPACING = 0.35  # of the points of the integral, in heights of the lowest magnetic face
+_FADED = 2.5  # thicknesses of the stack beyond the sample where the wide one is still taken away
+_PLACES = 64  # at a time, which bounds the memory
+
+
+def shift_inductance(
+    source: Source,
+    sheets: Sequence[Sheet],
+    correction: SampleCorrection,
+    places: FloatArray,
+    origin: tuple[float, float],
+    mesh: LayerMesh,
+) -> FloatArray:
+    """Change of the inductance matrix in H by the shifts of a finite sample, shape (depths, places, coils, coils).
+
+    The arguments are those of `shift_energy`.
+    """
+    count = len(as_conductors(source))
+    pairs = np.triu_indices(count)
+    own, other = (np.eye(count)[numbers] for numbers in pairs)
+    change = shift_energy(source, sheets, correction, places, origin, mesh, own, other)
+    full = np.zeros((*change.shape[:2], count, count))
+    full[..., pairs[0], pairs[1]] = full[..., pairs[1], pairs[0]] = change
+    return full
+
+
+def shift_energy(
+    source: Source,
+    sheets: Sequence[Sheet],
+    correction: SampleCorrection,
+    places: FloatArray,
+    origin: tuple[float, float],
+    mesh: LayerMesh,
+    own: ComplexArray | FloatArray,
+    other: ComplexArray | FloatArray,
+) -> ComplexArray | FloatArray:
+    """iᵀ ΔL j in H for currents i and j in the coils, (n, coils) each, by the shifts of a finite sample.
+
+    Shape (depths, places, n). The `places`, shape (places, 2) in m, count from the map's origin, which is at `origin`
+    on the board. Outside the sample the shift takes the displacement of the wide sample back. Coils are as for
+    `coilarray.elastomer.dented_layer.dent_inductance`.
+    """
+    depths, count, levels = correction.moved.shape[:3]
+    mu = (1.0, *(sheet.relative_permeability for sheet in sheets), 1.0)
+    faces = [face for face in range(levels) if mu[face] != mu[face + 1]]
+    coils = coil_segments(source)
+    change = np.zeros((depths, count, len(own)), dtype=own.dtype)
+    if not faces:
+        return change
+    thicknesses = [sheet.thickness for sheet in sheets]
+    heights = np.concatenate(([0.0], np.cumsum(thicknesses)))[faces]
+    beyond = _FADED * sum(thicknesses)
+    (x, wx, inside_x), (y, wy, inside_y) = (
+        _points(axis, beyond, _SPACING * float(heights[0])) for axis in (correction.x, correction.y)
+    )
+    centres, radius = segment_centres(coils)
+    centres = centres - origin
+    extent = float(np.hypot(*(np.array([x[[0, -1]], y[[0, -1]]])[:, None] - centres.T[..., None])).max()) + radius
+    wavenumbers, weights = wavenumber_rule(float(heights[0]), extent, mesh)
+    step = _STEP / wavenumbers[-1]
+    at, above = (flat_profile(wavenumbers, heights + up, thicknesses, mu[1:-1]) for up in (0.0, step))
+    spectra = segment_spectra(coils, wavenumbers)
+    fields = gradients_on_grid(spectra, x + origin[0], y + origin[1], weights, at, (above - at) / step)
+
+    shapes_x, shapes_y = correction.x.basis(x[inside_x]), correction.y.basis(y[inside_y])
+    outside = ~(inside_x[:, None] & inside_y)
+    at_x, at_y = (grid[outside] for grid in np.meshgrid(x, y, indexing="ij"))
+    for number, face in enumerate(faces):
+        H = fields[:, :, number]
+        along, across = MU_0 * (mu[face] - mu[face + 1]), MU_0 * (1 / mu[face + 1] - 1 / mu[face]) * mu[face + 1] ** 2
+        one, two = (np.tensordot(currents, H, axes=1) for currents in (own, other))
+        density = along * (one[:, :2] * two[:, :2]).sum(axis=1) + across * one[:, 2] * two[:, 2]
+        density *= wx[:, None] * wy
+        nodal = np.einsum("pab,ax,by->pxy", density[:, inside_x][:, :, inside_y], shapes_x, shapes_y, optimize=True)
+        change += np.einsum("dlxy,pxy->dlp", correction.moved[:, :, face], nodal, optimize=True)
+        lost = density[:, outside].T
+        for start in range(0, count, _PLACES):
+            some = slice(start, start + _PLACES)
+            r = np.hypot(at_x - places[some, 0, None], at_y - places[some, 1, None])
+            change[:, some] -= np.moveaxis(correction.beyond(r)[..., face], -1, 0) @ lost
+    return change
+
+
+def _points(axis: Axis, beyond: float, spacing: float) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+    """Points and weights of an integral over a sample's length and as far `beyond` both ends, and which are inside."""
+    inner, inner_weights = axis.rule(spacing)
+    node, rule = leggauss(int(np.ceil(beyond / spacing)) + 2)
+    step, rule = beyond * (node + 1) / 2, beyond * rule / 2
+    low, high = axis.edges[0], axis.edges[-1]
+    points = np.concatenate((low - step[::-1], inner, high + step))
+    weights = np.concatenate((rule[::-1], inner_weights, rule))
+    return points, weights, (points > low) & (points < high)

@@ -1,0 +1,397 @@
+"""A rectangular sample with free sides on an uneven seat: what it adds to the dent in a wide sample.
+
+With u∞ the displacement of a wide sample on an even, two-sided seat under the pressure of the contact, the true one is
+u∞ + w. In the sample w solves linear elasticity without load on the top; its sides take the tractions −σ∞·n that free
+them, and the bottom what an uneven seat holds more or less than the even one, −(k(x, y) − k0) u∞. All of this is far
+from the contact and smooth, so few elements give w (`coilarray.elastomer.box`), and u∞ and σ∞ are exact
+(`coilarray.elastomer.wide_stack`). Where the seat can lift off, it pulls nowhere: with g the gap of a seat not flat,
+
+    pressure of the seat = k(x, y) max(0, −(u_z + g)),
+
+the two-sided seat and a traction t = k(x, y) max(0, u_z + g) ≥ 0 that takes its pull back, found at the nodes of the
+bottom by a semi-smooth Newton method. What counts is the difference from the sample at rest under its weight.
+
+The indenter keeps its depth h. Where w lifts the contact by w̄ on average, the contact is that of a wide sample at the
+depth h + s with s = w̄ (1 + s F'/F), since far from the contact w depends on its force F alone (Saint-Venant). The
+slope of w under the indenter is left out: it shifts the dent by no more than the contact's radius times that slope.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import PPoly
+
+from coilarray.elastomer.box import Axis, Box, factorised
+from coilarray.elastomer.contact_grid import Base, Stack, stack_of
+from coilarray.elastomer.contact_mesh import graded
+from coilarray.elastomer.wide_stack import wide_field
+from coilarray.errors import ElastomerError
+from coilarray.geometry import EVEN, Seat, Sheet, Unevenness
+
+FloatArray = npt.NDArray[np.float64]
+
+_ANCHOR = 1e-6  # stress per displacement, in units of the stack, that keeps a sliding sample from drifting
+_POINTS = 0.1  # thicknesses between the points of integrals over a side
+_PLACES = 64  # at a time, which bounds the memory
+_NEWTON_STEPS = 60
+_STEADY = 1e-9  # of a thickness: the last change of the depth
+
+
+@dataclass(frozen=True)
+class BoxMesh:
+    """Elements of a sample, lengths in thicknesses of the stack.
+
+    Parameters
+    ----------
+    degree : int
+        Degree of the polynomials, from 2.
+    edge : float
+        Width of the elements at the sides.
+    growth : float
+        Growth of that width per distance from the side.
+    widest : float
+        Width of the elements far from all sides.
+    rows : int
+        Elements over the height of each sheet.
+    """
+
+    degree: int = 3
+    edge: float = 0.6
+    growth: float = 0.8
+    widest: float = 2.0
+    rows: int = 1
+
+    def along(self, low: float, high: float) -> Axis:
+        """Elements between two sides."""
+
+        def size(x: float) -> float:
+            return min(self.edge + self.growth * min(x - low, high - x), self.widest)
+
+        half = graded(low, (low + high) / 2, lambda x: max(size(x), self.edge))
+        return Axis(np.concatenate((half, (low + high) - half[-2::-1])), self.degree)
+
+
+DEFAULT_BOX_MESH = BoxMesh()
+"""Displacements to about 1 % of the largest: the study is in tests/elastomer/test_finite_sample.py."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A rectangular sample with free sides, and its seat.
+
+    `bounds` are its edges (x_min, y_min, x_max, y_max) in m from the origin of the map.
+    """
+
+    bounds: tuple[float, float, float, float]
+    unevenness: Unevenness = EVEN
+    mesh: BoxMesh = field(default=DEFAULT_BOX_MESH)
+
+
+@dataclass(frozen=True, eq=False)
+class SampleCorrection:
+    """What a finite sample on its seat adds to a wide one, in m.
+
+    `depth`, shape (depths, places), is the shift s of the depth at which the wide sample is pressed, and `moved`, shape
+    (depths, places, levels, nx, ny), w_z at the board and at the upper face of every sheet on the nodes of `x` and `y`.
+    `lifted`, (depths, places, nx, ny), is by how much the bottom is off a seat that can be left; zero where it is not.
+    `wide` gives u_z of the wide sample at every level, shape (…, depths, levels), at radii of shape (…), both in
+    thicknesses, i.e. in units of `length`.
+    """
+
+    x: Axis
+    y: Axis
+    depth: FloatArray
+    moved: FloatArray
+    lifted: FloatArray
+    wide: PPoly
+    length: float
+
+    def at_indenter(self, places: FloatArray) -> FloatArray:
+        """w_z of every level under the indenter in m, shape (depths, places, levels), for places (places, 2) in m."""
+        bx, by = (axis.basis(places[:, k]) for k, axis in enumerate((self.x, self.y)))
+        return np.asarray(np.einsum("dplxy,px,py->dpl", self.moved, bx, by, optimize=True))
+
+    def beyond(self, radii: FloatArray) -> FloatArray:
+        """u_z of the wide sample in m at radii in m, shape (…, depths, levels)."""
+        return self.length * np.asarray(self.wide(radii / self.length))
+
+
+def sample_correction(
+    sheets: Sequence[Sheet],
+    base: Base | Seat,
+    sample: Sample,
+    places: FloatArray,
+    r: FloatArray,
+    pressure: FloatArray,
+    force_slope: FloatArray,
+) -> SampleCorrection:
+    """Solve a finite sample for contacts at all places.
+
+    Parameters
+    ----------
+    sheets, base
+        Sheets from the board up and what they lie on, as for `coilarray.elastomer.contact.indent`.
+    sample : Sample
+        Its bounds and its seat.
+    places : ndarray, shape (places, 2)
+        Positions of the indenter's axis in m, from the same origin as the bounds.
+    r, pressure : ndarray, shape (n,) and (depths, n)
+        Pressure of the contact in Pa at distances from the axis in m, linear between them.
+    force_slope : ndarray, shape (depths,)
+        F'/F of the contact with its depth, in 1/m.
+
+    Returns
+    -------
+    SampleCorrection
+        Depths, displacements and lift.
+
+    Raises
+    ------
+    ElastomerError
+        An uneven seat where there is none, a seat without stiffness somewhere on the sample, a sample that finds no
+        rest on a seat that can lift, or a contact that the sample does not hold.
+    """
+    problem = _Problem(sheets, base, sample, places, r, pressure)
+    depths, count = len(pressure), len(places)
+    shape = (depths, count, len(problem.levels_at), *problem.plan)
+    depth, moved, lifted = np.zeros((depths, count)), np.zeros(shape), np.zeros((depths, count, *problem.plan))
+    slope = force_slope * problem.stack.length
+    lift = _Lift(problem) if sample.unevenness.lifts else None
+    for start in range(0, count, _PLACES):
+        some = slice(start, min(start + _PLACES, count))
+        for case in range(depths):
+            w = problem.box.displacements(problem.loads(places[some] / problem.stack.length, case))
+            faces = problem.faces(w)
+            mean = np.einsum("xyp,px,py->p", w[:, 2, :, -1], *problem.ring(places[some], case), optimize=True)
+            if lift is None:
+                shift = _shift(mean, slope[case])
+                moved[case, some] = np.moveaxis(faces * (1 + shift * slope[case]), -1, 0)
+            else:
+                shift, moved[case, some], lifted[case, some] = lift.solve(
+                    places[some], case, faces, mean, float(slope[case])
+                )
+            depth[case, some] = shift
+    length = problem.stack.length
+    x, y = (Axis(axis.edges * length, axis.degree) for axis in problem.box.axes[:2])
+    return SampleCorrection(x, y, depth * length, moved * length, lifted * length, problem.upwards(), length)
+
+
+def _shift(mean: FloatArray, slope: float) -> FloatArray:
+    """S = w̄ (1 + s F'/F) in thicknesses; ElastomerError where the correction is larger than the contact."""
+    if (mean * slope >= 1).any():
+        raise ElastomerError(
+            f"the seat and sides must change a contact by less than its own depth; one is lifted {mean.max():.3g} "
+            "thicknesses."
+        )
+    return np.asarray(mean / (1 - mean * slope))
+
+
+class _Problem:
+    """One sample in units of its stack: the factorised box, the wide sample's field and the loads that they make."""
+
+    def __init__(
+        self,
+        sheets: Sequence[Sheet],
+        base: Base | Seat,
+        sample: Sample,
+        places: FloatArray,
+        r: FloatArray,
+        pressure: FloatArray,
+    ) -> None:
+        self.stack = stack = stack_of(sheets)
+        self.unevenness = sample.unevenness
+        x_min, y_min, x_max, y_max = (edge / stack.length for edge in sample.bounds)
+        mesh = sample.mesh
+        z = Axis(_rows(stack, mesh.rows), mesh.degree)
+        x, y = mesh.along(x_min, x_max), mesh.along(y_min, y_max)
+        self.plan = len(x.nodes), len(y.nodes)
+        self.area = np.outer(x.weights, y.weights)
+        self.stiffness, self.factor = self._seat(base, x, y)
+        springs = self.stiffness[:, None, None] * self.factor * self.area
+        springs[:2] += _ANCHOR * self.area
+        held = np.zeros(3, dtype=bool)
+        if not isinstance(base, Seat):
+            held[:] = base == "bonded", base == "bonded", True
+        sheet = np.repeat(np.arange(len(sheets)), mesh.rows)
+        self.box: Box = factorised((x, y, z), stack.shear[sheet], stack.squash[sheet], springs, held)
+        self.levels_at = np.arange(len(stack.levels)) * mesh.rows * mesh.degree
+        z_points, z_rule = z.rule(_POINTS)
+        self._z = (z_rule[:, None] * z.basis(z_points)).T
+        heights = np.concatenate((z_points, stack.levels))
+        self.inside, self.level_heights = slice(0, len(z_points)), slice(len(z_points), None)
+        corners = np.array([[x_min, y_min], [x_max, y_max]])
+        extent = np.hypot(*np.abs(places[:, None] / stack.length - corners).max(axis=(0, 1)))
+        radii, scaled = r / stack.length, pressure / stack.stress
+        self.wide = wide_field(stack, base, radii, scaled, heights, float(extent) * 1.01 + 1)
+        first, third = (np.trapezoid(scaled * radii**power, radii, axis=1) for power in (1, 3))
+        self._ring = np.sqrt(third / np.where(first > 0, first, 1.0))
+
+    def _seat(self, base: Base | Seat, x: Axis, y: Axis) -> tuple[FloatArray, FloatArray]:
+        """Stiffness of the even seat along x, y and z, (3,), and what it is multiplied by at every node."""
+        length, uneven = self.stack.length, self.unevenness
+        along_x, along_y = (slope * length for slope in uneven.stiffness_slope)
+        factor = 1 + along_x * x.nodes[:, None] + along_y * y.nodes
+        if not isinstance(base, Seat):
+            if uneven != EVEN:
+                raise ElastomerError(f"an uneven or lifting seat must be a Seat; got the base {base!r}.")
+            return np.zeros(3), factor
+        if factor.min() <= 0:
+            raise ElastomerError(
+                f"the stiffness of a seat must be positive on the whole sample; its slope of "
+                f"{uneven.stiffness_slope} per m takes it to {factor.min():.3g} of that at the origin."
+            )
+        unit = length / self.stack.stress
+        return np.array([base.shear, base.shear, base.stiffness]) * unit, factor
+
+    def upwards(self) -> PPoly:
+        """Return u_z of the wide sample at every level over the radius."""
+        moved = self.wide.moved
+        return PPoly(np.ascontiguousarray(moved.c[:, :, 1, :, self.level_heights]), moved.x)
+
+    def faces(self, displacement: FloatArray) -> FloatArray:
+        """w_z at every level, shape (levels, nx, ny, cases)."""
+        return np.moveaxis(displacement[:, 2][:, :, self.levels_at], 2, 0)
+
+    def ring(self, places: FloatArray, case: int) -> tuple[FloatArray, FloatArray]:
+        """Weights along x and y, (places, nodes), of the mean over the contact of a function that is smooth there.
+
+        The mean of a quadratic function over the pressure is that of four points at its root mean square radius.
+        """
+        x, y, _ = self.box.axes
+        weights = []
+        for k, axis in enumerate((x, y)):
+            at, offset = places[:, k] / self.stack.length, self._ring[case] / np.sqrt(2)
+            weights.append((axis.basis(at - offset) + axis.basis(at + offset)) / 2)
+        return weights[0], weights[1]
+
+    def loads(self, places: FloatArray, case: int) -> FloatArray:
+        """Nodal loads of w (nx, 3, ny, nz, places) for one pressure at places in thicknesses."""
+        x, y, _ = self.box.axes
+        loads = np.zeros((*self.box.shape, len(places)))
+        for plane in (0, -1):
+            at, rule = y.rule(_POINTS)
+            traction = self._traction(x.nodes[plane] - places[:, 0], at - places[:, 1, None], case, across=0)
+            force = np.einsum("cpqz,qn,zm->cnmp", traction, rule[:, None] * y.basis(at), self._z.T, optimize=True)
+            loads[plane] += force if plane == 0 else -force
+            at, rule = x.rule(_POINTS)
+            traction = self._traction(at - places[:, 0, None], y.nodes[plane] - places[:, 1], case, across=1)
+            force = np.einsum("cpqz,qn,zm->ncmp", traction, rule[:, None] * x.basis(at), self._z.T, optimize=True)
+            loads[:, :, plane] += force if plane == 0 else -force
+        if (self.factor != 1).any():
+            more = (self.factor - 1) * self.area
+            loads[:, :, :, 0] -= (
+                self.stiffness[None, :, None, None] * more[:, None, :, None] * self.bottom(places, case)
+            )
+        return loads
+
+    def _traction(self, dx: FloatArray, dy: FloatArray, case: int, across: int) -> FloatArray:
+        """σ∞ on a plane across an axis, its three components: (3, places, points, heights)."""
+        dx, dy = np.broadcast_arrays(dx[:, None] if dx.ndim == 1 else dx, dy[:, None] if dy.ndim == 1 else dy)
+        r = np.hypot(dx, dy)
+        stress = np.asarray(self.wide.stress(r))[:, :, :, case, self.inside]
+        radial, hoop, shear = np.moveaxis(stress, 2, 0)
+        cos, sin = (dx / r)[..., None], (dy / r)[..., None]
+        mixed = (radial - hoop) * cos * sin
+        if across == 0:
+            return np.array([radial * cos**2 + hoop * sin**2, mixed, shear * cos])
+        return np.array([mixed, radial * sin**2 + hoop * cos**2, shear * sin])
+
+    def bottom(self, places: FloatArray, case: int) -> FloatArray:
+        """u∞ at the nodes of the bottom, (nx, 3, ny, places), at places in thicknesses."""
+        x, y, _ = self.box.axes
+        dx = x.nodes[:, None, None] - places[:, 0]
+        dy = y.nodes[None, :, None] - places[:, 1]
+        r = np.hypot(dx, dy)
+        along, up = np.moveaxis(np.asarray(self.wide.moved(r))[..., case, self.level_heights.start], -1, 0)
+        safe = np.where(r > 0, r, 1.0)
+        return np.stack([along * dx / safe, along * dy / safe, up], axis=1)
+
+
+def _rows(stack: Stack, rows: int) -> FloatArray:
+    """Edges of the elements over the height."""
+    pieces = [
+        np.linspace(low, high, rows + 1)[1:] for low, high in zip(stack.levels[:-1], stack.levels[1:], strict=True)
+    ]
+    return np.concatenate((stack.levels[:1], *pieces))
+
+
+class _Lift:
+    """A seat that only pushes: how the box answers to forces on its bottom, and its state at rest."""
+
+    def __init__(self, problem: _Problem) -> None:
+        self._problem = problem
+        nx, ny = problem.plan
+        x, y, _ = problem.box.axes
+        along_x, along_y = problem.unevenness.gap_slope
+        self._gap = (along_x * x.nodes[:, None] + along_y * y.nodes).ravel()
+        self._push = (problem.stiffness[2] * problem.factor * problem.area).ravel()
+        answers = [
+            problem.faces(problem.box.displacements(self._bottom_forces(start, min(start + ny, nx * ny))))
+            for start in range(0, nx * ny, ny)
+        ]
+        self._answers = np.concatenate(answers, axis=-1).reshape(-1, nx * ny, nx * ny)  # levels, node, forced node
+        weight = problem.unevenness.weight / problem.stack.stress
+        loads = np.zeros((*problem.box.shape, 1))
+        loads[:, 2, :, -1, 0] = -weight * problem.area
+        loads[:, 2, :, 0, 0] = -(self._push * self._gap).reshape(nx, ny)
+        self._start = problem.faces(problem.box.displacements(loads))[0, ..., 0].ravel()
+        self._rest = self._pull(self._start, self._start)
+
+    def _bottom_forces(self, start: int, stop: int) -> FloatArray:
+        """Return unit forces upwards on some nodes of the bottom."""
+        nx, ny = self._problem.plan
+        forces = np.zeros((nx * ny, stop - start))
+        forces[range(start, stop), range(stop - start)] = 1.0
+        loads = np.zeros((*self._problem.box.shape, stop - start))
+        loads[:, 2, :, 0] = forces.reshape(nx, ny, -1)
+        return loads
+
+    def _steps(self, linear: FloatArray, guess: FloatArray) -> Iterator[tuple[bool, FloatArray]]:
+        """Newton's steps from a guess of the bottom's u_z: whether the lifted nodes stay, and the traction t."""
+        lifted = guess + self._gap > 0
+        compliance = self._answers[0]
+        for _ in range(_NEWTON_STEPS):
+            at = np.flatnonzero(lifted)
+            inner = compliance[np.ix_(at, at)] * self._push[at]
+            traction = np.zeros(len(linear))
+            traction[at] = self._push[at] * np.linalg.solve(np.eye(len(at)) - inner, linear[at] + self._gap[at])
+            now = linear + compliance[:, at] @ traction[at] + self._gap > 0
+            yield bool((now == lifted).all()), traction
+            lifted = now
+
+    def _pull(self, linear: FloatArray, guess: FloatArray) -> FloatArray:
+        """Traction t at every node that takes the pull of a two-sided seat back."""
+        for steady, traction in self._steps(linear, guess):
+            if steady:
+                return traction
+        raise ElastomerError("a sample on a seat that can lift must find its rest; it needs more weight on the seat.")
+
+    def solve(
+        self, places: FloatArray, case: int, faces: FloatArray, mean: FloatArray, slope: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Shift of the depth (places,), w_z (places, levels, nx, ny) and lift (places, nx, ny) on a lifting seat."""
+        problem = self._problem
+        wide = problem.bottom(places / problem.stack.length, case)[:, 2].reshape(-1, len(places))
+        along_x, along_y = problem.ring(places, case)
+        shifts, moved, lifts = np.empty(len(places)), np.empty((len(places), *faces.shape[:-1])), []
+        for p in range(len(places)):
+            under = np.einsum("x,y->xy", along_x[p], along_y[p]).ravel() @ self._answers[-1]
+            own, shift, guess = wide[:, p] + faces[0, ..., p].ravel(), 0.0, self._start
+            for _ in range(_NEWTON_STEPS):
+                load = 1 + shift * slope
+                traction = self._pull(self._start + load * own, guess)
+                guess = self._start + load * own + self._answers[0] @ traction
+                before, shift = shift, float(load * mean[p] + under @ (traction - self._rest))
+                if abs(shift - before) <= _STEADY:
+                    break
+            else:
+                raise ElastomerError("the contact on a seat that can lift does not converge; it needs more weight.")
+            shifts[p] = shift
+            more = (self._answers @ (traction - self._rest)).reshape(faces.shape[:-1])
+            moved[p] = load * faces[..., p] + more
+            lifts.append(np.maximum(guess + self._gap, 0.0).reshape(problem.plan))
+        return shifts, moved, np.array(lifts)
