@@ -235,9 +235,9 @@ def resistance_matrix(
 def shape_key(conductor: Conductor) -> bytes:
     """Bytes that are equal for paths of one shape and cross-section, wherever they lie."""
     grain = _grain(conductor)
-    sizes = conductor.widths, conductor.thicknesses, conductor.areas
     places = np.round((conductor.vertices - conductor.vertices[0]) / grain).astype(np.int64)
-    return bytes(np.float64(grain).tobytes()) + places.tobytes() + b"".join(values.tobytes() for values in sizes)
+    parts = np.array(grain), places, conductor.widths, conductor.thicknesses, conductor.areas
+    return b"".join(part.tobytes() for part in parts)
 
 
 def _grain(conductor: Conductor) -> float:
@@ -296,6 +296,7 @@ class _Traces:
 
 
 def _own_field(shape: bytes, points: _Points, vertices: FloatArray) -> FloatArray:
+    """Field of a coil's own current at its points, see `_Points.field`; computed once for equal coils."""
     return _FIELDS.get((shape, shape, POINTS), lambda: points.field(vertices, own=True))
 
 
