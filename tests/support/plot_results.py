@@ -3,15 +3,19 @@
 import functools
 
 import numpy as np
+import pytest
 import xarray as xr
 
-from coilarray import load_design
+import coilarray.studies.calibrate.calibration as calibration_module
+from coilarray import calibrate, load_design
 from coilarray.circuit.coupling import couple
 from coilarray.design.model import load_design_file
 from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.ellipse_model import ellipse_model
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
+from coilarray.localize.published import published_model
+from coilarray.studies.calibrate.plan import check_plan
 from coilarray.studies.optimize import Optimization, Trial, front_of, parse_goal
 from support.localize_boards import ROW
 from support.localize_boards import board as row_of_bells
@@ -246,3 +250,45 @@ def tolerances():
             "table": ("contributor", ["etch", "registration"]), "part": ("contributor", ["board", "layers"]),
         },
     )  # fmt: skip
+
+
+@functools.cache
+def calibration(kind="ellipses"):
+    """Two combinations of a calibration to made-up numbers: a gap in mm widens ellipses, μr raises δ."""
+
+    def evaluate(item):
+        request, document = item["request"], item["document"]
+        gain = document["elastomer"][1]["relative_permeability"] / 2.7
+        width = document["coils"]["hexagon"]["gap_mm"] / 0.1
+        if request["kind"] == "response":
+            x, y = np.meshgrid(request["x"], request["y"])
+            hill = 1e-3 * gain * np.exp(-(x**2 + y**2) / (8e-3 * width) ** 2)
+            values = np.stack([hill, 0.5 * hill], axis=-1).ravel()
+        else:
+            coils = [published_model()[state] for state in request["states"]]
+            rows = []
+            for coil in coils:
+                x0, A, B = coil.curves(request["levels"])
+                rows += [width * A, width * B, x0, [gain * coil.highest]]
+            values = np.concatenate(rows)
+        return {str(k): value for k, value in enumerate(values.tolist())}
+
+    unknowns = [
+        {"entry": "coils.hexagon.gap_mm", "low": 0.05, "high": 0.2, "start": 0.12},
+        {"entry": "elastomer.1.relative_permeability", "low": 1.5, "high": 4.0, "start": 2.0},
+    ]
+    fixed = {"name": "2.5", "set": {"elastomer.1.relative_permeability": 2.5}}
+    choices = [{"name": "free", "unknown": unknowns[1:]}, fixed]
+    document = {"unknown": unknowns[:1], "alternative": [{"name": "permeability", "choice": choices}]}
+    data = None
+    if kind == "response":
+        x, y = np.linspace(-8e-3, 8e-3, 5), np.linspace(-4e-3, 4e-3, 3)
+        hill = 1e-3 * np.exp(-(x**2 + y[:, None] ** 2) / (8e-3) ** 2)
+        delta = np.stack([hill, 0.5 * hill], axis=-1)[None]
+        delta = delta + 1e-5 * np.random.default_rng(0).standard_normal(delta.shape)
+        coords = {"depth": [1e-3], "y": y, "x": x, "state": NAMES[:2]}
+        data = xr.Dataset({"delta": (("depth", "y", "x", "state"), delta)}, coords)
+        document["data"] = {"delta_std": 1e-5}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibration_module, "evaluate_model", evaluate)
+        return calibrate(load_design("gast2020"), data, check_plan(document)).dataset

@@ -1,0 +1,100 @@
+"""The command calibrate: what it prints, its files, and mistakes; its campaigns are in tests/studies."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.command_line import runner
+
+import coilarray.studies.calibrate.calibration as calibration
+from coilarray.compute.netcdf import save_dataset
+from coilarray.localize.ellipse_model import model_to_json
+from coilarray.localize.published import published_map, published_model
+
+run, refused = runner("calibrate")
+GAP = "coils.hexagon.gap_mm"
+
+
+@pytest.fixture
+def quick(monkeypatch, tmp_path):
+    """Instead of a map the ellipses of Table A1, wider with the gap."""
+
+    def evaluate(item):
+        width = item["document"]["coils"]["hexagon"]["gap_mm"] / 0.08
+        rows = []
+        for state in item["request"]["states"]:
+            coil = published_model()[state]
+            x0, A, B = coil.curves(item["request"]["levels"])
+            rows += [width * A, width * B, x0, [coil.highest]]
+        return {str(k): value for k, value in enumerate(np.concatenate(rows).tolist())}
+
+    monkeypatch.setattr(calibration, "evaluate_model", evaluate)
+    monkeypatch.chdir(tmp_path)
+
+
+def test_ellipses_of_table_a1_or_of_a_file(capsys, quick):
+    options = ("--unknown", f"{GAP}=0.05:0.1", "--workers", "1", "--cache", "kept")
+    code, out, err = run(capsys, "gast2020", "published", *options, "--out", "fit", "--plot", "fit.svg")
+    assert (code, err) == (0, "")
+    row = next(line.split() for line in out.splitlines() if line.startswith(GAP))
+    assert float(row[3]) == pytest.approx(0.08, rel=1e-3)
+    for name in ("calibration.html", "calibration.nc", "calibrated.toml", "unknowns.csv", "data.csv"):
+        assert f"wrote {Path('fit') / name}" in out
+        assert (Path("fit") / name).is_file()
+    Path("model.json").write_text(model_to_json(published_model()), encoding="utf-8")
+    code, again, _ = run(capsys, "gast2020", "model.json", *options)
+    assert code == 0
+    assert row in [line.split() for line in again.splitlines()]
+
+
+def test_as_json(capsys, quick):
+    plan = """
+    title = "two sizes"
+    [[unknown]]
+    entry = "coils.hexagon.gap_mm"
+    low = 0.05
+    high = 0.1
+    [[alternative]]
+    name = "trace"
+    [[alternative.choice]]
+    name = "0.1 mm"
+    [[alternative.choice]]
+    name = "too wide"
+    set = { "coils.hexagon.trace_width_mm" = 5 }
+    """
+    Path("plan.toml").write_text(plan, encoding="utf-8")
+    options = ("--workers", "1", "--cache", "kept", "--json")
+    code, out, err = run(capsys, "gast2020", "--plan", "plan.toml", *options)
+    assert (code, err) == (0, "")
+    answer = json.loads(out)
+    assert (answer["best"], answer["design"]) == ("0.1 mm", "gast2020")
+    assert answer["values"][GAP] == pytest.approx(0.08, rel=1e-3)
+    first, second = answer["ranking"]
+    assert (first["probability"], second["probability"]) == (1.0, 0.0)
+    assert "coils.hexagon" in second["problem"]
+    assert "1 of 2 combinations have no fit." in answer["notes"]
+    assert len(answer["data"]) == 93
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (("no_design",), "no_design"),
+    (("gast2020", "none.nc", "--unknown", f"{GAP}=0.05:0.1"), "there is no file none.nc"),
+    (("gast2020", "none.json", "--unknown", f"{GAP}=0.05:0.1"), "cannot read none.json"),
+    (("gast2020", "none.sqlite", "--unknown", f"{GAP}=0.05:0.1"), "none.sqlite"),
+    (("gast2020", "map.nc"), "what is unknown must be given: --plan FILE, or --unknown KEY=LOW:HIGH"),
+    (("gast2020", "map.nc", "--plan", "a", "--unknown", "b=1:2"), "--plan and --unknown cannot be given together"),
+    (("gast2020", "--unknown", f"{GAP}=0.05:0.1:3"), "--unknown must be KEY=LOW:HIGH; got the values"),
+    (("gast2020", "--unknown", f"{GAP}=0.1:0.05"), "must have an interval from low to high"),
+    (("gast2020", "--plan", "no_plan"), "there is no calibration plan file no_plan"),
+    (("gast2020", "--plan", "word.toml"), "word.toml: not valid TOML"),
+    (("gast2020", "--unknown", "coils.hexagon.gap=0.05:0.1", "--workers", "1"), "did you mean gap_mm"),
+    (("gast2020", "--calibration", "board.toml"), "--calibration is for a recording; published is none"),
+    (("gast2020", "--workers", "2", "--cluster", "tcp://a:1"), "cannot be given with --cluster"),
+    (("gast2020", "--plot", "fit.gif"), "--plot must end in .png, .svg or .pdf"),
+    (("starter", "--unknown", "array.pitch_mm=10:14"), "coil3"),
+])  # fmt: skip
+def test_mistakes(capsys, quick, arguments, message):
+    save_dataset(published_map(), Path("map.nc"))
+    Path("word.toml").write_text("word", encoding="utf-8")
+    assert message in refused(capsys, *arguments, "--cache", "kept")

@@ -1,0 +1,89 @@
+"""Tables and page of a calibration: the numbers of its dataset, and what the data cannot tell said in words."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.plot_results import calibration
+
+from coilarray.errors import OutputError
+from coilarray.report.calibration import (
+    calibration_notes,
+    calibration_tables,
+    correlation_table,
+    misfit_table,
+    ranking_table,
+    unknown_table,
+    write_calibration_page,
+)
+
+
+def test_rows_are_the_datasets_numbers():
+    data = calibration("response")
+    ranking = ranking_table(data).records()
+    assert [row["combination"] for row in ranking] == data.combination.values.tolist() == ["free", "2.5"]
+    assert ranking[0]["log_evidence"] == 0.0
+    assert ranking[1]["log_evidence"] == float(data.log_evidence[1] - data.log_evidence[0])
+    assert sum(row["probability"] for row in ranking) == pytest.approx(1.0)
+    (gap, mu) = unknown_table(data).records()
+    assert (gap["unknown"], gap["unit"], mu["unit"]) == ("coils.hexagon.gap_mm", "mm", "1")
+    assert (mu["value"], mu["std"], mu["at_bound"]) == (float(data["value"][0, 1]), float(data["std"][0, 1]), False)
+    assert abs(gap["value"] - 0.1) < 4 * gap["std"]
+    assert len(unknown_table(data, 1).records()) == 1  # the other combination has but one unknown
+    first = correlation_table(data).records()[0]
+    assert first["correlation_elastomer.1.relative_permeability"] == float(data.correlation[0, 0, 1])
+    rows = misfit_table(data).records()
+    assert [(row["state"], row["quantity"], row["count"]) for row in rows] == [
+        ("coil1", "delta", 15), ("coil2", "delta", 15),
+    ]  # fmt: skip
+    assert rows[0]["after"] < rows[0]["before"]
+    lines = list(csv.DictReader(io.StringIO(calibration_tables(data)[-1].csv())))
+    assert len(lines) == data.sizes["datum"] == 30
+    assert float(lines[7]["model"]) == float(data.model[0, 7])
+
+
+def test_notes_say_what_limits_the_figures():
+    (scale,) = calibration_notes(calibration())
+    assert scale.startswith("The scale of the noise is estimated from what remains: ")
+    data = calibration("response")
+    assert calibration_notes(data) == []
+    notes = calibration_notes(data.assign(
+        at_bound=data["value"] > 1, converged=data.converged & False, fit_probability=0 * data.fit_probability,
+        untold=("combination", ["a by +1: changes the data by 0.1 of their noise", ""]),
+        problem=("combination", ["", "no contact"]),
+    ))  # fmt: skip
+    for note, text in zip(notes, (
+        "elastomer.1.relative_permeability is at a bound", "ended before it converged", "less than the priors of: a by",
+        "does not explain the data", "1 of 2 combinations have no fit",
+    ), strict=True):  # fmt: skip
+        assert text in note
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["ellipses", "response"])
+def test_the_page_needs_no_other_file(tmp_path, kind):
+    data = calibration(kind)
+    write_calibration_page(data, tmp_path / "page.html", "campaign.sqlite")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "campaign.sqlite" in page
+    assert page.count("data:image/png;base64,") == 3
+    assert "http" not in page
+    for name in ("coils.hexagon.gap_mm", "free"):
+        assert name in page
+    with pytest.raises(OutputError):
+        write_calibration_page(data, tmp_path / "no" / "page.html", "x")
+
+
+def test_a_combination_without_a_fit_is_no_number():
+    data = calibration("response")
+    lost = data.assign({
+        name: data[name].where(data.combination == "free")
+        for name in ("log_evidence", "bic", "log_likelihood", "chi_square", "value")
+    })  # fmt: skip
+    lost = lost.assign(problem=("combination", ["", "no contact"]))
+    assert isinstance(lost, xr.Dataset)
+    row = ranking_table(lost).records()[1]
+    assert (row["log_evidence"], row["problem"]) == ("", "no contact")
+    assert np.isnan(lost["value"].values[1]).all()
