@@ -174,8 +174,9 @@ def test_what_the_data_cannot_tell_is_said(line):
     found = calibrate(PAPER, straight(2.7, 0.0), {MU: (2.0, 4.0), "array.pitch_mm": (13.0, 14.0)}).dataset
     assert (int(found.told[0]), found.attrs["noise_is"]) == (1, "estimated")
     (said,) = str(found.untold.values[0]).splitlines()
-    assert "elastomer.1.relative_permeability by" in said
-    assert "with array.pitch_mm by" in said
+    assert "array.pitch_mm by +0.258 mm" in said
+    assert "elastomer.1.relative_permeability by -0.258" in said
+    assert said.endswith(": changes the data by 0 of their noise")
     assert float(found.correlation[0, 0, 1]) < -0.95
     # the bounds alone limit the two: the interval is theirs, not the infinite one of the slopes
     assert (found.low.values[0] >= [2.0, 13.0]).all()
@@ -287,8 +288,8 @@ def test_mistakes_of_a_plan(document, text):
 
 @pytest.mark.parametrize(("data", "unknowns", "text"), [
     (None, {MU: (1.0,)}, "must have low and high, or low, high and start"),
-    (None, {"array.pitch_cm": (1.0, 2.0)}, "no combination has a fit: gast2020: array.pitch_cm"),
-    (None, {"coils.hexagon.turns_per_layer": (20.5, 30.5)}, "turns_per_layer must be"),
+    (None, {"array.pitch_cm": (1.0, 2.0)}, "no combination has a fit: gast2020: array has no key 'pitch_cm'"),
+    (None, {"coils.hexagon.turns_per_layer": (20.5, 30.5)}, "turns must be a multiple of"),
     (straight(2.6, 0.0).assign_coords(state=["coil9"]), {MU: (1.0, 4.0)}, "scan of gast2020 has no state 'coil9'"),
     (published_map().drop_vars("delta"), {MU: (1.0, 4.0)}, "must be a response: delta over"),
     (straight(2.6, 0.0) * np.nan, {MU: (1.0, 4.0)}, "have nothing to fit"),
