@@ -92,7 +92,7 @@ def test_as_json(capsys, quick):
     (("gast2020", "--calibration", "board.toml"), "--calibration is for a recording; published is none"),
     (("gast2020", "--workers", "2", "--cluster", "tcp://a:1"), "cannot be given with --cluster"),
     (("gast2020", "--plot", "fit.gif"), "--plot must end in .png, .svg or .pdf"),
-    (("starter", "--unknown", "array.pitch_mm=10:14"), "coil3"),
+    (("gast_fem", "--unknown", f"{GAP}=0.05:0.1"), "the scan of gast_fem has no state 'coil2'"),
 ])  # fmt: skip
 def test_mistakes(capsys, quick, arguments, message):
     save_dataset(published_map(), Path("map.nc"))

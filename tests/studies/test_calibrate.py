@@ -174,8 +174,9 @@ def test_what_the_data_cannot_tell_is_said(line):
     found = calibrate(PAPER, straight(2.7, 0.0), {MU: (2.0, 4.0), "array.pitch_mm": (13.0, 14.0)}).dataset
     assert (int(found.told[0]), found.attrs["noise_is"]) == (1, "estimated")
     (said,) = str(found.untold.values[0]).splitlines()
-    assert "elastomer.1.relative_permeability by" in said
-    assert "with array.pitch_mm by" in said
+    assert "array.pitch_mm by +0.258 mm" in said
+    assert "elastomer.1.relative_permeability by -0.258" in said
+    assert said.endswith(": changes the data by 0 of their noise")
     assert float(found.correlation[0, 0, 1]) < -0.95
     # the bounds alone limit the two: the interval is theirs, not the infinite one of the slopes
     assert (found.low.values[0] >= [2.0, 13.0]).all()
@@ -235,6 +236,15 @@ def test_choices_set_and_take_away(line):
         "alternative": [{"name": "size", "choice": [{"name": "corners"}, flats, wrong]}],
     })  # fmt: skip
     found = calibrate(PAPER, straight(2.6, 0.0), plan).dataset
+    # an entry that the design lacks, and that only one choice has
+    radius = {"name": "finite", "unknown": [{"entry": "indentation.sample_radius_mm", "low": 20.0, "high": 60.0}]}
+    sample = check_plan({
+        "unknown": [{"entry": MU, "low": 2.0, "high": 4.0}],
+        "alternative": [{"name": "sample", "choice": [{"name": "wide"}, radius]}],
+    })  # fmt: skip
+    cases = [calibration._case_of(calibration.as_file(PAPER), sample, choices) for choices in sample.combinations()]
+    assert [case.start.tolist() for case in cases] == [[2.7], [2.7, 40.0]]
+    assert cases[1].changed(cases[1].start)[0]["indentation"]["sample_radius_mm"] == 40
     assert found["choice of size"].values.tolist()[-1] == "wrong"
     assert "no_such_key is not in the design" in str(found.problem.values[-1])
     assert found.probability.values == pytest.approx([0.5, 0.5, 0.0])  # the line knows nothing of coils
@@ -287,8 +297,8 @@ def test_mistakes_of_a_plan(document, text):
 
 @pytest.mark.parametrize(("data", "unknowns", "text"), [
     (None, {MU: (1.0,)}, "must have low and high, or low, high and start"),
-    (None, {"array.pitch_cm": (1.0, 2.0)}, "no combination has a fit: gast2020: array.pitch_cm"),
-    (None, {"coils.hexagon.turns_per_layer": (20.5, 30.5)}, "turns_per_layer must be"),
+    (None, {"array.pitch_cm": (1.0, 2.0)}, "no combination has a fit: gast2020: array has no key 'pitch_cm'"),
+    (None, {"coils.hexagon.turns_per_layer": (20.5, 30.5)}, "turns must be a multiple of"),
     (straight(2.6, 0.0).assign_coords(state=["coil9"]), {MU: (1.0, 4.0)}, "scan of gast2020 has no state 'coil9'"),
     (published_map().drop_vars("delta"), {MU: (1.0, 4.0)}, "must be a response: delta over"),
     (straight(2.6, 0.0) * np.nan, {MU: (1.0, 4.0)}, "have nothing to fit"),

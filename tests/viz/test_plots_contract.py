@@ -61,7 +61,8 @@ DRAWN = sorted(PLOTS.keys() - PLAIN_NUMBERS)
 
 # axes of texts, counts, pure numbers, and quantities whose names say the unit
 NO_UNIT = {
-    "", "active coil", "passive coil", "coupling coefficient k", "k", "ln evidence − best", "worst_k", "span_mm", "array.columns", "trial",
+    "", "active coil", "passive coil", "coupling coefficient k", "k", "worst_k", "span_mm", "array.columns", "trial",
+    "ln evidence − best",
 }  # fmt: skip
 
 

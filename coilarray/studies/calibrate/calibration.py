@@ -14,7 +14,7 @@ import xarray as xr
 from coilarray.compute.store import Store, open_store
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool, workers
-from coilarray.design.model import Design, DesignFile, build_design, build_design_file
+from coilarray.design.model import Design, DesignFile, build_design
 from coilarray.design.vary import plain, vary_document
 from coilarray.design.write import as_file
 from coilarray.errors import DesignError, GoalError
@@ -27,6 +27,7 @@ from coilarray.studies.calibrate.model import evaluate_model, imperfections_of
 from coilarray.studies.calibrate.plan import IMPERFECTION, Choice, DataTable, Plan, Unknown, simple_plan
 from coilarray.studies.calibrate.result import Case, Solution, Unsolved, result_dataset, solution
 from coilarray.studies.evaluate import run_cached
+from coilarray.studies.optimize.space import value_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -169,10 +170,9 @@ def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case 
         for key in (key for choice in choices for key in choice.without):
             document = _without(document, key.split("."), key)
         document = vary_document(document, changes)
-        known = build_design_file(document, file.design.name).values
-        starts = [_start(unknown, known) for unknown in unknowns]
     except DesignError as error:
         return Unsolved(name, choices, unknowns, str(error))
+    starts = [_start(unknown, changes.get(unknown.name, value_of(file, unknown.name))) for unknown in unknowns]
     return Case(name, choices, document, unknowns, np.array(starts))
 
 
@@ -187,9 +187,9 @@ def _without(table: Any, parts: Sequence[str], key: str) -> Any:
     return rest if len(parts) == 1 else {**rest, parts[0]: _without(table[parts[0]], parts[1:], key)}
 
 
-def _start(unknown: Unknown, known: Mapping[str, object]) -> float:
+def _start(unknown: Unknown, given: object) -> float:
     """First guess: as given, else the design's own value where it is between the bounds, else their middle."""
-    own = 0.0 if unknown.name.startswith(IMPERFECTION) else known.get(unknown.name)
+    own = 0.0 if unknown.name.startswith(IMPERFECTION) else given
     if unknown.start is not None:
         return unknown.start
     if isinstance(own, int | float) and unknown.low <= own <= unknown.high:

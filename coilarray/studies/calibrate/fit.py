@@ -29,6 +29,7 @@ _ENOUGH = 2e-3  # of a unit of χ²/2: a fit that could gain less stands within 
 _DAMPING, _MOST_DAMPING = 1e-3, 1e6
 _SHARE = 0.1  # of the gain that the linear model promises: a step with less is not taken
 _ABSENT = 10.0  # standard deviations by which a number is off that the model does not have
+_ROUNDING = 1e-9  # of the data
 _AT_BOUND = 1e-6  # of an unknown's range
 _RIDGE = 1e-3  # standard deviations in an unknown's range that it has in any case, or the information is singular
 
@@ -97,7 +98,14 @@ class Problem:
         """Scale of the noise: 1 where it is given, else by the residuals."""
         if not self.estimated:
             return 1.0
-        return max(float(np.sqrt(residuals @ residuals / self.freedom)), np.finfo(float).tiny ** 0.25)
+        return max(float(np.sqrt(residuals @ residuals / self.freedom)), self.least_scale)
+
+    @cached_property
+    def least_scale(self) -> float:
+        """Scale of a noise that is no more than the rounding of the data: less is never estimated."""
+        known = self.weight > 0
+        size = float(np.sqrt(np.mean((self.measured[known] / self.std[known]) ** 2)))
+        return _ROUNDING * (size or 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +115,7 @@ class Fit:
     `point` (unknowns,), the model's numbers `values` (n,) there, at the first guess `before` (n,), and their `slopes`
     (n, unknowns) by the unknowns. `scale` is the factor of all standard deviations, 1 where the noise is given;
     `converged` says whether no better point is near, `evaluations` how many were made. `problem` says why there is no
-    fit at all; then the arrays are empty.
+    fit; then the arrays may be empty.
     """
 
     point: FloatArray
@@ -147,10 +155,12 @@ def fit(problem: Problem) -> Asking:
         nothing = np.empty(0)
         return Fit(nothing, nothing, nothing, np.empty((0, len(point))), 1.0, False, 1, first)
     values = before = first
-    slopes, made = yield from _slopes(problem, point, values, np.full(len(point), _STEP))
+    slopes, made, reason = yield from _slopes(problem, point, values, np.full(len(point), _STEP))
     asked, fresh, damping, converged = asked + made, True, _DAMPING, False
     scale = problem.scale_at(problem.residuals(values))
     for _ in range(_MOST_STEPS):
+        if reason:
+            return Fit(point, values, before, slopes, scale, False, asked, reason)
         now = Fit(point, values, before, slopes, scale, converged, asked)
         if _gain(problem, now, _step(problem, now, 0.0)) < _ENOUGH:
             if fresh:
@@ -176,16 +186,16 @@ def fit(problem: Problem) -> Asking:
                     break
                 continue
         steps = _difference_steps(problem, now)
-        slopes, made = yield from _slopes(problem, point, values, steps)
+        slopes, made, reason = yield from _slopes(problem, point, values, steps)
         asked, fresh = asked + made, True
     return Fit(point, values, before, slopes, scale, converged, asked)
 
 
 def _slopes(
     problem: Problem, point: FloatArray, values: FloatArray, steps: FloatArray
-) -> Generator[list[FloatArray], list[FloatArray | str], tuple[FloatArray, int]]:
-    """Slopes of the model's numbers by differences, and the number of evaluations; 0 where no step is possible."""
-    slopes = np.zeros((len(values), len(point)))
+) -> Generator[list[FloatArray], list[FloatArray | str], tuple[FloatArray, int, str]]:
+    """Slopes of the model's numbers by differences, the number of evaluations, and why one of them cannot be."""
+    slopes, reason = np.zeros((len(values), len(point))), ""
     inwards = np.where(point + steps * problem.reach <= problem.high, 1.0, -1.0)
     todo, made = list(range(len(point))), 0
     for sign in (1.0, -1.0):
@@ -196,10 +206,12 @@ def _slopes(
         outcomes = yield [point + move * np.eye(len(point))[k] for k, move in moves.items()]
         made += len(moves)
         for (k, move), outcome in zip(moves.items(), outcomes, strict=True):
-            if not isinstance(outcome, str):
+            if isinstance(outcome, str):
+                reason = outcome
+            else:
                 slopes[:, k] = (outcome - values) / move
                 todo.remove(k)
-    return slopes, made
+    return slopes, made, reason if todo else ""
 
 
 def _difference_steps(problem: Problem, now: Fit) -> FloatArray:

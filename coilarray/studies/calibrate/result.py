@@ -105,7 +105,8 @@ def _likelihoods(problem: Problem, found: Fit) -> tuple[float, float]:
     Where the noise is given there is one likelihood. Scales have the prior 1/s.
     """
     r = problem.residuals(found.values)
-    square, n = float(r @ r), problem.numbers
+    n = problem.numbers
+    square = max(float(r @ r), n * problem.least_scale**2 if problem.estimated else 0.0)
     constant = -float(problem.weight @ np.log(np.sqrt(2 * np.pi) * problem.std))
     if not problem.estimated:
         return constant - square / 2, constant - square / 2

@@ -139,7 +139,7 @@ def start_parameters(axes: Sequence[Axis]) -> dict[str, Any] | None:
 
 
 def _axis(variable: Variable, key: str, file: DesignFile) -> Axis:
-    start = _value_of(file, variable.entry)
+    start = value_of(file, variable.entry)
     if variable.choices is not None:
         for choice in variable.choices:
             _check(file, variable.entry, choice, f"{key}.choices")
@@ -160,8 +160,8 @@ def _axis(variable: Variable, key: str, file: DesignFile) -> Axis:
     return Axis(variable.entry, (), low, high, step, variable.log, whole, start)
 
 
-def _value_of(file: DesignFile, entry: str) -> Any:
-    """Value of an entry, of one place of a list too; None where the design says nothing."""
+def value_of(file: DesignFile, entry: str) -> Any:
+    """Return the value of an entry, of one place of a list too; None where the design says nothing."""
     if entry in file.values:
         return file.values[entry]
     whole, _, place = entry.rpartition(".")
