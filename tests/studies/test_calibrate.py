@@ -245,7 +245,7 @@ def test_choices_set_and_take_away(line):
     cases = [calibration._case_of(calibration.as_file(PAPER), sample, choices) for choices in sample.combinations()]
     assert [case.start.tolist() for case in cases] == [[2.7], [2.7, 40.0]]
     assert cases[1].changed(cases[1].start)[0]["indentation"]["sample_radius_mm"] == 40
-    assert found["choice of size"].values.tolist()[-1] == "wrong"
+    assert found["choice_of_size"].values.tolist()[-1] == "wrong"
     assert "no_such_key is not in the design" in str(found.problem.values[-1])
     assert found.probability.values == pytest.approx([0.5, 0.5, 0.0])  # the line knows nothing of coils
 

@@ -224,6 +224,7 @@ def _fit_all(
         "mesh": table.mesh or ("coarse" if ellipses else "fine"),
     }
     total = sum(2 * len(case.unknowns) + 1 + _GUESSED_STEPS for case in cases)
+    starts = [case.changed(case.start)[0] for case in cases]  # an entry that a choice needs may be an unknown
     done = 0
 
     def item(k: int, point: FloatArray) -> dict[str, Any] | str:
@@ -233,7 +234,7 @@ def _fit_all(
             return f"{cases[k].document['name']}: {error}"
         circuit = any(entry.startswith("circuit.") for one in cases[k].unknowns for entry in one.entry)
         parts = str(store.folder) if store is not None and circuit else ""
-        return {"document": document, "imperfections": imperfections, "start": cases[k].document, "parts": parts, **how}
+        return {"document": document, "imperfections": imperfections, "start": starts[k], "parts": parts, **how}
 
     driver = together([fit(problem) for problem in problems])
     try:

@@ -227,7 +227,8 @@ def result_dataset(
     coords |= {"unit": ("unknown", units)}
     coords |= {key: ("datum", list(values)) for key, values in measured.coords.items()}
     for number, one in enumerate(plan.alternatives):
-        coords[f"choice of {one.name}"] = ("combination", [each.choices[number].name for each in combinations])
+        chosen = [each.choices[number].name for each in combinations]
+        coords[f"choice_of_{one.name.replace(' ', '_')}"] = ("combination", chosen, {"long_name": one.name})
     how = "estimated" if measured.estimated else "given"
     kind = str(measured.request["kind"])
     return xr.Dataset(data, coords, {**provenance(design), "title": plan.title, "kind": kind, "noise_is": how})
