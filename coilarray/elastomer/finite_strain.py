@@ -107,6 +107,14 @@ class Pressed:
         """Return the state after a share of a step."""
         return replace(self, u=self.u + share * step.u, p=self.p + share * step.p, f=self.f + share * step.f)
 
+    def towards(self, depth: float, before: Pressed) -> Pressed:
+        """Continue to a depth on the straight line through the state before; the state itself where there is none."""
+        if not before.depth:
+            return self
+        share = (depth - self.depth) / (self.depth - before.depth)
+        ahead = _Vector(self.u - before.u, self.p - before.p, self.f - before.f)
+        return self.moved(ahead, share)
+
 
 @dataclass(frozen=True, eq=False)
 class _Vector:
@@ -202,7 +210,7 @@ class SoftBody:
     @property
     def _unknowns(self) -> int:
         """Number of free displacements and forces."""
-        return self._count - len(self.grid.held) + len(self.grid.radii)
+        return int(max(place.max() for place in self._order)) + 1
 
     def at_rest(self) -> Pressed:
         """Return the state before contact."""
@@ -214,15 +222,16 @@ class SoftBody:
 
         ElastomerError where no step is small enough for Newton's method: the strains are too large for the mesh.
         """
-        state = self.at_rest()
+        state = before = self.at_rest()
         for depth in depths:
             whole = step = depth - state.depth
             trials = 0
             while state.depth < depth:
                 trials += 1
-                found = self._solved(state, depth if step >= depth - state.depth else state.depth + step)
+                to = depth if step >= depth - state.depth else state.depth + step
+                found = self._solved(state.towards(to, before), to) or self._solved(state, to)
                 if found is not None:
-                    state, step = found, 2 * step
+                    before, state, step = state, found, 2 * step
                 elif step < _LEAST_STEP * whole or trials >= _MOST_TRIALS:
                     raise ElastomerError(
                         f"the contact converges up to a depth of {state.depth:.3g} thicknesses of the sheets; "
