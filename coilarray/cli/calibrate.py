@@ -88,13 +88,13 @@ def calibrate(
     best = str(result.combination.values[0])
     record = {"best": best, "values": dict(found.values), "notes": notes}
     answer = {**shared.design_record(opened.design), "data": data, **record}
-    answer |= {table.name: table.records() for table in tables}
+    records = {table.name: table.records() for table in tables}
     shown = [table for table in tables if table.name != "data"]
     if result.sizes["combination"] == 1:
         shown = [table for table in shown if table.name != "ranking"]
     lines = [*([f"Most probable: {best}."] if result.sizes["combination"] > 1 else []), *notes]
     shared.print_result(
-        answer | {"files": [str(path) for path in written]},
+        {**answer, **records, "files": [str(path) for path in written]},
         as_json=as_json, tables=shown, titles=True, lines=lines, files=(*written, plot),
     )  # fmt: skip
 

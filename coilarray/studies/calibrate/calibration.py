@@ -204,7 +204,7 @@ def _problem(case: Case, measured: Measurement) -> Problem:
     ]
     low, high, mean, std = np.array(rows, dtype=np.float64).T
     numbers = (measured.values, measured.std, measured.weight)
-    return Problem(low, high, case.start, mean, std, *numbers, measured.estimated)
+    return Problem(low, high, case.start, mean, std, *numbers, measured.noise_freedom)
 
 
 def _fit_all(
