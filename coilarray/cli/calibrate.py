@@ -54,8 +54,9 @@ def calibrate(
 ) -> None:
     """Fit unknown entries of a design to what was measured on its board.
 
-    A plan names keys of the design, and imperfections of the experiment, with bounds and priors, and alternatives such
-    as the order of layers. Printed are the values with errors and correlations, the alternatives by their evidence, and
+    A plan names keys of the design, and imperfections of the experiment, with bounds and priors (tables [[unknown]]:
+    entry, low, high, prior_mean, prior_std), and alternatives such as the order of layers ([[alternative]] with
+    [[alternative.choice]]: name, set, without). Printed are the values with errors and correlations, the alternatives by their evidence, and
     what the data cannot tell. Of ellipses A, B and peaks are fitted; x0 is predicted, and fitted only where the plan
     says so. Evaluations are stored: the same command goes on from an interrupted one.
 
@@ -88,13 +89,13 @@ def calibrate(
     best = str(result.combination.values[0])
     record = {"best": best, "values": dict(found.values), "notes": notes}
     answer = {**shared.design_record(opened.design), "data": data, **record}
-    answer |= {table.name: table.records() for table in tables}
+    records = {table.name: table.records() for table in tables}
     shown = [table for table in tables if table.name != "data"]
     if result.sizes["combination"] == 1:
         shown = [table for table in shown if table.name != "ranking"]
     lines = [*([f"Most probable: {best}."] if result.sizes["combination"] > 1 else []), *notes]
     shared.print_result(
-        answer | {"files": [str(path) for path in written]},
+        {**answer, **records, "files": [str(path) for path in written]},
         as_json=as_json, tables=shown, titles=True, lines=lines, files=(*written, plot),
     )  # fmt: skip
 

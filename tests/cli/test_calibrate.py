@@ -9,6 +9,7 @@ from support.command_line import runner
 
 import coilarray.studies.calibrate.calibration as calibration
 from coilarray.compute.netcdf import save_dataset
+from coilarray.design.model import build_design
 from coilarray.localize.ellipse_model import model_to_json
 from coilarray.localize.published import published_map, published_model
 
@@ -21,6 +22,7 @@ def quick(monkeypatch, tmp_path):
     """Instead of a map the ellipses of Table A1, wider with the gap."""
 
     def evaluate(item):
+        build_design(item["document"], "gast2020")
         width = item["document"]["coils"]["hexagon"]["gap_mm"] / 0.08
         rows = []
         for state in item["request"]["states"]:

@@ -5,8 +5,6 @@ distribution by SciPy; seeded data for the coverage of errors with the noise giv
 emulator are in test_calibrate_campaigns.py.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -38,7 +36,8 @@ def posed(measured, *, std=0.02, estimated=False, low=(0, 0.1, -1), high=(5, 4, 
     n = len(low)
     mean, spread = (np.full(n, np.nan), np.full(n, np.inf)) if prior is None else map(np.array, prior)
     numbers = (measured, np.full(len(measured), std), np.ones(len(measured)))
-    return Problem(*(np.array(one, dtype=float) for one in (low, high, start)), mean, spread, *numbers, estimated)
+    freedom = 0.0 if estimated else np.inf
+    return Problem(*(np.array(one, dtype=float) for one in (low, high, start)), mean, spread, *numbers, freedom)
 
 
 def driven(problem, function):
@@ -186,10 +185,14 @@ def test_what_the_data_cannot_tell_is_said(line):
 def test_noise_is_that_of_the_data_by_state(line):
     noisy = straight(2.6, 0.0).assign(delta_std=("x", np.full(12, 0.2)))
     given = measurement(noisy.assign_attrs(repeats=4), DataTable(), PAPER)
-    assert (given.estimated, given.std[0]) == (False, pytest.approx(0.1))
+    assert (given.noise_freedom, given.std[0]) == (np.inf, pytest.approx(0.1))
+    noisy.delta_std.attrs["found_from"] = "repeats"
+    assert measurement(noisy.assign_attrs(repeats=4), DataTable(), PAPER).noise_freedom == 12 * 3
+    noisy.delta_std.attrs["found_from"] = "baselines"
+    assert measurement(noisy, DataTable(), PAPER).noise_freedom == pytest.approx(2 * 11**2 / 32)
     gap = straight(2.6, 0.0).where(lambda one: one.x > -0.9)
     assert measurement(gap, DataTable(delta_std=0.3), PAPER).weight.tolist() == [0.0] + 11 * [1.0]
-    assert measurement(gap, DataTable(), PAPER).estimated
+    assert measurement(gap, DataTable(), PAPER).noise_freedom == 0
 
 
 def test_ellipses_leave_undetermined_levels_and_x0_out():
@@ -207,7 +210,7 @@ def test_ellipses_leave_undetermined_levels_and_x0_out():
     peaks = table.where(table.quantity == "peak", drop=True)
     # that of coil 2 would be far beyond the levels of which the polynomial is known
     assert peaks.weight.values.tolist() == [1.0, 0.0]
-    assert found.estimated
+    assert found.noise_freedom == 0
 
 
 def test_evaluations_are_kept(line, tmp_path):
@@ -252,13 +255,12 @@ def test_choices_set_and_take_away(line):
 
 @pytest.mark.slow
 def test_drift_is_added_in_the_order_of_a_campaign():
-    design = first_coils_design(1)
-    design = replace(design, indentation=replace(design.indentation, origin="coil1"))
+    design = first_coils_design(2)
     axes = {"depths": [0.5e-3, 1e-3], "x": [-2e-3, 0.0, 2e-3], "y": [0.0, 2e-3]}
     plain, drifting = (
         response_map(design, **axes, ideal=True, imperfections=Imperfections(drift=drift)) for drift in (0.0, 1e-5)
     )
-    order = (drifting.delta - plain.delta).transpose("y", "x", "depth", "state").values.ravel()
+    order = (drifting.delta - plain.delta).isel(state=0).transpose("y", "x", "depth").values.ravel()
     assert order == pytest.approx(np.linspace(0, 1e-5, 12), abs=1e-12)  # 1e-12: rounding of δ
     assert map_axes(design, *axes.values()).order.shape == (2, 6)
 

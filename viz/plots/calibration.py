@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -63,7 +65,7 @@ def _fitted_response(of: xr.Dataset, state: str, left: Axes, right: Axes) -> Non
     deepest = of.isel(datum=np.flatnonzero(of.depth == of.depth.max()))
     for k, y in enumerate(np.unique(deepest.y.values)):
         row = deepest.isel(datum=np.flatnonzero(deepest.y == y)).sortby("x")
-        shown = {"color": INK, "markersize": 3.0, "markerfacecolor": "none"}
+        shown: dict[str, Any] = {"color": INK, "markersize": 3.0, "markerfacecolor": "none"}
         left.plot(MM.of(row.x), MILLI_DELTA.of(row.measured), "o", label="measured" if not k else None, **shown)
         left.plot(MM.of(row.x), MILLI_DELTA.of(row.model), "-", color=BLUE, label=None if k else "fitted")
     dots = right.scatter(

@@ -116,9 +116,9 @@ def calibrate(
     Notes
     -----
     The posterior is the normal distribution of the linear model at the best point, cut off at the bounds; where the
-    scale of the noise is estimated, Student's. Evidences are Laplace's approximation of the same box (D. J. C. MacKay,
-    Information Theory, Inference, and Learning Algorithms, ch. 28); flat priors enter them with their ranges, so that
-    wide bounds cost probability. A direction is told where the data alone know it better than the prior, whose standard
+    scale of the noise is not given but measured or estimated, Student's. Evidences are Laplace's approximation of the
+    same box (D. J. C. MacKay, Information Theory, Inference, and Learning Algorithms, ch. 28); flat priors enter them
+    with their ranges, so that wide bounds cost probability. A direction is told where the data alone know it better than the prior, whose standard
     deviation is the range/√12 where flat.
 
     Examples
@@ -204,7 +204,7 @@ def _problem(case: Case, measured: Measurement) -> Problem:
     ]
     low, high, mean, std = np.array(rows, dtype=np.float64).T
     numbers = (measured.values, measured.std, measured.weight)
-    return Problem(low, high, case.start, mean, std, *numbers, measured.estimated)
+    return Problem(low, high, case.start, mean, std, *numbers, measured.noise_freedom)
 
 
 def _fit_all(

@@ -24,6 +24,7 @@ from coilarray.studies.calibrate.plan import DataTable
 FloatArray = npt.NDArray[np.float64]
 
 _DIMS = ("depth", "y", "x", "state")
+_FEW = 30.0  # degrees of freedom, with which a standard deviation is known to 13 %
 _BEYOND = 1.5  # of the highest level: a polynomial that ends further beyond does not tell the peak
 
 
@@ -41,8 +42,9 @@ class Measurement:
         ``x`` in m, for ellipses ``level``.
     request : mapping of str to object
         What `model_values` needs, as plain values.
-    estimated : bool
-        Whether the standard deviations are relative ones, whose scale comes from what remains.
+    noise_freedom : float
+        Degrees of freedom with which the scale of the standard deviations is known: infinite where they are given, 0
+        where they are relative and their scale comes from what remains.
     """
 
     values: FloatArray
@@ -50,7 +52,7 @@ class Measurement:
     weight: FloatArray
     coords: Mapping[str, Sequence[object]]
     request: Mapping[str, Any]
-    estimated: bool
+    noise_freedom: float
 
 
 def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Design) -> Measurement:
@@ -104,13 +106,17 @@ def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequen
     values = data.delta.values.astype(np.float64)
     known = np.isfinite(values)
     if noise is None:
-        level = np.full(len(states), 1.0 if table.delta_std is None else table.delta_std)
-        estimated = table.noise == "estimated" or (table.noise is None and table.delta_std is None)
         if table.noise == "given" and table.delta_std is None:
             raise GoalError('the data say nothing of their noise; give data.delta_std or noise = "estimated".')
+        level = np.full(len(states), 1.0 if table.delta_std is None else table.delta_std)
+        freedom = 0.0 if table.delta_std is None else np.inf
     else:  # of a state one number: those of single positions, from a few repeats, would be weights that mislead
         level = np.sqrt(np.mean(noise**2, axis=(0, 1, 2)))
-        estimated = table.noise == "estimated"
+        freedom = _noise_freedom(data, known)
+        if freedom < _FEW * len(states):  # nor do states differ by what so few numbers say
+            level = np.full(len(states), np.sqrt(np.mean(level**2)))
+    if table.noise is not None:
+        freedom = 0.0 if table.noise == "estimated" else np.inf
     if not (np.isfinite(level) & (level > 0)).all():
         raise GoalError("the noise of the data must be positive; give data.delta_std.")
     index = np.meshgrid(*(np.arange(n) for n in values.shape), indexing="ij")
@@ -120,7 +126,22 @@ def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequen
     request = {"kind": "response", "states": list(states)}
     request |= {name: axes[name].tolist() for name in _DIMS[:3]}
     std = np.broadcast_to(level, values.shape).ravel()
-    return Measurement(values.ravel(), std, known.ravel().astype(np.float64), coords, request, estimated)
+    return Measurement(values.ravel(), std, known.ravel().astype(np.float64), coords, request, freedom)
+
+
+def _noise_freedom(data: xr.Dataset, known: npt.NDArray[np.bool_]) -> float:
+    """Degrees of freedom with which the ``delta_std`` of a recording is known, all states together.
+
+    That of repeats has one fewer than repeats at every position; that of differences of N successive baselines
+    2 (N − 1)²/(3N − 4) (J. von Neumann, Ann. Math. Stat. 12, 367, 1941). Any other is taken as given.
+    """
+    positions = known.sum(axis=(0, 1, 2)).astype(np.float64)
+    match data["delta_std"].attrs.get("found_from"):
+        case "repeats":
+            return float(positions.sum() * (int(data.attrs.get("repeats", 1)) - 1))
+        case "baselines":
+            return float(sum(2 * (n - 1) ** 2 / (3 * n - 4) for n in positions.tolist() if n > 1))
+    return np.inf
 
 
 def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequence[str]) -> Measurement:
@@ -144,7 +165,8 @@ def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequ
         told = coil.highest <= _BEYOND * levels[-1]
         weight = 1.0 if told and "peak" in table.parameters else 0.0
         rows.append((coil.highest if told else np.nan, table.peak_std, weight, "peak", name, np.nan))
-    values, std, weight, quantity, state, of_level = zip(*rows, strict=True)
+    values, std, weights, quantity, state, of_level = zip(*rows, strict=True)
+    freedom = np.inf if table.noise == "given" else 0.0
     coords = {"quantity": quantity, "state": state, "level": of_level}
     request = {"kind": "ellipses", "states": list(states), "levels": levels.tolist()}
-    return Measurement(np.array(values), np.array(std), np.array(weight), coords, request, table.noise != "given")
+    return Measurement(np.array(values), np.array(std), np.array(weights), coords, request, freedom)

@@ -44,8 +44,8 @@ class Problem:
         Bounds, first guesses and priors in any units; a flat prior has a mean of NaN and an infinite deviation.
     measured, std, weight : ndarray, shape (n,)
         As in `coilarray.studies.calibrate.data.Measurement`.
-    estimated : bool
-        Whether the scale of `std` is estimated.
+    noise_freedom : float
+        Degrees of freedom with which the scale of `std` is known: infinite where it is given, 0 where nothing is known.
     """
 
     low: FloatArray
@@ -56,10 +56,10 @@ class Problem:
     measured: FloatArray
     std: FloatArray
     weight: FloatArray
-    estimated: bool
+    noise_freedom: float
 
     def __post_init__(self) -> None:
-        if self.estimated and self.freedom < 1:
+        if self.scale_freedom < 1:
             raise GoalError(
                 f"{len(self.low)} unknowns and the scale of the noise need more than {len(self.low)} independent "
                 f"numbers; the data have {self.numbers:.3g}."
@@ -74,6 +74,11 @@ class Problem:
     def freedom(self) -> float:
         """Degrees of freedom: independent numbers less unknowns."""
         return self.numbers - len(self.low)
+
+    @property
+    def scale_freedom(self) -> float:
+        """Degrees of freedom with which the scale of the noise is known after the fit."""
+        return self.freedom + self.noise_freedom
 
     @property
     def reach(self) -> FloatArray:
@@ -95,10 +100,11 @@ class Problem:
         return np.where(np.isfinite(rows), rows, 0.0)
 
     def scale_at(self, residuals: FloatArray) -> float:
-        """Scale of the noise: 1 where it is given, else by the residuals."""
-        if not self.estimated:
+        """Scale of the noise: 1 where it is given, else by the residuals and by what is known of it."""
+        if np.isinf(self.noise_freedom):
             return 1.0
-        return max(float(np.sqrt(residuals @ residuals / self.freedom)), self.least_scale)
+        square = float(residuals @ residuals + self.noise_freedom) / self.scale_freedom
+        return max(float(np.sqrt(square)), self.least_scale)
 
     @cached_property
     def least_scale(self) -> float:

@@ -1,6 +1,28 @@
 """Calibration plans: which entries of a design are unknown, which alternatives it has, and what is fitted to what.
 
-TOML, ``schema = 1``; the bundled ``table_a1`` is an example with all that there is.
+TOML; the bundled ``table_a1`` is a longer example::
+
+    schema = 1
+
+    [[unknown]]                     # flat between the bounds
+    entry = "coils.hexagon.gap_mm"
+    low = 0.05
+    high = 0.10
+
+    [[unknown]]                     # normal, cut off at the bounds
+    entry = "imperfections.depth_error_mm"
+    low = -0.3
+    high = 0.3
+    prior_mean = 0.0
+    prior_std = 0.1
+
+    [[alternative]]                 # every combination of choices is fitted
+    name = "base"
+    [[alternative.choice]]
+    name = "bonded"
+    [[alternative.choice]]
+    name = "frictionless"
+    set = { "indentation.base" = "frictionless" }
 """
 
 from __future__ import annotations
@@ -107,7 +129,8 @@ class DataTable(Table):
     ``states`` are all by default. ``parameters`` and ``levels`` of δ are for ellipses, of which A, B and the peak are
     fitted by default; ``semiaxis_std_mm`` and ``peak_std`` are their standard deviations, and ``delta_std`` that of δ
     of a response that has none of its own. ``noise = "estimated"`` takes them as relative and estimates their scale
-    from what remains: the default for ellipses, and for a response without any standard deviation. ``circuit`` is
+    from what remains: the default for ellipses, and for a response without any standard deviation. ``noise = "given"``
+    believes them. A recording's own is by default known as well as its repeats or baselines tell it. ``circuit`` is
     "full" or "ideal" (without losses and strays, which change δ by less than 1 %), the default for ellipses; so is
     ``mesh = "coarse"``, right to 1e-3 of δ.
     """

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 from scipy.special import gammaln, log_ndtr, logsumexp
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from coilarray.circuit.coupling import provenance
 from coilarray.design.model import Design
@@ -88,13 +88,14 @@ def solution(case: Case, problem: Problem, found: Fit) -> Solution:
     covariance = np.linalg.inv(curvature)
     covariance = (covariance + covariance.T) / 2
     pull = covariance @ gradient(problem, found)
-    freedom = problem.freedom if problem.estimated else np.inf
-    draws, inside = bounded_normal(found.point - pull, covariance, problem.low, problem.high, DRAWS, freedom)
+    draws, inside = bounded_normal(
+        found.point - pull, covariance, problem.low, problem.high, DRAWS, problem.scale_freedom
+    )
     likelihood, marginal = _likelihoods(problem, found)
     shift = float(gradient(problem, found) @ pull) / 2
     volume = (len(found.point) * np.log(2 * np.pi) + float(np.linalg.slogdet(covariance)[1])) / 2
     evidence = marginal + _log_prior(problem, found.point) + shift + volume + inside
-    count = len(found.point) + problem.estimated
+    count = len(found.point) + (problem.noise_freedom == 0)
     bic = count * np.log(problem.numbers) - 2 * likelihood
     return Solution(case, problem, found, covariance, draws, likelihood, evidence, float(bic))
 
@@ -102,17 +103,28 @@ def solution(case: Case, problem: Problem, found: Fit) -> Solution:
 def _likelihoods(problem: Problem, found: Fit) -> tuple[float, float]:
     """Logarithms of the likelihood of the data, at the best scale of the noise and averaged over scales.
 
-    Where the noise is given there is one likelihood. Scales have the prior 1/s.
+    Where the noise is given there is one likelihood. Else the square of the scale has the scaled inverse χ² prior with
+    `noise_freedom`, of which 1/s² is the limit where nothing is known.
     """
-    r = problem.residuals(found.values)
-    n = problem.numbers
-    square = max(float(r @ r), n * problem.least_scale**2 if problem.estimated else 0.0)
+    r, n, known = problem.residuals(found.values), problem.numbers, problem.noise_freedom
+    square = float(r @ r)
     constant = -float(problem.weight @ np.log(np.sqrt(2 * np.pi) * problem.std))
-    if not problem.estimated:
+    if np.isinf(known):
         return constant - square / 2, constant - square / 2
-    best = constant - n / 2 * (np.log(square / n) + 1)
-    averaged = constant - n / 2 * np.log(square / 2) + float(gammaln(n / 2)) - np.log(2)
+    square = max(square, n * problem.least_scale**2)
+    scale = (square + known) / (n + known)
+    best = constant - n / 2 * np.log(scale) - square / scale / 2
+    averaged = constant + float(gammaln((n + known) / 2)) - (n + known) / 2 * np.log((square + known) / 2)
+    averaged += known / 2 * np.log(known / 2) - float(gammaln(known / 2)) if known else -np.log(2)
     return float(best), float(averaged)
+
+
+def _fit_probability(problem: Problem, square: float) -> float:
+    """Probability of a larger χ² by noise alone; NaN where nothing but the data tell its size."""
+    freedom, known = max(problem.freedom, 1e-9), problem.noise_freedom
+    if np.isinf(known):
+        return float(chi2.sf(square, freedom))
+    return float(f.sf(square / freedom, freedom, known)) if known else np.nan
 
 
 def _log_prior(problem: Problem, point: FloatArray) -> float:
@@ -191,7 +203,7 @@ def result_dataset(
         square = float(r @ r)
         direct = _untold(row)
         said[i] = "\n".join(direct)
-        odds = np.nan if problem.estimated else float(chi2.sf(square, max(problem.freedom, 1e-9)))
+        odds = _fit_probability(problem, square)
         likelihood = (row.log_likelihood, row.bic, row.log_evidence)
         told = len(row.case.names) - len(direct)
         for key, value in zip(
@@ -229,7 +241,7 @@ def result_dataset(
     for number, one in enumerate(plan.alternatives):
         chosen = [each.choices[number].name for each in combinations]
         coords[f"choice_of_{one.name.replace(' ', '_')}"] = ("combination", chosen, {"long_name": one.name})
-    how = "estimated" if measured.estimated else "given"
+    how = {0.0: "estimated", np.inf: "given"}.get(measured.noise_freedom, "measured")
     kind = str(measured.request["kind"])
     return xr.Dataset(data, coords, {**provenance(design), "title": plan.title, "kind": kind, "noise_is": how})
 
