@@ -327,7 +327,7 @@ class _Lift:
         nx, ny = problem.plan
         x, y, _ = problem.box.axes
         along_x, along_y = problem.unevenness.gap_slope
-        self._gap = (along_x * x.nodes[:, None] + along_y * y.nodes).ravel()
+        self._gap = np.maximum(along_x * x.nodes[:, None] + along_y * y.nodes, 0.0).ravel()
         self._push = (problem.stiffness[2] * problem.factor * problem.area).ravel()
         answers = [
             problem.faces(problem.box.displacements(self._bottom_forces(start, min(start + ny, nx * ny))))

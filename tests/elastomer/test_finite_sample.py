@@ -70,10 +70,11 @@ def corrected(
     mesh: BoxMesh = COARSE,
     slope: float = 0.0,
     radius: float = 6e-3,
+    sheets: tuple[Sheet, ...] = SHEETS,
 ) -> SampleCorrection:
     r, pressure = contact_pressure(radius)
     sample = Sample(bounds, unevenness, mesh)
-    return sample_correction(SHEETS, base, sample, np.array(places), r, pressure, np.array([slope]))
+    return sample_correction(sheets, base, sample, np.array(places), r, pressure, np.array([slope]))
 
 
 @pytest.mark.parametrize("poisson", [0.0, 0.3, 0.49])
@@ -212,7 +213,8 @@ def test_the_sample_gives_way_where_the_seat_is_softer() -> None:
 
 def test_a_lifting_seat_only_pushes_and_carries_all_force() -> None:
     weight, slope, force_rise = 0.5, 300.0, 1e3 * 2 * np.pi * (6e-3) ** 2 / 6
-    found = corrected(unevenness=Unevenness(lifts=True, weight=weight), slope=slope)
+    # of one modulus: sheets of several ones curl under their weight
+    found = corrected(unevenness=Unevenness(lifts=True, weight=weight), slope=slope, sheets=(SHEETS[0],))
     load = 1 + found.depth[0, 0] * slope
     r = np.hypot(found.x.nodes[:, None], found.y.nodes)
     bottom = -weight / SEAT.stiffness + load * found.beyond(r)[..., 0, 0] + found.moved[0, 0, 0]
@@ -236,7 +238,7 @@ def test_a_heavy_sample_does_not_lift() -> None:
 
 
 def test_a_gap_that_opens_to_one_side_lifts_the_sample_there() -> None:
-    found = corrected(unevenness=Unevenness(gap_slope=(2e-3, 0.0), lifts=True, weight=100.0))
+    found = corrected(unevenness=Unevenness(gap_slope=(20e-3, 0.0), lifts=True, weight=100.0))
     lifted = found.lifted[0, 0]
     assert lifted[-1].mean() > lifted[0].mean()
 
@@ -263,14 +265,17 @@ def test_an_unevenness_is_finite(change: dict[str, object]) -> None:
 def test_far_sides_leave_the_response_and_near_ones_raise_it() -> None:
     design = load_design("gast2020")
     assert design.indentation is not None
-    setup = replace(design.indentation, base=SEAT)
+    setup = replace(design.indentation, base=SEAT, strain="linear")
 
     def response(bounds: tuple[float, float, float, float] | None, reach: float | None = None) -> np.ndarray:
         sample = replace(design, indentation=replace(setup, sample_bounds=bounds))
-        return response_map(sample, x=[0.0], y=[0.0], reach=reach, ideal=True).delta.values[0, 0, 0]
+        known = 50e-6 * (np.eye(6) - 0.05 * (np.eye(6, k=1) + np.eye(6, k=-1)))
+        found = response_map(sample, x=[0.0], y=[0.0], reach=reach, ideal=True, inductance=lambda: known)
+        return np.asarray(found.delta.values[0, 0, 0])
 
-    wide, far, near = (response(b) for b in (None, (-70e-3, -60e-3, 110e-3, 60e-3), (-40e-3, -9e-3, 70e-3, 9e-3)))
+    close = (-40e-3, -9e-3, 70e-3, 9e-3)
+    wide, far, near = (response(b) for b in (None, (-70e-3, -60e-3, 110e-3, 60e-3), close))
     assert far[1] == pytest.approx(wide[1], rel=2e-3)  # and the mesh of the contact is another one
     assert abs(near[1] / wide[1] - 1) > 0.02
     # the near coils alone: 1e-3 of the peak, and to first order in the change of inductance
-    np.testing.assert_allclose(response((-40e-3, -9e-3, 70e-3, 9e-3), 1e-3), near, atol=1.2e-3 * np.abs(near).max())
+    np.testing.assert_allclose(response(close, 1e-3), near, atol=1.2e-3 * np.abs(near).max())
