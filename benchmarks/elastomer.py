@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from speed import Speed, _fresh, _median_time
 from support.references import polygon, rows
 
 from coilarray import load_design, response_map
-from coilarray.elastomer.contact import indent
+from coilarray.elastomer import contact
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.flat_layer import layer_inductance
@@ -24,6 +25,7 @@ from coilarray.response.two_dimensional import line_response
 FEM = Path(__file__).with_name("dented_layer_3d.json")
 
 _HALF_SPACE = 1e3  # m
+indent = partial(contact.indent, strain="linear")
 
 
 def _slabs() -> Iterator[tuple[float, float]]:

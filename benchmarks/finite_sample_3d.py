@@ -61,7 +61,7 @@ def faces_of(
 def compare(case: dict[str, Any]) -> dict[str, Any]:
     """Corrections of one case in H: by the package, and on each mesh of the three-dimensional solution."""
     assert DESIGN.indentation is not None
-    setup = replace(DESIGN.indentation, base=SEAT)
+    setup = replace(DESIGN.indentation, base=SEAT, strain="linear")
     uneven = replace(setup, sample_bounds=case["bounds"], unevenness=Unevenness(stiffness_slope=case["slope"]))
     place = np.array(case["place"])
     wide, finite = (replace(DESIGN, indentation=one) for one in (setup, uneven))

@@ -24,12 +24,12 @@ from coilarray.circuit.state_sensitivity import state_sensitivity
 from coilarray.design.bundled import read
 from coilarray.design.model import Design, Indentation, parse_design
 from coilarray.elastomer.coil_spectrum import coil_segments, segment_centres
-from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.response.map import response_map
+from coilarray.response.setup import contact_at
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -185,7 +185,7 @@ def _against_all(design: Design, matrix: FloatArray, peak: float, along: int) ->
     The error is relative to the peak of the whole map, which few positions may miss.
     """
     setup = _setup(design)
-    contact = indent(design.sheets, setup.indenter, setup.depths[:1], base=setup.base)
+    contact = contact_at(setup, design.sheets, setup.depths[:1])
     dent = dent_of(contact.isel(depth=0), design.sheets)
     R = dc_resistance(design.array.conductors(), design.circuit.resistivity)
     states = state_sensitivity(bare_network(design.array.names, matrix, R, design.circuit.switches), design.plan)

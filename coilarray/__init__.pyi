@@ -55,6 +55,7 @@ from .geometry.indenter import Hemisphere as Hemisphere
 from .geometry.indenter import Paraboloid as Paraboloid
 from .geometry.rules import FabRules as FabRules
 from .geometry.rules import check_rules as check_rules
+from .geometry.sheet import Seat as Seat
 from .geometry.sheet import Sheet as Sheet
 from .geometry.spiral import Spiral as Spiral
 from .geometry.spiral import apothem_from_size as apothem_from_size

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 from coilarray.errors import GeometryError
 from coilarray.geometry.values import require_positive
+
+RigidBase = Literal["bonded", "frictionless"]
+"""How the lowest sheet lies on a rigid board: glued, or free to slide but not to lift off."""
+Strain = Literal["finite", "linear"]
+"""Large deformations of neo-Hookean sheets, or linear elasticity."""
+KPA_PER_MM = 1e6
+"""Stiffness of a seat of 1 kPa/mm in Pa/m."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +75,8 @@ class Seat:
 
     Examples
     --------
-    >>> Seat(stiffness=4.3e6).shear
-    0.0
+    >>> print(Seat(stiffness=4.3e6))
+    seat of 4.3 kPa/mm
     """
 
     stiffness: float
@@ -79,6 +87,14 @@ class Seat:
             raise GeometryError(f"stiffness of a seat must be positive and finite; got {self.stiffness} Pa/m.")
         if not (math.isfinite(self.shear) and self.shear >= 0):
             raise GeometryError(f"shear stiffness of a seat must be finite and at least 0; got {self.shear} Pa/m.")
+
+    def __str__(self) -> str:
+        shear = f", {self.shear / KPA_PER_MM:.6g} kPa/mm along the board" if self.shear else ""
+        return f"seat of {self.stiffness / KPA_PER_MM:.6g} kPa/mm{shear}"
+
+
+Base: TypeAlias = RigidBase | Seat
+"""Support of the lowest sheet: a rigid board to which it is glued or on which it slides, or a soft seat."""
 
 
 @dataclass(frozen=True)

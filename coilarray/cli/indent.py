@@ -13,7 +13,10 @@ from coilarray.cli import shared
 from coilarray.errors import ElastomerError
 
 # what the dent depends on; the rest of [indentation] says where it is made
-_ENTERING = ("thickness_mm", "youngs_modulus_kPa", "poissons_ratio", "base", "depths_mm", "sample_radius_mm")
+_ENTERING = (
+    "thickness_mm", "youngs_modulus_kPa", "poissons_ratio", "strain", "base", "seat_stiffness_kPa_per_mm",
+    "seat_shear_kPa_per_mm", "depths_mm", "sample_radius_mm",
+)  # fmt: skip
 
 
 def indent(
@@ -24,9 +27,9 @@ def indent(
         typer.Option(help="How the lowest sheet lies on the board, instead of the design's."),
     ] = None,
     strain: Annotated[
-        Literal["linear", "finite"],
-        typer.Option(help="Linear elasticity, or large deformations of neo-Hookean sheets (some seconds)."),
-    ] = "linear",
+        Literal["finite", "linear"] | None,
+        typer.Option(help="Large deformations, or quick linear elasticity, instead of what the design says."),
+    ] = None,
     out: Annotated[
         Path | None, shared.out_option("Also write .nc (all interfaces) or .csv (the table).", ".nc", ".csv")
     ] = None,
@@ -45,22 +48,25 @@ def indent(
         raise ElastomerError(f"--depth-mm must be above zero; got {depth_mm!r}.")
     from coilarray.circuit.coupling import provenance
     from coilarray.design.model import load_design_file
-    from coilarray.elastomer.contact import indent as press
     from coilarray.report.indentation_tables import indentation_table
     from coilarray.report.tables import design_table
-    from coilarray.response.setup import indentation_of
+    from coilarray.response.setup import contact_at, indentation_of
 
     file = load_design_file(design)
     opened = file.design
     setup = indentation_of(opened)
-    chosen = base or setup.base
-    pressed = depths or setup.depths
-    result = press(opened.sheets, setup.indenter, pressed, base=chosen, radius=setup.sample_radius, strain=strain)
-    result = result.assign_attrs(provenance(opened))
-    table = replace(indentation_table(result), title=f"{setup.indenter.name}, base {chosen}, {strain} strain")
+    setup = replace(setup, base=base or setup.base, strain=strain or setup.strain, depths=tuple(depths or setup.depths))
+    result = contact_at(setup, opened.sheets, setup.depths).assign_attrs(provenance(opened))
+    how = f"base {setup.base}, {setup.strain} strain"
+    table = replace(indentation_table(result), title=f"{setup.indenter.name}, {how}")
     shared.write_numbers(out, result, table.csv)
     shared.draw(plot, lambda: viz.indentation_figure(result, setup.indenter))
-    replaced = {"depths_mm": depths is not None, "base": base is not None}
+    on_seat = ("base", "seat_stiffness_kPa_per_mm", "seat_shear_kPa_per_mm")
+    replaced = {
+        "depths_mm": depths is not None,
+        "strain": strain is not None,
+        **dict.fromkeys(on_seat, base is not None),
+    }
     not_given = [
         row
         for row in design_table(file).records()
@@ -71,8 +77,8 @@ def indent(
     data = {
         **shared.design_record(opened),
         "indenter": setup.indenter.name,
-        "base": chosen,
-        "strain": strain,
+        "base": str(setup.base),
+        "strain": setup.strain,
         "dents": table.records(),
         "not_given": [{**row, "value": file.values[str(row["key"])]} for row in not_given],
     }

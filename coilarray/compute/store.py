@@ -107,6 +107,19 @@ def open_store(folder: Path | None = None) -> Store:
     return Store(folder)
 
 
+def kept_dataset(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
+    """Return a dataset as `Store.dataset` of the default store; where that cannot be written it is only computed."""
+    key = content_key(*parts)
+    with suppress(OutputError):
+        found = open_store().get_dataset(key)
+        if found is not None:
+            return found
+    computed = compute()
+    with suppress(OutputError):
+        open_store().put_dataset(key, computed)
+    return computed
+
+
 def content_key(*parts: Any) -> str:
     """Return the key of a result: SHA-256, hexadecimal, of the parts and of `code_version`.
 

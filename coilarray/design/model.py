@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from coilarray.design.scan_states import Passive, ScanState, Switches, check_sta
 from coilarray.design.tables import PASSIVE, Document
 from coilarray.errors import DesignError, GeometryError, NetworkError
 from coilarray.geometry import EVEN, Coil, CoilArray, FabRules, Indenter, Sheet, Unevenness
+from coilarray.geometry.sheet import Base, Strain
 
 
 @dataclass(frozen=True)
@@ -73,8 +74,8 @@ class Indentation:
         Depths of the indentation in m, rising.
     x, y : tuple of float
         Positions of the map in m, relative to `origin_point`.
-    base : {"bonded", "frictionless"}
-        How the lowest sheet lies on the board.
+    base : {"bonded", "frictionless"} or Seat
+        How the lowest sheet lies on the board, or the soft seat between them.
     origin : str or None
         Name of the coil whose centre is the origin; None where `origin_point` is given.
     origin_point : tuple of float
@@ -84,6 +85,9 @@ class Indentation:
     sample_bounds : tuple of float or None
         Edges (x_min, y_min, x_max, y_max) in m of a rectangular sample with free sides, relative to `origin_point`;
         None where it covers everything. With a `sample_radius` they only say where it can be pressed.
+    strain : {"finite", "linear"}
+        Mechanics of the sheets: large deformations, or linear elasticity, which is quicker, and whose faces move up and
+        down only.
     unevenness : Unevenness
         How the seat under a rectangular sample differs from an even one that holds it down.
 
@@ -97,11 +101,12 @@ class Indentation:
     depths: tuple[float, ...]
     x: tuple[float, ...] = (0.0,)
     y: tuple[float, ...] = (0.0,)
-    base: Literal["bonded", "frictionless"] = "bonded"
+    base: Base = "bonded"
     origin: str | None = None
     origin_point: tuple[float, float] = (0.0, 0.0)
     sample_radius: float | None = None
     sample_bounds: tuple[float, float, float, float] | None = None
+    strain: Strain = "finite"
     unevenness: Unevenness = EVEN
 
     def __post_init__(self) -> None:
@@ -226,14 +231,8 @@ class Design:
         pressed: tuple[object, ...] = ()
         if setup is not None and self.sheets:  # else there is nothing to press on
             places = (setup.x, setup.y, setup.origin_point, setup.sample_bounds or ())
-            pressed = (
-                setup.indenter,
-                setup.depths,
-                setup.base,
-                setup.sample_radius,
-                setup.unevenness,
-                *map(np.array, places),
-            )
+            how = (setup.base, setup.strain, setup.sample_radius, setup.unevenness)
+            pressed = (setup.indenter, setup.depths, *how, *map(np.array, places))
         return digest_of(
             self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,
             self.terminations, self.plan, self.rules, self.field_height,
@@ -392,11 +391,13 @@ def _indentation(parsed: Document) -> Indentation | None:
         depths=tuple(depth * 1e-3 for depth in table.depths_mm),
         x=x,
         y=y,
-        base=table.base,
+        base=table.support(),
         origin=table.origin,
         origin_point=(at_x * 1e-3, at_y * 1e-3),
         sample_radius=None if table.sample_radius_mm is None else table.sample_radius_mm * 1e-3,
         sample_bounds=table.sample_bounds(),
+        strain=table.strain,
+        unevenness=table.unevenness(),
     )
 
 

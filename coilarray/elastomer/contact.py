@@ -7,8 +7,8 @@ gap between the indenter and hat i is
 
 a linear complementarity problem with a symmetric positive definite matrix, so it has one solution, the least of
 ½ fᵀCf + fᵀG(f = 0) over f ≥ 0. The elastic system is factorised once; each depth is one such small problem.
-That is the linear answer; `coilarray.elastomer.finite_strain` follows large deformations. In both the contact has
-neither friction nor adhesion.
+That is the linear answer; `coilarray.elastomer.finite_strain`, the default, follows large deformations. In both the
+contact has neither friction nor adhesion.
 
 K. L. Johnson, Contact Mechanics, Cambridge University Press 1985, section 5.9.
 """
@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -28,16 +28,14 @@ from scipy.optimize import nnls
 
 from coilarray.compute.threads import serial_algebra
 from coilarray.elastomer.compliance import Compliance, compliance
-from coilarray.elastomer.contact_grid import Base, ContactGrid, Stack, contact_grid, stack_of
+from coilarray.elastomer.contact_grid import ContactGrid, Stack, contact_grid, stack_of
 from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone
-from coilarray.elastomer.finite_strain import TIP, Outline, SoftBody
+from coilarray.elastomer.finite_strain import EDGE_ELEMENTS, TIP, Outline, SoftBody
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Indenter, Seat, Sheet
+from coilarray.geometry.sheet import Base, RigidBase, Strain
 
 FloatArray = npt.NDArray[np.float64]
-
-Strain = Literal["finite", "linear"]
-"""Large deformations of neo-Hookean sheets, or linear elasticity."""
 
 DEFAULT_MESH = ContactMesh()
 """Force and contact radius to about 0.1 % and 0.3 %: the convergence study is in tests/elastomer/test_contact.py."""
@@ -103,7 +101,7 @@ class _Case:
 
     stack: Stack
     indenter: Indenter
-    base: Base | Seat
+    base: Base
     radius: float | None
 
     def grid(self, zone: ContactZone, mesh: ContactMesh) -> ContactGrid:
@@ -161,6 +159,7 @@ def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Con
     if zone.sharp:  # what lies beyond the edge may come under it
         wider = zone.search * _BEYOND_EDGE
         zone = replace(zone, search=wider if case.radius is None else min(wider, case.radius))
+        mesh = replace(mesh, elements=min(mesh.elements, EDGE_ELEMENTS))
     grid = case.grid(zone, mesh)
     body = SoftBody(grid, Outline(case.indenter, case.stack.length, TIP * zone.smallest))
     states = {0.0: body.at_rest()}
@@ -195,13 +194,13 @@ def _checked_depths(depths: npt.ArrayLike, stack: Stack) -> FloatArray:
     return values
 
 
-def _check_arguments(sheets: Sequence[Sheet], base: Base | Seat, radius: float | None, strain: str) -> None:
+def _check_arguments(sheets: Sequence[Sheet], base: Base, radius: float | None, strain: str) -> None:
     """Refuse names that clash, an unknown base or strain, and a sample without extent."""
     names = ["board", *(sheet.name for sheet in sheets)]
     if len(set(names)) < len(names):
         raise ElastomerError(f"names of the sheets must differ from each other and from 'board'; got {names[1:]}.")
-    if not isinstance(base, Seat) and base not in get_args(Base):
-        raise ElastomerError(f"base must be {', '.join(map(repr, get_args(Base)))} or a Seat; got {base!r}.")
+    if not isinstance(base, Seat) and base not in get_args(RigidBase):
+        raise ElastomerError(f"base must be {', '.join(map(repr, get_args(RigidBase)))} or a Seat; got {base!r}.")
     if strain not in get_args(Strain):
         raise ElastomerError(f"strain must be {' or '.join(map(repr, get_args(Strain)))}; got {strain!r}.")
     if radius is not None and not (math.isfinite(radius) and radius > 0):
@@ -237,9 +236,9 @@ def indent(
     indenter: Indenter,
     depths: npt.ArrayLike,
     *,
-    base: Base | Seat = "bonded",
+    base: Base = "bonded",
     radius: float | None = None,
-    strain: Strain = "linear",
+    strain: Strain = "finite",
     mesh: ContactMesh = DEFAULT_MESH,
 ) -> xr.Dataset:
     """Press a rigid indenter into elastomer sheets.
@@ -257,8 +256,8 @@ def indent(
     radius : float, optional
         Radius in m of a sample with a free edge, the indenter at its centre; half its width in plane strain. Without it
         the sample is wide.
-    strain : {"linear", "finite"}
-        Linear elasticity, or large deformations of neo-Hookean sheets, which take some seconds. At a depth of an eighth
+    strain : {"finite", "linear"}
+        Large deformations of neo-Hookean sheets, which take some seconds, or linear elasticity. At a depth of an eighth
         of the stack's thickness the linear force is 5 % too large and the interface of the paper's sheets 4 % too low.
     mesh : ContactMesh
         Fineness of the mesh.
@@ -341,7 +340,7 @@ def _dataset(
         },
         attrs={
             "symmetry": case.indenter.symmetry,
-            "base": case.base if isinstance(case.base, str) else "seat",
+            "base": str(case.base),
             "strain": strain,
             "indenter": repr(case.indenter),
         },

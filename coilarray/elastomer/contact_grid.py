@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,12 +21,10 @@ from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone, contact_m
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Seat, Sheet
 from coilarray.geometry.indenter import Symmetry
+from coilarray.geometry.sheet import Base
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
-
-Base = Literal["bonded", "frictionless"]
-"""How the lowest sheet lies on a rigid board: glued, or free to slide but not to lift off."""
 
 _QUADRATURE = 5  # exact for products of two biquadratic functions and r
 
@@ -123,7 +121,7 @@ def displacement_basis(mesh: MeshQuad) -> Any:
 
 
 def contact_grid(
-    stack: Stack, symmetry: Symmetry, zone: ContactZone, base: Base | Seat, radius: float | None, mesh: ContactMesh
+    stack: Stack, symmetry: Symmetry, zone: ContactZone, base: Base, radius: float | None, mesh: ContactMesh
 ) -> ContactGrid:
     """Mesh a stack for contacts in a zone.
 

@@ -61,6 +61,11 @@ class Dent:
             raise ElastomerError("radii and displacements of a dent must be finite.")
         if self.radius[0] != 0 or (np.diff(self.radius) <= 0).any():
             raise ElastomerError(f"radii of a dent must rise from 0; they begin with {self.radius[:3]} m.")
+        if 0 in self.contrasts and self.displacement[:, 0].any():
+            raise ElastomerError(
+                "a magnetic sheet cannot lie on a soft seat, where it would move in the plane of the coils by "
+                f"{np.abs(self.displacement[:, 0]).max() * 1e3:.3g} mm; put a sheet of permeability 1 below it."
+            )
         left = np.array(self.thicknesses) + np.diff(self.displacement, axis=1)
         if (left <= 0).any():
             sheet = int(np.argmin(left.min(axis=0)))
@@ -128,10 +133,11 @@ class Dent:
 def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
     """Take the shape of the sheets from an indentation at one depth.
 
-    It is selected from those of `coilarray.elastomer.contact.indent`. A face goes through its displaced points (r +
-    u_r, z + u_z); between them its height is a cubic spline. Beyond the last one it comes back to its flat height
-    within a thickness of the stack: the field takes the sheets for wide. ElastomerError for a dataset of several depths
-    or of other sheets, or a face that folds over.
+    It is selected from those of `coilarray.elastomer.contact.indent`. A face goes through its displaced points, (r +
+    u_r, z + u_z) for finite strain and (r, z + u_z) for linear elasticity, whose u_r alone would give the sheets volume
+    of the order of the strain squared; between them its height is a cubic spline. Beyond the last one it comes back to
+    its flat height within a thickness of the stack: the field takes the sheets for wide. ElastomerError for a dataset
+    of several depths or of other sheets, a face that folds over, or a magnetic sheet on a soft seat.
     """
     if "depth" in indentation.displacement_z.dims:
         raise ElastomerError("a dent is the shape at one depth; select one of the indentation's depths.")
@@ -139,7 +145,8 @@ def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
     if faces[1:] != [sheet.name for sheet in sheets]:
         raise ElastomerError(f"the indentation is of the sheets {faces[1:]}; got {[sheet.name for sheet in sheets]}.")
     r = indentation.r.values
-    displaced = r[:, None] + indentation.displacement_r.transpose("r", "interface").values
+    outwards = indentation.displacement_r if indentation.attrs["strain"] == "finite" else 0 * indentation.displacement_r
+    displaced = r[:, None] + outwards.transpose("r", "interface").values
     upwards = indentation.displacement_z.transpose("r", "interface").values
     displaced[0] = 0.0
     # beyond what is known, the influence has died out or the sample ends: back to level within a thickness of the stack
@@ -150,7 +157,7 @@ def dent_of(indentation: xr.Dataset, sheets: Sequence[Sheet]) -> Dent:
     upwards = np.vstack((upwards, np.outer(1 - fade**2 * (3 - 2 * fade), upwards[-1])))
     if (np.diff(displaced, axis=0) <= 0).any():
         face = faces[int(np.argmin(np.diff(displaced, axis=0).min(axis=0)))]
-        raise ElastomerError(f"the upper face of {face} folds over: this depth is beyond small strains.")
+        raise ElastomerError(f"the upper face of {face} folds over at this depth.")
     shape = np.column_stack([CubicSpline(displaced[:, face], upwards[:, face])(r) for face in range(len(faces))])
     return Dent(
         tuple(sheet.thickness for sheet in sheets),

@@ -15,9 +15,9 @@ from scipy.stats import t as student
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
-from coilarray.elastomer.contact_grid import Base
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import LocalizeError
+from coilarray.geometry.sheet import RigidBase as Base
 from coilarray.localize.distortion import ellipse_curves
 from coilarray.localize.ellipse_model import CoilEllipses
 from coilarray.localize.published import published_model
@@ -137,7 +137,7 @@ def calibrate(
     value = low + fitted.x * scale
     result = _result(unknowns, value, np.asarray(fitted.jac), fitted.fun, scale, residuals(first))
     return Calibration(
-        changed, imperfections, result.assign_attrs({**provenance(design), "base": indentation_of(changed).base})
+        changed, imperfections, result.assign_attrs({**provenance(design), "base": str(indentation_of(changed).base)})
     )
 
 

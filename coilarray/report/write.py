@@ -24,7 +24,6 @@ from coilarray.compute.threads import Progress
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.write import as_file
-from coilarray.elastomer.contact import indent
 from coilarray.errors import CoilarrayError, GeometryError, NetworkError
 from coilarray.geometry import check_rules
 from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION
@@ -33,6 +32,7 @@ from coilarray.report import circuit_tables, figures, indentation_tables, locali
 from coilarray.report.page import now, render_page
 from coilarray.report.position import MapPositions, map_position_table, map_positions
 from coilarray.response.map import response_map
+from coilarray.response.setup import contact_at
 
 T = TypeVar("T")
 
@@ -235,8 +235,7 @@ def _press(design: Design) -> xr.Dataset | None:
     if setup is None:
         return None
     depths = _curve(setup.depths)
-    indentation = indent(design.sheets, setup.indenter, depths, base=setup.base, radius=setup.sample_radius)
-    return indentation.assign_attrs(provenance(design))
+    return contact_at(setup, design.sheets, depths).assign_attrs(provenance(design))
 
 
 def _or_reason(compute: Callable[[], T]) -> tuple[T | None, str]:

@@ -318,7 +318,8 @@ def response_dataset(
         attrs={
             **provenance(design),
             "indenter": setup.indenter.name,
-            "base": setup.base,
+            "base": str(setup.base),
+            "strain": setup.strain,
             "origin": setup.origin or "board",
             **(attributes or {}),
         },

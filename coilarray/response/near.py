@@ -37,6 +37,7 @@ _FIRST_EXTENT, _WIDER = 6.0, 1.5  # of the profile, in radii of a coil, and of t
 _POSITIONS = 32  # at a time, which bounds the memory
 _DIRECTIONS, _STEPS_PER_RADIUS = 8, 8  # of a profile
 _PROFILE_TOLERANCE = 1e-4  # of its amplitudes
+_LEFT = 0.9  # of the largest ΔL_aa: what the currents of the neighbours leave of it in the largest δ
 _DIPOLE = 3  # power of the distance with which a coil's field falls
 
 
@@ -179,6 +180,7 @@ def _cutoff(profile: _Profile, states: StateSensitivity, centres: FloatArray, er
     distance = np.hypot(*(centres[:, None] - centres[states.measured]).transpose(2, 0, 1))
     shared = 2 * np.abs(states.currents) * profile.mutual_at(distance)
     shared[states.measured, np.arange(len(states.measured))] = 0
+    error *= _LEFT
     own = _state_cutoff(profile, distance, shared, error)
     return Cutoff(own, max(own, _coil_cutoff(distance, shared, error / 2)))
 

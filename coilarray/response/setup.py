@@ -10,14 +10,16 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.store import kept_dataset
 from coilarray.design.model import Design, Indentation
-from coilarray.elastomer.contact import indent
-from coilarray.elastomer.contact_grid import Base
+from coilarray.elastomer.contact import DEFAULT_MESH, indent
+from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.elastomer.dent import Dent, dent_of
 from coilarray.elastomer.finite_sample import Sample, SampleCorrection, sample_correction
 from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Indenter, Sheet
+from coilarray.geometry.sheet import Base, Strain
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -225,18 +227,32 @@ def _at_depths(contact: xr.Dataset, depths: FloatArray) -> xr.Dataset:
     return contact.isel(depth=np.abs(contact.depth.values - depths[:, None]).argmin(axis=1))
 
 
-def contact_at(setup: Indentation, sheets: Sequence[Sheet], depths: FloatArray) -> xr.Dataset:
-    """Return the contact of `coilarray.elastomer.contact.indent`; the last ones are cached, as only coils may vary."""
-    return _cached_contact(
-        tuple(sheets), setup.indenter, setup.base, setup.sample_radius, tuple(np.atleast_1d(depths).tolist())
-    )
+def contact_at(setup: Indentation, sheets: Sequence[Sheet], depths: npt.ArrayLike) -> xr.Dataset:
+    """Return the contact of `coilarray.elastomer.contact.indent` at depths in m, as the indentation says.
+
+    The last ones are kept in memory, for often only coils vary, and those of finite strain also on disk: in
+    `coilarray.compute.store.open_store`, where that folder can be written.
+    """
+    at = tuple(np.atleast_1d(np.asarray(depths, dtype=np.float64)).tolist())
+    return _kept_contact(tuple(sheets), setup.indenter, at, setup.base, setup.sample_radius, setup.strain, DEFAULT_MESH)
 
 
 @lru_cache(maxsize=8)
-def _cached_contact(
-    sheets: tuple[Sheet, ...], indenter: Indenter, base: Base, radius: float | None, depths: tuple[float, ...]
+def _kept_contact(
+    sheets: tuple[Sheet, ...],
+    indenter: Indenter,
+    depths: tuple[float, ...],
+    base: Base,
+    radius: float | None,
+    strain: Strain,
+    mesh: ContactMesh,
 ) -> xr.Dataset:
-    return indent(sheets, indenter, depths, base=base, radius=radius)
+    def solve() -> xr.Dataset:
+        return indent(sheets, indenter, depths, base=base, radius=radius, strain=strain, mesh=mesh)
+
+    if strain == "linear":
+        return solve()
+    return kept_dataset(("contact", sheets, indenter, depths, base, radius, strain, mesh), solve)
 
 
 def dents_of(contact: xr.Dataset, sheets: Sequence[Sheet]) -> tuple[Dent, ...]:

@@ -34,8 +34,8 @@ _LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
 _DIGITS = 12  # of the values of a range: steps of 0.1 shall have short names
 _RANGE = re.compile(r"([^:,\[\"']+):([^:,\[\"']+)(?::([^:,\[\"']+))?")
 _UNITS = {
-    "mm": "mm", "um": "µm", "deg": "deg", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa", "ohm": "ohm",
-    "m": "ohm m",  # the resistivity is the one entry in metres
+    "_kPa_per_mm": "kPa/mm", "_mm": "mm", "_um": "µm", "_deg": "deg", "_pF": "pF", "_nH": "nH", "_MHz": "MHz",
+    "_kPa": "kPa", "_ohm_m": "ohm m", "_ohm": "ohm",
 }  # fmt: skip
 
 
@@ -300,8 +300,7 @@ def _coordinate(plan: Sweep, axis: Axis) -> xr.Variable:
     dim = axis.key if grid else "sample"
     if not axis.numeric:
         return xr.Variable(dim, np.array([_label(value) for value in values], dtype=object), attributes)
-    last = axis.key.rpartition(".")[2]
-    attributes["units"] = _UNITS.get(last.rpartition("_")[2], "1") if "_" in last else "1"
+    attributes["units"] = next((unit for ending, unit in _UNITS.items() if axis.key.endswith(ending)), "1")
     return xr.Variable(dim, np.array(values), attributes)
 
 

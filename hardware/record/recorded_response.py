@@ -308,7 +308,7 @@ def _indentation(recording: Recording) -> dict[str, str]:
     setup = recording.design.indentation
     if setup is None:
         return {}
-    return {"indenter": setup.indenter.name, "base": setup.base, "origin": setup.origin or "board"}
+    return {"indenter": setup.indenter.name, "base": str(setup.base), "origin": setup.origin or "board"}
 
 
 def _provenance(recording: Recording) -> dict[str, str | int]:

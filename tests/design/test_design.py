@@ -3,6 +3,7 @@
 # ruff: noqa: E501 - each case is one line of input and one of output
 import math
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from support.refusals import refused
 from coilarray import load_design, parse_design
 from coilarray.design.bundled import names, read
 from coilarray.design.model import load_design_file, parse_design_file
+from coilarray.design.write import design_text
 from coilarray.errors import DesignError
-from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid
+from coilarray.geometry import EVEN, Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid, Seat, Unevenness
 
 BASE = read("starter")
 
@@ -20,6 +22,11 @@ BASE = read("starter")
 def changed(old, new):
     assert old in BASE
     return BASE.replace(old, new, 1)
+
+
+def on_seat(stiffness):
+    text = changed('base = "bonded"', 'base = "seat"')
+    return text.replace("# seat_stiffness_kPa_per_mm = 4.3", f"seat_stiffness_kPa_per_mm = {stiffness}")
 
 
 def without(start, end, *lines):
@@ -200,7 +207,13 @@ BAD = {
     "hemisphere with an angle": (changed("radius_mm = 2.0", "radius_mm = 2.0\nhalf_angle_deg = 70"), "indenter has no key 'half_angle_deg'; Allowed are radius_mm, shape"),
     "cone without angle": (changed('shape = "hemisphere"', 'shape = "cone"'), "indenter.half_angle_deg is missing"),
     "blunt cone": (changed('shape = "hemisphere"', 'shape = "cone"\nhalf_angle_deg = 90'), "indenter.half_angle_deg must be less than 90; got 90"),
-    "wrong base": (changed('base = "bonded"', 'base = "glued"'), "indentation.base must be 'bonded' or 'frictionless'; got 'glued'"),
+    "wrong base": (changed('base = "bonded"', 'base = "glued"'), "indentation.base must be 'bonded', 'frictionless' or 'seat'; got 'glued'"),
+    "wrong strain": (changed('strain = "finite"', 'strain = "small"'), "indentation.strain must be 'finite' or 'linear'; got 'small'"),
+    "seat of no stiffness": (changed('base = "bonded"', 'base = "seat"'), 'indentation needs seat_stiffness_kPa_per_mm for base = "seat", and for no other base'),
+    "stiffness of no seat": (changed("# seat_stiffness", "seat_stiffness"), 'needs seat_stiffness_kPa_per_mm for base = "seat", and for no other base'),
+    "shear of no seat": (changed("# seat_shear", "seat_shear"), 'needs base = "seat" for seat_shear_kPa_per_mm; got base = "bonded"'),
+    "soft seat": (on_seat("0"), "indentation.seat_stiffness_kPa_per_mm must be greater than 0; got 0"),
+    "seat that pushes along": (on_seat("4.3").replace("# seat_shear_kPa_per_mm = 0", "seat_shear_kPa_per_mm = -1"), "indentation.seat_shear_kPa_per_mm must be at least 0; got -1"),
     "no depth": (changed("depths_mm = [0.3, 0.6]", "depths_mm = []"), "indentation.depths_mm must have at least 1 entries"),
     "depth of zero": (changed("depths_mm = [0.3, 0.6]", "depths_mm = [0.0, 0.6]"), "indentation.depths_mm.0 must be greater than 0; got 0.0"),
     "falling depths": (changed("depths_mm = [0.3, 0.6]", "depths_mm = [0.6, 0.3]"), r"indentation needs depths_mm that rise from each to the next; got \[0.6, 0.3\]"),
@@ -325,6 +338,44 @@ def test_indentation_in_si():
     assert indentation.origin == "coil2"
     from_the_board = parse_design(changed('origin = "coil2"', "")).indentation
     assert (from_the_board.origin, from_the_board.origin_point) == (None, (0.0, 0.0))
+
+
+def uneven_seat():
+    """A sample with sides on a seat that is stiffer along x, wider along y, and can be left."""
+    text = on_seat("4.3").replace("# sample_x_mm", "sample_x_mm").replace("# sample_y_mm", "sample_y_mm")
+    for key, value in (
+        ("stiffness_slope_x_per_mm", "0.015"),
+        ("gap_slope_y_mm_per_mm", "0.002"),
+        ("weight_Pa", "120.0"),
+    ):
+        text = text.replace(f"# seat_{key} = 0.0", f"seat_{key} = {value}")
+    return text.replace("# seat_lifts = false", "seat_lifts = true")
+
+
+def test_an_uneven_seat_in_si_and_written_again():
+    design = parse_design(uneven_seat())
+    found = design.indentation.unevenness
+    assert found == Unevenness((15.0, 0.0), (0.0, 0.002), lifts=True, weight=120.0)
+    assert parse_design(design_text(design)).indentation.unevenness == found
+    even = replace(design, indentation=replace(design.indentation, unevenness=EVEN))
+    assert even.digest != design.digest
+
+
+def test_an_uneven_seat_needs_a_sample_with_sides():
+    text = on_seat("4.3").replace("# seat_lifts = false", "seat_lifts = true")
+    with pytest.raises(DesignError, match="for an uneven or lifting seat"):
+        parse_design(text)
+
+
+def test_a_seat_in_si():
+    design = parse_design(on_seat("4.3"))
+    assert design.indentation.base == Seat(4.3e6)
+    sheared = parse_design(on_seat("4.3").replace("# seat_shear_kPa_per_mm = 0.0", "seat_shear_kPa_per_mm = 2"))
+    assert sheared.indentation.base == Seat(4.3e6, 2e6)
+    linear = parse_design(changed('strain = "finite"', 'strain = "linear"'))
+    assert (linear.indentation.strain, parse_design(BASE).indentation.strain) == ("linear", "finite")
+    assert len({one.digest for one in (design, sheared, linear, parse_design(BASE))}) == 4
+    assert parse_design(changed('strain = "finite"', "")).digest == parse_design(BASE).digest  # the default
 
 
 def test_a_design_may_say_nothing_of_indentation():

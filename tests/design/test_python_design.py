@@ -70,8 +70,9 @@ def awkward():
         ca.CoilArray(FOUR_LAYERS, placements, 0.5e-3, through_holes=False),
         (ca.Sheet("soft", 1e-2 / 3, youngs_modulus=1e5 / 3),),
         ca.Indentation(
-            ca.Cone(1.0, 2e-3), (0.1e-3, 0.3e-3), (-1e-3, 0.0, 5e-3), (0.7e-3,), "frictionless",
+            ca.Cone(1.0, 2e-3), (0.1e-3, 0.3e-3), (-1e-3, 0.0, 5e-3), (0.7e-3,), ca.Seat(1e7 / 3, 2e5),
             origin_point=(1e-3 / 7, 2e-3), sample_radius=30e-3, sample_bounds=(-40e-3, -20e-3, 40e-3, 20e-3),
+            strain="linear",
         ),
         ca.Circuit(
             ca.Switches(2.5, 1e-12, 42e-12, 55e-12, 3e-9, 330e-12, "coil"), 1.8e-8, {"square": "load"},

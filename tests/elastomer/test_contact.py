@@ -1,4 +1,4 @@
-"""Contact of an indenter with elastomer sheets.
+"""Contact of an indenter with elastomer sheets, linear; that of large strains: tests/elastomer/test_finite_strain.py.
 
 Who checks whom (every row of the reference tables: tests/elastomer/test_references.py):
 
@@ -12,6 +12,7 @@ Who checks whom (every row of the reference tables: tests/elastomer/test_referen
 """
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -21,13 +22,14 @@ from scipy.integrate import simpson
 from support.references import rows
 
 import coilarray.elastomer.contact as module
-from coilarray.elastomer.contact import contact_radius, indent
+from coilarray.elastomer.contact import contact_radius
 from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid, Sheet
 
 pytestmark = pytest.mark.slow
 
+indent = partial(module.indent, strain="linear")
 COARSE = ContactMesh(elements=12, growth=1.5)
 BALL = Hemisphere(2.5e-3)
 
@@ -338,6 +340,7 @@ def test_depths_keep_their_order_and_accuracy():
         ({"depths": []}, "at least one"),
         ({"depths": [[1e-4]]}, "one row of numbers"),
         ({"base": "glued"}, "'bonded', 'frictionless' or a Seat; got 'glued'"),
+        ({"strain": "small"}, "strain must be 'finite' or 'linear'; got 'small'"),
         ({"radius": 0.0}, "radius of a sample must be positive and finite; got 0.0 m"),
         ({"radius": math.inf}, "got inf m"),
         ({"indenter": FlatPunch(3e-3), "radius": 2e-3}, "inside the sample, within a radius of 0.002 m"),

@@ -8,6 +8,7 @@ magnetic solution that benchmarks/finite_sample_3d.json keeps.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +23,8 @@ from coilarray.elastomer.finite_sample import BoxMesh, Sample, SampleCorrection,
 from coilarray.elastomer.wide_stack import wide_field
 from coilarray.errors import ElastomerError, GeometryError
 from coilarray.geometry import EVEN, Hemisphere, Seat, Sheet, Unevenness
-from coilarray.response.map import response_map
+from coilarray.response.map import inductance_changes, response_map
+from coilarray.response.setup import map_axes
 
 SHEETS = (
     Sheet("base", 6e-3, youngs_modulus=55e3),
@@ -189,6 +191,7 @@ def test_wide_field_and_correction_are_the_box_that_is_loaded_directly() -> None
     assert np.abs(total - direct).max() < 0.01 * np.abs(direct).max()
 
 
+@pytest.mark.slow
 def test_the_correction_vanishes_far_from_the_sides_of_an_even_seat() -> None:
     near = corrected((-12e-3, -12e-3, 12e-3, 12e-3))
     far = corrected((-70e-3, -70e-3, 70e-3, 70e-3), mesh=replace(COARSE, edge=2.0, widest=4.0))
@@ -196,6 +199,7 @@ def test_the_correction_vanishes_far_from_the_sides_of_an_even_seat() -> None:
     assert np.abs(far.depth).max() < 0.02 * np.abs(near.depth).max()
 
 
+@pytest.mark.slow
 def test_mirrored_places_on_mirrored_seats_have_mirrored_corrections() -> None:
     one = corrected(places=((9e-3, 4e-3),), unevenness=Unevenness((15.0, 5.0)), slope=500.0)
     two = corrected(places=((-9e-3, 4e-3),), unevenness=Unevenness((-15.0, 5.0)), slope=500.0)
@@ -203,6 +207,7 @@ def test_mirrored_places_on_mirrored_seats_have_mirrored_corrections() -> None:
     np.testing.assert_allclose(one.moved, two.moved[..., ::-1, :], atol=1e-7 * np.abs(one.moved).max())
 
 
+@pytest.mark.slow
 def test_the_sample_gives_way_where_the_seat_is_softer() -> None:
     places = ((-8e-3, 0.0), (8e-3, 0.0))
     soft, stiff = corrected(places=places, unevenness=Unevenness(stiffness_slope=(20.0, 0.0)), slope=500.0).depth[0]
@@ -228,6 +233,7 @@ def test_a_lifting_seat_only_pushes_and_carries_all_force() -> None:
     assert carried == pytest.approx(load * force_rise + weight * area.sum(), rel=5e-3)
 
 
+@pytest.mark.slow
 def test_a_heavy_sample_does_not_lift() -> None:
     held = corrected(places=((6e-3, 2e-3),), slope=300.0)
     heavy = corrected(places=((6e-3, 2e-3),), unevenness=Unevenness(lifts=True, weight=1e5), slope=300.0)
@@ -237,9 +243,10 @@ def test_a_heavy_sample_does_not_lift() -> None:
     assert light.depth[0, 0] < held.depth[0, 0]  # without the pull of the seat the sample is softer
 
 
+@pytest.mark.slow
 def test_a_gap_that_opens_to_one_side_lifts_the_sample_there() -> None:
-    found = corrected(unevenness=Unevenness(gap_slope=(20e-3, 0.0), lifts=True, weight=100.0))
-    lifted = found.lifted[0, 0]
+    found = corrected(unevenness=Unevenness(gap_slope=(20e-3, 0.0), lifts=True, weight=5.0))
+    lifted = found.lifted[0, 0]  # a heavier one would bend down to the seat
     assert lifted[-1].mean() > lifted[0].mean()
 
 
@@ -279,3 +286,30 @@ def test_far_sides_leave_the_response_and_near_ones_raise_it() -> None:
     assert abs(near[1] / wide[1] - 1) > 0.02
     # the near coils alone: 1e-3 of the peak, and to first order in the change of inductance
     np.testing.assert_allclose(response(close, 1e-3), near, atol=1.2e-3 * np.abs(near).max())
+
+
+@pytest.mark.parametrize("case", ["a near side", "a seat that rises"])
+def test_the_change_of_inductance_is_that_of_the_three_dimensional_solution(case: str) -> None:
+    kept = json.loads(KEPT.read_text(encoding="utf-8"))["cases"][case]
+    package, (coarse, fine) = np.array(kept["package"]), np.array(kept["three_dimensions"])
+    largest = np.abs(fine).max()
+    # 1.5 % between the meshes; the package is to first order in all but the depth and the lift under the indenter: 5 %
+    assert np.abs(fine - coarse).max() < 0.015 * largest
+    assert np.abs(package - fine).max() < 0.05 * largest
+    assert np.abs(np.diag(package) / np.diag(fine) - 1).max() < 0.05
+
+
+@pytest.mark.slow
+def test_the_kept_change_of_inductance_is_that_of_today() -> None:
+    kept = json.loads(KEPT.read_text(encoding="utf-8"))["cases"]["a near side"]
+    design = load_design("gast2020")
+    assert design.indentation is not None
+    setup = replace(design.indentation, base=SEAT, strain="linear")
+    x, y = kept["place"]
+    pressed_at = [
+        inductance_changes(replace(design, indentation=one), map_axes(replace(design, indentation=one), x=[x], y=[y]))
+        for one in (setup, replace(setup, sample_bounds=tuple(kept["bounds"])))
+    ]
+    change = (pressed_at[1] - pressed_at[0])[0, 0, 0, 1:3, 1:3]
+    # last digits differ between machines
+    np.testing.assert_allclose(change, kept["package"], atol=1e-3 * np.abs(kept["package"]).max())

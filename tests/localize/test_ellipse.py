@@ -479,13 +479,13 @@ def test_ellipses_of_the_simulated_board(board):
     # 0.05 mm: the polynomial, and what a change of the forward model by 1 % moves
     x0, A = (
         [[-13.23, -13.24, -13.24], [0.0] * 3, [13.28] * 3],
-        [[8.10, 6.08, 4.39], [7.94, 5.51, 3.24], [8.15, 6.12, 4.41]],
+        [[7.59, 5.47, 3.57], [7.42, 4.83, 1.96], [7.64, 5.50, 3.58]],
     )
     assert curves == pytest.approx(np.stack((x0, A), axis=1), abs=0.05)
 
 
 def test_x_of_the_simulated_board_on_its_grid(board):
-    """Where two ellipses exist, x is right to 0.1 mm; but they exist at a third of the places only.
+    """Where two ellipses exist, x is right to 0.1 mm; but they exist at a fifth of the places only.
 
     The paper has 0.8 mm over its window. In simulation a coil's δ is positive up to 9 mm from its centre only and
     negative beyond, so that most places between the centres, 13.28 mm apart, have one reading within the model.
@@ -494,7 +494,7 @@ def test_x_of_the_simulated_board_on_its_grid(board):
     for addition in (0.0, 0.2e-3):
         errors, lost = x_errors(model.with_semiaxis_addition(addition), board)
         assert len(errors) + lost == 91
-        assert 25 <= len(errors) <= 40
+        assert 15 <= len(errors) <= 25
         assert np.abs(errors).max() < 0.12e-3  # measured 0.08 and 0.09 mm
     assert max(float(model[name].curves(model[name].lowest)[1]) for name in COILS) < 10e-3 < 13.28e-3
 

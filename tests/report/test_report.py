@@ -317,7 +317,7 @@ array.placements = [{ name = "a", coil = "pin", layers = ["top"], x_mm = 0, y_mm
 
 
 @pytest.mark.parametrize(("old", "new", "problem", "dent"), [
-    ("depths_mm = [0.3, 0.6]", "depths_mm = [0.3, 3.9]", "depth of an indentation must leave every", False),
+    ("depths_mm = [0.3, 0.6]", "depths_mm = [0.3, 3.9]", "the contact converges up to a depth of", False),
     ('shape = "hemisphere" ', 'shape = "cylinder_edge" ', "coils in space need dents about an axis", True),
 ])  # fmt: skip
 def test_an_indentation_that_fails_is_reported(tmp_path, old, new, problem, dent):

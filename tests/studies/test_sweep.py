@@ -110,10 +110,11 @@ def test_the_dataset_says_what_it_is(starter):
     ("circuit.capacitance_pF", (100, 200), "pF"), ("circuit.resistivity_ohm_m", (1.7e-8, 1.8e-8), "ohm m"),
     ("circuit.short_resistance_ohm", (1, 5), "ohm"), ("array.direction_deg", (0, 30), "deg"),
     ("elastomer.0.youngs_modulus_kPa", (50, 60), "kPa"), ("coils.hexagon.turns_per_layer", (10, 11), "1"),
-    ("coils.hexagon.via.plating_um", (20, 25), "µm"),
+    ("coils.hexagon.via.plating_um", (20, 25), "µm"), ("indentation.seat_stiffness_kPa_per_mm", (4, 5), "kPa/mm"),
 ])  # fmt: skip
 def test_units_are_those_of_the_keys(key, values, unit):
-    design = load_design("gast2020")
+    seat = {"indentation.base": "seat", "indentation.seat_stiffness_kPa_per_mm": 4.3}
+    design = vary(load_design("gast2020"), seat)
     result = swept(design, [Axis(key, values)], ["board_area_mm2"])
     assert result[key].attrs.get("units") == unit
     assert result.reason.values.tolist() == [""] * len(values)

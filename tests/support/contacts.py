@@ -1,7 +1,6 @@
 """Response maps on coarse meshes, the same on both sides of a comparison; and the first coils of gast2020 alone."""
 
 from contextlib import contextmanager
-from functools import partial
 
 import pytest
 
@@ -10,7 +9,6 @@ import coilarray.response.map as response_map
 import coilarray.response.setup as setup
 from coilarray.design.bundled import read
 from coilarray.design.model import parse_design
-from coilarray.elastomer.contact import indent
 from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.elastomer.scattering import LayerMesh
 
@@ -24,10 +22,8 @@ MESH = LayerMesh(harmonics=6, width=0.5, rows=3)
 def contacts_of(mesh):
     """Solve the contacts of response maps on another mesh."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(setup, "indent", partial(indent, mesh=mesh))
-        setup._cached_contact.cache_clear()
+        patch.setattr(setup, "DEFAULT_MESH", mesh)
         yield
-    setup._cached_contact.cache_clear()
 
 
 @contextmanager

@@ -12,11 +12,10 @@ import xarray as xr
 
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, Indentation
-from coilarray.elastomer.contact import indent
 from coilarray.errors import GeometryError
 from coilarray.localize.forward import forward_model
 from coilarray.response.map import response_map
-from coilarray.response.setup import indentation_of
+from coilarray.response.setup import contact_at, indentation_of
 from coilarray.viz.datasets.overlays import DELTA
 from coilarray.viz.scenes.board import CoilColours, board_in_pieces, copper_parts, recoloured
 from coilarray.viz.scenes.dent import VEILED, scene_of_dent
@@ -121,8 +120,7 @@ def off_middle(setup: Indentation) -> tuple[float, float]:
 
 def dent_of_design(design: Design, depth: float) -> xr.Dataset:
     """Press into the sheets of a design to a depth in m; see `coilarray.elastomer.contact.indent`."""
-    setup = indentation_of(design)
-    return indent(design.sheets, setup.indenter, [depth], base=setup.base, radius=setup.sample_radius).isel(depth=0)
+    return contact_at(indentation_of(design), design.sheets, np.array([depth])).isel(depth=0)
 
 
 def _default_way(design: Design, setup: Indentation) -> list[tuple[float, float]]:

@@ -11,7 +11,7 @@ from coilarray.design.model import DesignFile
 from coilarray.errors import DesignError
 
 _UNITS = {
-    "_mm": "mm", "_um": "µm", "_deg": "°", "_pF": "pF", "_nH": "nH", "_ohm": "Ω", "_kPa": "kPa"
+    "_kPa_per_mm": "kPa/mm", "_mm": "mm", "_um": "µm", "_deg": "°", "_pF": "pF", "_nH": "nH", "_ohm": "Ω", "_kPa": "kPa"
 }  # fmt: skip
 _WHOLE = ("columns", "rows", "sides", "winding_layers", "segments_per_turn")
 _COIL = {
@@ -29,6 +29,7 @@ _SHEET = {
     "youngs_modulus_kPa": "Young's modulus",
 }  # fmt: skip
 _INDENTER = {"radius_mm": "radius", "half_angle_deg": "half angle"}
+_SEAT = {"seat_stiffness_kPa_per_mm": "stiffness", "seat_shear_kPa_per_mm": "stiffness along the board"}
 _CIRCUIT = {
     "capacitance_pF": "tank capacitance", "short_resistance_ohm": "resistance to ground",
     "switch_off_capacitance_pF": "open switch", "terminal_capacitance_pF": "terminal to ground",
@@ -100,6 +101,7 @@ def _entries(values: Mapping[str, object]) -> Iterator[Entry]:
     yield from _table(values, "array", "Array", _ARRAY)
     for k in itertools.takewhile(lambda k: f"elastomer.{k}.name" in values, itertools.count()):
         yield from _table(values, f"elastomer.{k}", f"Elastomer {values[f'elastomer.{k}.name']}", _SHEET)
+    yield from _table(values, "indentation", "Seat", _SEAT)
     yield from _table(values, "indenter", "Indenter", _INDENTER)
     yield from _table(values, "circuit", "Circuit", _CIRCUIT)
     yield from _stackup(values)
