@@ -239,6 +239,7 @@ def _checked(
 
 
 def flat_mesh(box: Box, z_bottom: float, z_top: float) -> tuple[Any, npt.NDArray[np.bool_]]:
+    """Mesh of the box about the flat layer, and which cells are in it."""
     x, z = box.axes(z_bottom, z_top)
     cells = skfem.MeshHex.init_tensor(x, x, z)
     middle = cells.p[2][cells.t].mean(axis=0)

@@ -107,8 +107,9 @@ class Unevenness:
         Relative change of the seat's stiffness along x and y in 1/m: it is 1 + slope · position times that at the
         origin of the map. Its shear stiffness changes alike.
     gap_slope : tuple of float
-        Fall of the seat's surface along x and y in m per m, from the origin of the map. It counts only where the seat
-        lifts: a seat that also pulls is a linear spring, whose length at rest changes nothing.
+        Rise of the gap between the seat and a flat sample along x and y in m per m, from the origin of the map; where
+        it would be negative there is none, for the sample would tilt with a seat that is flat everywhere. It counts
+        only where the sample can lift: a seat that also pulls is a linear spring, whose length at rest changes nothing.
     lifts : bool
         Whether the sample can lift off its seat.
     weight : float

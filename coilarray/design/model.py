@@ -397,6 +397,7 @@ def _indentation(parsed: Document) -> Indentation | None:
         sample_radius=None if table.sample_radius_mm is None else table.sample_radius_mm * 1e-3,
         sample_bounds=table.sample_bounds(),
         strain=table.strain,
+        unevenness=table.unevenness(),
     )
 
 

@@ -30,6 +30,7 @@ from coilarray.design.units import (
 )
 from coilarray.errors import DesignError, GeometryError
 from coilarray.geometry import (
+    EVEN,
     Coil,
     CoilArray,
     Cone,
@@ -46,6 +47,7 @@ from coilarray.geometry import (
     Sheet,
     Spiral,
     Stackup,
+    Unevenness,
     apothem_from_size,
     lattice_array,
     path_coil,
@@ -333,6 +335,10 @@ class ConeTable(Table):
         return Cone(angle) if self.radius_mm is None else Cone(angle, self.radius_mm * _MM)
 
 
+SeatSlope = Annotated[float, Field(ge=-1, le=1)]
+"""Change of a seat along the board, per mm or in mm per mm."""
+
+
 class IndentationTable(Table):
     """``[indentation]``: how deep and where the indenter presses."""
 
@@ -340,6 +346,12 @@ class IndentationTable(Table):
     base: Literal["bonded", "frictionless", "seat"] = "bonded"
     seat_stiffness_kPa_per_mm: Annotated[float, Field(gt=0, le=1e9)] | None = None  # noqa: N815 - the unit
     seat_shear_kPa_per_mm: Annotated[float, Field(ge=0, le=1e9)] | None = None  # noqa: N815 - the unit
+    seat_stiffness_slope_x_per_mm: SeatSlope = 0.0
+    seat_stiffness_slope_y_per_mm: SeatSlope = 0.0
+    seat_gap_slope_x_mm_per_mm: SeatSlope = 0.0
+    seat_gap_slope_y_mm_per_mm: SeatSlope = 0.0
+    seat_lifts: bool = False
+    seat_weight_Pa: Annotated[float, Field(ge=0, le=1e6)] = 0.0  # noqa: N815 - the unit
     depths_mm: list[Millimetres] = Field(min_length=1)
     x_mm: Range | None = None
     y_mm: Range | None = None
@@ -359,6 +371,10 @@ class IndentationTable(Table):
             raise ValueError('needs seat_stiffness_kPa_per_mm for base = "seat", and for no other base')
         if self.base != "seat" and self.seat_shear_kPa_per_mm is not None:
             raise ValueError(f'needs base = "seat" for seat_shear_kPa_per_mm; got base = "{self.base}"')
+        if self.unevenness() != EVEN and (self.base != "seat" or self.sample_x_mm is None or self.sample_radius_mm):
+            raise ValueError(
+                'needs base = "seat", sample_x_mm and sample_y_mm and no sample_radius_mm for an uneven or lifting seat'
+            )
         if self.origin is not None and self.origin_mm is not None:
             raise ValueError("needs one of origin and origin_mm, not both")
         ranges = (self.x_mm, self.y_mm, self.step_mm)
@@ -406,6 +422,15 @@ class IndentationTable(Table):
         if self.seat_stiffness_kPa_per_mm is not None:
             return Seat(self.seat_stiffness_kPa_per_mm * KPA_PER_MM, (self.seat_shear_kPa_per_mm or 0.0) * KPA_PER_MM)
         return "frictionless" if self.base == "frictionless" else "bonded"
+
+    def unevenness(self) -> Unevenness:
+        """Return how the seat differs from an even one that holds the sample down."""
+        return Unevenness(
+            (self.seat_stiffness_slope_x_per_mm * 1e3, self.seat_stiffness_slope_y_per_mm * 1e3),
+            (self.seat_gap_slope_x_mm_per_mm, self.seat_gap_slope_y_mm_per_mm),
+            self.seat_lifts,
+            self.seat_weight_Pa,
+        )
 
     def sample_bounds(self) -> tuple[float, float, float, float] | None:
         """Return the edges (x_min, y_min, x_max, y_max) of the sample in m, or None where it covers everything."""

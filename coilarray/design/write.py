@@ -28,6 +28,7 @@ from coilarray.geometry import (
     Sheet,
     Spiral,
     Stackup,
+    Unevenness,
     Wound,
     apothem_from_size,
     hull_outline,
@@ -309,6 +310,20 @@ def _indenter_table(indenter: Indenter) -> dict[str, Any]:
     return table
 
 
+def _uneven(seat: Unevenness) -> dict[str, Any]:
+    """Give the keys of a seat that differ from those of an even one."""
+    (stiffer_x, stiffer_y), (wider_x, wider_y) = seat.stiffness_slope, seat.gap_slope
+    keys = {
+        "seat_stiffness_slope_x_per_mm": _entry(stiffer_x, 1e3),
+        "seat_stiffness_slope_y_per_mm": _entry(stiffer_y, 1e3),
+        "seat_gap_slope_x_mm_per_mm": wider_x,
+        "seat_gap_slope_y_mm_per_mm": wider_y,
+        "seat_lifts": seat.lifts,
+        "seat_weight_Pa": seat.weight,
+    }
+    return {key: value for key, value in keys.items() if value}
+
+
 def _indentation_table(setup: Indentation, names: Mapping[str, str]) -> dict[str, Any]:
     table: dict[str, Any] = {"strain": setup.strain}
     if isinstance(setup.base, Seat):
@@ -317,6 +332,7 @@ def _indentation_table(setup: Indentation, names: Mapping[str, str]) -> dict[str
             table["seat_shear_kPa_per_mm"] = _entry(setup.base.shear, KPA_PER_MM)
     else:
         table["base"] = setup.base
+    table |= _uneven(setup.unevenness)
     table["depths_mm"] = [_entry(depth, _MM) for depth in setup.depths]
     x, y = ([_number(1e3 * v, v, lambda mm: mm / 1e3, places=True) for v in row] for row in (setup.x, setup.y))
     step = next((round(row[1] - row[0], 9) for row in (x, y) if len(row) > 1), 1.0)

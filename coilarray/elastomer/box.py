@@ -236,7 +236,7 @@ def factorised(
             where = (own[:, None] + size * np.arange(p + 1)[None, :, None, None]).ravel()
             total[np.ix_(where, where)] += matrix
         planes = (kept + size * np.arange(p + 1)[:, None]).ravel()
-        return total[np.ix_(planes, planes)]
+        return np.asarray(total[np.ix_(planes, planes)])
 
     slabs, n = [], p * len(kept)
     carried = np.zeros((len(kept), len(kept)))

@@ -26,11 +26,12 @@ import numpy.typing as npt
 from scipy.interpolate import PPoly
 
 from coilarray.elastomer.box import Axis, Box, factorised
-from coilarray.elastomer.contact_grid import Base, Stack, stack_of
+from coilarray.elastomer.contact_grid import Stack, stack_of
 from coilarray.elastomer.contact_mesh import graded
 from coilarray.elastomer.wide_stack import wide_field
 from coilarray.errors import ElastomerError
 from coilarray.geometry import EVEN, Seat, Sheet, Unevenness
+from coilarray.geometry.sheet import Base
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -122,7 +123,7 @@ class SampleCorrection:
 
 def sample_correction(
     sheets: Sequence[Sheet],
-    base: Base | Seat,
+    base: Base,
     sample: Sample,
     places: FloatArray,
     r: FloatArray,
@@ -196,7 +197,7 @@ class _Problem:
     def __init__(
         self,
         sheets: Sequence[Sheet],
-        base: Base | Seat,
+        base: Base,
         sample: Sample,
         places: FloatArray,
         r: FloatArray,
@@ -230,7 +231,7 @@ class _Problem:
         first, third = (np.trapezoid(scaled * radii**power, radii, axis=1) for power in (1, 3))
         self._ring = np.sqrt(third / np.where(first > 0, first, 1.0))
 
-    def _seat(self, base: Base | Seat, x: Axis, y: Axis) -> tuple[FloatArray, FloatArray]:
+    def _seat(self, base: Base, x: Axis, y: Axis) -> tuple[FloatArray, FloatArray]:
         """Stiffness of the even seat along x, y and z, (3,), and what it is multiplied by at every node."""
         length, uneven = self.stack.length, self.unevenness
         along_x, along_y = (slope * length for slope in uneven.stiffness_slope)
@@ -327,7 +328,7 @@ class _Lift:
         nx, ny = problem.plan
         x, y, _ = problem.box.axes
         along_x, along_y = problem.unevenness.gap_slope
-        self._gap = (along_x * x.nodes[:, None] + along_y * y.nodes).ravel()
+        self._gap = np.maximum(along_x * x.nodes[:, None] + along_y * y.nodes, 0.0).ravel()
         self._push = (problem.stiffness[2] * problem.factor * problem.area).ravel()
         answers = [
             problem.faces(problem.box.displacements(self._bottom_forces(start, min(start + ny, nx * ny))))

@@ -20,9 +20,10 @@ from scipy.interpolate import CubicSpline
 from scipy.special import j0, j1
 
 from coilarray.elastomer.box import SOFTEST, Axis, element_matrices
-from coilarray.elastomer.contact_grid import Base, Stack
+from coilarray.elastomer.contact_grid import Stack
 from coilarray.elastomer.contact_mesh import graded
 from coilarray.geometry import Seat
+from coilarray.geometry.sheet import Base
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -58,7 +59,7 @@ def transform(r: FloatArray, pressure: FloatArray, wavenumbers: FloatArray) -> F
 
 
 def wide_field(
-    stack: Stack, base: Base | Seat, r: FloatArray, pressure: FloatArray, heights: FloatArray, extent: float
+    stack: Stack, base: Base, r: FloatArray, pressure: FloatArray, heights: FloatArray, extent: float
 ) -> WideField:
     """Field of a wide stack under pressures (cases, n) that are linear between the radii r (n,).
 
@@ -91,7 +92,7 @@ def wide_field(
     return WideField(CubicSpline(radii, np.stack(moved, axis=1)), CubicSpline(radii, np.stack(stress, axis=1)))
 
 
-def _profiles(stack: Stack, base: Base | Seat, k: FloatArray, heights: FloatArray) -> tuple[FloatArray, ...]:
+def _profiles(stack: Stack, base: Base, k: FloatArray, heights: FloatArray) -> tuple[FloatArray, ...]:
     """W, U, −p − ⅔ μ div u, μU and μ(U' − kW) at some heights under unit pressures, each of shape (k, heights)."""
     edges, sheet = _elements(stack)
     axis = Axis(edges, _DEGREE)

@@ -3,6 +3,7 @@
 # ruff: noqa: E501 - each case is one line of input and one of output
 import math
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from support.refusals import refused
 from coilarray import load_design, parse_design
 from coilarray.design.bundled import names, read
 from coilarray.design.model import load_design_file, parse_design_file
+from coilarray.design.write import design_text
 from coilarray.errors import DesignError
-from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid, Seat
+from coilarray.geometry import EVEN, Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid, Seat, Unevenness
 
 BASE = read("starter")
 
@@ -336,6 +338,33 @@ def test_indentation_in_si():
     assert indentation.origin == "coil2"
     from_the_board = parse_design(changed('origin = "coil2"', "")).indentation
     assert (from_the_board.origin, from_the_board.origin_point) == (None, (0.0, 0.0))
+
+
+def uneven_seat():
+    """A sample with sides on a seat that is stiffer along x, wider along y, and can be left."""
+    text = on_seat("4.3").replace("# sample_x_mm", "sample_x_mm").replace("# sample_y_mm", "sample_y_mm")
+    for key, value in (
+        ("stiffness_slope_x_per_mm", "0.015"),
+        ("gap_slope_y_mm_per_mm", "0.002"),
+        ("weight_Pa", "120.0"),
+    ):
+        text = text.replace(f"# seat_{key} = 0.0", f"seat_{key} = {value}")
+    return text.replace("# seat_lifts = false", "seat_lifts = true")
+
+
+def test_an_uneven_seat_in_si_and_written_again():
+    design = parse_design(uneven_seat())
+    found = design.indentation.unevenness
+    assert found == Unevenness((15.0, 0.0), (0.0, 0.002), lifts=True, weight=120.0)
+    assert parse_design(design_text(design)).indentation.unevenness == found
+    even = replace(design, indentation=replace(design.indentation, unevenness=EVEN))
+    assert even.digest != design.digest
+
+
+def test_an_uneven_seat_needs_a_sample_with_sides():
+    text = on_seat("4.3").replace("# seat_lifts = false", "seat_lifts = true")
+    with pytest.raises(DesignError, match="for an uneven or lifting seat"):
+        parse_design(text)
 
 
 def test_a_seat_in_si():
