@@ -56,9 +56,9 @@ def calibrate(
 
     A plan names keys of the design, and imperfections of the experiment, with bounds and priors (tables [[unknown]]:
     entry, low, high, prior_mean, prior_std), and alternatives such as the order of layers ([[alternative]] with
-    [[alternative.choice]]: name, set, without). Printed are the values with errors and correlations, the alternatives by their evidence, and
-    what the data cannot tell. Of ellipses A, B and peaks are fitted; x0 is predicted, and fitted only where the plan
-    says so. Evaluations are stored: the same command goes on from an interrupted one.
+    [[alternative.choice]]: name, set, without). Printed are the values with errors and correlations, the alternatives
+    by their evidence, and what the data cannot tell. Of ellipses A, B and peaks are fitted; x0 is predicted, and fitted
+    only where the plan says so. Evaluations are stored: the same command goes on from an interrupted one.
 
     Example: coilarray calibrate gast2020 campaign.sqlite --unknown elastomer.1.relative_permeability=2:4 --out fit
     """

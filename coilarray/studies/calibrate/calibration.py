@@ -118,8 +118,8 @@ def calibrate(
     The posterior is the normal distribution of the linear model at the best point, cut off at the bounds; where the
     scale of the noise is not given but measured or estimated, Student's. Evidences are Laplace's approximation of the
     same box (D. J. C. MacKay, Information Theory, Inference, and Learning Algorithms, ch. 28); flat priors enter them
-    with their ranges, so that wide bounds cost probability. A direction is told where the data alone know it better than the prior, whose standard
-    deviation is the range/√12 where flat.
+    with their ranges, so that wide bounds cost probability. A direction is told where the data alone know it better
+    than the prior, whose standard deviation is the range/√12 where flat.
 
     Examples
     --------
