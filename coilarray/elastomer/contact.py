@@ -286,7 +286,7 @@ def indent(
     >>> sheet = Sheet("silicone", thickness=6e-3, youngs_modulus=100e3, poissons_ratio=0.5)
     >>> dent = indent([sheet], Hemisphere(radius=2.5e-3), [0.5e-3, 1e-3])
     >>> [f"{force:.2f} N" for force in dent.force.values]
-    ['0.12 N', '0.37 N']
+    ['0.12 N', '0.36 N']
     """
     stack = stack_of(sheets)
     _check_arguments(sheets, base, radius, strain)

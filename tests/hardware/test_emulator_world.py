@@ -198,7 +198,7 @@ def test_a_moving_indenter_is_averaged_over_a_conversion(make):
     board.indenter.lift()
     # the middle of the path against the mean over it: second order in the 15 µm of depth it moves, 1e-8 of L
     assert abs(moving - still) < STEP
-    assert abs(still / board.true_tank().frequency - 1) > 1e-4
+    assert abs(still / board.true_tank().frequency - 1) > 0.9e-4
 
 
 def test_the_indenter_stands_before_and_after_its_path():
