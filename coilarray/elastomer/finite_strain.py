@@ -51,6 +51,7 @@ _MOST_STEPS = 16  # of Newton's method at one depth
 _LEAST_DAMPING = 1 / 64
 _CONVERGED = 1e-7  # of the depth: the last step, whose square is what is left
 _LEAST_STEP = 1 / 64  # of the way from one depth to the next
+_FARTHEST_AHEAD = 1.5  # steps to which the last one is continued
 _MOST_TRIALS = 16  # steps of that way, taken or not
 _SOFT = 1e-5  # 1/K that the tangent has at least: what it leaves of a volume error in one step
 _PRESSURES = 3  # 1, ξ and η in every element
@@ -108,10 +109,10 @@ class Pressed:
         return replace(self, u=self.u + share * step.u, p=self.p + share * step.p, f=self.f + share * step.f)
 
     def towards(self, depth: float, before: Pressed) -> Pressed:
-        """Continue to a depth on the straight line through the state before; the state itself where there is none."""
-        if not before.depth:
+        """Continue to a depth on the line through the state before; the state itself where that says little of it."""
+        share = (depth - self.depth) / (self.depth - before.depth) if before.depth else math.inf
+        if share > _FARTHEST_AHEAD:
             return self
-        share = (depth - self.depth) / (self.depth - before.depth)
         ahead = _Vector(self.u - before.u, self.p - before.p, self.f - before.f)
         return self.moved(ahead, share)
 
@@ -229,7 +230,10 @@ class SoftBody:
             while state.depth < depth:
                 trials += 1
                 to = depth if step >= depth - state.depth else state.depth + step
-                found = self._solved(state.towards(to, before), to) or self._solved(state, to)
+                start = state.towards(to, before)
+                found = self._solved(start, to)
+                if found is None and start is not state:
+                    found = self._solved(state, to)
                 if found is not None:
                     before, state, step = state, found, 2 * step
                 elif step < _LEAST_STEP * whole or trials >= _MOST_TRIALS:
