@@ -49,8 +49,8 @@ def shift_inductance(
     """
     count = len(as_conductors(source))
     pairs = np.triu_indices(count)
-    own, other = (np.eye(count)[numbers] for numbers in pairs)
-    change = shift_energy(source, sheets, correction, places, origin, mesh, own, other)
+    own, other = (np.eye(count, dtype=np.complex128)[numbers] for numbers in pairs)
+    change = shift_energy(source, sheets, correction, places, origin, mesh, own, other).real
     full = np.zeros((*change.shape[:2], count, count))
     full[..., pairs[0], pairs[1]] = full[..., pairs[1], pairs[0]] = change
     return full
@@ -63,9 +63,9 @@ def shift_energy(
     places: FloatArray,
     origin: tuple[float, float],
     mesh: LayerMesh,
-    own: ComplexArray | FloatArray,
-    other: ComplexArray | FloatArray,
-) -> ComplexArray | FloatArray:
+    own: ComplexArray,
+    other: ComplexArray,
+) -> ComplexArray:
     """iᵀ ΔL j in H for currents i and j in the coils, (n, coils) each, by the shifts of a finite sample.
 
     Shape (depths, places, n). The `places`, shape (places, 2) in m, count from the map's origin, which is at `origin`
@@ -76,7 +76,7 @@ def shift_energy(
     mu = (1.0, *(sheet.relative_permeability for sheet in sheets), 1.0)
     faces = [face for face in range(levels) if mu[face] != mu[face + 1]]
     coils = coil_segments(source)
-    change = np.zeros((depths, count, len(own)), dtype=own.dtype)
+    change = np.zeros((depths, count, len(own)), dtype=np.complex128)
     if not faces:
         return change
     thicknesses = [sheet.thickness for sheet in sheets]

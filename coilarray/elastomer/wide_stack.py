@@ -127,11 +127,11 @@ def _profiles(stack: Stack, base: Base, k: FloatArray, heights: FloatArray) -> t
     W, U = solution[:, :n], solution[:, n:]
 
     value, slope = axis.basis(heights), axis.basis(heights, 1)
-    element = np.clip(np.searchsorted(edges, heights, side="right") - 1, 0, len(edges) - 2)
-    mu = stack.shear[sheet[element]]
+    holding = np.clip(np.searchsorted(edges, heights, side="right") - 1, 0, len(edges) - 2)
+    mu = stack.shear[sheet[holding]]
     isotropic = np.empty((len(k), len(heights)))
-    for e in np.unique(element):
-        here, own, (part, soft) = element == e, axis.of(int(e)), bulk[int(e)]
+    for e in np.unique(holding).tolist():
+        here, own, (part, soft) = holding == e, axis.of(e), bulk[e]
         local = 2 * (heights[here] - edges[e]) / (edges[e + 1] - edges[e]) - 1
         norms = np.sqrt((2 * np.arange(_DEGREE) + 1) / (edges[e + 1] - edges[e]))
         modes = legendre.legvander(local, _DEGREE - 1) * norms
