@@ -270,7 +270,7 @@ def test_the_bundled_plan_fits_the_design():
     assert len(plan.combinations()) == 8
     for choices in plan.combinations():
         case = calibration._case_of(calibration.as_file(PAPER), plan, choices)
-        assert case.start.tolist()[:2] == [0.1, 2.7]
+        assert case.start.tolist()[:2] == [0.06, 0.215]
         case.changed(case.start)
 
 
