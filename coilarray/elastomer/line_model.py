@@ -67,9 +67,9 @@ def line_inductance(wires: Wires, sheets: Sequence[Sheet]) -> float:
     """
     if not (wires.widths > 0).all():
         raise ElastomerError("the inductance of wires needs their cross-sections; one has none.")
-    cells = np.ascontiguousarray(np.column_stack((wires.x, wires.z, wires.widths, wires.thicknesses)))
-    logs = np.empty((len(cells), len(cells)))
-    pair_logs(cells, cells, 0.0, 0.0, logs)
+    cells = np.stack((wires.x, wires.z, wires.widths, wires.thicknesses))
+    logs = np.empty((cells.shape[1],) * 2)
+    pair_logs(np.ascontiguousarray(cells.T), cells, 0.0, 0.0, logs)
     alone = -MU_0 / (2 * np.pi) * float(wires.senses @ logs @ wires.senses)
     magnetic = next((k for k, sheet in enumerate(sheets) if sheet.relative_permeability > 1), None)
     if magnetic is None:
