@@ -190,7 +190,8 @@ def test_what_keeps_nothing_leaves_everything_as_it_was(tmp_path, command, targe
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("before")
     assert interrupted(tmp_path, command, writing=writing) == []
-    assert files(tmp_path) == sorted([*inputs, *targets])
+    # the contact that was solved before is kept, whole
+    assert [name for name in files(tmp_path) if not name.startswith("cache/")] == sorted([*inputs, *targets])
     assert {(tmp_path / target).read_text() for target in targets} == {"before"}
 
 
