@@ -78,7 +78,7 @@ def response(
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     offset = (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3)
-    imperfections = Imperfections(tilt, offset, depth_error_mm * 1e-3, errors, noise, seed)
+    imperfections = Imperfections(tilt, offset, depth_error_mm * 1e-3, errors, noise=noise, seed=seed)
     parts = out.with_name(f"{out.name}.parts")
     store = open_store(parts)
     kept = store.keys()

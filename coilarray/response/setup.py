@@ -49,13 +49,13 @@ class Imperfections:
         True minus assumed depth in m, for example because the contact was detected too late.
     thickness_errors : mapping of str to float
         True minus designed thickness in m, by the name of the sheet.
-    drift : float
-        Change of δ from the first to the last position of the map, in proportion to their number in the order of a
-        campaign (row after row, x rising, all depths at one place): a drift of the inductance since L_0 was read.
     noise : float
         Relative standard deviation of every reading of an inductance; L_peak and L_0 are one reading each.
     seed : int
         Seed of the noise.
+    drift : float
+        Change of δ from the first to the last position of the map, in proportion to their number in the order of a
+        campaign (row after row, x rising, all depths at one place): a drift of the inductance since L_0 was read.
 
     Raises
     ------
@@ -67,9 +67,9 @@ class Imperfections:
     offset: tuple[float, float] = (0.0, 0.0)
     depth_error: float = 0.0
     thickness_errors: Mapping[str, float] = field(default_factory=dict)
-    drift: float = 0.0
     noise: float = 0.0
     seed: int = 0
+    drift: float = 0.0
 
     def __post_init__(self) -> None:
         errors = (self.depth_error, *self.thickness_errors.values(), self.drift, self.noise)

@@ -137,7 +137,7 @@ test_mistakes_are_one_line_and_leave_nothing = mistakes(
     (("--depth-mm", "-0.1"), "depth of an indentation must be from 0"),
     (("--x-mm", "east"), "--x-mm must be rising numbers of mm"),
     (("--y-mm", "1e9"), "--y-mm must be rising numbers of mm"),
-    (("--tilt", "nan", "0"), "tilt, offset, errors and noise must be finite"),
+    (("--tilt", "nan", "0"), "tilt, offset, errors, drift and noise must be finite"),
     (("--tilt", "0.1"), "'--tilt'"),
     (("--tilt", "1", "0"), "tilt must be at most 0.1"),
     (("--thickness-error-mm", "base"), "--thickness-error-mm must be SHEET=VALUE; got 'base'"),

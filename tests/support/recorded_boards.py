@@ -41,7 +41,14 @@ def two_coils_document():
     """The reference design with two of its coils and a sample that is just large enough."""
     document = dict(load_design_file("gast2020").document)
     document["array"] = {**document["array"], "columns": 2}
-    own = {"x_mm": [-6, 6], "y_mm": [-4, 4], "sample_x_mm": [-12, 12], "sample_y_mm": [-10, 10], "origin": "coil1"}
+    own = {
+        "x_mm": [-6, 6],
+        "y_mm": [-4, 4],
+        "sample_x_mm": [-12, 12],
+        "sample_y_mm": [-10, 10],
+        "origin": "coil1",
+        "strain": "linear",
+    }
     document["indentation"] = {**document["indentation"], **own}
     document.pop("assumed")
     return {**document, "name": "two_coils"}
