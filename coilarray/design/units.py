@@ -29,8 +29,10 @@ def entry_unit(key: str) -> str:
     --------
     >>> entry_unit("array.pitch_mm"), entry_unit("circuit.resistivity_ohm_m"), entry_unit("array.columns")
     ('mm', 'ohm m', '1')
+    >>> entry_unit("stackup.dielectric_thickness_mm.1")
+    'mm'
     """
-    last = key.rpartition(".")[2]
+    last = next((part for part in reversed(key.split(".")) if not part.isdecimal()), "")  # that of the list
     ends = [end for end in _ENTRY_UNITS if last.endswith(f"_{end}")]
     return _ENTRY_UNITS[max(ends, key=len)] if ends else "1"
 
