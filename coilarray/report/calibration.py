@@ -56,26 +56,27 @@ def correlation_table(result: xr.Dataset, combination: int = 0) -> Table:
 
 
 def misfit_table(result: xr.Dataset, combination: int = 0) -> Table:
-    """Return one row for each state and quantity that is fitted: root mean square of what remains, before and after.
+    """Return one row for each state and quantity: root mean square of what remains, before and after the fit.
 
-    In SI, and relative to the measured numbers.
+    In SI, and relative to the measured numbers. Rows that are not fitted are predictions.
     """
     of = result.isel(combination=combination)
-    of = of.isel(datum=np.flatnonzero((of.weight > 0) & np.isfinite(of.measured)))
+    of = of.isel(datum=np.flatnonzero(np.isfinite(of.measured)))
     keys = list(dict.fromkeys(zip(of.state.values.tolist(), of.quantity.values.tolist(), strict=True)))
     rows = []
     for state, quantity in keys:
         part = of.isel(datum=np.flatnonzero((of.state == state) & (of.quantity == quantity)))
         size = float(np.sqrt((part.measured**2).mean()))
         remains = [float(np.sqrt(((part[name] - part.measured) ** 2).mean())) for name in ("before", "model")]
-        rows.append((*remains, remains[1] / size if size else np.nan, part.sizes["datum"]))
-    before, after, share, count = np.array(rows).T
+        rows.append((*remains, remains[1] / size if size else np.nan, part.sizes["datum"], (part.weight > 0).any()))
+    before, after, share, count, fitted = np.array(rows).T
     data = {
         "quantity": ("row", [quantity for _, quantity in keys]),
         "before": ("row", before, {"long_name": "rms before", "units": "1"}),
         "after": ("row", after, {"long_name": "rms after", "units": "1"}),
         "share": ("row", share, {"long_name": "rms after, relative", "units": "1"}),
         "count": ("row", count.astype(int), {"long_name": "numbers", "units": "1"}),
+        "fitted": ("row", fitted.astype(bool), {"long_name": "fitted"}),
     }
     table = xr.Dataset(data, {"state": ("row", [state for state, _ in keys])})
     return dataset_table("misfit", "What remains", table, ("state", *data), {"before": _PLAIN, "after": _PLAIN})

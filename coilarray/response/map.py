@@ -186,7 +186,8 @@ def response_map(
             ),
         }  # fmt: skip
         left_out = {"error_of_peak": 0.0}
-    delta = delta + true.drift * axes.order[..., None]
+    drift = true.drift * axes.order("rows") + true.column_drift * axes.order("columns")
+    delta = delta + drift[..., None]
     if true.noise:
         delta = _noisy(delta, true)
     return response_dataset(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -56,6 +57,8 @@ class Imperfections:
     drift : float
         Change of δ from the first to the last position of the map, in proportion to their number in the order of a
         campaign (row after row, x rising, all depths at one place): a drift of the inductance since L_0 was read.
+    column_drift : float
+        The same for a campaign that goes column after column, y rising.
 
     Raises
     ------
@@ -70,9 +73,11 @@ class Imperfections:
     noise: float = 0.0
     seed: int = 0
     drift: float = 0.0
+    column_drift: float = 0.0
 
     def __post_init__(self) -> None:
-        errors = (self.depth_error, *self.thickness_errors.values(), self.drift, self.noise)
+        drifts = (self.drift, self.column_drift)
+        errors = (self.depth_error, *self.thickness_errors.values(), *drifts, self.noise)
         numbers = [*self.tilt, *self.offset, *errors]
         if not np.isfinite(numbers).all():
             raise ElastomerError(f"tilt, offset, errors, drift and noise must be finite; got {numbers}.")
@@ -96,15 +101,15 @@ class MapAxes:
         """Number of depths, of positions along y and along x."""
         return len(self.depth), len(self.y), len(self.x)
 
-    @property
-    def order(self) -> FloatArray:
-        """Number of every indentation in the order of a campaign, over all of them from 0 to 1; shape (depth, places).
+    def order(self, along: Literal["rows", "columns"]) -> FloatArray:
+        """Return the number of every indentation in a campaign, over all of them from 0 to 1; shape (depth, places).
 
-        Row after row, x rising, all depths at one place.
+        Row after row, x rising, or column after column, y rising; all depths at one place.
         """
-        depths, places = len(self.depth), len(self.y) * len(self.x)
-        number = np.arange(places * depths, dtype=np.float64).reshape(places, depths).T
-        return number / max(number.size - 1, 1)
+        depths, rows, columns = self.shape
+        shape = (rows, columns, depths) if along == "rows" else (columns, rows, depths)
+        number = np.linspace(0.0, 1.0, depths * rows * columns).reshape(shape)
+        return np.moveaxis(number if along == "rows" else number.swapaxes(0, 1), -1, 0).reshape(depths, -1)
 
     @property
     def places(self) -> FloatArray:
@@ -210,8 +215,8 @@ def _finite(
     """
     setup, sheets = indentation_of(wide.design), wide.design.sheets
     parts = np.array(_DEPTH_PARTS)
-    contacts = [_at_depths(pressed, depths * part) for part in _DEPTH_PARTS]
-    contact = contacts[0]
+    contact = wide.contact
+    contacts = [contact, *(_at_depths(pressed, depths * part) for part in _DEPTH_PARTS[1:])]
     slope = np.zeros(len(depths))  # F'/F
     loaded = contact.force.values > 0
     force = np.array([one.force.values[loaded] for one in contacts])
@@ -249,7 +254,8 @@ def contact_at(setup: Indentation, sheets: Sequence[Sheet], depths: npt.ArrayLik
     `coilarray.compute.store.open_store`, where that folder can be written.
     """
     at = tuple(np.atleast_1d(np.asarray(depths, dtype=np.float64)).tolist())
-    return _kept_contact(tuple(sheets), setup.indenter, at, setup.base, setup.sample_radius, setup.strain, DEFAULT_MESH)
+    elastic = tuple(replace(sheet, relative_permeability=1.0) for sheet in sheets)  # which decides on no contact
+    return _kept_contact(elastic, setup.indenter, at, setup.base, setup.sample_radius, setup.strain, DEFAULT_MESH)
 
 
 @lru_cache(maxsize=8)

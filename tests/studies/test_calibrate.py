@@ -16,7 +16,6 @@ from coilarray.compute.store import open_store
 from coilarray.errors import GoalError, LocalizeError
 from coilarray.localize.published import published_map, published_model
 from coilarray.response.map import Imperfections, response_map
-from coilarray.response.setup import map_axes
 from coilarray.studies.calibrate import calibration
 from coilarray.studies.calibrate.data import measurement
 from coilarray.studies.calibrate.fit import Problem, fit, information, together
@@ -254,15 +253,15 @@ def test_choices_set_and_take_away(line):
 
 
 @pytest.mark.slow
-def test_drift_is_added_in_the_order_of_a_campaign():
+@pytest.mark.parametrize(("name", "order"), [("drift", ("y", "x", "depth")), ("column_drift", ("x", "y", "depth"))])
+def test_drift_is_added_in_the_order_of_a_campaign(name, order):
     design = first_coils_design(2)
     axes = {"depths": [0.5e-3, 1e-3], "x": [-2e-3, 0.0, 2e-3], "y": [0.0, 2e-3]}
     plain, drifting = (
-        response_map(design, **axes, ideal=True, imperfections=Imperfections(drift=drift)) for drift in (0.0, 1e-5)
+        response_map(design, **axes, ideal=True, imperfections=Imperfections(**{name: drift})) for drift in (0.0, 1e-5)
     )
-    order = (drifting.delta - plain.delta).isel(state=0).transpose("y", "x", "depth").values.ravel()
-    assert order == pytest.approx(np.linspace(0, 1e-5, 12), abs=1e-12)  # 1e-12: rounding of δ
-    assert map_axes(design, *axes.values()).order.shape == (2, 6)
+    added = (drifting.delta - plain.delta).isel(state=0).transpose(*order).values.ravel()
+    assert added == pytest.approx(np.linspace(0, 1e-5, 12), abs=1e-12)  # 1e-12: rounding of δ
 
 
 def test_the_bundled_plan_fits_the_design():

@@ -44,17 +44,17 @@ def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
 
 
 def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> None:
-    """Draw the parameters of the ellipses of one state over δ, and what remains of those that are fitted."""
+    """Draw the parameters of the ellipses of one state over δ, and what remains: dashed where it is only predicted."""
+    known = np.isfinite(of.model.values[of.quantity == "x0"])  # elsewhere the window does not show the model's ellipse
     for name, (marker, colour) in _LOOKS.items():
         part = of.isel(datum=np.flatnonzero(of.quantity == name))
-        level, model = MILLI_DELTA.of(part.level), MM.of(part.model)
+        level, model = MILLI_DELTA.of(part.level), np.where(known, MM.of(part.model), np.nan)
         band = MM.of(part.model_std)
         left.plot(level, MM.of(part.measured), marker, color=colour, markersize=4.0, markerfacecolor="none")
         left.plot(level, model, "-", color=colour, label=_NAMES[name])
         left.fill_between(level, model - band, model + band, color=colour, alpha=0.2, linewidth=0)
-        fitted = part.weight.values > 0
-        if fitted.any():
-            right.plot(level[fitted], part.residual.values[fitted], f"{marker}-", color=colour, label=_NAMES[name])
+        line = "-" if (part.weight > 0).any() else "--"
+        right.plot(level, np.where(known, part.residual.values, np.nan), f"{marker}{line}", color=colour, label=_NAMES[name])
     left.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("A, B, $x_0$"), title=f"{state}: lines fitted")
     right.set(xlabel=MILLI_DELTA.label("δ"), ylabel="fitted − measured (noise)", title=f"{state}: what remains")
     _finish(left, right)

@@ -78,7 +78,8 @@ def calibrate(
     unknowns : Plan or mapping of str to sequence
         A plan from `coilarray.studies.calibrate.plan.load_plan`, or (low, high) or (low, high, start) of each unknown
         by its dotted key, in the unit of the key. Keys are those of `coilarray.vary`, and ``imperfections.`` with
-        ``depth_error_mm``, ``tilt_x_mrad``, ``tilt_y_mrad``, ``offset_x_mm``, ``offset_y_mm`` or ``drift``.
+        ``depth_error_mm``, ``tilt_x_mrad``, ``tilt_y_mrad``, ``offset_x_mm``, ``offset_y_mm``, ``drift`` or
+        ``column_drift``.
     keep : bool or Path
         Whether evaluations are kept and found again: in the user's cache folder, or in a folder of your own.
     pool : Pool, optional

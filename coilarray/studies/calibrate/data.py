@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -70,7 +70,11 @@ def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Desig
                 raise GoalError(f"the {where} no state {name!r}; there are {', '.join(names)}.")
     if len(set(states)) != len(states):
         raise GoalError(f"states must be named once each; got {', '.join(states)}.")
+    for name in table.tested:
+        if name not in states:
+            raise GoalError(f"tested names the state {name!r}; there are {', '.join(states)}.")
     found = (_ellipses if isinstance(data, EllipseModel) else _response)(data, table, design, states)  # type: ignore[arg-type]
+    found = replace(found, weight=np.where(np.isin(found.coords["state"], table.tested), 0.0, found.weight))
     if not found.weight.any():
         raise GoalError("the data have nothing to fit: no number that is asked for is known and determined.")
     return found

@@ -25,8 +25,8 @@ Asking = Generator[list[FloatArray], list["FloatArray | str"], "Fit"]
 _MOST_STEPS = 40
 _STEP = 0.02  # of an unknown's range, for the first slopes
 _STEPS = (1e-3, 0.1)  # the same for later ones: outside the noise of meshes and levels, and not far away
-_ENOUGH = 2e-3  # of a unit of χ²/2: a fit that could gain less stands within 0.06 of its standard deviations
-_DAMPING, _MOST_DAMPING = 1e-3, 1e6
+_ENOUGH = 1e-2  # of a unit of χ²/2: a fit that could gain less stands within 0.14 of its standard deviations
+_DAMPING = 1e-3
 _SHARE = 0.1  # of the gain that the linear model promises: a step with less is not taken
 _ABSENT = 10.0  # standard deviations by which a number is off that the model does not have
 _ROUNDING = 1e-9  # of the data
@@ -187,9 +187,10 @@ def fit(problem: Problem) -> Asking:
                     damping = max(damping / 5, _DAMPING / 100)
                     continue
             if fresh:
-                damping *= 10
-                if damping > _MOST_DAMPING:
+                if expected < _ENOUGH:  # no short step gains either, where slopes are those of here
+                    converged = True
                     break
+                damping *= 10
                 continue
         steps = _difference_steps(problem, now)
         slopes, made, reason = yield from _slopes(problem, point, values, steps)

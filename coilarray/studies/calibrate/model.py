@@ -64,6 +64,7 @@ def imperfections_of(values: Mapping[str, float]) -> Imperfections:
         offset=(si["offset_x_mm"], si["offset_y_mm"]),
         depth_error=si["depth_error_mm"],
         drift=si["drift"],
+        column_drift=si["column_drift"],
     )
 
 

@@ -55,7 +55,7 @@ LEVELS = tuple(k * 1e-4 for k in range(1, 11))
 
 IMPERFECTIONS = {
     "depth_error_mm": 1e-3, "tilt_x_mrad": 1e-3, "tilt_y_mrad": 1e-3, "offset_x_mm": 1e-3, "offset_y_mm": 1e-3,
-    "drift": 1.0,
+    "drift": 1.0, "column_drift": 1.0,
 }  # fmt: skip
 """Unknowns of the experiment, named ``imperfections.…``, and the SI value of their unit."""
 
@@ -126,16 +126,18 @@ class Alternative(Table):
 class DataTable(Table):
     """``[data]``: what of the measurement is fitted, and how far it is trusted.
 
-    ``states`` are all by default. ``parameters`` and ``levels`` of δ are for ellipses, of which A, B and the peak are
-    fitted by default; ``semiaxis_std_mm`` and ``peak_std`` are their standard deviations, and ``delta_std`` that of δ
-    of a response that has none of its own. ``noise = "estimated"`` takes them as relative and estimates their scale
-    from what remains: the default for ellipses, and for a response without any standard deviation. ``noise = "given"``
-    believes them. A recording's own is by default known as well as its repeats or baselines tell it. ``circuit`` is
-    "full" or "ideal" (without losses and strays, which change δ by less than 1 %), the default for ellipses; so is
-    ``mesh = "coarse"``, right to 1e-3 of δ.
+    ``states`` are all by default; those of ``tested`` are only predicted, to try what was fitted to the others.
+    ``parameters`` and ``levels`` of δ are for ellipses, of which A, B and the peak are fitted by default;
+    ``semiaxis_std_mm`` and ``peak_std`` are their standard deviations, and ``delta_std`` that of δ of a response that
+    has none of its own. ``noise = "estimated"`` takes them as relative and estimates their scale from what remains: the
+    default for ellipses, and for a response without any standard deviation. ``noise = "given"`` believes them. A
+    recording's own is by default known as well as its repeats or baselines tell it. ``circuit`` is "full" or "ideal"
+    (without losses and strays, which change δ by less than 1 %), the default for ellipses; so is ``mesh = "coarse"``,
+    right to 1e-3 of δ.
     """
 
     states: Annotated[list[str], Field(min_length=1)] | None = None
+    tested: list[str] = Field(default_factory=list)
     parameters: Annotated[list[Parameter], Field(min_length=1)] = Field(default_factory=lambda: list(FITTED))
     levels: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)] = Field(
         default_factory=lambda: list(LEVELS)
