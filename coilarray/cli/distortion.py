@@ -9,6 +9,7 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
+from coilarray.cli.maps import read_dataset
 
 if TYPE_CHECKING:
     from coilarray.report.tables import Table
@@ -19,6 +20,11 @@ def distortion(
     coil: Annotated[
         list[str] | None, typer.Option(help="Coil to look at; may be repeated. coil1 to coil3 by default.")
     ] = None,
+    posterior: Annotated[
+        Path | None,
+        typer.Option(help="Result of `coilarray calibrate` (calibration.nc): x0 then has the error that it leaves."),
+    ] = None,
+    draws: Annotated[int, typer.Option(min=2, help="Number of designs drawn from the posterior.")] = 16,
     out: Annotated[Path | None, shared.out_option("Also write every number: .nc or .csv.", ".nc", ".csv")] = None,
     plot: Annotated[Path | None, shared.plot_option("x0 and its causes over δ")] = None,
     as_json: shared.AsJson = False,
@@ -28,17 +34,24 @@ def distortion(
 
     The map of the design goes through the paper's own processing; each cause is then switched off. Nothing is fitted
     to x0. What remains between the prediction and Table A1 is printed, without the levels of δ of which the window
-    leaves too little to know an ellipse. It takes minutes.
+    leaves too little to know an ellipse. It takes a minute.
 
     Example: coilarray distortion gast2020 --out distortion.nc --plot distortion.png
     """
     from coilarray.localize.distortion import distortion as split
     from coilarray.report import localize_tables
 
-    opened = shared.open_design(design, allow_violations=allow_violations)
+    file = shared.open_design_file(design, allow_violations=allow_violations)
+    opened = file.design
     states = coil or ["coil1", "coil2", "coil3"]
+    drawn, imperfections = [], None
+    if posterior is not None:
+        from coilarray.studies.calibrate.draws import calibrated_imperfections, posterior_draws
+
+        calibration = read_dataset(posterior)
+        drawn, imperfections = posterior_draws(file, calibration, draws), calibrated_imperfections(calibration)
     with shared.progress_bar("maps of the causes") as progress:
-        result = split(opened, states, progress=progress)
+        result = split(opened, states, imperfections=imperfections, draws=drawn, progress=progress)
     shared.write_numbers(out, result, localize_tables.distortion_table(result).csv)
     shared.draw(plot, lambda: viz.distortion_figure(result))
     remaining = localize_tables.residual_table(result)

@@ -60,17 +60,23 @@ def read_map(path: Path) -> xr.Dataset:
 
 def read_response(path: Path) -> xr.Dataset:
     """Read a response from a netCDF file; LocalizeError where it is none with δ over depth, y, x and state."""
-    from coilarray.compute.netcdf import load_part
-
-    if not path.is_file():
-        raise LocalizeError(f"there is no file {path}.")
-    response = load_part(path)
-    if response is None:
-        raise LocalizeError(f"cannot read {path}: it is no netCDF file.")
+    response = read_dataset(path)
     wanted = {"depth", "y", "x", "state"}
     if "delta" not in response or set(response["delta"].dims) != wanted or not wanted <= set(response.coords):
         raise LocalizeError(f"{path} is no response: it must have delta over depth, y, x and state.")
     return response
+
+
+def read_dataset(path: Path) -> xr.Dataset:
+    """Read a netCDF file; LocalizeError where there is none."""
+    from coilarray.compute.netcdf import load_part
+
+    if not path.is_file():
+        raise LocalizeError(f"there is no file {path}.")
+    dataset = load_part(path)
+    if dataset is None:
+        raise LocalizeError(f"cannot read {path}: it is no netCDF file.")
+    return dataset
 
 
 def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list[FloatArray]]:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli import shared
+from coilarray.cli.maps import read_dataset
+from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
 def report(
     design: shared.DesignArgument = None,
     out: Annotated[Path, shared.out_option("Folder for report.html and the folder report.")] = Path(),
+    distortion: Annotated[
+        Path | None, typer.Option(help="Result of `coilarray distortion --out` (.nc): adds what moves x0.")
+    ] = None,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -31,8 +36,11 @@ def report(
     from coilarray.report import write_report
 
     opened = shared.open_design_file(design, allow_violations=allow_violations)
+    causes = None if distortion is None else read_dataset(distortion)
+    if causes is not None and "effect" not in causes:
+        raise LocalizeError(f"{distortion} is no result of `coilarray distortion`: it has no effects.")
     with shared.progress_bar(f"report of {opened.design.name}") as progress:
-        made = write_report(opened, out, progress=progress)
+        made = write_report(opened, out, distortion=causes, progress=progress)
     if made.rendering_problem is not None:
         typer.echo(f"coilarray: note: {made.rendering_problem}", err=True)
     if as_json:

@@ -63,6 +63,7 @@ def distortion(
     deltas: npt.ArrayLike = DELTAS,
     *,
     imperfections: Imperfections | None = None,
+    draws: Sequence[tuple[Design, Imperfections]] = (),
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Predict x0(δ), A(δ) and B(δ) and split x0 − centre into its causes.
@@ -77,6 +78,9 @@ def distortion(
         Levels of δ, rising.
     imperfections : Imperfections, optional
         Deviations of the experiment, in every map; for example those of a calibration.
+    draws : sequence of (Design, Imperfections)
+        What the design may be as well, as `coilarray.studies.calibrate.draws.posterior_draws` returns it: their scatter
+        is the error of x0 and of what the neighbours do to it. At least two, or none.
     progress : callable, optional
         Called with (done, total) as the maps are computed.
 
@@ -89,12 +93,13 @@ def distortion(
         delta), levels of which the window leaves too little; ``effect`` (cause, state, delta) in m, what x0 loses
         without the cause; ``centre`` (state) in m; ``rms`` (cause, state) of the effects and ``rms_residual`` (state)
         of predicted − published x0, in m. Values are NaN at levels that a map does not reach; effects and root mean
-        squares leave undetermined levels out.
+        squares leave undetermined levels out. With draws also their standard deviations ``x0_std``, ``effect_std`` and
+        ``rms_std`` of the same shapes, NaN for causes but the neighbours and where a draw has no value.
 
     Raises
     ------
     LocalizeError
-        A state that is not named after a coil.
+        A state that is not named after a coil, or a single draw.
     ElastomerError, NetworkError
         What `coilarray.response.map.response_map` refuses.
 
@@ -109,9 +114,11 @@ def distortion(
     for state in states:
         if state not in names or state not in [s.name for s in design.plan]:
             raise LocalizeError(f"a state must be measured and named after its coil; got {state!r}.")
+    if len(draws) == 1:
+        raise LocalizeError("draws must be at least 2, or none; got 1.")
     levels = np.asarray(deltas, dtype=np.float64)
     given = imperfections or Imperfections()
-    maps = _Maps(design, given, progress)
+    maps = _Maps(design, given, progress, len(draws))
     base = maps.plain()
     curves = ellipse_curves(base, states, levels)
 
@@ -130,24 +137,39 @@ def distortion(
     tilted = replace(given, tilt=(given.tilt[0] + TILT, given.tilt[1]))
     effects["tilt"] = -without(_Maps(design, tilted, maps.count).plain())
     effects["noise"] = _scatter(base, states, levels)
-    return _dataset(design, states, levels, curves, opened, effects)
+    result = _dataset(design, states, levels, curves, opened, effects)
+    if not draws:
+        return result
+    drawn = []
+    for one, errors in draws:
+        response = _Maps(one, errors, maps.count).plain()
+        pair = (response, _opened(one, response, names))
+        drawn.append([ellipse_curves(each, states, levels).determined_x0 for each in pair])
+    return result.assign(_errors(result, np.array(drawn)))
+
+
+def _errors(result: xr.Dataset, drawn: FloatArray) -> dict[str, xr.DataArray]:
+    """Return the standard deviations, from x0 of draws with neighbours grounded and open (draw, 2, state, delta)."""
+    effect, rms = np.full(result.effect.shape, np.nan), np.full(result.rms.shape, np.nan)
+    neighbours = drawn[:, 0] - drawn[:, 1]
+    effect[0], rms[0] = neighbours.std(axis=0, ddof=1), _rms(neighbours).std(axis=0, ddof=1)
+    found = {"x0": drawn.std(axis=0, ddof=1), "effect": effect, "rms": rms}
+    return {f"{name}_std": result[name].copy(data=values) for name, values in found.items()}
 
 
 class _Maps:
     """Maps of a design on its grid or a larger or finer one, counted for a progress bar."""
 
-    _TOTAL = 7
-
-    def __init__(self, design: Design, imperfections: Imperfections, progress: Progress | None) -> None:
+    def __init__(self, design: Design, imperfections: Imperfections, progress: Progress | None, draws: int = 0) -> None:
         self._design, self._imperfections = design, imperfections
-        self._progress, self._done = progress, 0
+        self._progress, self._done, self._total = progress, 0, 7 + draws
 
     def count(self, done: int = 1, total: int = 1) -> None:
         """Count a finished map."""
         if done == total:
             self._done += 1
             if self._progress is not None:
-                self._progress(self._done, self._TOTAL)
+                self._progress(self._done, self._total)
 
     def plain(self, widen: tuple[float, float] = (0.0, 0.0), parts: int = 1) -> xr.Dataset:
         """Compute the map of the first depth, on a window wider by `widen` in m on each side, with a divided step."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -58,10 +59,11 @@ def correlation_table(result: xr.Dataset, combination: int = 0) -> Table:
 def misfit_table(result: xr.Dataset, combination: int = 0) -> Table:
     """Return one row for each state and quantity: root mean square of what remains, before and after the fit.
 
-    In SI, and relative to the measured numbers. Rows that are not fitted are predictions.
+    In SI, and relative to the measured numbers. Rows that are not fitted are predictions. For ellipses the last row are
+    their ends x0 ± A on y = 0, of all states and as far as the window shows them.
     """
     of = result.isel(combination=combination)
-    of = of.isel(datum=np.flatnonzero(np.isfinite(of.measured)))
+    of = of.isel(datum=np.flatnonzero(np.isfinite(of.measured) & np.isfinite(of.model)))
     keys = list(dict.fromkeys(zip(of.state.values.tolist(), of.quantity.values.tolist(), strict=True)))
     rows = []
     for state, quantity in keys:
@@ -69,6 +71,9 @@ def misfit_table(result: xr.Dataset, combination: int = 0) -> Table:
         size = float(np.sqrt((part.measured**2).mean()))
         remains = [float(np.sqrt(((part[name] - part.measured) ** 2).mean())) for name in ("before", "model")]
         rows.append((*remains, remains[1] / size if size else np.nan, part.sizes["datum"], (part.weight > 0).any()))
+    if result.attrs["kind"] == "ellipses":
+        keys.append(("all", "x0 ± A"))
+        rows.append(_ends(of, result.attrs["window_x_m"]))
     before, after, share, count, fitted = np.array(rows).T
     data = {
         "quantity": ("row", [quantity for _, quantity in keys]),
@@ -80,6 +85,21 @@ def misfit_table(result: xr.Dataset, combination: int = 0) -> Table:
     }
     table = xr.Dataset(data, {"state": ("row", [state for state, _ in keys])})
     return dataset_table("misfit", "What remains", table, ("state", *data), {"before": _PLAIN, "after": _PLAIN})
+
+
+def _ends(of: xr.Dataset, window: Sequence[float]) -> tuple[float, float, float, int, bool]:
+    """Row of `misfit_table` for the ends of the ellipses on y = 0 that are in the window."""
+    names = ("before", "model", "measured")
+    ends = []
+    for state in np.unique(of.state.values):
+        part = of.isel(datum=np.flatnonzero(of.state == state))
+        x0, A = (part.isel(datum=np.flatnonzero(part.quantity == key)).set_index(datum="level") for key in ("x0", "A"))
+        x0, A = xr.align(x0[list(names)], A[list(names)])
+        ends += [x0 - A, x0 + A]
+    both = xr.concat(ends, "datum")
+    both = both.isel(datum=np.flatnonzero((both.measured >= window[0]) & (both.measured <= window[1])))
+    before, after = (float(np.sqrt(((both[name] - both.measured) ** 2).mean())) for name in names[:2])
+    return before, after, after / float(np.sqrt((both.measured**2).mean())), both.sizes["datum"], False
 
 
 def residual_table(result: xr.Dataset, combination: int = 0) -> Table:

@@ -177,6 +177,13 @@ def position_pictures(
     ]
 
 
+def distortion_picture(distortion: xr.Dataset) -> Picture:
+    """Draw how x0 moves with δ, and what moves it."""
+    bands = "; bands: two standard deviations of the calibration" if "x0_std" in distortion else ""
+    caption = f"Left: x0 over δ as predicted and as published. Right: what x0 loses without each cause{bands}."
+    return draw("distortion", caption, viz.distortion_figure(distortion))
+
+
 def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> list[Picture]:
     """Show what remains between two responses and x0 of both, state by state, and reading against reading."""
     deepest = f"{float(comparison.depth[-1]) * 1e3:g} mm deep"

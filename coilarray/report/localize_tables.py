@@ -86,12 +86,17 @@ def fit_table(fits: xr.Dataset, model: EllipseModel, *, compare: bool = True) ->
 
 
 def cause_table(distortion: xr.Dataset) -> Table:
-    """Return one row for each cause: root mean square over δ of what x0 loses without it, for every coil."""
-    states = {
-        f"{state}_rms": distortion.rms.sel(state=state, drop=True).assign_attrs(long_name=f"{state}, rms")
-        for state in distortion.state.values.tolist()
-    }
-    return dataset_table("causes", "Causes", xr.Dataset(states), ("cause", *states))
+    """Return one row for each cause: root mean square over δ of what x0 loses without it, for every coil.
+
+    With the standard deviation of the posterior where `coilarray.localize.distortion.distortion` was given draws.
+    """
+    columns = {}
+    for state in distortion.state.values.tolist():
+        of = distortion.sel(state=state, drop=True)
+        columns[f"{state}_rms"] = of.rms.assign_attrs(long_name=f"{state}, rms")
+        if "rms_std" in of:
+            columns[f"{state}_rms_std"] = of.rms_std.assign_attrs(long_name="±")
+    return dataset_table("causes", "Causes", xr.Dataset(columns), ("cause", *columns))
 
 
 def residual_table(distortion: xr.Dataset) -> Table:
@@ -130,6 +135,8 @@ def distortion_table(distortion: xr.Dataset) -> Table:
     for key in ("x0", "A", "B"):
         for neighbours in distortion.neighbours.values.tolist():
             series[f"{key}_{neighbours}"] = distortion[key].sel(neighbours=neighbours, drop=True)
+            if f"{key}_std" in distortion:
+                series[f"{key}_{neighbours}_std"] = distortion[f"{key}_std"].sel(neighbours=neighbours, drop=True)
         series[f"{key}_published"] = distortion[f"published_{key}"]
     for neighbours in distortion.neighbours.values.tolist():
         series[f"undetermined_{neighbours}"] = distortion.undetermined.sel(neighbours=neighbours, drop=True)

@@ -24,7 +24,7 @@ from coilarray.compute.threads import Progress
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.write import as_file
-from coilarray.errors import CoilarrayError, GeometryError, NetworkError
+from coilarray.errors import CoilarrayError, GeometryError, LocalizeError, NetworkError
 from coilarray.geometry import check_rules
 from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.localize.published import published_model
@@ -73,7 +73,13 @@ class Report:
     rendering_problem: str | None
 
 
-def write_report(design: Design | DesignFile, where: str | Path = ".", *, progress: Progress | None = None) -> Report:
+def write_report(
+    design: Design | DesignFile,
+    where: str | Path = ".",
+    *,
+    distortion: xr.Dataset | None = None,
+    progress: Progress | None = None,
+) -> Report:
     """Compute the coupling of a design and write its report.
 
     Parameters
@@ -84,6 +90,8 @@ def write_report(design: Design | DesignFile, where: str | Path = ".", *, progre
     where : str or Path
         Folder for ``report.html`` and the folder ``report``; it is made where it does not exist. Files of an earlier
         report there are replaced.
+    distortion : xarray.Dataset, optional
+        Result of `coilarray.localize.distortion.distortion` for the design: what moves x0 then stands on the page.
     progress : callable, optional
         Function that is called with (done, total) as the work goes on.
 
@@ -94,6 +102,8 @@ def write_report(design: Design | DesignFile, where: str | Path = ".", *, progre
 
     Raises
     ------
+    LocalizeError
+        A distortion of another design.
     OutputError
         A file cannot be written. Each file is written under a temporary name first: none is left half-written.
 
@@ -101,14 +111,17 @@ def write_report(design: Design | DesignFile, where: str | Path = ".", *, progre
     -----
     Every number on the page also stands in the folder: ``coils.csv``, ``pairs.csv``, ``design.csv``, ``rules.csv``,
     ``field_line.csv``, ``windings.csv``, ``states.csv``, ``state_currents.csv``, ``ldc1614.csv``,
-    ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv``, ``response.csv``, ``ellipses.csv``,
-    ``polynomials.csv`` and ``map_positions.csv``, all of them in ``report.json``; ``coupling.nc``, ``field.nc``,
-    ``scan.nc``, ``impedance.nc``, ``indentation.nc``, ``response.nc`` and ``ellipses.nc`` hold the arrays.
+    ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv``, ``response.csv``, ``ellipses.csv``, ``polynomials.csv``,
+    ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``, all of them in ``report.json``; ``coupling.nc``,
+    ``field.nc``, ``scan.nc``, ``impedance.nc``, ``indentation.nc``, ``response.nc`` and ``ellipses.nc`` hold the
+    arrays.
     Parts that a design does not ask for are left out, and so are parts that cannot be computed, with the reason on the
     page.
     """
     file = as_file(design)
     design = file.design
+    if distortion is not None and distortion.attrs.get("design_hash") != design.digest:
+        raise LocalizeError(f"the distortion is that of another design than {design.name}.")
     folder = Path(where)
     data_folder = folder / "report"
     make_folder(folder)  # a folder that cannot be written is known before the work begins
@@ -156,6 +169,7 @@ def write_report(design: Design | DesignFile, where: str | Path = ".", *, progre
         if response is not None and positions is not None:
             known = published_model() if compare else None
             pictures += figures.position_pictures(design, response, positions, known)
+        pictures += [] if distortion is None else [figures.distortion_picture(distortion)]
         step()
         scan, sweep, circuit_problem = circuit.result()
     pictures += [] if sweep is None else figures.sweep_pictures(sweep)
@@ -170,6 +184,7 @@ def write_report(design: Design | DesignFile, where: str | Path = ".", *, progre
         *([] if indentation is None else [indentation_tables.indentation_table(indentation)]),
         *([] if response is None else [indentation_tables.response_table(response)]),
         *([] if positions is None else _position_tables(positions, compare)),
+        *([] if distortion is None else _distortion_tables(distortion)),
     ]
     data: dict[str, object] = {
         "schema": 1,
@@ -251,6 +266,10 @@ def _position_tables(positions: MapPositions, compare: bool) -> list[tables.Tabl
         localize_tables.polynomial_table(positions.model, compare=compare),
         map_position_table(positions),
     ]
+
+
+def _distortion_tables(distortion: xr.Dataset) -> list[tables.Table]:
+    return [localize_tables.residual_table(distortion), localize_tables.cause_table(distortion)]
 
 
 def _position_summary(positions: MapPositions) -> dict[str, object]:

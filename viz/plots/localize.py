@@ -212,7 +212,8 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
 def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> Axes:
     """Draw x0 of a coil over δ as predicted with the neighbours grounded and open, and as published.
 
-    Levels of which the window leaves too little to know the ellipse are crossed out.
+    Levels of which the window leaves too little to know the ellipse are crossed out. Bands are two standard deviations
+    of the posterior on each side, where the result has them.
 
     Parameters
     ----------
@@ -250,6 +251,8 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
         x0 = MM.of(curve[f"{prefix}x0"])
         if np.isfinite(x0).any():
             ax.plot(at, x0, line, color=colour, label=label)
+            if not prefix and "x0_std" in curve:
+                _band(ax, at, x0, curve.x0_std, colour)
             style.mark_undetermined(ax, at, x0, curve[f"{prefix}undetermined"], colour)
     ax.axhline(float(MM.of(of.centre)), color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
     style.faint_grid(ax)
@@ -291,12 +294,21 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
         named = not single or rms[cause] >= _SHARE * largest
         look = looks[cause] if named else CurveLook(color=GREY, linestyle="-")
         label = f"{cause}, {rms[cause] * MM.factor:.2f}" if named else None
-        ax.plot(at, MM.of(of.effect.sel(cause=cause)), linewidth=0.9 if single else 1.6, label=label, **look)
+        share = MM.of(of.effect.sel(cause=cause))
+        ax.plot(at, share, linewidth=0.9 if single else 1.6, label=label, **look)
+        if "effect_std" in of:
+            _band(ax, at, share, of.effect_std.sel(cause=cause), look["color"])
     style.zero_line(ax)
     style.faint_grid(ax)
     ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("share in $x_0$"), title=f"Causes for {state}, rms in mm")
     style.legend_beside(ax)
     return ax
+
+
+def _band(ax: Axes, at: npt.NDArray[np.float64], values: npt.NDArray[np.float64], std: xr.DataArray, colour: str) -> None:
+    """Draw two standard deviations in m on both sides of values in mm."""
+    width = 2 * MM.of(std)
+    ax.fill_between(at, values - width, values + width, color=colour, alpha=0.2, linewidth=0)
 
 
 @style.styled

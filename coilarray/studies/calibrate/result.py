@@ -16,6 +16,7 @@ from coilarray.circuit.coupling import provenance
 from coilarray.design.model import Design
 from coilarray.design.units import entry_unit
 from coilarray.design.vary import vary_document
+from coilarray.response.setup import indentation_of
 from coilarray.studies.calibrate.data import Measurement
 from coilarray.studies.calibrate.fit import Fit, Problem, at_bound, gradient, information
 from coilarray.studies.calibrate.plan import IMPERFECTION, Choice, Plan, Unknown
@@ -236,14 +237,18 @@ def result_dataset(
         "problem": ("combination", reasons, {"long_name": "why there is no fit"}),
     }  # fmt: skip
     coords: dict[str, Any] = {"combination": [one.name for one in combinations], "unknown": names, "other": names}
-    coords |= {"unit": ("unknown", units)}
+    shared = {unknown.name: " ".join(unknown.entry) for one in combinations for unknown in one.unknowns}
+    coords |= {"unit": ("unknown", units), "entries": ("unknown", [shared[name] for name in names])}
     coords |= {key: ("datum", list(values)) for key, values in measured.coords.items()}
     for number, one in enumerate(plan.alternatives):
         chosen = [each.choices[number].name for each in combinations]
         coords[f"choice_of_{one.name.replace(' ', '_')}"] = ("combination", chosen, {"long_name": one.name})
     how = {0.0: "estimated", np.inf: "given"}.get(measured.noise_freedom, "measured")
     kind = str(measured.request["kind"])
-    return xr.Dataset(data, coords, {**provenance(design), "title": plan.title, "kind": kind, "noise_is": how})
+    about = {"title": plan.title, "kind": kind, "noise_is": how}
+    if kind == "ellipses":
+        about["window_x_m"] = [min(indentation_of(design).x), max(indentation_of(design).x)]
+    return xr.Dataset(data, coords, {**provenance(design), **about})
 
 
 _FIGURES = (

@@ -1,0 +1,67 @@
+"""Designs that a calibration leaves possible."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from coilarray.design.model import Design, DesignFile, build_design
+from coilarray.design.vary import vary_document
+from coilarray.design.write import as_file
+from coilarray.errors import GoalError
+from coilarray.response.setup import Imperfections
+from coilarray.studies.calibrate.model import imperfections_of
+from coilarray.studies.calibrate.plan import IMPERFECTION
+
+
+def calibrated_imperfections(calibration: xr.Dataset) -> Imperfections:
+    """Return the imperfections of the experiment of the best combination of a calibration."""
+    best = _best(calibration)
+    values = dict(zip(best.unknown.values.tolist(), best["value"].values.tolist(), strict=True))
+    return imperfections_of({key.removeprefix(IMPERFECTION): v for key, v in values.items() if IMPERFECTION in key})
+
+
+def posterior_draws(
+    design: Design | DesignFile, calibration: xr.Dataset, count: int
+) -> list[tuple[Design, Imperfections]]:
+    """Draw designs and imperfections of the experiment from the posterior of the best combination of a calibration.
+
+    Parameters
+    ----------
+    design : Design or DesignFile
+        The calibrated design, or another one: its entries that were unknown take the drawn values.
+    calibration : xarray.Dataset
+        Dataset of `coilarray.studies.calibrate.calibrate`.
+    count : int
+        Number of draws, at most as many as the dataset has.
+
+    Raises
+    ------
+    GoalError
+        A dataset that is no calibration, or more draws than it has.
+    DesignError
+        A design without one of the entries.
+    """
+    best = _best(calibration)
+    if not 1 <= count <= best.sizes["draw"]:
+        raise GoalError(f"the number of draws must be from 1 to {best.sizes['draw']}; got {count}.")
+    file = as_file(design)
+    keys = [str(entries).split() for entries in best.entries.values]
+    rows = best.posterior.values[np.linspace(0, best.sizes["draw"] - 1, count).astype(int)]
+    drawn = []
+    for row in rows.tolist():
+        values = {key: value for entries, value in zip(keys, row, strict=True) for key in entries}
+        changes = {key: value for key, value in values.items() if not key.startswith(IMPERFECTION)}
+        errors = {key.removeprefix(IMPERFECTION): value for key, value in values.items() if key not in changes}
+        built = build_design(vary_document(file.document, changes), file.design.name)
+        drawn.append((built, imperfections_of(errors)))
+    return drawn
+
+
+def _best(calibration: xr.Dataset) -> xr.Dataset:
+    """Return the best combination with the unknowns that it has."""
+    if not {"posterior", "entries"} <= {*calibration.variables}:
+        raise GoalError("the dataset is no calibration: it has no posterior.")
+    best = calibration.isel(combination=0)
+    own = np.flatnonzero(np.isfinite(best["value"].values))
+    return best.isel(unknown=own, other=own)
