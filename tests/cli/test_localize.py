@@ -12,6 +12,7 @@ import xarray as xr
 from support.command_line import mistakes, runner
 from support.contacts import contacts_of, first_coils
 from support.localize_boards import FIELD, ROW, bells, board
+from support.plot_results import calibration
 
 import coilarray.localize.distortion
 import coilarray.localize.forward
@@ -26,7 +27,7 @@ from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import Location, Mode, locate
 from coilarray.localize.published import published_map, published_model, table_a1
 from coilarray.report.localize_tables import location_record
-from coilarray.response.map import response_map
+from coilarray.response.map import Imperfections, response_map
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder")]
 
@@ -182,9 +183,13 @@ def quick(monkeypatch):
     """No maps are computed; what was asked for is kept."""
     asked = []
 
-    def split(design, states, *, progress):
+    def split(design, states, *, imperfections, draws, progress):
         asked.append(("distortion", design.indentation.base, list(states)))
-        return made_up(design, states)
+        found = made_up(design, states)
+        if draws:
+            asked.append((imperfections, draws))
+            found = found.assign({f"{name}_std": 0.1 * np.abs(found[name]) for name in ("x0", "effect", "rms")})
+        return found
 
     monkeypatch.setattr(coilarray.localize.distortion, "distortion", split)
     return asked
@@ -208,6 +213,23 @@ def test_distortion_tells_what_remains(capsys, quick):
         "coil1", "0.0001", "0.001", "0.0005", "0.00025",
     ]  # fmt: skip
     assert (table[2]["x0_grounded_m"], table[0]["effect_all_neighbours_m"]) == ("", "0.0003")
+
+
+def test_distortion_with_the_error_of_a_calibration(capsys, quick):
+    save_dataset(calibration(), Path("calibration.nc"))
+    save_dataset(published_map(), Path("map.nc"))
+    options = ("--posterior", "calibration.nc", "--draws", "3", "--out", "d.csv", "--plot", "d.svg")
+    code, out, err = run(capsys, "distortion", "gast2020", *options)
+    assert (code, err) == (0, "")
+    imperfections, draws = quick[1]
+    assert imperfections == Imperfections()
+    assert len({design.digest for design, _ in draws}) == 3
+    row = next(line.split() for line in out.splitlines() if line.startswith("all neighbours"))
+    assert row[2:] == ["0.300", "0.030"] * 3
+    with Path("d.csv").open(encoding="utf-8") as lines:
+        assert next(csv.DictReader(lines))["x0_grounded_std_m"] == "0.0001"
+    assert "no calibration" in refused(capsys, "distortion", "gast2020", "--posterior", "map.nc")
+    assert "there is no file n.nc" in refused(capsys, "distortion", "gast2020", "--posterior", "n.nc")
 
 
 def test_distortion_as_json_has_no_nan(capsys, quick):

@@ -13,7 +13,7 @@ from support.contacts import coarse_maps, first_coils_design
 import coilarray.localize.distortion as distortion_module
 from coilarray import load_design
 from coilarray.errors import LocalizeError
-from coilarray.localize.distortion import distortion, ellipse_curves
+from coilarray.localize.distortion import EllipseCurves, distortion, ellipse_curves
 from coilarray.localize.published import published_map, published_model
 from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
 from coilarray.response.setup import map_axes
@@ -32,7 +32,8 @@ def split():
         patch.setattr(distortion_module, "respond", partial(respond, ideal=True))
         patch.setattr(distortion_module, "_WIDE", (6e-3, 4e-3))
         patch.setattr(distortion_module, "_SEEDS", 3)
-        return distortion(first_coils_design(3), ("coil1", "coil2"), LEVELS)
+        design = first_coils_design(3)
+        return distortion(design, ("coil1", "coil2"), LEVELS, draws=[(design, Imperfections())] * 2)
 
 
 def test_neighbours_move_x0_by_little(split):
@@ -42,6 +43,13 @@ def test_neighbours_move_x0_by_little(split):
     single = split.effect.sel(cause=[f"neighbour coil{k}" for k in range(1, 4)])
     # first order in k²: the single effects add up to all of them, to a tenth of a step of the refinement (0.1 mm)
     assert single.sum("cause").values == pytest.approx(split.effect.sel(cause="all neighbours").values, abs=0.01e-3)
+
+
+def test_equal_draws_are_the_design_without_error(split):
+    for name in ("x0", "effect", "rms"):
+        error = split[f"{name}_std"]
+        assert float(error.max()) == 0
+        assert np.isnan(error.sel(cause="window")).all() if "cause" in error.dims else np.isfinite(error).any()
 
 
 def test_opened_neighbours_leave_the_centre(split):
@@ -54,6 +62,27 @@ def test_nothing_explains_the_published_x0(split):
     assert float(split.rms_residual.sel(state="coil1")) > 0.8e-3
     assert float(split.rms.max()) < 0.2e-3
     assert split.published_x0.sel(state="coil1").values[0] == pytest.approx(-16.01e-3, abs=0.01e-3)
+
+
+def test_draws_tell_the_error_of_the_neighbours_effect():
+    """Draws whose x0 is known: two that differ by 2 µm have a standard deviation of √2 µm, equal ones none."""
+    rows = np.ones((1, len(LEVELS)))
+    result = distortion_module._dataset(
+        PAPER,
+        ("coil2",),
+        LEVELS,
+        EllipseCurves(rows, rows, rows, rows > 1),
+        EllipseCurves(rows, rows, rows, rows > 1),
+        {"all neighbours": rows, "window": rows},
+    )
+    drawn = np.array([[2e-6 * rows, 1e-6 * rows], [4e-6 * rows, 1e-6 * rows]])  # grounded and open
+    errors = distortion_module._errors(result, drawn)
+    assert errors["x0_std"].values[:, 0, 0] == pytest.approx([np.sqrt(2) * 1e-6, 0])
+    assert errors["effect_std"].sel(cause="all neighbours").values == pytest.approx(np.sqrt(2) * 1e-6)
+    assert errors["rms_std"].sel(cause="all neighbours").values == pytest.approx(np.sqrt(2) * 1e-6)
+    assert np.isnan(errors["effect_std"].sel(cause="window").values).all()
+    with pytest.raises(LocalizeError, match="draws must be at least 2"):
+        distortion(PAPER, draws=[(PAPER, Imperfections())])
 
 
 def test_published_ellipses_come_back():

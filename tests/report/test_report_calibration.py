@@ -9,6 +9,7 @@ import xarray as xr
 from support.plot_results import calibration
 
 from coilarray.errors import OutputError
+from coilarray.localize.published import published_model, undetermined_levels
 from coilarray.report.calibration import (
     calibration_notes,
     calibration_tables,
@@ -42,6 +43,25 @@ def test_rows_are_the_datasets_numbers():
     lines = list(csv.DictReader(io.StringIO(calibration_tables(data)[-1].csv())))
     assert len(lines) == data.sizes["datum"] == 30
     assert float(lines[7]["model"]) == float(data.model[0, 7])
+
+
+def test_ends_of_ellipses_are_compared_within_the_window():
+    data = calibration()
+    rows = {(row["state"], row["quantity"]): row for row in misfit_table(data).records()}
+    row = rows["all", "x0 ± A"]
+    assert data.attrs["window_x_m"] == [-26e-3, 26e-3]
+    levels, off = np.arange(1, 11) * 1e-4, []
+    for name in ("coil1", "coil2", "coil3"):
+        coil = published_model()[name]
+        x0, A, _ = coil.curves(levels)
+        known = (levels <= coil.highest) & ~undetermined_levels(coil, levels)
+        ends = np.concatenate([x0 - A, x0 + A])
+        seen = np.tile(known, 2) & (np.abs(ends) <= 26e-3)
+        # the made-up model has x0 as published, and A in proportion to the gap
+        off.append(np.tile(A, 2)[seen] * (float(data["start"][0, 0]) / 0.1 - 1))
+    assert row["count"] == sum(map(len, off))
+    assert row["before"] == pytest.approx(np.sqrt(np.mean(np.concatenate(off) ** 2)), rel=1e-9)
+    assert (row["fitted"], rows["coil1", "x0"]["fitted"], rows["coil1", "A"]["fitted"]) == (False, False, True)
 
 
 def test_notes_say_what_limits_the_figures():

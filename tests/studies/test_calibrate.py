@@ -18,6 +18,7 @@ from coilarray.localize.published import published_map, published_model
 from coilarray.response.map import Imperfections, response_map
 from coilarray.studies.calibrate import calibration
 from coilarray.studies.calibrate.data import measurement
+from coilarray.studies.calibrate.draws import calibrated_imperfections, posterior_draws
 from coilarray.studies.calibrate.fit import Problem, fit, information, together
 from coilarray.studies.calibrate.plan import DataTable, check_plan
 from coilarray.studies.calibrate.posterior import bounded_normal
@@ -212,6 +213,41 @@ def test_ellipses_leave_undetermined_levels_and_x0_out():
     assert found.noise_freedom == 0
 
 
+def test_tested_states_are_only_predicted():
+    found = measurement(published_model(), DataTable(states=["coil1", "coil2"], tested=["coil2"]), PAPER)
+    state = np.array(found.coords["state"])
+    assert found.weight[state == "coil1"].sum() == 9  # four numbers of A and of B, and the peak
+    assert not found.weight[state == "coil2"].any()
+    assert np.isfinite(found.values[state == "coil2"]).any()
+    with pytest.raises(GoalError, match="tested names the state 'coil3'; there are coil1, coil2"):
+        measurement(published_model(), DataTable(states=["coil1", "coil2"], tested=["coil3"]), PAPER)
+    with pytest.raises(GoalError, match="nothing to fit"):
+        measurement(published_model(), DataTable(tested=list(published_model().names)), PAPER)
+
+
+def test_draws_are_designs_of_the_posterior(line):
+    plan = check_plan({"unknown": [
+        {"entry": [MU, STIFF], "low": 2.0, "high": 4.0}, {"entry": DEPTH, "low": -50.0, "high": 50.0},
+    ]})  # fmt: skip
+    found = calibrate(PAPER, straight(2.6, 0.15), plan)
+    drawn = posterior_draws(PAPER, found.dataset, 40)
+    sheets = [design.sheets[1] for design, _ in drawn]
+    for sheet in sheets:  # the two entries share one value
+        assert sheet.youngs_modulus == pytest.approx(1e3 * sheet.relative_permeability, rel=1e-12)
+    best = found.dataset.isel(combination=0)
+    # 40 draws: their mean to 0.5 of a standard deviation, three times its error
+    for values, unit, k in (
+        ([sheet.relative_permeability for sheet in sheets], 1.0, 0),
+        ([errors.depth_error for _, errors in drawn], 1e-3, 1),
+    ):
+        assert np.mean(values) == pytest.approx(unit * best["value"].values[k], abs=0.5 * unit * best["std"].values[k])
+    assert calibrated_imperfections(found.dataset) == found.imperfections
+    with pytest.raises(GoalError, match="from 1 to 1000; got 1001"):
+        posterior_draws(PAPER, found.dataset, 1001)
+    with pytest.raises(GoalError, match="is no calibration"):
+        calibrated_imperfections(straight(2.6, 0.15))
+
+
 def test_evaluations_are_kept(line, tmp_path):
     asked = []
     data, store = straight(2.6, 0.0), open_store(tmp_path)
@@ -269,7 +305,7 @@ def test_the_bundled_plan_fits_the_design():
     assert len(plan.combinations()) == 8
     for choices in plan.combinations():
         case = calibration._case_of(calibration.as_file(PAPER), plan, choices)
-        assert case.start.tolist()[:2] == [0.06, 0.215]
+        assert case.start.tolist()[:4] == [0.215, 2.7, 166.0, 0.0]
         case.changed(case.start)
 
 

@@ -74,7 +74,7 @@ def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Desig
         if name not in states:
             raise GoalError(f"tested names the state {name!r}; there are {', '.join(states)}.")
     found = (_ellipses if isinstance(data, EllipseModel) else _response)(data, table, design, states)  # type: ignore[arg-type]
-    found = replace(found, weight=np.where(np.isin(found.coords["state"], table.tested), 0.0, found.weight))
+    found = replace(found, weight=np.where([name in table.tested for name in found.coords["state"]], 0.0, found.weight))
     if not found.weight.any():
         raise GoalError("the data have nothing to fit: no number that is asked for is known and determined.")
     return found

@@ -245,7 +245,7 @@ def result_dataset(
         coords[f"choice_of_{one.name.replace(' ', '_')}"] = ("combination", chosen, {"long_name": one.name})
     how = {0.0: "estimated", np.inf: "given"}.get(measured.noise_freedom, "measured")
     kind = str(measured.request["kind"])
-    about = {"title": plan.title, "kind": kind, "noise_is": how}
+    about: dict[str, Any] = {"title": plan.title, "kind": kind, "noise_is": how}
     if kind == "ellipses":
         about["window_x_m"] = [min(indentation_of(design).x), max(indentation_of(design).x)]
     return xr.Dataset(data, coords, {**provenance(design), **about})
