@@ -23,11 +23,10 @@ from typing import get_args
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from scipy.linalg import LinAlgError, cholesky, solve_triangular
-from scipy.optimize import nnls
+from scipy.linalg import LinAlgError
 
 from coilarray.compute.threads import serial_algebra
-from coilarray.elastomer.compliance import Compliance, compliance
+from coilarray.elastomer.compliance import Compliance, compliance, hat_forces
 from coilarray.elastomer.contact_grid import ContactGrid, Stack, contact_grid, stack_of
 from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone
 from coilarray.elastomer.finite_strain import EDGE_ELEMENTS, TIP, Outline, SoftBody
@@ -57,10 +56,8 @@ def _hat_forces(system: Compliance, depth: float) -> FloatArray:
     """
     start = system.profile - depth
     matrix = (system.matrix + system.matrix.T) / 2  # symmetric but for roundings of the factorisation
-    scale = 1 / np.sqrt(matrix.diagonal())  # hats of all sizes count alike
     try:
-        lower = cholesky(scale[:, None] * matrix * scale, lower=True)
-        force = scale * nnls(lower.T, -solve_triangular(lower, scale * start, lower=True))[0]
+        force = hat_forces(matrix, start)
     except (LinAlgError, RuntimeError) as error:
         raise ElastomerError(
             f"the contact at a depth of {depth:.3g} thicknesses does not converge: {error}."
@@ -72,7 +69,7 @@ def _hat_forces(system: Compliance, depth: float) -> FloatArray:
             f"the contact at a depth of {depth:.3g} thicknesses does not converge: its residual must be at most "
             f"{_RESIDUAL:.0e} of the depth; got {residual:.1e}."
         )
-    return np.asarray(force)
+    return force
 
 
 def contact_radius(hats: FloatArray, pressure: FloatArray, tail: int) -> float:
