@@ -49,11 +49,12 @@ _STEEPEST = math.radians(80)  # beyond this slope the side of an indenter goes o
 _MOST_TANGENTS = 16  # of Newton's method at one depth
 _LEAST_DAMPING = 1 / 64
 _CONVERGED = 1e-8  # of the depth: the last step times the rate at which steps shrink
-_FAST = 0.3  # rate up to which a tangent serves once more
+_FAR, _FAST, _SLOW = 0.01, 0.3, 0.7  # a tangent serves up to the first rate where it began so far of the depth, or the other
 _LEAST_STEP = 1 / 64  # of the way from one depth to the next
 _FARTHEST_AHEAD = 1.5  # steps to which the last one is continued
 _MOST_TRIALS = 16  # steps of that way, taken or not
 _SOFT = 1e-5  # 1/K that the tangent has at least: what it leaves of a volume error in one step
+_STRESSED = (0.0,)
 _PRESSURES = 3  # 1, ξ and η in every element
 
 
@@ -257,10 +258,11 @@ class SoftBody:
         for _ in range(_MOST_TANGENTS):
             tangent = None if strained is None else self._tangent(strained, gaps, state)
             step = None if strained is None or tangent is None else tangent(self._residual(strained, gaps, state), state.f)
+            if tangent is None or step is None:
+                return None
+            far = step.size > _FAR * depth
             fast = True
             while fast:
-                if tangent is None or step is None:
-                    return None
                 damping = 1.0
                 while True:
                     trial = state.moved(step, damping)
@@ -275,7 +277,8 @@ class SoftBody:
                         return None
                 if damping == 1 and following.size**2 <= _CONVERGED * depth * step.size:
                     return trial.moved(following, 1.0)
-                fast = damping == 1 and following.size <= _FAST * step.size
+                rate = _FAST if far else _SLOW
+                fast = damping == 1 and following.size <= rate * step.size
                 state, step = trial, following
         return None
 
@@ -336,15 +339,18 @@ class SoftBody:
 
         In the tangent 1/K is at least `_SOFT`, in the residual it is what it is: the solution is the same.
         """
-        stiffness, coupling = self._tangents(s)
-        stiffness += coupling @ self._bulk @ coupling.swapaxes(1, 2)
+        size, last = len(self._order), self._last
         pressure = self._hats @ (state.f / self.grid.mass)
         bending = -(self._outwards.T * (pressure * gaps.bend * self._top_weight)) @ self._outwards
-        entries = np.concatenate((stiffness.ravel(), self._springs.data, bending[self._near]))[self._kept]
-        size, last = len(self._order), self._last
-        band = np.bincount(self._places, entries, self._height * size).reshape(size, -1).T
-        lower, info = dpbtrf(band, lower=True, overwrite_ab=True)
-        if info:
+        for share in _STRESSED:
+            stiffness, coupling = self._tangents(replace(s, p=share * s.p))
+            stiffness += coupling @ self._bulk @ coupling.swapaxes(1, 2)
+            entries = np.concatenate((stiffness.ravel(), self._springs.data, share * bending[self._near]))[self._kept]
+            band = np.bincount(self._places, entries, self._height * size).reshape(size, -1).T
+            lower, info = dpbtrf(band, lower=True, overwrite_ab=True)
+            if not info:
+                break
+        else:
             return None
         right = np.zeros((self._count, len(state.f)))
         right[self._touched] = gaps.slopes
