@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import nnls
 from skfem import BilinearForm, LinearForm
 
 from coilarray.elastomer.contact_grid import ContactGrid, Stack, weight
@@ -49,14 +47,3 @@ def compliance(stack: Stack, indenter: Indenter, grid: ContactGrid) -> Complianc
     loads = pressing.assemble(grid.hats, grid.top)[:, used].toarray() / grid.mass
     u = elastic_grid(grid).displacements(loads)
     return Compliance(grid, profile / grid.mass, loads.T @ u, grid.moved(u))
-
-
-def hat_forces(matrix: FloatArray, gaps: FloatArray) -> FloatArray:
-    """Forces f ≥ 0 on the hats that leave no gap below zero, and none where a gap stays open.
-
-    The gaps are those without forces, shape (m,), in thicknesses; `matrix`, shape (m, m), is what forces add to them.
-    Raises LinAlgError where it is not positive definite, and RuntimeError where the problem does not converge.
-    """
-    scale = 1 / np.sqrt(matrix.diagonal())  # hats of all sizes count alike
-    lower = cholesky(scale[:, None] * matrix * scale, lower=True)
-    return np.asarray(scale * nnls(lower.T, -solve_triangular(lower, scale * gaps, lower=True))[0])

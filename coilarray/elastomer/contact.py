@@ -23,10 +23,11 @@ from typing import get_args
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from scipy.linalg import LinAlgError
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
+from scipy.optimize import nnls
 
 from coilarray.compute.threads import serial_algebra
-from coilarray.elastomer.compliance import Compliance, compliance, hat_forces
+from coilarray.elastomer.compliance import Compliance, compliance
 from coilarray.elastomer.contact_grid import ContactGrid, Stack, contact_grid, stack_of
 from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone
 from coilarray.elastomer.finite_strain import EDGE_ELEMENTS, TIP, Outline, SoftBody
@@ -56,8 +57,10 @@ def _hat_forces(system: Compliance, depth: float) -> FloatArray:
     """
     start = system.profile - depth
     matrix = (system.matrix + system.matrix.T) / 2  # symmetric but for roundings of the factorisation
+    scale = 1 / np.sqrt(matrix.diagonal())  # hats of all sizes count alike
     try:
-        force = hat_forces(matrix, start)
+        lower = cholesky(scale[:, None] * matrix * scale, lower=True)
+        force = scale * nnls(lower.T, -solve_triangular(lower, scale * start, lower=True))[0]
     except (LinAlgError, RuntimeError) as error:
         raise ElastomerError(
             f"the contact at a depth of {depth:.3g} thicknesses does not converge: {error}."
@@ -69,7 +72,7 @@ def _hat_forces(system: Compliance, depth: float) -> FloatArray:
             f"the contact at a depth of {depth:.3g} thicknesses does not converge: its residual must be at most "
             f"{_RESIDUAL:.0e} of the depth; got {residual:.1e}."
         )
-    return force
+    return np.asarray(force)
 
 
 def contact_radius(hats: FloatArray, pressure: FloatArray, tail: int) -> float:

@@ -26,16 +26,17 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import LinAlgError
+from scipy import sparse
 from scipy.linalg.lapack import dpbtrf, dtbtrs
+from scipy.sparse.linalg import splu
 
-from coilarray.elastomer.compliance import hat_forces
 from coilarray.elastomer.contact_grid import ContactGrid, hoop_strain, linear_pressures, quadrature_weights, weight
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
+BoolArray = npt.NDArray[np.bool_]
 
 EDGE = 0.05
 """Sharp edges, which would cut the sheet, are rounded with this part of the radius: it costs about as much of a punch's
@@ -49,12 +50,14 @@ _STEEPEST = math.radians(80)  # beyond this slope the side of an indenter goes o
 _MOST_TANGENTS = 16  # of Newton's method at one depth
 _LEAST_DAMPING = 1 / 64
 _CONVERGED = 1e-8  # of the depth: the last step times the rate at which steps shrink
-_FAR, _FAST, _SLOW = 0.01, 0.3, 0.7  # a tangent serves up to the first rate where it began so far of the depth, or the other
+_FAR, _FAST, _SLOW = 0.01, 0.3, 0.5  # a tangent serves up to the first rate where it began so far of the depth, or the other
 _LEAST_STEP = 1 / 64  # of the way from one depth to the next
 _FARTHEST_AHEAD = 1.5  # steps to which the last one is continued
 _MOST_TRIALS = 16  # steps of that way, taken or not
 _SOFT = 1e-5  # 1/K that the tangent has at least: what it leaves of a volume error in one step
-_STRESSED = (0.0,)
+_STRESSED = 0.5
+_PIVOT = 1e-3
+_MOST_SETS = 20
 _PRESSURES = 3  # 1, ξ and η in every element
 
 
@@ -205,6 +208,7 @@ class SoftBody:
         self._last = int(place[self._touched].min())
         self._near = np.nonzero(np.abs(self._outwards).T @ np.abs(self._outwards))
         self._springs = self.grid.springs.tocoo()
+        self._give = np.gradient(self.grid.radii) / (self.grid.mass * self.grid.shear.max())
         pairs = (
             np.broadcast_arrays(self._dofs[:, :, None], self._dofs[:, None]),
             (self._springs.row, self._springs.col),
@@ -255,14 +259,14 @@ class SoftBody:
         """
         state = replace(state, depth=depth)
         strained, gaps = self._strained(state), self._gaps(state)
+        exact = False
         for _ in range(_MOST_TANGENTS):
-            tangent = None if strained is None else self._tangent(strained, gaps, state)
+            tangent = None if strained is None else self._tangent(strained, gaps, state, exact)
             step = None if strained is None or tangent is None else tangent(self._residual(strained, gaps, state), state.f)
             if tangent is None or step is None:
                 return None
-            far = step.size > _FAR * depth
-            fast = True
-            while fast:
+            far, rate = step.size > _FAR * depth, 0.0
+            while rate <= (_FAST if far or exact else _SLOW):
                 damping = 1.0
                 while True:
                     trial = state.moved(step, damping)
@@ -275,11 +279,13 @@ class SoftBody:
                     damping /= 2
                     if damping < _LEAST_DAMPING:
                         return None
-                if damping == 1 and following.size**2 <= _CONVERGED * depth * step.size:
+                rate = following.size / step.size if step.size else 0.0
+                if damping == 1 and rate * following.size <= _CONVERGED * depth:
                     return trial.moved(following, 1.0)
-                rate = _FAST if far else _SLOW
-                fast = damping == 1 and following.size <= rate * step.size
+                if damping < 1:
+                    rate = 1.0
                 state, step = trial, following
+            exact = not far
         return None
 
     def _strained(self, state: Pressed) -> _Strained | None:
@@ -334,44 +340,70 @@ class SoftBody:
         mean = (height - state.depth - self._upwards @ u) @ hats
         return _Gaps(mean, (self._outwards * slope[:, None] - self._upwards).T @ hats, bend)
 
-    def _tangent(self, s: _Strained, gaps: _Gaps, state: Pressed) -> _Tangent | None:
+    def _tangent(self, s: _Strained, gaps: _Gaps, state: Pressed, exact: bool) -> _Tangent | None:
         """Factorise the tangent; None where it is not positive definite. Pressures are eliminated element by element.
 
         In the tangent 1/K is at least `_SOFT`, in the residual it is what it is: the solution is the same.
         """
-        size, last = len(self._order), self._last
-        pressure = self._hats @ (state.f / self.grid.mass)
+        share = 1.0 if exact else _STRESSED
+        stiffness, coupling = self._tangents(replace(s, p=share * s.p))
+        stiffness += coupling @ self._bulk @ coupling.swapaxes(1, 2)
+        pressure = self._hats @ (share * state.f / self.grid.mass)
         bending = -(self._outwards.T * (pressure * gaps.bend * self._top_weight)) @ self._outwards
-        for share in _STRESSED:
-            stiffness, coupling = self._tangents(replace(s, p=share * s.p))
-            stiffness += coupling @ self._bulk @ coupling.swapaxes(1, 2)
-            entries = np.concatenate((stiffness.ravel(), self._springs.data, share * bending[self._near]))[self._kept]
-            band = np.bincount(self._places, entries, self._height * size).reshape(size, -1).T
-            lower, info = dpbtrf(band, lower=True, overwrite_ab=True)
-            if not info:
-                break
+        entries = np.concatenate((stiffness.ravel(), self._springs.data, bending[self._near]))[self._kept]
+        leaning = np.zeros((self._count, len(state.f)))
+        leaning[self._touched] = gaps.slopes
+        leaning = leaning[self._order]
+        size = len(leaning)
+        band = np.bincount(self._places, entries, self._height * size).reshape(size, -1).T
+        if exact:
+            first = 0
+            lower = sparse.dia_array((band, -np.arange(self._height)), shape=(size, size))
+            try:
+                solve = splu((lower + sparse.tril(lower, -1).T).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=_PIVOT, options={"SymmetricMode": True}).solve
+            except RuntimeError:
+                return None
+            forward, back = solve, np.asarray
+            pushed = solve(leaning)
         else:
-            return None
-        right = np.zeros((self._count, len(state.f)))
-        right[self._touched] = gaps.slopes
-        pushed = dtbtrs(lower[:, last:], right[self._order[last:]], uplo="L")[0]
-        compliance = pushed.T @ pushed
+            first = self._last
+            factor, info = dpbtrf(band, lower=True, overwrite_ab=True)
+            if info:
+                return self._tangent(s, gaps, state, exact=True)
+            forward = lambda right: dtbtrs(factor, right, uplo="L")[0]
+            back = lambda right: dtbtrs(factor, right, uplo="L", trans="T")[0]
+            leaning = pushed = dtbtrs(factor[:, first:], leaning[first:], uplo="L")[0]
+        compliance = leaning.T @ pushed
 
         def step(residual: _Vector, f: FloatArray) -> _Vector | None:
             swelling = self._bulk @ residual.p.T[..., None]
             force = -residual.u - self._gathered(coupling @ swelling)
-            y = dtbtrs(lower, force[self._order], uplo="L")[0]
-            try:
-                forces = hat_forces(compliance, residual.f + pushed.T @ y[last:] - compliance @ f)
-            except (LinAlgError, RuntimeError):
+            y = forward(force[self._order])
+            forces = self._forces(compliance, residual.f + leaning.T @ y[first:] - compliance @ f, f > 0)
+            if forces is None:
                 return None
-            y[last:] += pushed @ (forces - f)
+            y[first:] += pushed @ (forces - f)
             u = np.zeros(self._count)
-            u[self._order] = dtbtrs(lower, y, uplo="L", trans="T")[0]
+            u[self._order] = back(y)
             p = self._bulk @ (coupling.swapaxes(1, 2) @ u[self._dofs][..., None]) + swelling
-            return _Vector(u, p[..., 0].T, forces)
+            taken = _Vector(u, p[..., 0].T, forces)
+            return taken if math.isfinite(taken.size) else None
 
         return step
+
+    def _forces(self, compliance: FloatArray, gaps: FloatArray, closed: BoolArray) -> FloatArray | None:
+        """Forces that close gaps without pulling: the set of closed ones is where c f > G (a semi-smooth Newton method)."""
+        for _ in range(_MOST_SETS):
+            forces = np.zeros(len(gaps))
+            try:
+                forces[closed] = np.linalg.solve(compliance[np.ix_(closed, closed)], -gaps[closed])
+            except np.linalg.LinAlgError:
+                return None
+            now = self._give * forces > np.where(closed, 0.0, gaps + compliance @ forces)
+            if np.array_equal(now, closed):
+                return forces
+            closed = now
+        return None
 
 
 def _on_boundary(basis: Any, dofs: IndexArray, component: int | None = None) -> FloatArray:
