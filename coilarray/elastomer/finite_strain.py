@@ -10,11 +10,13 @@ under G_j ≥ 0, f_j ≥ 0, f_j G_j = 0, where the mean gap over hat j at the pl
 
 The derivative of G_j by u is normal to the indenter: the contact has no friction. For small u this is
 `coilarray.elastomer.elasticity` under `coilarray.elastomer.contact`. Newton's method goes from depth to depth. Each of
-its steps solves the contact under the tangent, a linear complementarity problem of the forces, and a tangent serves for
-several steps as long as they shrink fast.
+its steps solves the contact under the tangent: closed are the gaps where c f_j > G_j (a semi-smooth Newton method). A
+tangent serves for several steps as long as they shrink fast. Most have only a part of the stress that contact brings,
+which leaves them positive definite without it and thus cheap; where their steps shrink slowly, exact ones follow.
 
 P. Wriggers, Nonlinear Finite Element Methods, Springer 2008, sections 3.3.1 (material) and 10.4 (mixed elements);
-P. Deuflhard, Newton Methods for Nonlinear Problems, Springer 2004, chapter 3 (damping, tangents that serve again).
+M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865 (contact set); P. Deuflhard, Newton Methods for
+Nonlinear Problems, Springer 2004, chapter 3 (damping, tangents that serve again).
 """
 
 from __future__ import annotations
@@ -47,17 +49,18 @@ TIP = 0.05
 """A cone's point is blunted over this part of the contact radius, which takes about 0.1 % of the force."""
 
 _STEEPEST = math.radians(80)  # beyond this slope the side of an indenter goes on straight
-_MOST_TANGENTS = 16  # of Newton's method at one depth
-_LEAST_DAMPING = 1 / 64
-_CONVERGED = 1e-8  # of the depth: the last step times the rate at which steps shrink
-_FAR, _FAST, _SLOW = 0.01, 0.3, 0.5  # a tangent serves up to the first rate where it began so far of the depth, or the other
-_LEAST_STEP = 1 / 64  # of the way from one depth to the next
+_MOST_TANGENTS = 8  # of Newton's method at one depth
+_LEAST_DAMPING = 1 / 32
+_CONVERGED = 1e-9  # of the depth: the last step times the rate at which steps shrink
+_FAR = 0.01  # of the depth: a step above it changes the tangent
+_FAST, _SLOW = 0.3, 0.5  # rates up to which a tangent serves once more: one that is exact or found far away, and others
+_STRESSED = 0.5  # share of the contact's stress in a tangent that is not exact
+_LEAST_STEP = 1 / 16  # of the way from one depth to the next
 _FARTHEST_AHEAD = 1.5  # steps to which the last one is continued
-_MOST_TRIALS = 16  # steps of that way, taken or not
+_MOST_TRIALS = 6  # steps of that way, taken or not
+_MOST_SETS = 20  # of closed gaps that are tried under one tangent
 _SOFT = 1e-5  # 1/K that the tangent has at least: what it leaves of a volume error in one step
-_STRESSED = 0.5
-_PIVOT = 1e-3
-_MOST_SETS = 20
+_PIVOT = 1e-3  # of the greatest in its column: what an entry on the diagonal of an exact tangent must be to stay there
 _PRESSURES = 3  # 1, ξ and η in every element
 
 
@@ -118,17 +121,13 @@ class Pressed:
         share = (depth - self.depth) / (self.depth - before.depth) if before.depth else math.inf
         if share > _FARTHEST_AHEAD:
             return self
-        u, p, f = (now + share * (now - then) for now, then in zip(self._values, before._values, strict=True))
-        return replace(self, u=u, p=p, f=np.maximum(f, 0.0))
-
-    @property
-    def _values(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return self.u, self.p, self.f
+        f = np.maximum(self.f + share * (self.f - before.f), 0.0)
+        return replace(self, u=self.u + share * (self.u - before.u), p=self.p + share * (self.p - before.p), f=f)
 
 
 @dataclass(frozen=True, eq=False)
 class _Vector:
-    """A residual, or a step: displacement (n,), pressures (3, elements), and mean gaps, or forces after it (m,)."""
+    """A residual or a step: displacement (n,), pressures (3, elements), and mean gaps or the forces after it (m,)."""
 
     u: FloatArray
     p: FloatArray
@@ -194,28 +193,27 @@ class SoftBody:
         moving = (outwards != 0).any(axis=0) | (upwards != 0).any(axis=0)
         self._touched, self._outwards, self._upwards = touched[moving], outwards[:, moving], upwards[:, moving]
         self._hats = _on_boundary(grid.hats, grid.used)
+        self._near = np.nonzero(np.abs(self._outwards).T @ np.abs(self._outwards))
+        self._springs = grid.springs.tocoo()
         self._number_band(free)
 
     def _number_band(self, free: IndexArray) -> None:
-        """Order the free displacements from the outer edge to the axis, which makes the tangent a band.
+        """Order the free displacements from the outer edge to the axis, by which the tangent is a narrow band.
 
-        The contact comes last, so that its compliance is found from the end of the factor.
+        The contact comes last: the end of a band's factor says how it answers forces on the hats.
         """
         r, z = self.grid.basis.doflocs.round(12)
         self._order = free[np.lexsort((free, z[free], -r[free]))]
         place = np.full(self._count, -1)
         place[self._order] = np.arange(len(free))
-        self._last = int(place[self._touched].min())
-        self._near = np.nonzero(np.abs(self._outwards).T @ np.abs(self._outwards))
-        self._springs = self.grid.springs.tocoo()
-        self._give = np.gradient(self.grid.radii) / (self.grid.mass * self.grid.shear.max())
+        self._first = int(place[self._touched].min())  # of the contact
         pairs = (
             np.broadcast_arrays(self._dofs[:, :, None], self._dofs[:, None]),
             (self._springs.row, self._springs.col),
             [self._touched[side] for side in self._near],
         )
         row, column = (place[np.concatenate([pair[k].ravel() for pair in pairs])] for k in range(2))
-        self._kept = np.flatnonzero((row >= column) & (column >= 0))
+        self._kept = np.flatnonzero((row >= column) & (column >= 0))  # the tangent is symmetric
         below = (row - column)[self._kept]
         self._height = int(below.max()) + 1
         self._places = column[self._kept] * self._height + below
@@ -237,10 +235,7 @@ class SoftBody:
             while state.depth < depth:
                 trials += 1
                 to = depth if step >= depth - state.depth else state.depth + step
-                start = state.towards(to, before)
-                found = self._solved(start, to)
-                if found is None and start is not state:
-                    found = self._solved(state, to)
+                found = self._solved(state.towards(to, before), to)
                 if found is not None:
                     before, state, step = state, found, 2 * step
                 elif step < _LEAST_STEP * whole or trials >= _MOST_TRIALS:
@@ -258,11 +253,12 @@ class SoftBody:
         A step is halved until what the same tangent says of the next step is shorter.
         """
         state = replace(state, depth=depth)
-        strained, gaps = self._strained(state), self._gaps(state)
-        exact = False
+        strained, gaps, exact = self._strained(state), self._gaps(state), False
         for _ in range(_MOST_TANGENTS):
             tangent = None if strained is None else self._tangent(strained, gaps, state, exact)
-            step = None if strained is None or tangent is None else tangent(self._residual(strained, gaps, state), state.f)
+            step = (
+                None if strained is None or tangent is None else tangent(self._residual(strained, gaps, state), state.f)
+            )
             if tangent is None or step is None:
                 return None
             far, rate = step.size > _FAR * depth, 0.0
@@ -279,12 +275,10 @@ class SoftBody:
                     damping /= 2
                     if damping < _LEAST_DAMPING:
                         return None
-                rate = following.size / step.size if step.size else 0.0
-                if damping == 1 and rate * following.size <= _CONVERGED * depth:
-                    return trial.moved(following, 1.0)
-                if damping < 1:
-                    rate = 1.0
+                rate = 1.0 if damping < 1 else following.size / step.size if step.size else 0.0
                 state, step = trial, following
+                if rate * step.size <= _CONVERGED * depth and damping == 1:
+                    return state.moved(step, 1.0)
             exact = not far
         return None
 
@@ -341,9 +335,10 @@ class SoftBody:
         return _Gaps(mean, (self._outwards * slope[:, None] - self._upwards).T @ hats, bend)
 
     def _tangent(self, s: _Strained, gaps: _Gaps, state: Pressed, exact: bool) -> _Tangent | None:
-        """Factorise the tangent; None where it is not positive definite. Pressures are eliminated element by element.
+        """Factorise the tangent; None where it is singular. Pressures are eliminated element by element.
 
-        In the tangent 1/K is at least `_SOFT`, in the residual it is what it is: the solution is the same.
+        In the tangent 1/K is at least `_SOFT`, in the residual it is what it is: the solution is the same. So it is
+        with the contact's stress. An exact tangent need not be positive definite where the contact does not hold it.
         """
         share = 1.0 if exact else _STRESSED
         stiffness, coupling = self._tangents(replace(s, p=share * s.p))
@@ -354,37 +349,42 @@ class SoftBody:
         leaning = np.zeros((self._count, len(state.f)))
         leaning[self._touched] = gaps.slopes
         leaning = leaning[self._order]
-        size = len(leaning)
+        size, first = len(leaning), 0 if exact else self._first
         band = np.bincount(self._places, entries, self._height * size).reshape(size, -1).T
         if exact:
-            first = 0
-            lower = sparse.dia_array((band, -np.arange(self._height)), shape=(size, size))
+            lower = sparse.dia_array((band, -np.arange(self._height)), shape=(size, size)).tocsc()
+            whole = lower + sparse.tril(lower, -1).T
+            order = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": _PIVOT, "options": {"SymmetricMode": True}}
             try:
-                solve = splu((lower + sparse.tril(lower, -1).T).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=_PIVOT, options={"SymmetricMode": True}).solve
+                forwards = splu(whole.tocsc(), **order).solve
             except RuntimeError:
                 return None
-            forward, back = solve, np.asarray
-            pushed = solve(leaning)
+            backwards = np.asarray
+            pushed = forwards(leaning)
         else:
-            first = self._last
             factor, info = dpbtrf(band, lower=True, overwrite_ab=True)
             if info:
                 return self._tangent(s, gaps, state, exact=True)
-            forward = lambda right: dtbtrs(factor, right, uplo="L")[0]
-            back = lambda right: dtbtrs(factor, right, uplo="L", trans="T")[0]
+
+            def forwards(right: FloatArray) -> FloatArray:
+                return np.asarray(dtbtrs(factor, right, uplo="L")[0])
+
+            def backwards(right: FloatArray) -> FloatArray:
+                return np.asarray(dtbtrs(factor, right, uplo="L", trans="T")[0])
+
             leaning = pushed = dtbtrs(factor[:, first:], leaning[first:], uplo="L")[0]
         compliance = leaning.T @ pushed
 
         def step(residual: _Vector, f: FloatArray) -> _Vector | None:
             swelling = self._bulk @ residual.p.T[..., None]
             force = -residual.u - self._gathered(coupling @ swelling)
-            y = forward(force[self._order])
+            y = forwards(force[self._order])
             forces = self._forces(compliance, residual.f + leaning.T @ y[first:] - compliance @ f, f > 0)
             if forces is None:
                 return None
             y[first:] += pushed @ (forces - f)
             u = np.zeros(self._count)
-            u[self._order] = back(y)
+            u[self._order] = backwards(y)
             p = self._bulk @ (coupling.swapaxes(1, 2) @ u[self._dofs][..., None]) + swelling
             taken = _Vector(u, p[..., 0].T, forces)
             return taken if math.isfinite(taken.size) else None
@@ -392,16 +392,19 @@ class SoftBody:
         return step
 
     def _forces(self, compliance: FloatArray, gaps: FloatArray, closed: BoolArray) -> FloatArray | None:
-        """Forces that close gaps without pulling: the set of closed ones is where c f > G (a semi-smooth Newton method)."""
+        """Find the forces that close the gaps, none of them pulling; None where no set of closed gaps is found.
+
+        `gaps` are those without forces and `closed` the set to begin with.
+        """
         for _ in range(_MOST_SETS):
-            forces = np.zeros(len(gaps))
+            f = np.zeros(len(gaps))
             try:
-                forces[closed] = np.linalg.solve(compliance[np.ix_(closed, closed)], -gaps[closed])
+                f[closed] = np.linalg.solve(compliance[np.ix_(closed, closed)], -gaps[closed])
             except np.linalg.LinAlgError:
                 return None
-            now = self._give * forces > np.where(closed, 0.0, gaps + compliance @ forces)
+            now = np.where(closed, f > 0, gaps + compliance @ f < 0)
             if np.array_equal(now, closed):
-                return forces
+                return f
             closed = now
         return None
 
