@@ -10,9 +10,10 @@ under G_j ≥ 0, f_j ≥ 0, f_j G_j = 0, where the mean gap over hat j at the pl
 
 The derivative of G_j by u is normal to the indenter: the contact has no friction. For small u this is
 `coilarray.elastomer.elasticity` under `coilarray.elastomer.contact`. Newton's method goes from depth to depth. Each of
-its steps solves the contact under the tangent: closed are the gaps where c f_j > G_j (a semi-smooth Newton method). A
-tangent serves for several steps as long as they shrink fast. Most have only a part of the stress that contact brings,
-which leaves them positive definite without it and thus cheap; where their steps shrink slowly, exact ones follow.
+its steps solves the contact under a tangent: gaps are closed while forces push them and where they would be below zero
+(a semi-smooth Newton method). A tangent serves for several steps as long as they shrink fast. Most tangents have only a
+part of the stress that the contact brings: they are positive definite, and cheap, where an exact one need not be, since
+nothing but the contact holds the compressed surface. Exact ones follow where steps shrink slowly.
 
 P. Wriggers, Nonlinear Finite Element Methods, Springer 2008, sections 3.3.1 (material) and 10.4 (mixed elements);
 M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865 (contact set); P. Deuflhard, Newton Methods for
@@ -256,11 +257,9 @@ class SoftBody:
         state = replace(state, depth=depth)
         strained, gaps, exact = self._strained(state), self._gaps(state), False
         for _ in islice(tangents, _MOST_AT_ONCE):
-            tangent = None if strained is None else self._tangent(strained, gaps, state, exact)
-            step = (
-                None if strained is None or tangent is None else tangent(self._residual(strained, gaps, state), state.f)
-            )
-            if tangent is None or step is None:
+            if strained is None or (tangent := self._tangent(strained, gaps, state, exact)) is None:
+                return None
+            if (step := tangent(self._residual(strained, gaps, state), state.f)) is None:
                 return None
             far, rate = step.size > _FAR * depth, 0.0
             while rate <= (_FAST if far or exact else _SLOW):
@@ -339,12 +338,12 @@ class SoftBody:
         """Factorise the tangent; None where it is singular. Pressures are eliminated element by element.
 
         In the tangent 1/K is at least `_SOFT`, in the residual it is what it is: the solution is the same. So it is
-        with the contact's stress. An exact tangent need not be positive definite where the contact does not hold it.
+        with the part of the pressure that a tangent leaves out; one that is indefinite even so is made exact.
         """
         share = 1.0 if exact else _STRESSED
         stiffness, coupling = self._tangents(replace(s, p=share * s.p))
         stiffness += coupling @ self._bulk @ coupling.swapaxes(1, 2)
-        pressure = self._hats @ (share * state.f / self.grid.mass)
+        pressure = self._hats @ (share * state.f / self.grid.mass)  # of the indenter
         bending = -(self._outwards.T * (pressure * gaps.bend * self._top_weight)) @ self._outwards
         entries = np.concatenate((stiffness.ravel(), self._springs.data, bending[self._near]))[self._kept]
         leaning = np.zeros((self._count, len(state.f)))
