@@ -9,11 +9,15 @@ under G_j ≥ 0, f_j ≥ 0, f_j G_j = 0, where the mean gap over hat j at the pl
     G_j = ∫ψ_j (outline(r + u_r) − depth − u_z) w dr / ∫ψ_j w dr.
 
 The derivative of G_j by u is normal to the indenter: the contact has no friction. For small u this is
-`coilarray.elastomer.elasticity` under `coilarray.elastomer.contact`. Newton's method, whose contact set is where
-c f_j > G_j (a semi-smooth Newton method), goes from depth to depth.
+`coilarray.elastomer.elasticity` under `coilarray.elastomer.contact`. Newton's method goes from depth to depth. Each of
+its steps solves the contact under a tangent: gaps are closed while forces push them and where they would be below zero
+(a semi-smooth Newton method). A tangent serves for several steps as long as they shrink fast. Most tangents have only a
+part of the stress that the contact brings: they are positive definite, and cheap, where an exact one need not be, since
+nothing but the contact holds the compressed surface. Exact ones follow where steps shrink slowly.
 
-P. Wriggers, Nonlinear Finite Element Methods, Springer 2008, sections 3.3.1
-(material) and 10.4 (mixed elements); M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865 (contact set).
+P. Wriggers, Nonlinear Finite Element Methods, Springer 2008, sections 3.3.1 (material) and 10.4 (mixed elements);
+M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865 (contact set); P. Deuflhard, Newton Methods for
+Nonlinear Problems, Springer 2004, chapter 3 (damping, tangents that serve again).
 """
 
 from __future__ import annotations
@@ -21,14 +25,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import partial
+from itertools import islice
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
-from scipy.linalg.lapack import dgbtrf, dgbtrs
-from skfem import BilinearForm, LinearForm
+from scipy.linalg.lapack import dpbtrf, dtbtrs
+from scipy.sparse.linalg import splu
 
 from coilarray.elastomer.contact_grid import ContactGrid, hoop_strain, linear_pressures, quadrature_weights, weight
 from coilarray.errors import ElastomerError
@@ -47,13 +52,18 @@ TIP = 0.05
 """A cone's point is blunted over this part of the contact radius, which takes about 0.1 % of the force."""
 
 _STEEPEST = math.radians(80)  # beyond this slope the side of an indenter goes on straight
-_MOST_STEPS = 16  # of Newton's method at one depth
-_LEAST_DAMPING = 1 / 64
-_CONVERGED = 1e-7  # of the depth: the last step, whose square is what is left
-_LEAST_STEP = 1 / 64  # of the way from one depth to the next
+_MOST_TANGENTS = 32  # from one depth to the next, of which the contacts that converge take 2 to 8
+_MOST_AT_ONCE = 8  # of them at the depth of one step
+_LEAST_DAMPING = 1 / 32
+_CONVERGED = 1e-9  # of the depth: the last step times the rate at which steps shrink
+_FAR = 0.01  # of the depth: a step above it changes the tangent
+_FAST, _SLOW = 0.3, 0.5  # rates up to which a tangent serves once more: one that is exact or found far away, and others
+_STRESSED = 0.25  # share of the contact's stress in a tangent that is not exact
+_LEAST_STEP = 1 / 16  # of the way from one depth to the next
 _FARTHEST_AHEAD = 1.5  # steps to which the last one is continued
-_MOST_TRIALS = 16  # steps of that way, taken or not
+_MOST_SETS = 20  # of closed gaps that are tried under one tangent
 _SOFT = 1e-5  # 1/K that the tangent has at least: what it leaves of a volume error in one step
+_PIVOT = 1e-3  # of the greatest in its column: what an entry on the diagonal of an exact tangent must be to stay there
 _PRESSURES = 3  # 1, ξ and η in every element
 
 
@@ -106,20 +116,21 @@ class Pressed:
 
     def moved(self, step: _Vector, share: float) -> Pressed:
         """Return the state after a share of a step."""
-        return replace(self, u=self.u + share * step.u, p=self.p + share * step.p, f=self.f + share * step.f)
+        f = (1 - share) * self.f + share * step.f  # exact zeros after a whole one
+        return replace(self, u=self.u + share * step.u, p=self.p + share * step.p, f=f)
 
     def towards(self, depth: float, before: Pressed) -> Pressed:
         """Continue to a depth on the line through the state before; the state itself where that says little of it."""
         share = (depth - self.depth) / (self.depth - before.depth) if before.depth else math.inf
         if share > _FARTHEST_AHEAD:
             return self
-        ahead = _Vector(self.u - before.u, self.p - before.p, self.f - before.f)
-        return self.moved(ahead, share)
+        f = np.maximum(self.f + share * (self.f - before.f), 0.0)
+        return replace(self, u=self.u + share * (self.u - before.u), p=self.p + share * (self.p - before.p), f=f)
 
 
 @dataclass(frozen=True, eq=False)
 class _Vector:
-    """A step or a residual of all unknowns: displacement (n,), pressures (3, elements), forces or gaps (m,)."""
+    """A residual or a step: displacement (n,), pressures (3, elements), and mean gaps or the forces after it (m,)."""
 
     u: FloatArray
     p: FloatArray
@@ -131,16 +142,16 @@ class _Vector:
         return float(np.abs(self.u).max())
 
 
-_Tangent = Callable[[_Vector], _Vector | None]
-"""The step that cancels a residual; None where there is none."""
+_Tangent = Callable[[_Vector, FloatArray], _Vector | None]
+"""The step that cancels a residual of a state with some forces; None where there is none."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Gaps:
-    """Mean gaps G (m,), their derivatives by u (n, m), and the second derivative of the outline above each point."""
+    """Mean gaps G (m,), their derivatives by the top's u (t, m), and the outline's second derivative at its points."""
 
     mean: FloatArray
-    slopes: Any
+    slopes: FloatArray
     bend: FloatArray
 
 
@@ -162,60 +173,57 @@ class SoftBody:
     def __init__(self, grid: ContactGrid, outline: Outline) -> None:
         self.grid, self.outline = grid, outline
         basis, r = grid.basis, grid.basis.global_coordinates()[0]
-        self._count, self._dofs = basis.N, basis.element_dofs
+        self._count, self._dofs = basis.N, np.ascontiguousarray(basis.element_dofs.T)
         self._measure, self._local = quadrature_weights(basis, grid.symmetry), linear_pressures(basis)
-        # entries rr, rz, zr, zz and the hoop of F for each basis function: (5, functions, elements, points)
-        self._strain = np.stack(
+        # entries rr, rz, zr, zz and the hoop of F for each basis function: (elements, points, 5, functions)
+        strain = np.array(
             [
                 [u.grad[0, 0], u.grad[0, 1], u.grad[1, 0], u.grad[1, 1], hoop_strain(grid.symmetry, u, r)]
                 for (u,) in basis.basis
-            ],
-            axis=1,
-        )
-        rows = np.ascontiguousarray(self._strain.transpose(2, 3, 0, 1))  # (elements, points, 5, functions)
-        self._rows, self._columns = rows, rows.reshape(len(rows), -1, rows.shape[-1]).transpose(0, 2, 1)
+            ]
+        ).transpose(2, 3, 1, 0)
+        self._strain = np.ascontiguousarray(strain)
+        self._entries = self._strain.reshape(len(strain), -1, strain.shape[-1])
         self._squash = grid.squash[:, None]
         local = self._local[:, None, None, :] * self._local[None, :, None, :] * self._measure
-        self._pressures = local.sum(axis=-1).transpose(2, 0, 1)  # ∫ p q w of each element
-        at = grid.top.global_coordinates()[0]
-        self._top = weight(grid.symmetry, at)
-        width = np.gradient(grid.radii)
-        self._give = width / (grid.mass * grid.shear.max())  # about how far a unit of force pushes a hat
+        masses = local.sum(axis=-1).transpose(2, 0, 1)  # ∫ p q w of each element
+        self._bulk = np.linalg.inv(np.maximum(self._squash, _SOFT)[..., None] * masses)
+        top = grid.top
+        self._top_weight = (top.dx * weight(grid.symmetry, top.global_coordinates()[0])).ravel()
+        free = np.setdiff1d(np.arange(self._count), grid.held)
+        touched = np.intersect1d(top.element_dofs, free)
+        outwards, upwards = (_on_boundary(top, touched, k) for k in range(2))
+        moving = (outwards != 0).any(axis=0) | (upwards != 0).any(axis=0)
+        self._touched, self._outwards, self._upwards = touched[moving], outwards[:, moving], upwards[:, moving]
+        self._hats = _on_boundary(grid.hats, grid.used)
+        self._near = np.nonzero(np.abs(self._outwards).T @ np.abs(self._outwards))
+        self._springs = grid.springs.tocoo()
+        self._number_band(free)
 
-    @cached_property
-    def _order(self) -> tuple[IndexArray, IndexArray]:
-        """Places of the displacements, −1 where held, and of the hats' forces among the unknowns.
+    def _number_band(self, free: IndexArray) -> None:
+        """Order the free displacements from the outer edge to the axis, by which the tangent is a narrow band.
 
-        They are ordered by r and then z, each hat above the top: neighbours are near each other.
+        The contact comes last: the end of a band's factor says how it answers forces on the hats.
         """
-        r, z = np.hstack((self.grid.basis.doflocs, [self.grid.radii, np.ones_like(self.grid.radii)])).round(12)
-        free = np.setdiff1d(np.arange(len(r)), self.grid.held)
-        place = np.full(len(r), -1)
-        place[free[np.lexsort((free, z[free], r[free]))]] = np.arange(len(free))
-        return place[: self._count], place[self._count :]
-
-    @cached_property
-    def _band(self) -> tuple[int, IndexArray, BoolArray]:
-        """Half width of the ordered tangent, place of each element's entry in the band, and which are free."""
-        (place, hats), grid = self._order, self.grid
-        at = place[self._dofs]
-        row, column = np.broadcast_arrays(at[:, None], at[None])
-        free = (row >= 0) & (column >= 0)
-        over = np.full(grid.hats.N, -1)
-        over[grid.used] = hats
-        moved, pressed = np.broadcast_arrays(place[grid.top.element_dofs][:, None], over[grid.hats.element_dofs])
-        coupled = (moved >= 0) & (pressed >= 0)
-        wide = max(int((row - column)[free].max()), int(np.abs(moved - pressed)[coupled].max()))
-        return wide, (wide + row - column)[free] * self._unknowns + column[free], free
-
-    @property
-    def _unknowns(self) -> int:
-        """Number of free displacements and forces."""
-        return int(max(place.max() for place in self._order)) + 1
+        r, z = self.grid.basis.doflocs.round(12)
+        self._order = free[np.lexsort((free, z[free], -r[free]))]
+        place = np.full(self._count, -1)
+        place[self._order] = np.arange(len(free))
+        self._first = int(place[self._touched].min())  # of the contact
+        pairs = (
+            np.broadcast_arrays(self._dofs[:, :, None], self._dofs[:, None]),
+            (self._springs.row, self._springs.col),
+            [self._touched[side] for side in self._near],
+        )
+        row, column = (place[np.concatenate([pair[k].ravel() for pair in pairs])] for k in range(2))
+        self._kept = np.flatnonzero((row >= column) & (column >= 0))  # the tangent is symmetric
+        below = (row - column)[self._kept]
+        self._height = int(below.max()) + 1
+        self._places = column[self._kept] * self._height + below
 
     def at_rest(self) -> Pressed:
         """Return the state before contact."""
-        elements = self._dofs.shape[1]
+        elements = len(self._dofs)
         return Pressed(0.0, np.zeros(self._count), np.zeros((_PRESSURES, elements)), np.zeros(len(self.grid.used)))
 
     def press(self, depths: FloatArray) -> Iterator[Pressed]:
@@ -226,17 +234,13 @@ class SoftBody:
         state = before = self.at_rest()
         for depth in depths:
             whole = step = depth - state.depth
-            trials = 0
+            tangents = iter(range(_MOST_TANGENTS))
             while state.depth < depth:
-                trials += 1
                 to = depth if step >= depth - state.depth else state.depth + step
-                start = state.towards(to, before)
-                found = self._solved(start, to)
-                if found is None and start is not state:
-                    found = self._solved(state, to)
+                found = self._solved(state.towards(to, before), to, tangents)
                 if found is not None:
                     before, state, step = state, found, 2 * step
-                elif step < _LEAST_STEP * whole or trials >= _MOST_TRIALS:
+                elif step < _LEAST_STEP * whole:
                     raise ElastomerError(
                         f"the contact converges up to a depth of {state.depth:.3g} thicknesses of the sheets; "
                         f"it must be less than {depth:.3g}, the mesh finer, or the strain linear."
@@ -245,44 +249,43 @@ class SoftBody:
                     step /= 2
             yield state
 
-    def _solved(self, state: Pressed, depth: float) -> Pressed | None:
+    def _solved(self, state: Pressed, depth: float, tangents: Iterator[int]) -> Pressed | None:
         """State at a depth by Newton's method; None where it does not converge from the given state.
 
-        A step is halved until what the same tangent says of the next step is shorter: P. Deuflhard, Newton Methods for
-        Nonlinear Problems, Springer 2004, section 3.3.
+        A step is halved until what the same tangent says of the next step is shorter.
         """
         state = replace(state, depth=depth)
-        strained, gaps, touching = self._strained(state), self._gaps(state), None
-        for _ in range(_MOST_STEPS):
-            if strained is None:
+        strained, gaps, exact = self._strained(state), self._gaps(state), False
+        for _ in islice(tangents, _MOST_AT_ONCE):
+            if strained is None or (tangent := self._tangent(strained, gaps, state, exact)) is None:
                 return None
-            new = self._give * state.f > gaps.mean
-            state = replace(state, f=np.where(new, state.f, 0.0))
-            tangent = self._tangent(strained, gaps, state, new)
-            step = None if tangent is None else tangent(self._residual(strained, gaps, state, new))
-            if tangent is None or step is None:
+            if (step := tangent(self._residual(strained, gaps, state), state.f)) is None:
                 return None
-            moved = step.size
-            if moved <= _CONVERGED * depth and touching is not None and np.array_equal(new, touching):
-                return state.moved(step, 1.0) if (state.f >= 0).all() else None
-            touching, damping = new, 1.0
-            while True:
-                trial = state.moved(step, damping)
-                strained = self._strained(trial)
-                if strained is not None:
-                    gaps = self._gaps(trial)
-                    following = tangent(self._residual(strained, gaps, trial, new))
-                    if following is not None and following.size <= (1 - damping / 4) * moved:
-                        break
-                damping /= 2
-                if damping < _LEAST_DAMPING:
-                    return None
-            state = trial
+            far, rate = step.size > _FAR * depth, 0.0
+            while rate <= (_FAST if far or exact else _SLOW):
+                damping = 1.0
+                while True:
+                    trial = state.moved(step, damping)
+                    strained = self._strained(trial)
+                    if strained is not None:
+                        gaps = self._gaps(trial)
+                        following = tangent(self._residual(strained, gaps, trial), trial.f)
+                        if following is not None and following.size <= (1 - damping / 4) * step.size:
+                            break
+                    damping /= 2
+                    if damping < _LEAST_DAMPING:
+                        return None
+                rate = 1.0 if damping < 1 else following.size / step.size if step.size else 0.0
+                state, step = trial, following
+                if rate * step.size <= _CONVERGED * depth and damping == 1:
+                    return state.moved(step, 1.0)
+            exact = not far
         return None
 
     def _strained(self, state: Pressed) -> _Strained | None:
         """Deformation in a state; None where an element is turned inside out."""
-        F = np.einsum("cieq,ie->ceq", self._strain, state.u[self._dofs], optimize=True)
+        entries = self._entries @ state.u[self._dofs][..., None]
+        F = np.ascontiguousarray(entries.reshape(*self._measure.shape, 5).transpose(2, 0, 1))
         F[[0, 3, 4]] += 1
         D = F[0] * F[3] - F[1] * F[2]
         if (D <= 0).any() or (F[4] <= 0).any():
@@ -291,13 +294,18 @@ class SoftBody:
         g = np.stack([F[3] / D, -F[2] / D, -F[1] / D, F[0] / D, 1 / F[4]])
         return _Strained(F, D, J, g, self.grid.shear[:, None] * J ** (-2 / 3), state.p.T @ self._local)
 
-    def _residual(self, s: _Strained, gaps: _Gaps, state: Pressed, touching: BoolArray) -> _Vector:
-        """∂Π/∂u, ∂Π/∂p and the mean gaps of the touching hats: all are zero in a solution."""
-        stress = s.a * (s.F - (s.F**2).sum(axis=0) / 3 * s.g) + s.p * s.J * s.g
-        nodal = np.einsum("cieq,ceq->ie", self._strain, stress * self._measure, optimize=True)
-        force = np.bincount(self._dofs.ravel(), nodal.ravel(), self._count) + self.grid.springs @ state.u
+    def _residual(self, s: _Strained, gaps: _Gaps, state: Pressed) -> _Vector:
+        """∂Π/∂u, ∂Π/∂p and the mean gaps."""
+        stress = (s.a * (s.F - (s.F**2).sum(axis=0) / 3 * s.g) + s.p * s.J * s.g) * self._measure
+        nodal = self._entries.swapaxes(1, 2) @ stress.transpose(1, 2, 0).reshape(len(self._dofs), -1, 1)
+        force = self._gathered(nodal) + self.grid.springs @ state.u
+        force[self._touched] -= gaps.slopes @ state.f
         volume = self._local @ ((s.J - 1 - self._squash * s.p) * self._measure).T
-        return _Vector(force - gaps.slopes @ state.f, volume, np.where(touching, gaps.mean, 0.0))
+        return _Vector(force, volume, gaps.mean)
+
+    def _gathered(self, nodal: FloatArray) -> FloatArray:
+        """Sum over the elements of what they give to their functions, shape (n,)."""
+        return np.asarray(np.bincount(self._dofs.ravel(), nodal.ravel(), self._count), dtype=float)
 
     def _tangents(self, s: _Strained) -> tuple[FloatArray, FloatArray]:
         """∂²Π/∂u² (elements, functions, functions) and ∂²Π/∂u∂p (elements, functions, 3), without contact."""
@@ -312,67 +320,107 @@ class SoftBody:
         H += s.p * s.J * (outer + second)
         H[range(5), range(5)] += s.a
         H *= self._measure
-        acted = np.matmul(H.transpose(2, 3, 0, 1), self._rows)
-        stiffness = np.matmul(self._columns, acted.reshape(len(acted), -1, acted.shape[-1]))
-        swelling = (s.J * g * self._measure).transpose(1, 2, 0)[:, :, None, :] @ self._rows
-        return stiffness, np.matmul(swelling[:, :, 0].transpose(0, 2, 1), self._local.T)
+        acted = H.transpose(2, 3, 0, 1) @ self._strain
+        columns = self._entries.swapaxes(1, 2)
+        stiffness = columns @ acted.reshape(self._entries.shape)
+        swelling = (s.J * g * self._measure).transpose(1, 2, 0)[:, :, None, :] @ self._strain
+        return stiffness, swelling[:, :, 0].transpose(0, 2, 1) @ self._local.T
 
     def _gaps(self, state: Pressed) -> _Gaps:
         """Gaps between the top where it is now and the indenter at its depth."""
-        grid = self.grid
-        u_r, u_z = np.asarray(grid.top.interpolate(state.u))
-        height, slope, bend = self.outline(grid.top.global_coordinates()[0] + u_r)
-        weighing = LinearForm(lambda psi, w: psi * w.gap * w.weight)
-        leaning = BilinearForm(lambda psi, v, w: (w.slope * v[0] - v[1]) * psi * w.weight)
-        mean = weighing.assemble(grid.hats, gap=height - state.depth - u_z, weight=self._top)[grid.used] / grid.mass
-        slopes = leaning.assemble(grid.hats, grid.top, slope=slope, weight=self._top).tocsc()[:, grid.used]
-        return _Gaps(mean, slopes @ sparse.diags_array(1 / grid.mass), bend)
+        u, grid = state.u[self._touched], self.grid
+        height, slope, bend = self.outline(grid.top.global_coordinates()[0].ravel() + self._outwards @ u)
+        hats = self._hats * (self._top_weight[:, None] / grid.mass)
+        mean = (height - state.depth - self._upwards @ u) @ hats
+        return _Gaps(mean, (self._outwards * slope[:, None] - self._upwards).T @ hats, bend)
 
-    def _bending(self, gaps: _Gaps, f: FloatArray) -> Any:
-        """−Σ f ∂²G/∂u² (n, n)."""
-        grid, nodal = self.grid, np.zeros(self.grid.hats.N)
-        nodal[grid.used] = f / grid.mass
-        pressure = np.asarray(grid.hats.interpolate(nodal))
-        form = BilinearForm(lambda u, v, w: -w.bend * u[0] * v[0] * w.weight)
-        return form.assemble(grid.top, bend=pressure * gaps.bend, weight=self._top)
-
-    def _tangent(self, s: _Strained, gaps: _Gaps, state: Pressed, touching: BoolArray) -> _Tangent | None:
+    def _tangent(self, s: _Strained, gaps: _Gaps, state: Pressed, exact: bool) -> _Tangent | None:
         """Factorise the tangent; None where it is singular. Pressures are eliminated element by element.
 
-        In the tangent 1/K is at least `_SOFT`, in the residual it is what it is: the solution is the same.
+        In the tangent 1/K is at least `_SOFT`, in the residual it is what it is: the solution is the same. So it is
+        with the part of the pressure that a tangent leaves out; one that is indefinite even so is made exact.
         """
-        stiffness, coupling = self._tangents(s)
-        inverse = np.linalg.inv(np.maximum(self._squash, _SOFT)[..., None] * self._pressures)
-        stiffness += np.matmul(np.matmul(coupling, inverse), coupling.transpose(0, 2, 1))
-        (wide, places, free), (place, hats), n = self._band, self._order, self._unknowns
-        band = np.zeros((3 * wide + 1, n))  # LAPACK wants room for the pivoting above
-        band[wide:] = np.bincount(places, stiffness.transpose(1, 2, 0)[free], (2 * wide + 1) * n).reshape(-1, n)
+        share = 1.0 if exact else _STRESSED
+        stiffness, coupling = self._tangents(replace(s, p=share * s.p))
+        stiffness += coupling @ self._bulk @ coupling.swapaxes(1, 2)
+        pressure = self._hats @ (share * state.f / self.grid.mass)  # of the indenter
+        bending = -(self._outwards.T * (pressure * gaps.bend * self._top_weight)) @ self._outwards
+        entries = np.concatenate((stiffness.ravel(), self._springs.data, bending[self._near]))[self._kept]
+        leaning = np.zeros((self._count, len(state.f)))
+        leaning[self._touched] = gaps.slopes
+        leaning = leaning[self._order]
+        size, first = len(leaning), 0 if exact else self._first
+        forwards: Callable[[FloatArray], FloatArray]
+        backwards: Callable[[FloatArray], FloatArray]
+        if exact:
+            column, below = np.divmod(self._places, self._height)
+            lower: Any = sparse.csc_array((entries, (column + below, column)), shape=(size, size))
+            try:
+                forwards = _factorised((lower + sparse.tril(lower, -1).T).tocsc())
+            except RuntimeError:
+                return None
+            pushed, backwards = forwards(leaning), np.asarray
+        else:
+            band = np.bincount(self._places, entries, self._height * size).reshape(size, -1).T
+            factor, info = dpbtrf(band, lower=True, overwrite_ab=True)
+            if info:
+                return self._tangent(s, gaps, state, exact=True)
+            forwards, backwards = (partial(_swept, factor, transposed) for transposed in "NT")
+            leaning = pushed = _swept(factor[:, first:], "N", leaning[first:])
+        compliance = leaning.T @ pushed
 
-        def add(rows: IndexArray, columns: IndexArray, values: FloatArray) -> None:
-            inside = (rows >= 0) & (columns >= 0)
-            rows, columns = rows[inside], columns[inside]
-            np.add.at(band, (2 * wide + rows - columns, columns), values[inside])
-
-        springs = (self.grid.springs + self._bending(gaps, state.f)).tocoo()
-        add(place[springs.row], place[springs.col], springs.data)
-        slopes = gaps.slopes.multiply(touching).tocoo()
-        add(place[slopes.row], hats[slopes.col], -slopes.data)
-        add(hats[slopes.col], place[slopes.row], slopes.data)  # closed gaps: G + ∂G/∂u du = 0
-        add(hats, hats, np.where(touching, 0.0, 1.0))
-        factors, pivots, info = dgbtrf(band, wide, wide, overwrite_ab=True)
-        if info:
-            return None
-
-        def step(residual: _Vector) -> _Vector | None:
-            swelling = np.matmul(inverse, residual.p.T[..., None])
-            nodal = np.matmul(coupling, swelling)[..., 0].T
-            force = -residual.u - np.bincount(self._dofs.ravel(), nodal.ravel(), self._count)
-            right = np.zeros(n)
-            right[place[place >= 0]], right[hats] = force[place >= 0], -residual.f
-            found = dgbtrs(factors, wide, wide, right, pivots)[0]
-            u = np.where(place >= 0, found[place], 0.0)
-            p = np.matmul(inverse, np.matmul(coupling.transpose(0, 2, 1), u[self._dofs].T[..., None]))
-            taken = _Vector(u, (p + swelling)[..., 0].T, found[hats])
+        def step(residual: _Vector, f: FloatArray) -> _Vector | None:
+            swelling = self._bulk @ residual.p.T[..., None]
+            force = -residual.u - self._gathered(coupling @ swelling)
+            y = forwards(force[self._order])
+            forces = self._forces(compliance, residual.f + leaning.T @ y[first:] - compliance @ f, f > 0)
+            if forces is None:
+                return None
+            y[first:] += pushed @ (forces - f)
+            u = np.zeros(self._count)
+            u[self._order] = backwards(y)
+            p = self._bulk @ (coupling.swapaxes(1, 2) @ u[self._dofs][..., None]) + swelling
+            taken = _Vector(u, p[..., 0].T, forces)
             return taken if math.isfinite(taken.size) else None
 
         return step
+
+    def _forces(self, compliance: FloatArray, gaps: FloatArray, closed: BoolArray) -> FloatArray | None:
+        """Find the forces that close the gaps, none of them pulling; None where no set of closed gaps is found.
+
+        `gaps` are those without forces and `closed` the set to begin with.
+        """
+        for _ in range(_MOST_SETS):
+            f = np.zeros(len(gaps))
+            try:
+                f[closed] = np.linalg.solve(compliance[np.ix_(closed, closed)], -gaps[closed])
+            except np.linalg.LinAlgError:
+                return None
+            now = np.where(closed, f > 0, gaps + compliance @ f < 0)
+            if np.array_equal(now, closed):
+                return f
+            closed = now
+        return None
+
+
+def _factorised(matrix: Any) -> Callable[[FloatArray], FloatArray]:
+    """Solution of a sparse system that is symmetric and all but definite; RuntimeError for a singular one."""
+    how = {"SymmetricMode": True}
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=_PIVOT, options=how).solve
+
+
+def _swept(factor: FloatArray, transposed: str, right: FloatArray) -> FloatArray:
+    """Solution of a lower band, or of its transpose ("T")."""
+    return np.asarray(dtbtrs(factor, right, uplo="L", trans=transposed)[0])
+
+
+def _on_boundary(basis: Any, dofs: IndexArray, component: int | None = None) -> FloatArray:
+    """Functions of a basis on a boundary, or a component of them, at its points, shape (points, functions)."""
+    facets, points = basis.dx.shape
+    place = np.full(basis.N, len(dofs))
+    place[dofs] = np.arange(len(dofs))
+    found = np.zeros((facets, points, len(dofs) + 1))
+    for (value,), at in zip(basis.basis, place[basis.element_dofs], strict=True):
+        part = np.asarray(value if component is None else value[component])
+        found[np.arange(facets)[:, None], np.arange(points), at[:, None]] += part
+    return found[..., :-1].reshape(facets * points, -1)
