@@ -13,6 +13,7 @@ from support.contacts import first_coils_design
 
 from coilarray import calibrate, load_design, load_plan
 from coilarray.compute.store import open_store
+from coilarray.design.model import build_design
 from coilarray.errors import GoalError, LocalizeError
 from coilarray.localize.published import published_map, published_model
 from coilarray.response.map import Imperfections, response_map
@@ -300,13 +301,16 @@ def test_drift_is_added_in_the_order_of_a_campaign(name, order):
     assert added == pytest.approx(np.linspace(0, 1e-5, 12), abs=1e-12)  # 1e-12: rounding of δ
 
 
-def test_the_bundled_plan_fits_the_design():
-    plan = load_plan("table_a1")
-    assert len(plan.combinations()) == 8
+@pytest.mark.parametrize(
+    ("name", "count", "start"), [("table_a1", 8, [0.215, 2.7, 166.0, 0.0]), ("table_a1_asymmetry", 7, [])]
+)
+def test_the_bundled_plans_fit_the_design(name, count, start):
+    plan = load_plan(name)
+    assert len(plan.combinations()) == count
     for choices in plan.combinations():
         case = calibration._case_of(calibration.as_file(PAPER), plan, choices)
-        assert case.start.tolist()[:4] == [0.215, 2.7, 166.0, 0.0]
-        case.changed(case.start)
+        assert case.start.tolist()[: len(start)] == start
+        build_design(case.changed(case.start)[0], name)
 
 
 UNKNOWN = {"entry": MU, "low": 1.0, "high": 4.0}

@@ -23,6 +23,7 @@ from coilarray.viz.plots import style
 
 _PARAMETERS = {"A": (BLUE, "o", "-"), "B": (VERMILLION, "s", "--"), "x0": (GREEN, "^", ":")}
 _NAMES = {"A": "A", "B": "B", "x0": r"$x_0$"}
+_MARGIN = 0.3  # mm
 _SHARE = 0.1  # single neighbours whose effect is a smaller share of the largest one have no name in the legend
 _HIGHEST = 10.0  # largest height in inches of maps one below the other
 _DECADES = 3.0  # largest range of the standard deviations on a map
@@ -212,7 +213,7 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
 def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> Axes:
     """Draw x0 of a coil over δ as predicted with the neighbours grounded and open, and as published.
 
-    Levels of which the window leaves too little to know the ellipse are crossed out. Bands are two standard deviations
+    Levels of which the window leaves too little to know the ellipse are crossed out; the axis is that of the others. Bands are two standard deviations
     of the posterior on each side, where the result has them.
 
     Parameters
@@ -247,14 +248,18 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
         ("neighbours open", of.sel(neighbours="open"), "", SKY, "--"),
         ("Table A1", of, "published_", INK, "-"),
     )
+    determined = [MM.of(of.centre).ravel()]
     for label, curve, prefix, colour, line in curves:
         x0 = MM.of(curve[f"{prefix}x0"])
         if np.isfinite(x0).any():
             ax.plot(at, x0, line, color=colour, label=label)
+            determined.append(x0[np.isfinite(x0) & ~curve[f"{prefix}undetermined"].values])
             if not prefix and "x0_std" in curve:
                 _band(ax, at, x0, curve.x0_std, colour)
             style.mark_undetermined(ax, at, x0, curve[f"{prefix}undetermined"], colour)
     ax.axhline(float(MM.of(of.centre)), color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
+    shown = np.concatenate(determined)
+    ax.set_ylim(shown.min() - _MARGIN, shown.max() + _MARGIN)
     style.faint_grid(ax)
     ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("$x_0$"), title=f"$x_0$ of {state}")
     style.legend_beside(ax)
