@@ -23,12 +23,15 @@ hypothesis.settings.load_profile("shared machine")
 
 # Files that take longest, or wait for other processes: begun first, none of them is left for the end.
 LONGEST = (
-    "compute/test_under_load", "viz/test_studio_page", "compute/test_cluster", "elastomer/test_finite_strain",
-    "studies/test_optimize_search", "report/test_report", "cli/test_live", "cli/test_localize",
-    "response/test_response", "cli/test_measure", "viz/test_studio_server", "hardware/test_board_safety",
-    "cli/test_view", "circuit/test_volumes", "response/test_near_response", "studies/test_tolerance_analysis",
-    "localize/test_distortion", "cli/test_cli", "localize/test_inverse", "cli/test_sweep", "cli/test_export",
-    "cli/test_optimize", "cli/test_calibrate_board",
+    "report/test_report", "studies/test_calibrate_campaigns", "viz/test_studio_page", "elastomer/test_finite_strain",
+    "compute/test_under_load", "cli/test_live", "compute/test_cluster", "elastomer/test_finite_sample",
+    "response/test_response", "studies/test_tolerance_position", "hardware/test_fault_campaign", "cli/test_localize",
+    "studies/test_optimize_search", "cli/test_measure_broken_off", "localize/test_inverse", "studies/test_quantities",
+    "studies/test_tolerance_analysis", "hardware/test_emulator_world", "cli/test_compare", "test_examples",
+    "cli/test_calibrate_board", "response/test_near_response", "localize/test_distortion", "localize/test_comparison",
+    "circuit/test_volumes", "cli/test_response", "cli/test_export", "elastomer/test_contact", "cli/test_sweep",
+    "studies/test_optimize_kill", "cli/test_cli", "hardware/test_campaign", "hardware/test_board_safety",
+    "cli/test_view", "viz/test_window", "viz/test_studio_server", "cli/test_indent", "cli/test_tolerance",
 )  # fmt: skip
 
 

@@ -23,15 +23,14 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import svd
 from scipy.sparse import csr_matrix
-from scipy.sparse.linalg import splu
 from scipy.special import jv
 from skfem import Basis, BilinearForm, ElementQuad2, MeshQuad
 
 from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.flat_stack import Base, flat_profile
+from coilarray.elastomer.tensor_grid import TensorGrid, energies
 from coilarray.errors import ElastomerError
 
 _MOST_WAVENUMBERS = 2000
@@ -78,7 +77,7 @@ class Scattering:
     wavenumbers, weights : ndarray, shape (k,)
         Nodes and weights of the integral over the wavenumber in 1/m.
     patterns : tuple of ndarray, shape (rank, k)
-        Incident field of each wavenumber in a few patterns, for every harmonic.
+        Share of each wavenumber's incident field in a few patterns, for every harmonic.
     energies : tuple of ndarray, shape (rank, rank)
         Δa(U_f, U_d) between the patterns for every harmonic, without μ0 and the integral over the angle, in m.
     """
@@ -148,26 +147,23 @@ def scatter(
         nodes[1, moved], lambda z: flat_profile(wavenumbers, z, dent.thicknesses, dent.permeabilities, base)
     )
     scale = np.sqrt(wavenumbers * weights)
-    near = 1e-9 * float(np.ptp(nodes[0]))
-    outer = np.flatnonzero(
-        (nodes[0] > nodes[0].max() - near) | (nodes[1] < nodes[1].min() + near) | (nodes[1] > nodes[1].max() - near)
-    )
-    axis = np.flatnonzero(nodes[0] < near)
+    parted = TensorGrid(nodes)
+    gradient = parted.blocks(flat.gradient + change.gradient)
+    both = None if flat.around is None or change.around is None else flat.around + change.around
+    around = None if both is None else parted.blocks(both)
     kinds: Sequence[int] = range(mesh.harmonics + 1) if dent.symmetry == "axial" else (0, 1)
 
     def solve(m: int) -> tuple[FloatArray, FloatArray]:
         radial = _by_value(nodes[0, moved], lambda r: _radial(dent.symmetry, m, r, wavenumbers))
-        incident = radial * profiles
-        patterns, strengths, _ = svd(incident * scale, full_matrices=False, check_finite=False)
-        patterns = patterns[:, strengths > mesh.rank * strengths[0]]
-        delta = change.harmonic(m)
-        force = delta[:, moved] @ patterns
-        fixed = outer if m == 0 else np.union1d(outer, axis)
-        free = np.setdiff1d(np.arange(nodes.shape[1]), fixed)
-        response = np.zeros_like(force)
-        dented = (flat.harmonic(m) + delta)[free][:, free].tocsc()
-        response[free] = -splu(dented, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(force[free])
-        return patterns.T @ incident, patterns.T @ force[moved] + force.T @ response
+        incident = radial * profiles * scale
+        strengths, mixed = np.linalg.eigh(incident.T @ incident)  # squares of the singular values
+        mixed = mixed[:, strengths > mesh.rank**2 * strengths[-1]]
+        patterns = incident @ mixed
+        force = change.harmonic(m)[:, moved] @ patterns
+        dented = gradient if around is None else gradient + m**2 * around
+        # on the axis the potential is zero, unless it is the same all round
+        forces = parted.forces(force)[: parted.columns - 1 - min(m, 1)]
+        return mixed.T / scale, patterns.T @ force[moved] - energies(dented, forces)
 
     solved = run_blocks(solve, kinds)
     return Scattering(wavenumbers, weights, tuple(p for p, _ in solved), tuple(e for _, e in solved))
@@ -208,11 +204,11 @@ class _Forms:
             return w.mu * w.a * u * v / w.x[0]
 
         self.gradient: csr_matrix = gradient.assemble(basis, mu=mu, a=a, b=b, c=c)
-        self._around: csr_matrix | None = around.assemble(basis, mu=mu, a=a) if axial else None
+        self.around: csr_matrix | None = around.assemble(basis, mu=mu, a=a) if axial else None
 
     def harmonic(self, m: int) -> csr_matrix:
         """Energy of one harmonic; in plane strain of either parity."""
-        return self.gradient if self._around is None else self.gradient + m**2 * self._around
+        return self.gradient if self.around is None else self.gradient + m**2 * self.around
 
 
 def _radial(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> FloatArray:

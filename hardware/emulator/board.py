@@ -10,8 +10,8 @@ from coilarray.hardware.emulator.conditions import Conditions
 from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.indenter import Indenter, Place
 from coilarray.hardware.emulator.ldc1614_chip import CHANNELS, EmulatedBus, Ldc1614, Misuse, OpenPoints
-from coilarray.hardware.emulator.sensor_world import World
 from coilarray.hardware.emulator.switches import Adg739Chain, EmulatedSwitches
+from coilarray.hardware.emulator.world import World
 from coilarray.hardware.scan.closure import Seen, switch_table, what_is_seen
 from coilarray.hardware.wire.buses import Clock
 

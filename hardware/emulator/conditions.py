@@ -9,6 +9,8 @@ from coilarray.errors import HardwareError
 
 ROOM_TEMPERATURE = 25.0
 """Temperature in °C at which the frequency of a converter's clock is given."""
+COPPER = 3.93e-3
+"""Relative change of the resistance of copper with temperature in 1/K."""
 NOISE = 1.4e-7
 """Relative standard deviation of a frequency at full resolution: what a user of the LDC1612 reports at RCOUNT 0x800,
 8e-7, divided by the root of the number of counted cycles. Not verified."""

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from coilarray.compute.store import open_store
-from coilarray.compute.threads import Progress
-from coilarray.design.model import Design
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator.board import EmulatedBoard, Netlist
-from coilarray.hardware.emulator.conditions import NOISE, Conditions, Drift, Oscillator, VirtualClock
-from coilarray.hardware.emulator.response_table import response_table
-from coilarray.hardware.emulator.sensor_world import COPPER, SensorWorld
-from coilarray.hardware.scan.board_network import board_network
+from coilarray.hardware.emulator.conditions import COPPER, NOISE, Conditions, Drift, Oscillator, VirtualClock
 from coilarray.hardware.wire.buses import Clock
+
+if TYPE_CHECKING:
+    from coilarray.compute.threads import Progress
+    from coilarray.design.model import Design
 
 
 def emulated_board(
@@ -75,6 +75,11 @@ def emulated_board(
     OutputError
         A folder or file that cannot be written.
     """
+    # a board of other coils does without the physics of a design, which takes a second to load
+    from coilarray.hardware.emulator.response_table import response_table
+    from coilarray.hardware.emulator.sensor_world import SensorWorld
+    from coilarray.hardware.scan.board_network import board_network
+
     missing = [name for name in wiring.coils if name not in design.array.names]
     if missing:
         raise HardwareError(

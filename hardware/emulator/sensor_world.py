@@ -5,35 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
 from coilarray.circuit.network import Network, StateResult, loaded_quality, resonances_near, resonate, solve_state
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError, NetworkError
-from coilarray.hardware.emulator.conditions import ROOM_TEMPERATURE
+from coilarray.hardware.emulator.conditions import COPPER, ROOM_TEMPERATURE
 from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.indenter import LIFTED, Place
 from coilarray.hardware.emulator.response_table import ResponseTable
 
-COPPER = 3.93e-3
-"""Relative change of the resistance of copper with temperature in 1/K."""
 _TEMPERATURE_STEP = 0.01  # K: 2e-8 of a frequency, half a step of the converter's code
 _MOST_KEPT = 20_000  # resonators
-
-
-class World(Protocol):
-    """Physics of the coils behind the switches."""
-
-    def check(self, place: Place) -> None:
-        """Refuse a place where the indenter cannot go; HardwareError."""
-
-    def resonator(self, state: ScanState, place: Place, temperature: float) -> Resonator | None:
-        """Return the tank that the converter drives at its resonance; None where nothing oscillates.
-
-        `state` has the measured coils and the terminations of the others; `temperature` is the board's in °C.
-        """
 
 
 class SensorWorld:

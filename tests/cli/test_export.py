@@ -15,6 +15,7 @@ from support.boards import LEADS, VIA, many_layers
 from support.command_line import mistakes, runner, successes
 
 from coilarray import Design, export, load_design
+from coilarray.design.bundled import read
 from coilarray.geometry import CoilArray, Placement, Spiral, spiral_coil
 
 pytestmark = pytest.mark.usefixtures("own_folder")
@@ -30,6 +31,14 @@ AVAILABLE = [
 ]
 
 
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A file of the starter with few turns, which are written quickly."""
+    path = tmp_path_factory.mktemp("small") / "small.toml"
+    path.write_text(read("starter").replace("turns_per_layer = 12", "turns_per_layer = 4"), encoding="utf-8")
+    return path
+
+
 def files_here():
     """Every file below the folder of the test, with its content."""
     return {str(path): path.read_bytes() for path in sorted(Path().rglob("*")) if path.is_file()}
@@ -37,8 +46,8 @@ def files_here():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("to", AVAILABLE)
-def test_every_format_is_written_and_named_after_the_design(capsys, to):
-    out = good(capsys, "starter", "--to", to)
+def test_every_format_is_written_and_named_after_the_design(capsys, small, to):
+    out = good(capsys, small, "--to", to)
     assert [entry.name for entry in Path().iterdir()] == [NAMES[to]]
     if to == "gerber":  # in the archive they are named after the design too
         with zipfile.ZipFile(NAMES[to]) as files:
@@ -51,16 +60,16 @@ def test_every_format_is_written_and_named_after_the_design(capsys, to):
     assert sorted(line.removeprefix("wrote ").rpartition(" (")[0] for line in lines) == list(made)
     assert all(line.endswith((" kB)", " MB)")) for line in lines)
     # again: refused, and replaced on demand
-    assert f"{NAMES[to]} exists; --force replaces" in refused(capsys, "starter", "--to", to)
+    assert f"{NAMES[to]} exists; --force replaces" in refused(capsys, small, "--to", to)
     assert files_here() == made
-    data = answer(capsys, "starter", "--to", to, "--force")
-    assert (data["design_hash"], data["format"]) == (load_design("starter").digest, to)
+    data = answer(capsys, small, "--to", to, "--force")
+    assert (data["design_hash"], data["format"]) == (load_design(small).digest, to)
     assert {file["path"]: file["bytes"] for file in data["files"]} == {k: len(v) for k, v in files_here().items()}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("to", "writer"), [("kicad", "kicad.write_kicad"), ("gerber", "gerber.write_gerbers")])
-def test_copper_that_is_not_the_coils_is_reported(capsys, monkeypatch, to, writer):
+def test_copper_that_is_not_the_coils_is_reported(capsys, small, monkeypatch, to, writer):
     """An exporter that loses the last coil, as it stands on its layers."""
     module, name = f"coilarray.geometry.export.{writer}".rsplit(".", 1)
     true = getattr(importlib.import_module(module), name)
@@ -68,19 +77,19 @@ def test_copper_that_is_not_the_coils_is_reported(capsys, monkeypatch, to, write
     def losing(array, path, **options):
         return true(array.with_placements(array.placements[:-1]), path, **options)
 
-    good(capsys, "starter", "--to", to)
+    good(capsys, small, "--to", to)
     before = files_here()
     monkeypatch.setattr(f"{module}.{name}", losing)
-    line = refused(capsys, "starter", "--to", to, "--force")
+    line = refused(capsys, small, "--to", to, "--force")
     assert f"{NAMES[to]} is not written: its copper is not that of the coils" in line
     assert files_here() == before
-    assert "warning: " in good(capsys, "starter", "--to", to, "--force", "--allow-violations")
-    data = answer(capsys, "starter", "--to", to, "--force", "--allow-violations")
+    assert "warning: " in good(capsys, small, "--to", to, "--force", "--allow-violations")
+    data = answer(capsys, small, "--to", to, "--force", "--allow-violations")
     assert "coil3" in " ".join(data["net_faults"])
 
 
 @pytest.mark.slow
-def test_a_segment_with_the_net_of_another_coil_is_reported(capsys, monkeypatch):
+def test_a_segment_with_the_net_of_another_coil_is_reported(capsys, small, monkeypatch):
     from coilarray.geometry.export import kicad
 
     true = kicad.board_text
@@ -90,7 +99,7 @@ def test_a_segment_with_the_net_of_another_coil_is_reported(capsys, monkeypatch)
         return head + segment + rest.replace("(net 1)", "(net 2)", 1)
 
     monkeypatch.setattr(kicad, "board_text", misnamed)
-    assert "of coil1 has the net coil2 at (" in refused(capsys, "starter", "--to", "kicad")
+    assert "of coil1 has the net coil2 at (" in refused(capsys, small, "--to", "kicad")
 
 
 def one_layer():
@@ -111,12 +120,12 @@ def test_from_python(tmp_path, make):
 
 
 @pytest.mark.slow
-def test_files_hold_the_board(capsys):
+def test_files_hold_the_board(capsys, small):
     Path("sub").mkdir()
     for name in ("sub/a.DXF", "sub/a.svg", "a.glb", "b.glb", "b.stl"):
         bare = ("--no-sheets",) if name.startswith("b") else ()
-        good(capsys, "starter", "--to", name[-3:].lower(), "--out", name, *bare)
-    design = load_design("starter")
+        good(capsys, small, "--to", name[-3:].lower(), "--out", name, *bare)
+    design = load_design(small)
     assert "copper_L4" in ezdxf.readfile("sub/a.DXF").layers
     assert ET.parse("sub/a.svg").getroot()[0].text == design.title
     whole, bare = (set(trimesh.load_scene(name).geometry) for name in ("a.glb", "b.glb"))
@@ -127,15 +136,15 @@ def test_files_hold_the_board(capsys):
 
 
 @pytest.mark.slow
-def test_kicad_writes_into_a_folder(capsys):
+def test_kicad_writes_into_a_folder(capsys, small):
     Path("taken").mkdir()
     Path("taken/notes.txt").write_text("mine", encoding="utf-8")
-    line = refused(capsys, "starter", "--to", "kicad", "--out", "taken")
+    line = refused(capsys, small, "--to", "kicad", "--out", "taken")
     assert "taken exists; --force replaces the files in it" in line
     Path("empty").mkdir()
-    good(capsys, "starter", "--to", "kicad", "--out", "empty")
+    good(capsys, small, "--to", "kicad", "--out", "empty")
     assert Path("empty/starter.kicad_pcb").read_text(encoding="utf-8").startswith("(kicad_pcb ")
-    good(capsys, "starter", "--to", "kicad", "--out", "taken", "--force")
+    good(capsys, small, "--to", "kicad", "--out", "taken", "--force")
     assert Path("taken/starter.kicad_pcb").is_file()
     assert Path("taken/notes.txt").read_text(encoding="utf-8") == "mine"
 

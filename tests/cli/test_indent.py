@@ -18,14 +18,22 @@ run, refused = runner("indent")
 good, answer = successes("indent")
 
 
-@pytest.fixture(scope="module")
-def expected():
+LINEAR = ("--strain", "linear")  # quick, where the test is not about the strain
+
+
+def library(**options):
     """What the library says of the starter at the depths of its file."""
     design = load_design("starter")
-    return indent(design.sheets, design.indentation.indenter, design.indentation.depths, base="bonded")
+    return indent(design.sheets, design.indentation.indenter, design.indentation.depths, base="bonded", **options)
 
 
-def test_the_table_is_that_of_the_library(capsys, expected):
+@pytest.fixture(scope="module")
+def linear():
+    return library(strain="linear")
+
+
+def test_the_table_is_that_of_the_library(capsys):
+    expected = library()
     data = answer(capsys, "starter")
     assert data["design_hash"] == load_design("starter").digest
     assert (data["indenter"], data["base"]) == ("hemisphere", "bonded")
@@ -51,49 +59,49 @@ def test_the_table_is_that_of_the_library(capsys, expected):
 
 
 def test_values_that_nobody_gave_are_named(capsys):
-    out = good(capsys, "gast2020")
+    out = good(capsys, "gast2020", *LINEAR)
     assert "hemisphere, base bonded" in out
     for key in ("elastomer.0.youngs_modulus_kPa = 55: ", "elastomer.1.youngs_modulus_kPa = 166: ", "indentation.base"):
         assert f"assumed: {key}" in out
     assert "origin" not in out  # where the dent is made does not change it
     assert "relative_permeability" not in out
-    not_given = answer(capsys, "gast_fem")["not_given"]
+    not_given = answer(capsys, "gast_fem", *LINEAR)["not_given"]
     assert {"indenter.radius_mm", "indentation.depths_mm", "indentation.base"} <= {row["key"] for row in not_given}
     assert next(row["value"] for row in not_given if row["key"] == "indentation.depths_mm") == [0.5, 1.0, 1.5]
-    chosen = answer(capsys, "gast_fem", "--depth-mm", "1", "--base", "bonded")["not_given"]
+    chosen = answer(capsys, "gast_fem", "--depth-mm", "1", "--base", "bonded", *LINEAR)["not_given"]
     assert not {"indentation.depths_mm", "indentation.base"} & {row["key"] for row in chosen}
 
 
 def test_a_default_is_named_too(capsys):
     Path("d.toml").write_text(read("starter").replace("poissons_ratio = 0.4999", "#", 1), encoding="utf-8")
-    assert "default: elastomer.0.poissons_ratio = 0.4999\n" in run(capsys, "d.toml", "--depth-mm", "0.3")[1]
+    assert "default: elastomer.0.poissons_ratio = 0.4999\n" in run(capsys, "d.toml", "--depth-mm", "0.3", *LINEAR)[1]
 
 
-def test_a_slipping_base_is_softer(capsys, expected):
-    data = answer(capsys, "starter", "--base", "frictionless", "--depth-mm", "0.3:0.6:2")
+def test_a_slipping_base_is_softer(capsys, linear):
+    data = answer(capsys, "starter", "--base", "frictionless", "--depth-mm", "0.3:0.6:2", *LINEAR)
     assert data["base"] == "frictionless"
     np.testing.assert_allclose([row["depth_m"] for row in data["dents"]], [0.3e-3, 0.6e-3], rtol=1e-12)
-    assert all(row["force_N"] < force for row, force in zip(data["dents"], expected.force.values, strict=True))
+    assert all(row["force_N"] < force for row, force in zip(data["dents"], linear.force.values, strict=True))
 
 
-def test_files(capsys, expected):
-    out = good(capsys, "starter", "--out", "dent.nc", "--plot", "dent.svg")
+def test_files(capsys, linear):
+    out = good(capsys, "starter", *LINEAR, "--out", "dent.nc", "--plot", "dent.svg")
     assert out.endswith("wrote dent.nc\nwrote dent.svg\n")
     with xr.open_dataset("dent.nc", engine="h5netcdf") as saved:
-        np.testing.assert_allclose(saved.displacement_z, expected.displacement_z, rtol=1e-9, atol=1e-15)
+        np.testing.assert_allclose(saved.displacement_z, linear.displacement_z, rtol=1e-9, atol=1e-15)
         assert saved.attrs["design_hash"] == load_design("starter").digest
         assert saved.force.attrs["units"] == "N"
     assert Path("dent.svg").read_text(encoding="utf-8").startswith("<?xml")
-    good(capsys, "starter", "--out", "dent.csv", "--plot", "dent.png", "--depth-mm", "0.3")
+    good(capsys, "starter", *LINEAR, "--out", "dent.csv", "--plot", "dent.png", "--depth-mm", "0.3")
     (row,) = csv.DictReader(Path("dent.csv").read_text(encoding="utf-8").splitlines())
     # the mesh is made for the depths asked for; its error is about 0.1 %
-    assert float(row["force_N"]) == pytest.approx(float(expected.force[0]), rel=2e-3)
+    assert float(row["force_N"]) == pytest.approx(float(linear.force[0]), rel=2e-3)
     assert Path("dent.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_a_cylinder_has_force_a_metre(capsys):
     Path("d.toml").write_text(read("starter").replace('"hemisphere"', '"cylinder_edge"', 1), encoding="utf-8")
-    out = good(capsys, "d.toml", "--depth-mm", "0.3", "--out", "d.csv")
+    out = good(capsys, "d.toml", *LINEAR, "--depth-mm", "0.3", "--out", "d.csv")
     assert "force on the indenter (N/m)" in out
     assert "half width of the contact (mm)" in out
     assert Path("d.csv").read_text(encoding="utf-8").startswith("depth_m,force_N_per_m,")

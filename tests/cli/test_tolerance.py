@@ -14,6 +14,7 @@ from support.tolerance_boards import loops
 
 from coilarray import load_design
 from coilarray.compute.netcdf import load_part, save_dataset
+from coilarray.design.bundled import read
 from coilarray.design.write import design_document
 from coilarray.response.map import response_map
 from coilarray.studies.tolerance import Positions, analyse, load_tolerances
@@ -109,15 +110,23 @@ def test_what_is_not_linear_is_reported(capsys):
 
 
 @pytest.fixture(scope="module")
-def table(tmp_path_factory):
-    """A table of the starter, much coarser than a right one."""
-    path = tmp_path_factory.mktemp("table") / "table.nc"
-    axis = np.linspace(2e-3, 5e-3, 4)
-    save_dataset(response_map(load_design("starter"), depths=[0.2e-3, 0.4e-3], x=axis, y=axis, ideal=True), path)
+def linear(tmp_path_factory):
+    """A file of the starter under small strain, which is quick."""
+    path = tmp_path_factory.mktemp("linear") / "linear.toml"
+    path.write_text(read("starter").replace('strain = "finite"', 'strain = "linear"'), encoding="utf-8")
     return path
 
 
-def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, table):
+@pytest.fixture(scope="module")
+def table(linear):
+    """A table of that design, much coarser than a right one."""
+    path = linear.with_name("table.nc")
+    axis = np.linspace(2e-3, 5e-3, 4)
+    save_dataset(response_map(load_design(linear), depths=[0.2e-3, 0.4e-3], x=axis, y=axis, ideal=True), path)
+    return path
+
+
+def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, linear, table):
     """What it makes of them is in tests/studies/test_tolerance_position.py."""
     seen = {}
 
@@ -129,7 +138,7 @@ def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, t
     monkeypatch.setattr("coilarray.studies.tolerance.analyse", without_positions)
     Path("fab.toml").write_text('schema = 1\nothers = "none"\n[placement]\nboard_mm = 0.05', encoding="utf-8")
     options = ("--x-mm", "3", "--y-mm", "1,3", "--depth-mm", "0.3", "--noise", "1e-7", "--table", table)
-    out = good(capsys, "starter", "fab.toml", *options, "--workers", "1", "--samples", "8", "-q", "span_mm")
+    out = good(capsys, linear, "fab.toml", *options, "--workers", "1", "--samples", "8", "-q", "span_mm")
     assert seen["positions"] == Positions((3e-3,), (1e-3, 3e-3), 0.3 * 1e-3, 1e-7)
     np.testing.assert_array_equal(seen["table"].delta, load_part(table).delta)
     assert "found without doubt in 7 of 8; the others on the border or beyond noise" in out

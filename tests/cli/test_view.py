@@ -14,6 +14,7 @@ from support.command_line import mistakes, runner, successes
 
 from coilarray import load_design
 from coilarray.compute.netcdf import save_dataset
+from coilarray.design.bundled import read
 from coilarray.localize.forward import forward_model
 from coilarray.response.map import response_map
 from coilarray.viz import rendering_problem
@@ -24,6 +25,7 @@ pytestmark = pytest.mark.slow
 
 _, refused = runner("view")
 good, _ = successes("view")
+LINEAR = read("starter").replace('strain = "finite"', 'strain = "linear"')  # quick
 renders = pytest.mark.skipif(rendering_problem() is not None, reason=f"no 3-D rendering: {rendering_problem()}")
 
 
@@ -31,6 +33,13 @@ renders = pytest.mark.skipif(rendering_problem() is not None, reason=f"no 3-D re
 def _no_screen(own_folder, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+
+
+@pytest.fixture
+def linear():
+    """A file of the starter under small strain."""
+    Path("linear.toml").write_text(LINEAR, encoding="utf-8")
+    return "linear.toml"
 
 
 @renders
@@ -59,34 +68,34 @@ def test_a_page_and_files_for_paraview_need_no_graphics_driver(capsys, monkeypat
 
 
 @renders
-def test_a_film_along_a_way(capsys):
+def test_a_film_along_a_way(capsys, linear):
     way = ("--path-mm", "-3,0 3,1", "--depth-mm", "0.3", "--frames", "3", "--rate", "2", "--size", "160x90")
-    assert good(capsys, "starter", "--movie", "touch.gif", *way) == "wrote touch.gif: 3 pictures, 1.5 s\n"
+    assert good(capsys, linear, "--movie", "touch.gif", *way) == "wrote touch.gif: 3 pictures, 1.5 s\n"
     with Image.open("touch.gif") as film:
         assert (film.n_frames, film.size) == (3, (160, 90))
 
 
-def test_a_map_of_a_file_is_draped(capsys):
+def test_a_map_of_a_file_is_draped(capsys, linear):
     grid = {"depths": [0.3e-3], "x": [-5e-3, 0, 5e-3], "y": [-2e-3, 2e-3]}
-    response = response_map(load_design("starter"), **grid, ideal=True)
+    response = response_map(load_design(linear), **grid, ideal=True)
     save_dataset(response, Path("map.nc"))
     items = ("--show", "response", "--response", "map.nc", "--coil", "coil1")
-    out = good(capsys, "starter", *items, "--vtk", "parts")
+    out = good(capsys, linear, *items, "--vtk", "parts")
     assert out.startswith("δ of coil1 where the indenter is, 0.3 mm deep.")
     mesh = pyvista.read("parts/response.vtp")
     expected = response.delta.sel(state="coil1").values.ravel()
     np.testing.assert_array_equal(np.sort(mesh.point_data[DELTA]), np.sort(expected))
 
 
-def test_a_reading_is_located(capsys):
-    design = load_design("starter")
+def test_a_reading_is_located(capsys, linear):
+    design = load_design(linear)
     x, y = np.linspace(-14e-3, 14e-3, 11), np.linspace(-5e-3, 5e-3, 5)
     table = response_map(design, depths=[0.3e-3, 0.6e-3], x=x, y=y, ideal=True)
     save_dataset(table, Path("table.nc"))
     delta = forward_model(table).delta([-2e-3, 4e-3, 0.5e-3])
     reading = ",".join(f"{name}={value!r}" for name, value in zip(design.array.names, delta.tolist(), strict=True))
     items = ("--show", "location", "--table", "table.nc", "--reading", reading, "--noise", "1e-6")
-    out = good(capsys, "starter", *items, "--vtk", "parts")
+    out = good(capsys, linear, *items, "--vtk", "parts")
     assert "found: x = −2.00 ± " in out
     # one of the pins: a board that is nearly symmetric has a second place for the reading
     place = 1e3 * np.add(design.indentation.origin_point, [-2e-3, 4e-3])

@@ -43,7 +43,10 @@ pytestmark = pytest.mark.slow
 
 PATIENCE = 300.0  # s for what takes a few where nobody else computes
 # two coils of four turns
-SMALL = vary_document(tomllib.loads(read("starter")), {"coils.hexagon.turns_per_layer": 4, "array.columns": 2})
+SMALL = vary_document(
+    tomllib.loads(read("starter")),
+    {"coils.hexagon.turns_per_layer": 4, "array.columns": 2, "indentation.strain": "linear"},
+)
 ETCH = "schema = 1\nothers = 'none'\n[etch]\nboard_um = 5\nlayer_um = 5\n"
 GOAL = """
 schema = 1
@@ -178,7 +181,8 @@ def write_inputs(folder):
     ("field flat.toml --z-mm 1:4 --spacing-mm 0.25 --out f.nc", "f.nc", False),
     ("distortion gast2020 --out d.csv --plot d.png", "d.csv d.png", False),
     ("matrix small.toml --out m.nc", "m.nc", True), ("matrix small.toml --out m.csv", "m.csv", True),
-    ("impedance small.toml --points 2 --out i.csv", "i.csv", True), ("indent small.toml --out d.nc", "d.nc", True),
+    ("impedance small.toml --points 2 --out i.csv", "i.csv", True),
+    ("indent small.toml --strain finite -o d.nc", "d.nc", True),
     ("fit a1.nc --out f.json", "f.json", True), ("field small.toml --out f.vtr", "f.vtr", True),
     ("export small.toml --to gerber --out g.zip --force", "g.zip", True),
     ("export small.toml --to kicad --out k --force", "k/starter.kicad_pcb", True),

@@ -365,7 +365,7 @@ def test_a_whole_board_from_a_design(folder, monkeypatch):
         board.switches.shift(WIRING.words(paper_plan(WIRING.coils)[1]))
         return board.true_tank().frequency
 
-    monkeypatch.setattr("coilarray.hardware.emulator.make.response_table", small)
+    monkeypatch.setattr("coilarray.hardware.emulator.response_table.response_table", small)
     untouched = frequency(strict=True)
     assert made == []  # only when something is pressed
     assert (untouched / frequency(path=[(0.0, 0.0, 0.0, 1e-3)])) ** 2 - 1 > 5e-4

@@ -16,7 +16,10 @@ MESH = LayerMesh(harmonics=4, width=0.7, rows=2)
 
 def results():
     """Everything that computes, on small problems: B, A, L, impedances, and a response."""
-    design = vary(load_design("starter"), {"coils.hexagon.turns_per_layer": 4, "array.columns": 2})
+    design = vary(
+        load_design("starter"),
+        {"coils.hexagon.turns_per_layer": 4, "array.columns": 2, "indentation.strain": "linear"},
+    )
     sweep = sweep_design(design, [1e6, 3e6])
     response = response_map(design, x=[-5e-3, 0.0], y=[0.0], mesh=MESH)
     return {
