@@ -36,6 +36,8 @@ MU, STIFF, DRIFT = "elastomer.1.relative_permeability", "elastomer.1.youngs_modu
 TRUE = {MU: 2.9, STIFF: 190.0, DRIFT: 0.0}
 BOUNDS = {MU: (2.7, 3.1), STIFF: (150.0, 230.0), DRIFT: (-2e-5, 2e-5)}
 GRID = Campaign(x=(-6e-3, -3e-3, 0.0, 3e-3, 6e-3), y=(-4e-3, 0.0, 4e-3), depths=(1e-3,))
+# of the emulated physics, 1.2 mm apart
+TABLE = 1e-3 * np.linspace(0.2, 1.0, 5), np.linspace(-4e-3, 4e-3, 8), np.linspace(-6e-3, 6e-3, 11)
 NOISE = 1e-6  # of a frequency; that of the converter, 1.4e-7, would show how the meshes of table and map differ
 CAMPAIGNS = 50
 
@@ -45,7 +47,7 @@ def emulated():
     """The design of a small board as believed, and the emulated physics of the board as it is."""
     believed, store = two_coils(), open_store()
     real = vary(believed, {key: value for key, value in TRUE.items() if key != DRIFT})
-    return believed, SensorWorld(board_network(real, store), lambda: response_table(real, store))
+    return believed, SensorWorld(board_network(real, store), lambda: response_table(real, store, TABLE))
 
 
 def record(path, emulated, seed):
