@@ -38,7 +38,9 @@ def coarse(name, turns, gap):
 
 
 # of small strain, which is quick; the single coil has a contact of finite strain, on a coarse mesh
-BOARD = parse_design_file(coarse("gast2020", 30, 0.5).replace("[indentation]", '[indentation]\nstrain = "linear"'), "gast2020")
+BOARD = parse_design_file(
+    coarse("gast2020", 30, 0.5).replace("[indentation]", '[indentation]\nstrain = "linear"'), "gast2020"
+)
 SINGLE = parse_design_file(coarse("gast_fem", 40, 0.7), "gast_fem")
 FEW = read("starter").replace("turns_per_layer = 12", "turns_per_layer = 4").replace("columns = 3", "columns = 2")
 FEW = FEW.replace('strain = "finite"', 'strain = "linear"')
