@@ -303,8 +303,8 @@ def _fit_level(
         return _Level(len(rows), refused="centre outside the map")
     mean = float(values[within].mean())
     rms = float(np.sqrt(np.mean(ellipse.distance(x, y) ** 2)))
-    cells = rows // refinement * len(along) + columns // refinement
-    errors = standard_errors(ellipse, x, y, max(np.count_nonzero(np.bincount(cells)), _CORNERS))
+    of_cell = np.bincount(rows // refinement * len(along) + columns // refinement)
+    errors = standard_errors(ellipse, x, y, max(int(np.count_nonzero(of_cell)), _CORNERS))
     undetermined = not (errors[0] <= spacing and closes(x, ellipse.x0, ellipse.A))
     return _Level(len(rows), mean, ellipse.x0, ellipse.A, ellipse.B, rms, *errors, undetermined)
 
