@@ -244,14 +244,14 @@ def fit_ellipses(
     chosen = _with_a_peak(delta.sel(state=wanted), first + 5 * step, required=states is not None)
     _check_axis(response, delta, chosen)
     maps = [refined_map(delta.sel(state=state), refinement) for state in chosen]
-    peaks = np.array([float(fine.max()) for fine in maps])
+    peaks = np.array([float(fine.values.max()) for fine in maps])
     count = max(1, int(np.floor((peaks.max() - first) / step)) + 1)
     levels = first + step * np.arange(count, dtype=np.float64)
     spacing = float(np.median(np.diff(delta.x.values)))
-    rows = [
-        [_fit_level(fine, level, threshold, connected, refinement, spacing) for level in levels.tolist()]
-        for fine in maps
-    ]
+    rows = []
+    for fine in maps:
+        grid = fine.x.values, fine.y.values, fine.values
+        rows.append([_fit_level(*grid, level, threshold, connected, refinement, spacing) for level in levels.tolist()])
     for state, row in zip(chosen, rows, strict=True):
         if all(one.refused for one in row):
             raise LocalizeError(f"no level of {state} is an ellipse: the map has no closed curves of δ ≥ {first:.3g}.")
@@ -276,27 +276,35 @@ class _Level:
 
 
 def _fit_level(
-    fine: xr.DataArray, level: float, threshold: float, connected: bool, refinement: int, spacing: float
+    along: FloatArray,
+    across: FloatArray,
+    values: FloatArray,
+    level: float,
+    threshold: float,
+    connected: bool,
+    refinement: int,
+    spacing: float,
 ) -> _Level:
-    if level > float(fine.max()):
+    """Fit one level of the refined values, shape (y, x), over positions along x and across, along y, in m."""
+    if level > values.max():
         return _Level(0, refused="above the largest δ")
-    within = np.abs(fine.values - level) <= threshold
+    within = np.abs(values - level) <= threshold
     if connected:
-        within &= _hill(fine.values, level - threshold)
+        within &= _hill(values, level - threshold)
     rows, columns = np.nonzero(within)
     if len(rows) < LEAST_POINTS:
         return _Level(len(rows), refused="too few points")
-    x, y = fine.x.values[columns], fine.y.values[rows]
+    x, y = along[columns], across[rows]
     try:
         ellipse = fit_ellipse(x, y)
     except LocalizeError:
         return _Level(len(rows), refused="no ellipse")
-    if not fine.x.values[0] <= ellipse.x0 <= fine.x.values[-1]:
+    if not along[0] <= ellipse.x0 <= along[-1]:
         return _Level(len(rows), refused="centre outside the map")
-    mean = float(fine.values[rows, columns].mean())
+    mean = float(values[within].mean())
     rms = float(np.sqrt(np.mean(ellipse.distance(x, y) ** 2)))
-    cells = len(np.unique(np.stack((rows // refinement, columns // refinement)), axis=1).T)
-    errors = standard_errors(ellipse, x, y, max(cells, _CORNERS))
+    of_cell = np.bincount(rows // refinement * len(along) + columns // refinement)
+    errors = standard_errors(ellipse, x, y, max(int(np.count_nonzero(of_cell)), _CORNERS))
     undetermined = not (errors[0] <= spacing and closes(x, ellipse.x0, ellipse.A))
     return _Level(len(rows), mean, ellipse.x0, ellipse.A, ellipse.B, rms, *errors, undetermined)
 

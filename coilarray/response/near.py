@@ -109,7 +109,7 @@ def _solve(
     coils = coil_segments(conductors)
     centres, radius = segment_centres(coils)
     corners = np.array([points.min(axis=0), points.max(axis=0)])
-    farthest = float(np.hypot(*np.abs(corners[:, None] - centres).max(axis=0).T).max())
+    farthest = float(np.hypot(*np.abs(corners[:, None] - centres).max(axis=0).T).max()) * (1 + 1e-9)  # that coil counts
     clearance = min(dent.clearance for dent in dents)
     width = max(dent.width for dent in dents)
     deepest = [float(np.abs(dent.displacement).max()) for dent in dents]

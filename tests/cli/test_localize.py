@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from support.command_line import mistakes, runner
-from support.contacts import contacts_of, first_coils
+from support.contacts import coarse_maps, first_coils
 from support.localize_boards import FIELD, ROW, bells, board
 from support.plot_results import calibration
 
@@ -478,10 +478,10 @@ def test_model_files_that_are_none(capsys, maps, change, message):
 
 
 def test_the_table_of_a_real_board_finds_what_pressed_on_it(capsys):
-    """The whole way, but for the mesh of the contacts: table of the design, map of the design, position and depth."""
+    """The whole way, but for the meshes: table of the design, map of the design, position and depth."""
     place = (4.3e-3, 3.1e-3, 1.15e-3)
     Path("four.toml").write_text(first_coils(4), encoding="utf-8")
-    with contacts_of(ContactMesh(12, 1.5)):
+    with coarse_maps(ContactMesh(12, 1.5)):
         pressed = response_map(load_design("four.toml"), depths=[place[2]], x=[place[0]], y=[place[1]])
         delta = pressed.delta[0, 0, 0]
         given = {str(name): float(value) for name, value in zip(delta.state.values, delta.values, strict=True)}

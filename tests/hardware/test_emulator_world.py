@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from support.broken_drivers import RightDriver
+from support.contacts import linear
 
 from coilarray import load_design
 from coilarray.circuit.impedance import scan_design
@@ -31,7 +32,7 @@ from coilarray.response.map import response_map
 
 pytestmark = pytest.mark.slow
 
-PAPER = load_design("gast2020")
+PAPER = linear(load_design("gast2020"))
 WIRING = load_wiring()
 FIRST = ScanState("coil1", (("coil1", 1),))
 LONG = 0xFFFF

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 from support.command_line import runner
-from support.recorded_boards import configured, quick_board, session_of, two_coils, two_coils_document
+from support.recorded_boards import configured, quick_board, session_of, two_coils_document
 
 from coilarray import calibrate
 from coilarray.compute.store import open_store
+from coilarray.design.model import build_design
 from coilarray.design.toml_file import TomlFiles
 from coilarray.design.vary import vary
 from coilarray.hardware.emulator.response_table import response_table
@@ -40,10 +41,17 @@ NOISE = 1e-6  # of a frequency; that of the converter, 1.4e-7, would show how th
 CAMPAIGNS = 50
 
 
+def small_document():
+    """The two coils under a sample that is just large enough."""
+    document = two_coils_document()
+    edges = {"sample_x_mm": [-12, 12], "sample_y_mm": [-10, 10]}
+    return {**document, "indentation": {**document["indentation"], **edges}}
+
+
 @pytest.fixture(scope="module")
 def emulated():
     """The design of a small board as believed, and the emulated physics of the board as it is."""
-    believed, store = two_coils(), open_store()
+    believed, store = build_design(small_document(), "two_coils"), open_store()
     real = vary(believed, {key: value for key, value in TRUE.items() if key != DRIFT})
     return believed, SensorWorld(board_network(real, store), lambda: response_table(real, store))
 
@@ -137,7 +145,7 @@ def test_the_command_finds_what_was_recorded(emulated, tmp_path, capsys):
 
     path = record(tmp_path / "one.sqlite", emulated, seed=1000)
     design = tmp_path / "believed.toml"
-    document = two_coils_document()
+    document = small_document()
     sheets = list(document["elastomer"])
     sheets[1] = {**sheets[1], "youngs_modulus_kPa": TRUE[STIFF]}
     design.write_text(tomli_w.dumps({**document, "elastomer": sheets}), encoding="utf-8")

@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.contacts import linear
 from support.localize_boards import bells
 
 from coilarray import load_design, mutual_inductance, parse_design, self_inductance
@@ -25,7 +26,7 @@ from coilarray.response.map import response_map
 from coilarray.studies.quantities import QUANTITIES, Evaluation, canonical, evaluate, evaluation, request
 from coilarray.studies.quantities.layout import FARTHEST, LENGTH_RULES
 
-GAST, STARTER = load_design("gast2020"), load_design("starter")
+GAST, STARTER = load_design("gast2020"), linear(load_design("starter"))
 
 LOOPS = """
 schema = 1

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
+from support.contacts import coarse_maps, linear
 from support.localize_boards import FIELD, ROW, bells, board
 
 from coilarray import load_design
@@ -85,6 +86,7 @@ def test_positions_must_be_in_the_table_and_states_enough(field):
         shifts_at(field.select(field.states[:2]), PLACES, LARGEST)
 
 
+STARTER = linear(load_design("starter"))
 PLACE = "x_mm=3,y_mm=3,depth_mm=0.4"
 AT = Positions((3e-3,), (3e-3,), 0.4e-3, 1e-7)
 
@@ -93,13 +95,14 @@ AT = Positions((3e-3,), (3e-3,), 0.4e-3, 1e-7)
 def table():
     """Response of the starter around the position, fine enough for its derivatives."""
     x = y = np.linspace(2e-3, 4e-3, 5)
-    return response_map(load_design("starter"), depths=[0.35e-3, 0.4e-3, 0.45e-3], x=x, y=y)
+    with coarse_maps():
+        yield response_map(STARTER, depths=[0.35e-3, 0.4e-3, 0.45e-3], x=x, y=y)
 
 
 @pytest.fixture(scope="module")
 def placed(table):
     errors = Tolerances({"placement": Spread(board=0.05e-3)}, positions=AT)
-    return analyse(load_design("starter"), errors, samples=8, quantities=["span_mm"], table=table)
+    return analyse(STARTER, errors, samples=8, quantities=["span_mm"], table=table)
 
 
 def test_a_misplaced_elastomer_is_located_where_it_is_pressed(placed):
@@ -122,7 +125,7 @@ def test_the_real_solver_finds_the_same_shifts(placed):
 
 def test_a_stronger_sheet_answers_more(table):
     errors = Tolerances({"permeability": Spread(board=0.02)}, positions=AT)
-    result = analyse(load_design("starter"), errors, samples=0, quantities=["span_mm"], table=table)
+    result = analyse(STARTER, errors, samples=0, quantities=["span_mm"], table=table)
     name = f"delta[coil2,{PLACE}]"
     change = of(result, name, "permeability, board") / float(result.nominal.sel(output=name)) / 0.02
     # δ ∝ β = (μr − 1)/(μr + 1) over a thick sheet gives dlnβ/dlnμr = 2μr/(μr² − 1) = 0.86 at 2.7, over a thin one

@@ -1,6 +1,7 @@
 """Response maps on coarse meshes, the same on both sides of a comparison; and the first coils of gast2020 alone."""
 
 from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 
@@ -27,17 +28,23 @@ def contacts_of(mesh):
 
 
 @contextmanager
-def coarse_maps():
+def coarse_maps(contact=COARSE):
     """Compute response maps on coarse meshes where none is asked for."""
-    with contacts_of(COARSE), pytest.MonkeyPatch.context() as patch:
+    with contacts_of(contact), pytest.MonkeyPatch.context() as patch:
         for module in (dented_layer, response_map):
             patch.setattr(module, "LayerMesh", lambda: MESH)
         yield
 
 
+def linear(design):
+    """Return a design that is pressed with small strain: its contacts are quick."""
+    return replace(design, indentation=replace(design.indentation, strain="linear"))
+
+
 def first_coils(count):
-    """Text of gast2020 with so many coils."""
-    return read("gast2020").replace("columns = 6", f"columns = {count}")
+    """Text of gast2020 with so many coils, pressed with small strain."""
+    text = read("gast2020").replace("columns = 6", f"columns = {count}")
+    return text.replace("[indentation]", '[indentation]\nstrain = "linear"')
 
 
 def first_coils_design(count):
