@@ -23,6 +23,8 @@ from coilarray.viz.plots import style
 
 _PARAMETERS = {"A": (BLUE, "o", "-"), "B": (VERMILLION, "s", "--"), "x0": (GREEN, "^", ":")}
 _NAMES = {"A": "A", "B": "B", "x0": r"$x_0$"}
+FloatArray = npt.NDArray[np.float64]
+
 _MARGIN = 0.3  # mm
 _SHARE = 0.1  # single neighbours whose effect is a smaller share of the largest one have no name in the legend
 _HIGHEST = 10.0  # largest height in inches of maps one below the other
@@ -213,8 +215,8 @@ def plot_x_error(error: xr.DataArray, ax: Axes | None = None, outlines: Sequence
 def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> Axes:
     """Draw x0 of a coil over δ as predicted with the neighbours grounded and open, and as published.
 
-    Levels of which the window leaves too little to know the ellipse are crossed out; the axis is that of the others. Bands are two standard deviations
-    of the posterior on each side, where the result has them.
+    Levels of which the window leaves too little to know the ellipse are crossed out; the axis is that of the others.
+    Bands are two standard deviations of the posterior on each side, where the result has them.
 
     Parameters
     ----------
@@ -310,7 +312,7 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
     return ax
 
 
-def _band(ax: Axes, at: npt.NDArray[np.float64], values: npt.NDArray[np.float64], std: xr.DataArray, colour: str) -> None:
+def _band(ax: Axes, at: FloatArray, values: FloatArray, std: xr.DataArray, colour: str) -> None:
     """Draw two standard deviations in m on both sides of values in mm."""
     width = 2 * MM.of(std)
     ax.fill_between(at, values - width, values + width, color=colour, alpha=0.2, linewidth=0)
