@@ -17,7 +17,8 @@ What the paper leaves open, and how it is read here:
   but one is checked.
 - *The added 0.2 mm* on every A_i is `EllipseModel.with_semiaxis_addition`; nothing is added on its own accord.
 - *The range of δ* is not given. A fitted model reaches from the threshold below its first step to the threshold above
-  the largest δ of the map.
+  the largest δ of the map. Its first step is the lowest that determines an ellipse (`coilarray.localize.ellipse`):
+  lower ones, of one arc, would pull the polynomials of all levels.
 """
 
 from __future__ import annotations
@@ -169,8 +170,8 @@ class EllipsePosition:
 def ellipse_model(fits: xr.Dataset) -> EllipseModel:
     """Fit the polynomials of an ellipse model to fits of `coilarray.localize.ellipse.fit_ellipses`.
 
-    The coils come in the order of their centres. Every step counts the same, as in the paper. LocalizeError for fewer
-    steps with an ellipse than a polynomial has coefficients.
+    The coils come in the order of their centres. Every step that determines its ellipse counts the same, as in the
+    paper. LocalizeError for fewer such steps than a polynomial has coefficients.
     """
     kept = [_kept(fits.sel(state=state)) for state in fits.state.values.tolist()]
     # the smallest ellipse determines the centre best
@@ -320,8 +321,8 @@ def _coil_from(data: object) -> CoilEllipses:
 
 
 def _kept(fit: xr.Dataset) -> xr.Dataset:
-    """Return the steps of one state that have an ellipse; refuse a state with too few."""
-    kept = fit.isel(step=np.flatnonzero(fit.refused.values == ""))
+    """Return the steps of one state that determine an ellipse; refuse a state with too few."""
+    kept = fit.isel(step=np.flatnonzero((fit.refused.values == "") & ~fit.undetermined.values))
     if kept.sizes["step"] <= DEGREE:
         raise LocalizeError(
             f"{fit.state.item()} has {kept.sizes['step']} levels with an ellipse; a polynomial of degree {DEGREE} "
