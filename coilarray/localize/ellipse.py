@@ -29,8 +29,8 @@ What the paper leaves open, and how it is read here:
   points, and is undetermined where that of x0 exceeds the map's step along x, or where its points do not reach half a
   semi-axis beyond the centre on both sides (30° past the highest point): one arc is left, and the errors do not know
   how far the width of the level draws the fit inwards. On the map of Table A1 the levels that are wrong by 6 mm and
-  more reach at most 0.2 of A to one side and the others at least 0.85. So is one whose ellipse leaves the largest δ
-  outside by more than that step: an arc as wide as the window holds an ellipse of its own, far from the coil.
+  more reach at most 0.2 of A to one side and the others at least 0.85. So is a level whose ellipse leaves the largest
+  δ outside by more than that step: an arc across the window may hold a small ellipse of its own, 18 mm from the coil.
 """
 
 from __future__ import annotations
@@ -298,9 +298,9 @@ def _fit_level(
     rms = float(np.sqrt(np.mean(ellipse.distance(x, y) ** 2)))
     cells = len(np.unique(np.stack((rows // refinement, columns // refinement)), axis=1).T)
     errors = standard_errors(ellipse, x, y, max(cells, _CORNERS))
-    top = np.unravel_index(np.argmax(fine.values), fine.shape)
-    peak = ellipse.distance(fine.x.values[top[1]], fine.y.values[top[0]])
-    undetermined = not (errors[0] <= spacing and closes(x, ellipse.x0, ellipse.A) and peak <= spacing)
+    row, column = np.unravel_index(np.argmax(fine.values), fine.shape)
+    holds_peak = bool(ellipse.distance(fine.x.values[column], fine.y.values[row]) <= spacing)
+    undetermined = not (errors[0] <= spacing and closes(x, ellipse.x0, ellipse.A) and holds_peak)
     return _Level(len(rows), mean, ellipse.x0, ellipse.A, ellipse.B, rms, *errors, undetermined)
 
 

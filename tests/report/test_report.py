@@ -17,7 +17,7 @@ from matplotlib.image import imread
 from coilarray import coupling_matrix, indent, magnetic_field, parse_design, write_report
 from coilarray.circuit.active_coil import active_coil
 from coilarray.design.bundled import read
-from coilarray.design.model import parse_design_file
+from coilarray.design.model import load_design_file, parse_design_file
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.ellipse_model import ellipse_model, locate_x
@@ -30,13 +30,16 @@ from coilarray.report.write import _curve
 pytestmark = pytest.mark.slow
 
 
-def coarse(name, turns, gap):
+def coarse(name):
     """Fewer turns, as wide as they are together: what the report computes goes with their square."""
+    turns, trace, gap = (
+        load_design_file(name).values[f"coils.hexagon.{key}"] for key in ("turns_per_layer", "trace_width_mm", "gap_mm")
+    )
     text = read(name).replace(f"turns_per_layer = {turns}", "turns_per_layer = 10")
-    return parse_design_file(text.replace("\ngap_mm = 0.1", f"\ngap_mm = {gap}"), name)
+    return parse_design_file(text.replace(f"\ngap_mm = {gap}", f"\ngap_mm = {turns / 10 * (trace + gap) - trace}"), name)
 
 
-BOARD, SINGLE = coarse("gast2020", 30, 0.5), coarse("gast_fem", 40, 0.7)
+BOARD, SINGLE = coarse("gast2020"), coarse("gast_fem")
 FEW = read("starter").replace("turns_per_layer = 12", "turns_per_layer = 4").replace("columns = 3", "columns = 2")
 FEW = FEW.replace(
     'strain = "finite"', 'strain = "linear"'

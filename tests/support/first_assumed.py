@@ -22,20 +22,14 @@ _ENTRIES = {
 }
 
 
-def without(*keys):
-    """Return the document of gast2020 as it is now, without these entries and without the reasons of any."""
+def first_assumed_document():
+    """Return its document, without the reasons of what is assumed."""
     document = copy.deepcopy(load_design_file(STARTER).document)
     del document["assumed"]
-    for key in keys:
-        *tables, entry = key.split(".")
-        table = document
-        for name in tables:
-            table = table[name]
-        del table[entry]
-    return document
+    del document["coils"]["hexagon"]["outer_across_flats_mm"], document["indentation"]["seat_stiffness_kPa_per_mm"]
+    return vary_document(document, _ENTRIES)
 
 
 def first_assumed():
     """Return the design."""
-    document = without("coils.hexagon.outer_across_flats_mm", "indentation.seat_stiffness_kPa_per_mm")
-    return build_design(vary_document(document, _ENTRIES), STARTER)
+    return build_design(first_assumed_document(), STARTER)
