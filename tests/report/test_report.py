@@ -36,7 +36,9 @@ def coarse(name):
         load_design_file(name).values[f"coils.hexagon.{key}"] for key in ("turns_per_layer", "trace_width_mm", "gap_mm")
     )
     text = read(name).replace(f"turns_per_layer = {turns:g}", "turns_per_layer = 10")
-    return parse_design_file(text.replace(f"\ngap_mm = {gap:g}", f"\ngap_mm = {turns / 10 * (trace + gap) - trace:g}"), name)
+    return parse_design_file(
+        text.replace(f"\ngap_mm = {gap:g}", f"\ngap_mm = {turns / 10 * (trace + gap) - trace:g}"), name
+    )
 
 
 BOARD, SINGLE = coarse("gast2020"), coarse("gast_fem")

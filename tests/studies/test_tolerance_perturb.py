@@ -138,7 +138,9 @@ def test_all_layers_shifted_alike_couple_as_before():
 def test_sheets_have_their_thickness_and_the_magnetic_ones_their_permeability():
     sheets = perturb(GAST, {"permeability": 0.1, "elastomer.magnetic": -0.1e-3}).sheets
     found = [(sheet.relative_permeability, sheet.thickness) for sheet in sheets]
-    np.testing.assert_allclose(found, [(1.0, 6e-3), (1.1 * GAST.sheets[1].relative_permeability, 1.9e-3)], rtol=ROUNDING)
+    np.testing.assert_allclose(
+        found, [(1.0, 6e-3), (1.1 * GAST.sheets[1].relative_permeability, 1.9e-3)], rtol=ROUNDING
+    )
 
 
 def test_permeability_of_a_half_space_is_its_mirror_image():

@@ -200,7 +200,7 @@ def load_plan(name_or_path: str | Path) -> Plan:
     Examples
     --------
     >>> [unknown.name for unknown in load_plan("table_a1").unknowns][:2]
-    ['coils.hexagon.gap_mm', 'stackup.dielectric_thickness_mm.1']
+    ['stackup.dielectric_thickness_mm.1', 'elastomer.1.relative_permeability']
     """
     return check_plan(PLANS.parse(PLANS.text(name_or_path), str(name_or_path)), str(name_or_path))
 
