@@ -73,7 +73,7 @@ def test_response_is_largest_at_the_coil_and_wide_on_a_seat(plain):
     with contacts_of(DEFAULT_MESH):
         delta = response_map(PAPER, x=X, y=[0.0], ideal=True).delta.values[0, 0]
     assert delta[0].argmax() == 0
-    # the paper fits about 1.22e-3; its error is taken as 5e-5 where the board is calibrated to it, twice that is allowed
+    # the paper fits about 1.22e-3; twice the error of 5e-5 that it has where the board is calibrated to it
     assert delta[0, 0] == pytest.approx(1.22e-3, abs=1e-4)
     # a plate's dent is wide, the paper has positive tails to 17 mm; without a seat they are negative beyond 9 mm
     assert delta[2, 0] > 0

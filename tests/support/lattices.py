@@ -3,10 +3,9 @@
 Its bonded elastomer has a narrow dent, so that few coils are enough for some to be far.
 """
 
-from support.first_assumed import first_assumed_document
-
 from coilarray.design.model import build_design
 from coilarray.design.vary import vary_document
+from support.first_assumed import first_assumed_document
 
 
 def hexagonal(columns, rows, turns=30):

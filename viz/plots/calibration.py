@@ -54,9 +54,7 @@ def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> Non
         left.plot(level, model, "-", color=colour, label=_NAMES[name])
         left.fill_between(level, model - band, model + band, color=colour, alpha=0.2, linewidth=0)
         line = "-" if (part.weight > 0).any() else "--"
-        right.plot(
-            level, np.where(known, part.residual.values, np.nan), f"{marker}{line}", color=colour, label=_NAMES[name]
-        )
+        right.plot(level, np.where(known, part.residual.values, np.nan), f"{marker}{line}", color=colour, label=_NAMES[name])
     left.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("A, B, $x_0$"), title=f"{state}: lines fitted")
     right.set(xlabel=MILLI_DELTA.label("δ"), ylabel="fitted − measured (noise)", title=f"{state}: what remains")
     _finish(left, right)

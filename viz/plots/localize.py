@@ -305,9 +305,7 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
     return ax
 
 
-def _band(
-    ax: Axes, at: npt.NDArray[np.float64], values: npt.NDArray[np.float64], std: xr.DataArray, colour: str
-) -> None:
+def _band(ax: Axes, at: npt.NDArray[np.float64], values: npt.NDArray[np.float64], std: xr.DataArray, colour: str) -> None:
     """Draw two standard deviations in m on both sides of values in mm."""
     width = 2 * MM.of(std)
     ax.fill_between(at, values - width, values + width, color=colour, alpha=0.2, linewidth=0)

@@ -94,9 +94,9 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
     Examples
     --------
     >>> from coilarray import load_design
-    >>> narrow = perturb(load_design("gast2020"), {"etch.L1": -10e-6})
+    >>> narrow = perturb(load_design("gast2020"), {"etch.L3": -10e-6})
     >>> [round(float(widths[0]) * 1e6, 6) for widths in narrow.array.placements[0].coil.widths]
-    [100.0, 100.0]
+    [90.0, 100.0]
     """
     known = error_names(design)
     for name, value in errors.items():
