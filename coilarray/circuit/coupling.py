@@ -100,7 +100,7 @@ def design_circuit(
     >>> design = load_design("gast2020")
     >>> ideal = resonate(design_circuit(design, ideal=True), design.plan[0])
     >>> round(ideal.effective_inductance * 1e6, 2), round(ideal.frequency / 1e6, 3)
-    (58.07, 1.907)
+    (92.5, 1.511)
     """
     if not ideal:
         return circuit_parts(design, accuracy=accuracy, progress=progress).network
@@ -246,7 +246,7 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
     >>> from coilarray import load_design
     >>> result = couple_design(load_design("gast2020"), ideal=True)
     >>> round(float(result.open_inductance[0]) * 1e6, 1), round(float(result.coupling[0, 1]), 3)
-    (58.2, -0.051)
+    (93.1, 0.08)
     """
     network = design_circuit(design, ideal=ideal, progress=progress)
     bare = design_circuit(design, ideal=True)

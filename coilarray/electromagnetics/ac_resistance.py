@@ -195,7 +195,7 @@ def resistance_matrix(
     >>> result = resistance_matrix(load_design("gast2020").array, [1e5, 1.7e6])
     >>> R = result.resistance[:, 0, 0]
     >>> round(float(R[1] / R[0]), 2), str(result.model[1, 0].values)
-    (1.1, 'transverse field')
+    (1.12, 'transverse field')
     """
     conductors = as_conductors(source)
     f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))

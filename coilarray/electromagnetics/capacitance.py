@@ -90,7 +90,7 @@ def coil_capacitance(
     >>> from coilarray import load_design
     >>> C = coil_capacitance(load_design("gast2020").array)
     >>> f"{float(C.coil_capacitance[0]) * 1e12:.1f} pF"
-    '16.5 pF'
+    '19.2 pF'
     """
     above = _slabs(sheets, relative_permittivity)
     half_space = 1.0 if sheets else relative_permittivity
@@ -152,7 +152,7 @@ def elastomer_effect(
     --------
     >>> from coilarray import load_design
     >>> effect = elastomer_effect(load_design("gast2020").array, 3.0, 120e-12, undisturbed=5e-3)
-    >>> bool(effect.dent_bound[0] < 0.01 * effect.apparent_delta[0])
+    >>> bool(effect.dent_bound[1] < 0.01 * effect.apparent_delta[1])  # of an upper coil
     True
     """
     C_t = float(_positive("tank_capacitance", tank_capacitance, "F", zero=True))

@@ -29,7 +29,8 @@ What the paper leaves open, and how it is read here:
   points, and is undetermined where that of x0 exceeds the map's step along x, or where its points do not reach half a
   semi-axis beyond the centre on both sides (30° past the highest point): one arc is left, and the errors do not know
   how far the width of the level draws the fit inwards. On the map of Table A1 the levels that are wrong by 6 mm and
-  more reach at most 0.2 of A to one side and the others at least 0.85.
+  more reach at most 0.2 of A to one side and the others at least 0.85. So is a level whose ellipse leaves the largest
+  δ outside by more than that step: an arc across the window may hold a small ellipse of its own, 18 mm from the coil.
 """
 
 from __future__ import annotations
@@ -305,7 +306,9 @@ def _fit_level(
     rms = float(np.sqrt(np.mean(ellipse.distance(x, y) ** 2)))
     of_cell = np.bincount(rows // refinement * len(along) + columns // refinement)
     errors = standard_errors(ellipse, x, y, max(int(np.count_nonzero(of_cell)), _CORNERS))
-    undetermined = not (errors[0] <= spacing and closes(x, ellipse.x0, ellipse.A))
+    row, column = np.unravel_index(np.argmax(values), values.shape)
+    holds_peak = bool(ellipse.distance(fine.x.values[column], fine.y.values[row]) <= spacing)
+    undetermined = not (errors[0] <= spacing and closes(x, ellipse.x0, ellipse.A) and holds_peak)
     return _Level(len(rows), mean, ellipse.x0, ellipse.A, ellipse.B, rms, *errors, undetermined)
 
 

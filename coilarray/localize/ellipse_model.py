@@ -16,6 +16,9 @@ What the paper leaves open, and how it is read here:
 - *One solution for x*: two ellipses can meet at two values of x. The one between their centres is taken; that there is
   but one is checked.
 - *The added 0.2 mm* on every A_i is `EllipseModel.with_semiaxis_addition`; nothing is added on its own accord.
+- *The steps*: one whose points do not determine its ellipse (`coilarray.localize.ellipse`) is left out where that lies
+  beyond the coil, twice its own semi-axis away from the centre of the highest step that is determined. An arc across
+  the window's end may hold such an ellipse, which would pull the polynomials at all δ.
 - *The range of δ* is not given. A fitted model reaches from the threshold below its first step to the threshold above
   the largest δ of the map.
 """
@@ -55,6 +58,7 @@ SCHEMA = 1
 
 _KIND = "coilarray ellipse model"
 _RANGE = ("lowest", "highest", "centre")
+_ASTRAY = 2.0  # semi-axes from the highest determined level's centre to that of an undetermined one: not the same hill
 _TOUCHING = 1e-9  # of B²: how far y² may lie from zero by rounding; y is then within 3e-5 B of the axis
 _FLAT = 1e-6  # 1/x of a root beyond every ellipse, in units of their largest semi-axis: the equation is linear
 
@@ -320,8 +324,12 @@ def _coil_from(data: object) -> CoilEllipses:
 
 
 def _kept(fit: xr.Dataset) -> xr.Dataset:
-    """Return the steps of one state that have an ellipse; refuse a state with too few."""
+    """Return the steps of one state that have an ellipse about its centre; refuse a state with too few."""
     kept = fit.isel(step=np.flatnonzero(fit.refused.values == ""))
+    known = kept.x0.values[~kept.undetermined.values]
+    if len(known):
+        astray = kept.undetermined.values & (np.abs(kept.x0.values - known[-1]) > _ASTRAY * kept.A.values)
+        kept = kept.isel(step=np.flatnonzero(~astray))
     if kept.sizes["step"] <= DEGREE:
         raise LocalizeError(
             f"{fit.state.item()} has {kept.sizes['step']} levels with an ellipse; a polynomial of degree {DEGREE} "

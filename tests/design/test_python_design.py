@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.boards import FOUR_LAYERS, reference_board
+from support.boards import FOUR_LAYERS, LEADS
+from support.boards import VIA as BOARD_VIA
 from support.refusals import refused
 
 import coilarray as ca
@@ -29,17 +30,25 @@ ROW = ca.Design(ca.lattice_array(TWO_LAYERS, SPIRAL, ca.Lattice("linear", pitch=
 
 
 def gast2020_in_python():
-    """The bundled design, written with the numbers of its file."""
-    array = reference_board()
-    x, y = (tuple(k * 2e-3 for k in range(-n, n + 1)) for n in (13, 3))
-    row = [replace(place, name=f"coil{k + 1}") for k, place in enumerate(array.placements)]
+    """The bundled design, written with the numbers of its file; what its calibration finds is read there."""
     file = ca.load_design_file("gast2020").values
+    dielectrics = tuple(mm * 1e-3 for mm in file["stackup.dielectric_thickness_mm"])
+    hexagon = ca.Spiral(6, 11.5e-3, 30, 0.1e-3, file["coils.hexagon.gap_mm"] * 1e-3, first_corner=math.pi / 2)
+    row = ca.Lattice("linear", 13.28e-3, columns=6, layers=(("L3", "L4"), ("L1", "L2")))
+    magnetic = ca.Sheet(
+        "magnetic", 2e-3, file["elastomer.1.relative_permeability"], file["elastomer.1.youngs_modulus_kPa"] * 1e3
+    )
+    seat = ca.Seat(file["indentation.seat_stiffness_kPa_per_mm"] * 1e6)
+    x, y = (tuple(k * 2e-3 for k in range(-n, n + 1)) for n in (13, 3))
     switches = ca.Switches(on_resistance=file["circuit.short_resistance_ohm"] / 2)
     return ca.Design(
-        array.with_placements(row),
-        (ca.Sheet("base", 6e-3, 1.0, 55e3), ca.Sheet("magnetic", 2e-3, 2.7, 166e3)),
-        ca.Indentation(ca.Hemisphere(2.5e-3), (1e-3,), x, y, origin="coil2"),
+        ca.lattice_array(
+            replace(FOUR_LAYERS, dielectric_thickness=dielectrics), ca.spiral_coil(hexagon, 2, BOARD_VIA, LEADS), row
+        ),
+        (ca.Sheet("base", 6e-3, 1.0, 55e3), magnetic),
+        ca.Indentation(ca.Hemisphere(2.5e-3), (1e-3,), x, y, seat, origin="coil2"),
         ca.Circuit(switches, elastomer_permittivity=file["circuit.elastomer_permittivity"]),
+        ca.FabRules(min_gap=file["fab.min_gap_mm"] * 1e-3),
     )
 
 

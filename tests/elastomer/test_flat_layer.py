@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.special import j0, j1
+from support.first_assumed import first_assumed
 from support.references import polygon, rows
 
 from coilarray import inductance_matrix, load_design, magnetic_field, mutual_inductance
@@ -302,7 +303,7 @@ def test_equal_sheets_merge():
 
 @pytest.mark.slow
 def test_effect_on_the_reference_board():
-    board = load_design("gast2020").array
+    board = first_assumed().array
     L, change = inductance_matrix(board), layer_inductance(board, STACK)
     np.testing.assert_array_equal(change, change.T)
     relative = change / L

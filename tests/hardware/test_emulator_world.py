@@ -75,7 +75,7 @@ class Scanner(RightDriver):
         return ((register, LONG if register == 0x08 else value) for register, value in super().registers())
 
     def drive(self, coil):
-        return 8  # 52 µA: 1.4 V at 21 kΩ
+        return 7  # 46 µA: 1.6 V at 27 kΩ
 
     def wait(self):
         self.board.clock.sleep(16 * LONG / self.reference)
@@ -140,7 +140,7 @@ def test_a_pressed_board_reads_what_the_response_map_says(make, network, mapped)
     for place, expected in pressed.items():
         board.indenter.press(*place)
         delta = (untouched / frequencies(board)) ** 2 - 1
-        assert np.abs(delta - expected.delta.values).max() < 2.01 * STEP / 1.77e6
+        assert np.abs(delta - expected.delta.values).max() < 2.01 * STEP / untouched.min()
     board.indenter.lift()
     assert np.array_equal(frequencies(board), untouched)
 
@@ -150,12 +150,13 @@ def test_between_the_positions_of_the_table_it_is_as_wrong_as_stated(table, mapp
     x, y, depths = mapped.x.values, mapped.y.values, mapped.depth.values
     got = np.array([[[table.at(Place(a, b, h)) for a in x] for b in y] for h in depths])
     error = np.abs(got - mapped.inductance_change.values) / L
-    # 2e-7 come from the solver itself, which takes other positions. Stated for 1 mm, where L changes by 8e-4: 2e-7
-    # (root of the mean square of the diagonal) and 4e-6
-    assert np.sqrt(np.mean(np.diagonal(error[1], axis1=-2, axis2=-1) ** 2)) < 2.5e-7
-    assert error[1].max() < 4e-6
-    assert error[0].max() < 1.5e-6
-    assert np.abs(mapped.inductance_change.values[1]).max() / L > 5e-4
+    # 2e-7 come from the solver itself, which takes other positions. Stated for 1 mm where L changes by 8e-4, and in
+    # proportion: 2e-7 (root of the mean square of the diagonal) and 4e-6
+    larger = np.abs(mapped.inductance_change.values[1]).max() / L / 8e-4
+    assert np.sqrt(np.mean(np.diagonal(error[1], axis1=-2, axis2=-1) ** 2)) < 2.5e-7 * larger
+    assert error[1].max() < 4e-6 * larger
+    assert error[0].max() < 1.5e-6 * larger
+    assert larger > 1
 
 
 def test_the_table_is_exact_for_what_its_splines_can_be():
@@ -174,8 +175,8 @@ def test_the_table_is_exact_for_what_its_splines_can_be():
 def test_the_whole_table_reaches_over_all_coils_and_the_design_s_own_map():
     depth, y, x = table_axes(PAPER)
     assert max(np.diff(x).max(), np.diff(y).max()) <= 1.2e-3
-    right = 53.12e-3 + 11.5e-3 * math.cos(math.pi / 6)
-    assert (x[0], x[-1], y[0], y[-1], depth[-1]) == pytest.approx((-26e-3, right, -11.5e-3, 11.5e-3, 1.7e-3))
+    right, high = 53.12e-3 + 11.5e-3, 11.5e-3 / math.cos(math.pi / 6)
+    assert (x[0], x[-1], y[0], y[-1], depth[-1]) == pytest.approx((-26e-3, right, -high, high, 1.7e-3))
     # a sample with edges is not left
     edges = 'sample_x_mm = [-30, 30]\nsample_y_mm = [-10, 10]\norigin = "coil2" '
     depth, y, x = table_axes(parse_design(read("gast2020").replace('origin = "coil2" ', edges)))
@@ -189,7 +190,7 @@ def test_a_moving_indenter_is_averaged_over_a_conversion(make):
     driver.configure()
     driver.sleep()
     driver.switch("coil2")
-    driver.write(0x1E, 8 << 11)
+    driver.write(0x1E, 7 << 11)
     woken = board.clock.now() + 95e-6  # the end of the transaction
     driver.wake()
     moving = driver.result().frequency
@@ -318,14 +319,14 @@ def test_two_coils_in_series_and_in_parallel_store_what_their_matrix_says(networ
         assert found == pytest.approx(expected, rel=1e-3)  # of two coils with different losses
 
 
-def test_an_open_short_or_grounded_converter_has_no_tank_and_only_the_first_channel_is_wired(make):
+def test_an_open_short_or_grounded_converter_has_no_tank_and_only_the_first_channel_is_wired(make, scanned):
     board = make()
     assert board.true_tank() is None
     for words in (b"\x11\x11\x11\x11\x11\x66", b"\x11\x11\x11\x11\x11\x23"):
         board.switches.shift(words)
         assert board.true_tank() is None
     board.switches.shift(WIRING.words(FIRST))
-    assert board.sensor(0, 0.0).frequency == pytest.approx(1.7747e6, rel=1e-3)
+    assert board.sensor(0, 0.0).frequency == pytest.approx(float(scanned.frequency[0]), rel=1e-3)
     assert board.sensor(1, 0.0) is None
 
 

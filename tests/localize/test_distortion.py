@@ -36,13 +36,17 @@ def split():
         return distortion(design, ("coil1", "coil2"), LEVELS, draws=[(design, Imperfections())] * 2)
 
 
-def test_neighbours_move_x0_by_little(split):
-    """The estimate of the physics notes: +0.05 mm for coil 1, nothing for coil 2; a little less without losses."""
-    assert split.effect.sel(cause="all neighbours", state="coil1").values == pytest.approx(0.05e-3, abs=0.01e-3)
-    assert np.abs(split.effect.sel(cause="all neighbours", state="coil2").values).max() < 0.01e-3
-    single = split.effect.sel(cause=[f"neighbour coil{k}" for k in range(1, 4)])
-    # first order in k²: the single effects add up to all of them, to a tenth of a step of the refinement (0.1 mm)
-    assert single.sum("cause").values == pytest.approx(split.effect.sel(cause="all neighbours").values, abs=0.01e-3)
+def test_the_neighbour_moves_x0_of_the_end_coil_outwards(split):
+    """By hand -0.16 to -0.30 mm from 3e-4 to 1e-3; coil 2 has a neighbour on each side, which cancel."""
+    effect = split.effect.sel(cause="all neighbours", delta=LEVELS[1:])
+    moved = effect.sel(state="coil1").values
+    assert (moved < -0.1e-3).all()
+    assert (moved > -0.35e-3).all()
+    assert moved[1] < moved[0]  # it grows with δ, where the paper's falls
+    assert np.abs(effect.sel(state="coil2").values).max() < 0.1e-3
+    single = split.effect.sel(cause=[f"neighbour coil{k}" for k in range(1, 4)], delta=LEVELS[1:]).sum("cause")
+    # first order in k², which is 0.8 %; the second order of three single ones is below a fifth of the largest
+    assert single.values == pytest.approx(effect.values, abs=0.2 * np.abs(moved).max())
 
 
 def test_equal_draws_are_the_design_without_error(split):
@@ -54,13 +58,18 @@ def test_equal_draws_are_the_design_without_error(split):
 
 def test_opened_neighbours_leave_the_centre(split):
     # 0.02 mm: the refined map's step of 0.1 mm, and one half turn of the winding
-    assert (split.x0.sel(neighbours="open") - split.centre).values == pytest.approx(0, abs=0.02e-3)
+    # 1e-4 is one arc of coil 1 in the window, which tells no centre
+    known = split.x0.where(~split.undetermined).sel(neighbours="open")
+    assert np.isnan(known.values).tolist() == [[True, False, False], [False, False, False]]
+    away = (known - split.centre).values
+    assert away[np.isfinite(away)] == pytest.approx(0, abs=0.02e-3)
 
 
 def test_nothing_explains_the_published_x0(split):
-    """The paper's x0 goes to −17.2 mm; no cause here is a tenth of that. An honest residual is the result."""
-    assert float(split.rms_residual.sel(state="coil1")) > 0.8e-3
-    assert float(split.rms.max()) < 0.2e-3
+    """The paper's x0 leaves the centre by 1.2 and 0.5 mm at these levels; the neighbours are a third of it at most."""
+    published = split.published_x0.where(~(split.published_undetermined | split.undetermined.any("neighbours")))
+    assert (split.rms_residual > 0.5 * np.sqrt(((published - split.centre) ** 2).mean("delta"))).all()
+    assert float(split.rms.max()) < 0.35e-3
     assert split.published_x0.sel(state="coil1").values[0] == pytest.approx(-16.01e-3, abs=0.01e-3)
 
 

@@ -28,6 +28,7 @@ from coilarray.localize.ellipse_model import (
     intersect,
     locate_x,
 )
+from coilarray.localize.published import published_model
 
 pytestmark = pytest.mark.slow
 
@@ -73,6 +74,11 @@ def hill_errors(fits):
 def noisy(dataset, seed, sigma=1e-5):
     noise = np.random.default_rng(seed).standard_normal(dataset.delta.shape)
     return dataset.assign(delta=dataset.delta + sigma * noise)
+
+
+def determined(fits):
+    """Levels whose points determine their ellipse; NaN for the others."""
+    return fits.where((fits.refused == "") & ~fits.undetermined)
 
 
 def sized(ellipse):
@@ -282,26 +288,28 @@ def convolution(y, x, values, s):
 
 
 def test_which_cubic_matters_little(board, monkeypatch):
-    """The paper does not say which cubic; the two of MATLAB differ by less than 0.1 mm."""
-    spline = fit_ellipses(board, states=COILS)
+    """The paper does not say which cubic; the two of MATLAB differ by little more than 0.1 mm."""
+    spline = determined(fit_ellipses(board, states=COILS))
     monkeypatch.setattr(ellipse_module, "RectBivariateSpline", convolution)
-    other = fit_ellipses(board, states=COILS)
-    differences = [float(np.abs(other[name] - spline[name]).isel(step=slice(20)).max()) for name in ("x0", "A", "B")]
-    # measured 0.01, 0.03 and 0.09 mm
+    other = determined(fit_ellipses(board, states=COILS))
+    differences = [float(np.abs(other[name] - spline[name]).max()) for name in ("x0", "A", "B")]
+    # measured 0.005, 0.01 and 0.11 mm; B where the level is cut by the window
     assert (np.array(differences) < [0.02e-3, 0.05e-3, 0.12e-3]).all()
 
 
 def test_refinement_of_the_board(board):
-    """Study of the default: 20 parts are within 0.03 mm of 80, 5 are not."""
-    fine = fit_ellipses(board, states=COILS, refinement=80)
+    """Study of the default: 20 parts are within 0.03 mm of 80 in x0 and A, 5 are not."""
+    fine = determined(fit_ellipses(board, states=COILS, refinement=80))
 
-    def largest(parts):
-        fits = fit_ellipses(board, states=COILS, refinement=parts)
-        return max(float(np.abs(fits[name] - fine[name]).isel(step=slice(20)).max()) for name in ("x0", "A", "B"))
+    def largest(parts, *names):
+        fits = determined(fit_ellipses(board, states=COILS, refinement=parts))
+        return max(float(np.abs(fits[name] - fine[name]).max()) for name in names)
 
-    # measured 0.12 and 0.025 mm
-    assert largest(5) > 0.05e-3
-    assert largest(20) < 0.03e-3
+    # measured 0.075 and 0.022 mm
+    assert largest(5, "x0", "A") > 0.05e-3
+    assert largest(20, "x0", "A") < 0.03e-3
+    # B of 13 mm is that of an arc within ±6 mm; measured 0.69 and 0.13 mm
+    assert largest(20, "B") < 0.15e-3 < largest(5, "B")
 
 
 MAP = response(HILL)
@@ -494,34 +502,37 @@ def test_bad_points_ellipses_readings_and_models_are_named(call, text):
 
 
 def test_ellipses_of_the_simulated_board(board):
-    """Against Table A1, which has 15.5 … 6.8 mm for A there: the simulated hills are half as wide."""
+    """Against Table A1, to which the board is calibrated by A, B and peaks of these coils, not by x0."""
     fits = fit_ellipses(board)
     assert fits.state.values.tolist() == COILS  # coil 4's centre is just beyond the window
     model = ellipse_model(fits)
     assert ellipse_model(fits.isel(state=[2, 0, 1])) == model  # ordered along the row
     assert model.names == tuple(COILS)
-    curves = np.array([model[k].curves([1e-4, 3e-4, 5e-4])[:2] for k in COILS]) * 1e3
-    # 0.05 mm: the polynomial, and what a change of the forward model by 1 % moves
-    x0, A = (
-        [[-13.23, -13.24, -13.24], [0.0] * 3, [13.28] * 3],
-        [[7.59, 5.47, 3.57], [7.42, 4.83, 1.96], [7.64, 5.50, 3.58]],
-    )
-    assert curves == pytest.approx(np.stack((x0, A), axis=1), abs=0.05)
+    levels = np.array([3e-4, 5e-4, 8e-4])
+    x0, A, B = np.moveaxis([model[k].curves(levels) for k in COILS], 1, 0)
+    theirs = np.moveaxis([published_model()[k].curves(levels) for k in COILS], 1, 0)
+    # 12 %: what the fit leaves of A of coil 2 and of B of all
+    assert A == pytest.approx(theirs[1], rel=0.12)
+    assert B == pytest.approx(theirs[2], rel=0.12)
+    # grounded neighbours move coil 1 outwards by 0.15 to 0.3 mm, coils between two neighbours by less than 0.1 mm
+    assert (x0[0] < -13.28e-3 - 0.1e-3).all()
+    assert (x0[0] > -13.28e-3 - 0.35e-3).all()
+    assert x0[1:] == pytest.approx(np.array([[0.0] * 3, [13.28e-3] * 3]), abs=0.1e-3)
+    # the lowest levels of the outer coils are one arc across the window, whose ellipse is far from the coil
+    astray = fits.undetermined.values
+    assert astray[[0, 2]][:, 0].all()
+    assert not astray[1].any()
+    assert model["coil1"].lowest > 1e-4 > model["coil2"].lowest
 
 
 def test_x_of_the_simulated_board_on_its_grid(board):
-    """Where two ellipses exist, x is right to 0.1 mm; but they exist at a fifth of the places only.
-
-    The paper has 0.8 mm over its window. In simulation a coil's δ is positive up to 9 mm from its centre only and
-    negative beyond, so that most places between the centres, 13.28 mm apart, have one reading within the model.
-    """
+    """The paper has 0.8 mm over its window; here two ellipses meet nearly everywhere, and x is right to 0.3 mm."""
     model = ellipse_model(fit_ellipses(board))
-    for addition in (0.0, 0.2e-3):
+    for addition, fewest in ((0.0, 80), (0.2e-3, 91)):  # larger ellipses meet everywhere
         errors, lost = x_errors(model.with_semiaxis_addition(addition), board)
         assert len(errors) + lost == 91
-        assert 15 <= len(errors) <= 25
-        assert np.abs(errors).max() < 0.12e-3  # measured 0.08 and 0.09 mm
-    assert max(float(model[name].curves(model[name].lowest)[1]) for name in COILS) < 10e-3 < 13.28e-3
+        assert len(errors) >= fewest
+        assert np.abs(errors).max() < 0.35e-3  # measured 0.19 and 0.27 mm
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -530,5 +541,6 @@ def test_x_of_the_simulated_board_with_noise(board, off_grid, seed):
     model = ellipse_model(fit_ellipses(noisy(board, seed), states=COILS)).with_semiaxis_addition()
     errors, lost = x_errors(model, noisy(off_grid, seed + 100))
     assert len(errors) + lost == 240
-    assert len(errors) > 40
-    assert np.abs(errors).max() < 0.8e-3  # the paper's figure; measured 0.3 to 0.65 mm
+    assert len(errors) > 200
+    # the paper's figure; measured rms of 0.17 to 0.22 mm, of which one place in two hundred may have four times
+    assert np.mean(np.abs(errors) < 0.8e-3) > 0.99

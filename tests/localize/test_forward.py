@@ -146,12 +146,12 @@ def test_table_covers_the_coils():
     """What a table of this grid is worth is in test_localize_inverse.py."""
     design = load_design("gast2020")
     depths, x, y = table_grid(design)
-    # a fifth of 8 mm; the coils reach 11.5 mm in y, in x 11.5 cos 30° beyond their centres, -13.28 to 53.12 mm
+    # a fifth of 8 mm; the coils reach 11.5 mm in x beyond their centres, -13.28 to 53.12 mm, in y 11.5/cos 30°
     assert max(np.diff(x).max(), np.diff(y).max()) <= 1.6e-3 + 1e-12
-    half = 11.5e-3 * np.cos(np.pi / 6)
+    half, high = 11.5e-3, 11.5e-3 / np.cos(np.pi / 6)
     # outlines are those of the copper: the same to rounding
     assert [x[0], x[-1]] == pytest.approx([-13.28e-3 - half, 53.12e-3 + half], abs=1e-9)
-    assert [y[0], y[-1]] == pytest.approx([-11.5e-3, 11.5e-3], abs=1e-9)
+    assert [y[0], y[-1]] == pytest.approx([-high, high], abs=1e-9)
     assert depths[-1] == pytest.approx(1.7e-3, rel=1e-12)
     depths, x, y = table_grid(design, spacing=3e-3, deepest=1.2e-3)
     assert max(np.diff(x).max(), np.diff(y).max()) <= 3e-3 + 1e-12

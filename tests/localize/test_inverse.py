@@ -255,10 +255,10 @@ def allowed(model, points, noise):
 
 
 def test_goal_is_beyond_the_bound_at_a_noise_of_ten_parts_per_million(paper, paper_model):
-    """δ of 1e-4 to 1.6e-3 on two or three coils is too little for three unknowns: no place of this board allows it."""
+    """δ of 1e-4 to 2.6e-3 is too little for three unknowns: no place of this board allows both x and depth."""
     ok, sigma = allowed(paper_model, paper[1], NOISE)
     assert not ok.any()
-    assert np.median(sigma[:, 0]) > 0.5e-3
+    assert 1.96 * np.median(sigma[:, 0]) > 0.1e-3
 
 
 def test_goal_is_met_where_the_bound_allows_it(paper, paper_model):

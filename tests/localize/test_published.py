@@ -172,7 +172,9 @@ def test_addition_alone_moves_x_by_less_than_the_papers_error(fits):
     added = MODEL.with_semiaxis_addition()
     for model, low, high in ((MODEL, 0, 1e-9), (added, 165e-6, 169e-6), (pipeline, 2e-4, 4.5e-4)):
         errors, lost = x_errors(model, published_map())
-        assert (len(errors), lost) == (91, 0)
+        assert len(errors) + lost == 91
+        # the lowest levels of coil 3, one arc far from it, are no part of the model: two readings are below it
+        assert lost == (2 if model is pipeline else 0)
         assert low <= np.abs(errors).max() < high
 
 
@@ -186,7 +188,7 @@ def test_x_errors_with_noise_off_the_grid(seed):
     sampled, readings = (m.assign(delta=m.delta + 1e-5 * random.standard_normal(m.delta.shape)) for m in maps)
     errors, lost = x_errors(ellipse_model(fit_ellipses(sampled, states=COILS)).with_semiaxis_addition(), readings)
     assert len(errors) + lost == 240
-    assert lost <= 5
+    assert lost <= 10  # half of them below the model of coil 3, as above: 2 of 91 places
     assert np.abs(errors).max() < 0.8e-3
 
 

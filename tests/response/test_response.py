@@ -69,13 +69,16 @@ def test_response_follows_the_reciprocity_formula(plain):
         assert plain.delta.values[0, 0, :, a] == pytest.approx(linear, abs=2e-3 * 6.9e-4)
 
 
-def test_response_is_largest_at_the_coil_and_negative_beyond(plain):
+def test_response_is_largest_at_the_coil_and_wide_on_a_seat(plain):
     with contacts_of(DEFAULT_MESH):
         delta = response_map(PAPER, x=X, y=[0.0], ideal=True).delta.values[0, 0]
     assert delta[0].argmax() == 0
-    # as the README says; the paper fits about 1.2e-3
-    assert delta[0, 0] == pytest.approx(6.9e-4, abs=0.05e-4)
-    assert delta[2, 0] < 0
+    # the paper fits about 1.22e-3; twice the error of 5e-5 that it has where the board is calibrated to it
+    assert delta[0, 0] == pytest.approx(1.22e-3, abs=1e-4)
+    # a plate's dent is wide, the paper has positive tails to 17 mm; without a seat they are negative beyond 9 mm
+    assert delta[2, 0] > 0
+    bonded = replace(PAPER, indentation=replace(PAPER.indentation, base="bonded"))
+    assert nominal(bonded).delta.values[0, 0, 2, 0] < 0
     assert plain.delta.values[0, 0] == pytest.approx(delta, abs=0.01 * delta.max())  # the coarse meshes of these tests
 
 
@@ -83,9 +86,10 @@ def test_open_neighbours_and_strays_change_little(plain):
     opened = parse_design(read("gast2020").replace('default_termination = "short" ', 'default_termination = "open" '))
     assert opened.plan[0].exceptions["coil2"] == "open"
     without, strays = nominal(opened).delta.values, nominal(ideal=False).delta.values
-    largest = plain.delta.values.max()
-    # |k| of 0.05: neighbours count with k² and with k times their own change
-    assert 1e-4 < np.abs(without - plain.delta.values).max() / largest < 0.02
+    largest, L = plain.delta.values.max(), plain.inductance.values
+    # each of two neighbours takes k² off L_eff, adds k² of its own change and 2k of that of M, which is about k of ΔL
+    k = abs(L[0, 1]) / np.sqrt(L[0, 0] * L[1, 1])
+    assert 1e-4 < np.abs(without - plain.delta.values).max() / largest < 8 * k**2
     assert 1e-5 < np.abs(strays - plain.delta.values).max() / largest < 0.01
 
 

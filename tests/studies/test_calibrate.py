@@ -15,6 +15,7 @@ from coilarray import calibrate, load_design, load_plan
 from coilarray.compute.store import open_store
 from coilarray.design.model import build_design
 from coilarray.errors import GoalError, LocalizeError
+from coilarray.geometry import Seat
 from coilarray.localize.published import published_map, published_model
 from coilarray.response.map import Imperfections, response_map
 from coilarray.studies.calibrate import calibration
@@ -268,11 +269,11 @@ def test_evaluations_are_kept(line, tmp_path):
 
 def test_choices_set_and_take_away(line):
     across = "coils.hexagon.outer_across_"
-    flats = {"name": "flats", "set": {f"{across}flats_mm": 23.0}, "without": [f"{across}corners_mm"]}
+    corners = {"name": "corners", "set": {f"{across}corners_mm": 23.0}, "without": [f"{across}flats_mm"]}
     wrong = {"name": "wrong", "without": ["coils.hexagon.no_such_key"]}
     plan = check_plan({
         "unknown": [{"entry": MU, "low": 2.0, "high": 4.0}],
-        "alternative": [{"name": "size", "choice": [{"name": "corners"}, flats, wrong]}],
+        "alternative": [{"name": "size", "choice": [{"name": "flats"}, corners, wrong]}],
     })  # fmt: skip
     found = calibrate(PAPER, straight(2.6, 0.0), plan).dataset
     # an entry that the design lacks, and that only one choice has
@@ -282,7 +283,8 @@ def test_choices_set_and_take_away(line):
         "alternative": [{"name": "sample", "choice": [{"name": "wide"}, radius]}],
     })  # fmt: skip
     cases = [calibration._case_of(calibration.as_file(PAPER), sample, choices) for choices in sample.combinations()]
-    assert [case.start.tolist() for case in cases] == [[2.7], [2.7, 40.0]]
+    own = PAPER.sheets[1].relative_permeability
+    assert [case.start.tolist() for case in cases] == [[own], [own, 40.0]]
     assert cases[1].changed(cases[1].start)[0]["indentation"]["sample_radius_mm"] == 40
     assert found["choice_of_size"].values.tolist()[-1] == "wrong"
     assert "no_such_key is not in the design" in str(found.problem.values[-1])
@@ -310,7 +312,13 @@ def test_the_bundled_plans_fit_the_design(name, count, start):
     for choices in plan.combinations():
         case = calibration._case_of(calibration.as_file(PAPER), plan, choices)
         assert case.start.tolist()[: len(start)] == start
-        build_design(case.changed(case.start)[0], name)
+        built = build_design(case.changed(case.start)[0], name)
+        if name == "table_a1":
+            sizes, order, base = (choice.name for choice in choices)
+            width, height = np.ptp(built.array.placements[0].coil.outline, axis=0)
+            assert (height if "corners" in sizes else width) == pytest.approx(23e-3, rel=1e-12)
+            assert built.array.placements[1].layers == (("L3", "L4") if "below" in order else ("L1", "L2"))
+            assert built.indentation.base == ("bonded" if base == "bonded" else Seat(5e6))
 
 
 UNKNOWN = {"entry": MU, "low": 1.0, "high": 4.0}

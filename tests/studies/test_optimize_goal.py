@@ -141,7 +141,7 @@ def test_axes_know_the_design(design):
         PITCH + "step = 0.5\n",
         '[[variable]]\nentry = "array.columns"\nlow = 4\nhigh = 8\nstep = 2',
         '[[variable]]\nentry = "coils.hexagon.turns_per_layer"\nlow = 15\nhigh = 30\nlog = true',
-        '[[variable]]\nentry = "stackup.dielectric_thickness_mm.1"\nlow = 0.1\nhigh = 0.5',
+        '[[variable]]\nentry = "stackup.dielectric_thickness_mm.1"\nlow = 0.1\nhigh = 0.7',
         '[[variable]]\nentry = "circuit.terminations.coil2"\nchoices = ["short", "open"]',
         '[[variable]]\nentry = "array.layer_shift_per_row"\nlow = 0\nhigh = 2',
         LEAST,
@@ -150,10 +150,11 @@ def test_axes_know_the_design(design):
     assert (pitch.whole, pitch.continuous, pitch.start) == (False, False, 13.28)
     assert (columns.whole, columns.start) == (True, 6)
     assert (turns.whole, turns.continuous, turns.start) == (False, True, 30.0)  # half a turn is a turn too
-    assert (dielectric.continuous, dielectric.start) == (True, 0.215)
+    thickness = design.array.stackup.dielectric_thickness[1] * 1e3
+    assert (dielectric.continuous, dielectric.start) == (True, pytest.approx(thickness, rel=1e-12))
     assert (coil2.choices, coil2.start) == (('"short"', '"open"'), None)
     assert (shift.whole, shift.start) == (True, None)  # the design does not say it; its type does
-    start = {"array.columns": 6, "coils.hexagon.turns_per_layer": 30.0, "stackup.dielectric_thickness_mm.1": 0.215}
+    start = {"array.columns": 6, "coils.hexagon.turns_per_layer": 30.0, dielectric.entry: dielectric.start}
     assert start_parameters([columns, turns, dielectric]) == start
     assert start_parameters([pitch]) is start_parameters([coil2]) is None  # between two steps; not in the design
     changed = {"circuit.terminations.coil2": "open", "array.columns": 4}

@@ -104,9 +104,9 @@ def test_a_layout_of_the_real_board_with_less_coupling(tmp_path):
     with workers() as pool:
         result = optimize_design(design, few, tmp_path, pool)
     start, best = result.start.quantities, result.best.quantities
-    assert start["worst_k"] == pytest.approx(0.0514, abs=2e-4)
+    assert start["worst_k"] == pytest.approx(evaluate(design, ["worst_k"])["worst_k"], rel=1e-12)
     assert best["worst_k"] < 0.8 * start["worst_k"]
-    assert best["span_mm"] >= 86.3 > start["span_mm"] - 0.1
+    assert best["span_mm"] >= 89.3 > start["span_mm"] - 0.2
     assert best["fab_margin_mm"] >= -0.001
     (found,) = result.designs()
     assert found.array.placements[0].coil.outline == pytest.approx(design.array.placements[0].coil.outline)

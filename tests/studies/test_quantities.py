@@ -140,7 +140,7 @@ def test_wrong_requests_are_one_clear_line_before_anything_is_computed(case, mon
 @pytest.mark.parametrize("pitch", [13.28, 19.0, 25.0])
 def test_span_and_cover_of_a_row_of_hexagons(pitch):
     """Hexagons with flats towards their neighbours: where two overlap, half-widths add up to more than the pitch."""
-    corner, flat = 11.5, 11.5 * math.cos(math.pi / 6)
+    corner, flat = 11.5 / math.cos(math.pi / 6), 11.5
     deep = max(2 * flat - pitch, 0.0)  # overlap along x on the axis, the same up to half the corner's height
     top = corner * (1 - pitch / (4 * flat))  # where it ends
     overlap = 2 * deep * (corner / 2 + (top - corner / 2) / 2) if deep else 0.0

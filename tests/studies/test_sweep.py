@@ -124,7 +124,7 @@ def test_what_is_no_number_is_a_text(starter):
     axis = parse_axis('array.layers=[["L1","L2"]],[["L1","L2"],["L3","L4"]]')
     result = swept(load_design("gast2020"), [axis, Axis(COLUMNS, (2, 3))])
     assert result[LAYERS].values.tolist() == ['[["L1", "L2"]]', '[["L1", "L2"], ["L3", "L4"]]']
-    assert json.loads(result[LAYERS].attrs["design_value"]) == [["L1", "L2"], ["L3", "L4"]]
+    assert json.loads(result[LAYERS].attrs["design_value"]) == [["L3", "L4"], ["L1", "L2"]]
     mixed = swept(starter, [Axis("board.through_holes", (True, False))])
     assert mixed["board.through_holes"].values.tolist() == ["true", "false"]
 

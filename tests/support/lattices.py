@@ -1,24 +1,26 @@
-"""Designs of many coils for the tests: the winding of gast2020 on lattices."""
+"""Designs of many coils for the tests: the winding of gast2020 as first assumed on lattices.
 
-from coilarray.design.bundled import read
-from coilarray.design.model import parse_design
+Its bonded elastomer has a narrow dent, so that few coils are enough for some to be far.
+"""
 
-_HEXAGONAL = {
-    'lattice = "linear"': 'lattice = "hexagonal"',
-    'layers = [["L1", "L2"], ["L3", "L4"]]': 'layers = [["L1", "L2"], ["L3", "L4"], ["L5", "L6"]]',
-    'layers = ["L1", "L2", "L3", "L4"]': 'layers = ["L1", "L2", "L3", "L4", "L5", "L6"]',
-    "[35, 35, 35, 35]": "[35, 35, 35, 35, 35, 35]",
-    "[0.215, 0.215, 0.215]": "[0.215, 0.215, 0.215, 0.215, 0.215]",
-    "[4.5, 4.5, 4.5]": "[4.5, 4.5, 4.5, 4.5, 4.5]",
-}
+from coilarray.design.model import build_design
+from coilarray.design.vary import vary_document
+from support.first_assumed import first_assumed_document
 
 
 def hexagonal(columns, rows, turns=30):
     """Return a design of columns × rows hexagonal coils that overlap on three pairs of layers, about the origin."""
-    lines = [line for line in read("gast2020").splitlines() if not line.startswith(('"indentation.origin"', "origin"))]
-    text = "\n".join(lines).replace("columns = 6", f"columns = {columns}\nrows = {rows}")
-    text = text.replace("turns_per_layer = 30", f"turns_per_layer = {turns}")
-    for old, new in _HEXAGONAL.items():
-        assert old in text, old
-        text = text.replace(old, new)
-    return parse_design(text)
+    document = first_assumed_document()
+    del document["indentation"]["origin"]
+    entries = {
+        "array.lattice": "hexagonal",
+        "array.columns": columns,
+        "array.rows": rows,
+        "array.layers": [["L1", "L2"], ["L3", "L4"], ["L5", "L6"]],
+        "coils.hexagon.turns_per_layer": turns,
+        "stackup.layers": [f"L{k}" for k in range(1, 7)],
+        "stackup.copper_thickness_um": [35] * 6,
+        "stackup.dielectric_thickness_mm": [0.215] * 5,
+        "stackup.dielectric_epsilon_r": [4.5] * 5,
+    }
+    return build_design(vary_document(document, entries))

@@ -14,9 +14,12 @@ def test_ellipses_are_drawn_with_their_band_and_what_remains():
     of = data.isel(combination=0)
     A = of.isel(datum=np.flatnonzero((of.state == "coil1") & (of.quantity == "A")))
     np.testing.assert_allclose(curves(left)["A"].get_xydata(), np.c_[A.level * 1e3, A.model * 1e3])
-    fitted = A.weight.values > 0
-    np.testing.assert_allclose(curves(right)["A"].get_ydata(), A.residual.values[fitted])
-    assert "$x_0$" not in curves(right)  # predicted only
+    np.testing.assert_allclose(curves(right)["A"].get_ydata(), A.residual.values)
+    assert [curves(right)[name].get_linestyle() for name in ("A", "$x_0$")] == ["-", "--"]  # x0 is predicted only
+    hidden = data.copy(deep=True)
+    hidden.model[0, np.flatnonzero((of.state == "coil1") & (of.quantity == "x0"))[0]] = np.nan
+    for ax in viz.calibration_figure(hidden).axes[:2]:  # where the window does not show the ellipse there is no line
+        assert np.isnan(curves(ax)["A"].get_ydata()[0])
     assert len(figure.axes) == 6
     figure.draw_without_rendering()
 

@@ -107,7 +107,7 @@ def evaluate(
     >>> from coilarray import load_design
     >>> found = evaluate(load_design("gast2020"), ["worst_k", "k[coil1,coil3]", "span_mm"])
     >>> {key: round(value, 3) for key, value in found.items()}
-    {'worst_k': 0.051, 'k[coil1,coil3]': -0.015, 'span_mm': 86.319}
+    {'worst_k': 0.081, 'k[coil1,coil3]': -0.027, 'span_mm': 89.4}
     """
     requests = [request(one) for one in asked]
     evaluation = Evaluation(design, accuracy)

@@ -94,7 +94,7 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
     Examples
     --------
     >>> from coilarray import load_design
-    >>> narrow = perturb(load_design("gast2020"), {"etch.L1": -10e-6})
+    >>> narrow = perturb(load_design("gast2020"), {"etch.L3": -10e-6})
     >>> [round(float(widths[0]) * 1e6, 6) for widths in narrow.array.placements[0].coil.widths]
     [90.0, 100.0]
     """
