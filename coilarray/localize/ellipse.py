@@ -307,7 +307,7 @@ def _fit_level(
     of_cell = np.bincount(rows // refinement * len(along) + columns // refinement)
     errors = standard_errors(ellipse, x, y, max(int(np.count_nonzero(of_cell)), _CORNERS))
     row, column = np.unravel_index(np.argmax(values), values.shape)
-    holds_peak = bool(ellipse.distance(fine.x.values[column], fine.y.values[row]) <= spacing)
+    holds_peak = bool(ellipse.distance(along[column], across[row]) <= spacing)
     undetermined = not (errors[0] <= spacing and closes(x, ellipse.x0, ellipse.A) and holds_peak)
     return _Level(len(rows), mean, ellipse.x0, ellipse.A, ellipse.B, rms, *errors, undetermined)
 
