@@ -15,6 +15,7 @@ from support.command_line import mistakes, runner, successes
 from coilarray import couple_design, load_design
 from coilarray.cli.main import COMMANDS
 from coilarray.cli.shared import lengths
+from coilarray.compute.netcdf import save_dataset
 from coilarray.design.bundled import read
 from coilarray.errors import ElastomerError
 
@@ -180,6 +181,14 @@ test_mistakes_are_one_line = mistakes(
     (("init", "."), ". is a folder; name a file in it"),
     (("init", "no/such/folder/d.toml"), "cannot write no/such/folder/d.toml"),
 )
+
+
+def test_a_report_wants_the_result_of_distortion(capsys):
+    save_dataset(xr.Dataset({"delta": 1.0}), Path("map.nc"))
+    line = refused(capsys, "report", "starter", "--distortion", "map.nc")
+    assert "map.nc is no result of `coilarray distortion`: it has no effects" in line
+    assert "there is no file n.nc" in refused(capsys, "report", "starter", "--distortion", "n.nc")
+    assert not Path("report.html").exists()
 
 
 def test_a_folder_that_cannot_be_written(capsys):

@@ -14,6 +14,7 @@ import pytest
 import xarray as xr
 from matplotlib.image import imread
 from support.contacts import coarse_maps
+from support.plot_results import distortion
 
 from coilarray import coupling_matrix, indent, magnetic_field, parse_design, write_report
 from coilarray.circuit.active_coil import active_coil
@@ -47,6 +48,13 @@ FEW = read("starter").replace("turns_per_layer = 12", "turns_per_layer = 4").rep
 FEW = FEW.replace('strain = "finite"', 'strain = "linear"')
 
 
+def causes_of(design):
+    """A made-up result of `coilarray distortion` for a design, with the errors of a calibration."""
+    causes = distortion().assign_attrs(design_hash=design.digest)
+    causes = causes.assign(rms=causes.rms.assign_attrs(units="m"))
+    return causes.assign({f"{name}_std": 0.1 * causes[name] for name in ("x0", "effect", "rms")})
+
+
 def drawn_report(design, folder, *, circuit=True, **options):
     """Write a report without 3-D rendering, without the circuit's part where that is not wanted."""
     with pytest.MonkeyPatch.context() as patch:
@@ -61,12 +69,13 @@ def drawn_report(design, folder, *, circuit=True, **options):
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """The report of the paper's board, drawn without 3-D rendering (tests/viz/test_scenes.py renders)."""
-    return drawn_report(BOARD, tmp_path_factory.mktemp("report"))
+    return drawn_report(BOARD, tmp_path_factory.mktemp("report"), distortion=causes_of(BOARD.design))
 
 
 TABLES = (
     "coils", "pairs", "design", "rules", "field_line", "windings", "states", "state_currents", "ldc1614",
-    "ldc1614_drive", "sweep", "indentation", "response", "ellipses", "polynomials", "map_positions",
+    "ldc1614_drive", "sweep", "indentation", "response", "ellipses", "polynomials", "map_positions", "residuals",
+    "causes",
 )  # fmt: skip
 
 
@@ -110,6 +119,15 @@ def test_files(made):
     assert {path.name for path in made.folder.iterdir()} == names
 
 
+def test_the_causes_are_those_of_the_distortion(made):
+    rows = {row["cause"]: row for row in table(made, "causes")}
+    assert [rows["noise"][f"coil1_{key}_m"] for key in ("rms", "rms_std")] == ["0.0004", "4e-05"]
+    first, second = table(made, "residuals")
+    assert [first["residual_mean_m"], second["residual_mean_m"]] == ["0.001", ""]
+    with pytest.raises(LocalizeError, match="the distortion is that of another design than gast_fem"):
+        write_report(SINGLE, made.folder, distortion=causes_of(BOARD.design))
+
+
 def test_page_needs_no_other_file(page, made):
     assert not {"script", "link"} & set(page.tags)
     assert page.sources
@@ -122,8 +140,10 @@ def test_page_has_every_part(page):
     parts = "Coils Coupling Field Circuit Indentation Position Copper Fabrication Design Provenance assumed"
     assert all(part in text for part in parts.split())
     # board, 4 layers of copper, L, k, L_eff, currents, line, two maps, L and R over frequency, force, dent, responses,
-    # bell curve, ellipses over δ, two of them, error of x
-    assert page.tags.count("img") == 22
+    # bell curve, ellipses over δ, two of them, error of x, what moves x0
+    assert page.tags.count("img") == 23
+    assert "What moves x0" in text
+    assert "two standard deviations of the calibration" in text
     assert "no rendering in this test" in text
 
 
