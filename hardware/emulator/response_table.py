@@ -25,8 +25,8 @@ from coilarray.response.setup import map_axes
 FloatArray = npt.NDArray[np.float64]
 
 SPACING = 1.2e-3
-"""Largest distance of positions in m. For gast2020 the table's inductances are then wrong by 2e-7 (root of the mean
-square) and at most 4e-6 at 1 mm depth, where they change by up to 8e-4 (tests/hardware/test_emulator_world.py)."""
+"""Largest distance of positions in m. For gast2020 the table's inductances are then wrong by 7e-7 (root of the mean
+square) and at most 2e-6 at 1 mm depth, where they change by up to 1.5e-3 (tests/hardware/test_emulator_world.py)."""
 _PLANES = 6
 _DEEPEST = 1.7  # relative to the deepest indentation of the design
 

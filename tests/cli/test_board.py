@@ -72,9 +72,9 @@ def test_a_good_board_passes_its_self_test(capsys):
     out = good(capsys, "--self-test", "--find-drives")
     assert all(line.startswith("[emulator] ") for line in out.splitlines())
     assert "self-test passed: the board is as its wiring says, as far as can be seen" in out
-    assert "--drive coil1=9 --drive coil2=9" in out  # 59 µA into the 22 kΩ of these coils: 1.65 V
+    assert "--drive coil1=7 --drive coil2=8" in out  # 46 and 52 µA into 28 and 27 kΩ: 1.65 and 1.8 V
     rows = {line.split()[1]: line.split()[2:] for line in out.splitlines() if line.startswith("[emulator] coil")}
-    assert float(rows["coil1"][0]) == pytest.approx(1.7747, abs=1e-4)  # coilarray impedance: 1.7747 MHz
+    assert float(rows["coil1"][0]) == pytest.approx(1.4004, abs=1e-4)  # coilarray impedance: 1.4004 MHz
     assert rows["coil1"][2] == "coil2"
 
 

@@ -198,7 +198,7 @@ def quick(monkeypatch):
 def test_distortion_tells_what_remains(capsys, quick):
     code, out, err = run(capsys, "distortion", "gast2020", "--out", "d.csv", "--plot", "d.svg")
     assert (code, err) == (0, "")
-    assert quick == [("distortion", "bonded", ["coil1", "coil2", "coil3"])]
+    assert quick == [("distortion", load_design("gast2020").indentation.base, ["coil1", "coil2", "coil3"])]
     rows = {line.split("  ")[0]: line.split() for line in out.splitlines() if line}
     assert rows["all neighbours"][2:] == ["0.300"] * 3
     last = out.splitlines()[-3]

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.contacts import coarse_maps, first_coils_design
+from support.first_assumed import first_assumed
 
-from coilarray import load_design
 from coilarray.elastomer.box import Axis, Box, factorised
 from coilarray.elastomer.contact import DEFAULT_MESH, indent
 from coilarray.elastomer.contact_grid import Stack, stack_of
@@ -309,7 +309,7 @@ def test_the_change_of_inductance_is_that_of_the_three_dimensional_solution(case
 @pytest.mark.slow
 def test_the_kept_change_of_inductance_is_that_of_today() -> None:
     kept = json.loads(KEPT.read_text(encoding="utf-8"))["cases"]["a near side"]
-    design = load_design("gast2020")
+    design = first_assumed()
     assert design.indentation is not None
     setup = replace(design.indentation, base=SEAT, strain="linear")
     x, y = kept["place"]

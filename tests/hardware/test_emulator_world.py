@@ -150,10 +150,11 @@ def test_between_the_positions_of_the_table_it_is_as_wrong_as_stated(table, mapp
     x, y, depths = mapped.x.values, mapped.y.values, mapped.depth.values
     got = np.array([[[table.at(Place(a, b, h)) for a in x] for b in y] for h in depths])
     error = np.abs(got - mapped.inductance_change.values) / L
-    # 2e-7 come from the solver itself, which takes other positions. Stated for 1 mm where L changes by 8e-4, and in
-    # proportion: 2e-7 (root of the mean square of the diagonal) and 4e-6
+    # Most comes from the solver itself, whose rule for the wavenumbers depends on the positions: 1e-3 of the change of
+    # upper coils. Stated for 1 mm where L changes by 8e-4, and in proportion: 4e-7 (root of the mean square of the
+    # diagonal) and 4e-6
     larger = np.abs(mapped.inductance_change.values[1]).max() / L / 8e-4
-    assert np.sqrt(np.mean(np.diagonal(error[1], axis1=-2, axis2=-1) ** 2)) < 2.5e-7 * larger
+    assert np.sqrt(np.mean(np.diagonal(error[1], axis1=-2, axis2=-1) ** 2)) < 4e-7 * larger
     assert error[1].max() < 4e-6 * larger
     assert error[0].max() < 1.5e-6 * larger
     assert larger > 1

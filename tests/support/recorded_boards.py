@@ -5,13 +5,14 @@ import math
 import pytest
 import tomli_w
 
-from coilarray.design.model import build_design, load_design_file
+from coilarray.design.model import build_design
 from coilarray.hardware.board.connect import Board
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, VirtualClock
 from coilarray.hardware.record.recorder import begin_session
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import parse_wiring
 from support.emulated_reader import reader_of
+from support.first_assumed import first_assumed_document
 from support.quick_coils import FixedCoils, series_tank
 
 _DEVICE = """
@@ -38,8 +39,8 @@ bits = ["S1A", "S2A", "S3A", "S4A", "S1B", "S2B", "S3B", "S4B"]
 
 
 def two_coils_document():
-    """The reference design with two of its coils, pressed over the first of them with small strain: quick."""
-    document = dict(load_design_file("gast2020").document)
+    """The paper's board as first assumed with two of its coils, pressed over the first with small strain: quick."""
+    document = first_assumed_document()
     document["array"] = {**document["array"], "columns": 2}
     own = {
         "x_mm": [-6, 6],
@@ -48,7 +49,6 @@ def two_coils_document():
         "strain": "linear",
     }
     document["indentation"] = {**document["indentation"], **own}
-    document.pop("assumed")
     return {**document, "name": "two_coils"}
 
 
