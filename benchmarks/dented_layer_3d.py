@@ -11,7 +11,7 @@ with b_j the right-hand side of coil j (reduced scalar potential: Simkin & Trowb
 423, 1979). The layer's share is computed with the dent and without it on meshes of one topology, whose errors cancel
 in the difference. The hexahedra are triquadratic: φ·b is an energy, so its error falls with the fourth power of the
 cell width (tests/elastomer/test_dented_layer_3d.py measures that). The main programme computes two neighbouring coils
-of the gast2020 board under one smooth dent at three places, on four meshes and in three boxes, and writes
+of gast2020 as first assumed under one smooth dent at three places, on four meshes and in three boxes, and writes
 benchmarks/dented_layer_3d.json; on one core it takes half an hour to an hour, and up to 9 GB.
 """
 
@@ -20,6 +20,7 @@ from __future__ import annotations
 import json
 import platform
 import resource
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -35,7 +36,10 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import cg
 from skfem.helpers import dot, grad
 
-from coilarray import load_design, magnetic_field
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from support.first_assumed import first_assumed
+
+from coilarray import magnetic_field
 from coilarray.constants import MU_0
 from coilarray.errors import ElastomerError, GeometryError
 
@@ -364,8 +368,8 @@ WIDER = (-2, 2)  # cells outside, for the effect of the box's size, on the coars
 
 
 def board_coils() -> tuple[list[str], list[FloatArray], FloatArray]:
-    """Names of coils 2 and 3 of the gast2020 board, their paths closed, in m, and the centre of coil 2 in m."""
-    array = load_design("gast2020").array
+    """Names of coils 2 and 3 of gast2020 as first assumed, their closed paths in m, and the centre of coil 2 in m."""
+    array = first_assumed().array
     paths = [np.vstack((c.vertices, c.vertices[:1])) for c in array.conductors()[1:3]]
     placements = array.placements[1:3]
     return [p.name for p in placements], paths, np.array([placements[0].x, placements[0].y])

@@ -12,6 +12,7 @@ import numpy as np
 from accuracy import Accuracy, _worst
 from dented_layer_3d import SmoothDent
 from speed import Speed, _fresh, _median_time
+from support.first_assumed import first_assumed
 from support.references import polygon, rows
 
 from coilarray import load_design, response_map
@@ -92,7 +93,7 @@ def _dented() -> Iterator[tuple[float, float]]:
     dent, r = SmoothDent(**kept["dent"]), np.linspace(0, 60e-3, 1201)
     shape = np.column_stack((0 * r, dent.bottom(r), dent.top(r)))
     sheets = Dent((6e-3, 2e-3), (1.0, 2.7), r, shape)
-    paths = load_design("gast2020").array.conductors()[1:3]
+    paths = first_assumed().array.conductors()[1:3]
     for place in kept["places"]:
         fast = dent_inductance(paths, [sheets], [[place["x"], place["y"]]])[0, 0]
         yield from zip(fast.ravel(), np.ravel(place["extrapolated"]), strict=True)

@@ -3,8 +3,8 @@
     python benchmarks/finite_sample_3d.py
 
 Both faces of the magnetic sheet are moved as `coilarray.elastomer.finite_sample` says, and the inductances of two coils
-of gast2020 under them are computed by `benchmarks/dented_layer_3d.py`, less those under the dent in a wide sample on
-the same mesh. The package has the same difference from dents at shifted depths and to first order in the rest. Writes
+of gast2020 as first assumed under them are computed by `benchmarks/dented_layer_3d.py`, less those under the dent in a
+wide sample on the same mesh. The package has the same difference from dents at shifted depths and to first order in the rest. Writes
 benchmarks/finite_sample_3d.json.
 """
 
@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from dented_layer_3d import Box, board_coils, flat_mesh, moved_mesh, solve
+from support.first_assumed import first_assumed
 
-from coilarray import load_design
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.finite_sample import SampleCorrection
 from coilarray.geometry import Seat, Unevenness
@@ -29,7 +29,7 @@ from coilarray.response.setup import contact_at, dents_of, experiment, map_axes
 FloatArray = npt.NDArray[np.float64]
 
 RESULTS = Path(__file__).with_suffix(".json")
-DESIGN = load_design("gast2020")
+DESIGN = first_assumed()
 SEAT = Seat(stiffness=4.3e6)
 SIDE = float(Box().axes(6e-3, 8e-3)[0][Box().side_cells + 4])
 """Distance in m of a side from the indenter: a plane of the mesh, so that the step of the faces there is symmetric."""

@@ -19,10 +19,13 @@ import numpy.typing as npt
 import xarray as xr
 from speed import Speed, peak_memory
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from support.first_assumed import first_assumed
+from support.lattices import hexagonal
+
 from coilarray.circuit.coupling import bare_network, design_circuit
 from coilarray.circuit.state_sensitivity import state_sensitivity
-from coilarray.design.bundled import read
-from coilarray.design.model import Design, Indentation, parse_design
+from coilarray.design.model import Design, Indentation
 from coilarray.elastomer.coil_spectrum import coil_segments, segment_centres
 from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
@@ -33,14 +36,6 @@ from coilarray.response.setup import contact_at
 
 FloatArray = npt.NDArray[np.float64]
 
-_LAYERS = {
-    'lattice = "linear"': 'lattice = "hexagonal"',
-    'layers = [["L1", "L2"], ["L3", "L4"]]': 'layers = [["L1", "L2"], ["L3", "L4"], ["L5", "L6"]]',
-    'layers = ["L1", "L2", "L3", "L4"]': 'layers = ["L1", "L2", "L3", "L4", "L5", "L6"]',
-    "[35, 35, 35, 35]": "[35, 35, 35, 35, 35, 35]",
-    "[0.215, 0.215, 0.215]": "[0.215, 0.215, 0.215, 0.215, 0.215]",
-    "[4.5, 4.5, 4.5]": "[4.5, 4.5, 4.5, 4.5, 4.5]",
-}
 # Positions along x of two maps, whose difference is what positions cost; both are large enough that the amplitudes
 # come from tables, also with six coils, whose positions cost so little that it takes more of them.
 _FEW = 300
@@ -105,7 +100,8 @@ def figures() -> Iterator[Speed]:
 
 def measure(count: int) -> None:
     """Measure one board, and print its `Cost` as JSON."""
-    design = parse_design(read("gast2020")) if count == 6 else lattice(round(count**0.5))
+    columns = round(count**0.5)
+    design = first_assumed() if count == 6 else hexagonal(columns, columns)
     begun = time.process_time()
     matrix = inductance_matrix(design.array)
     taken = time.process_time() - begun
@@ -123,18 +119,9 @@ def measure(count: int) -> None:
     print(json.dumps(asdict(Cost(position, few, taken, circuit, states, coils, memory, everything, error))))
 
 
-def lattice(columns: int) -> Design:
-    """Return a design of columns² coils of gast2020, on three pairs of layers in a hexagonal lattice."""
-    lines = [line for line in read("gast2020").splitlines() if not line.startswith(('"indentation.origin"', "origin"))]
-    text = "\n".join(lines).replace("columns = 6", f"columns = {columns}\nrows = {columns}")
-    for old, new in _LAYERS.items():
-        text = text.replace(old, new)
-    return parse_design(text)
-
-
 def _warm_up() -> None:
     """Load what is loaded on first use, with the smallest board."""
-    design = parse_design(read("gast2020"))
+    design = first_assumed()
     _respond(design, *_places(design, 2, 1), inductance_matrix(design.array))
 
 
