@@ -4,8 +4,8 @@
 
 Both faces of the magnetic sheet are moved as `coilarray.elastomer.finite_sample` says, and the inductances of two coils
 of gast2020 as first assumed under them are computed by `benchmarks/dented_layer_3d.py`, less those under the dent in a
-wide sample on the same mesh. The package has the same difference from dents at shifted depths and to first order in the rest. Writes
-benchmarks/finite_sample_3d.json.
+wide sample on the same mesh. The package has the same difference from dents at shifted depths and to first order in the
+rest. Writes benchmarks/finite_sample_3d.json.
 """
 
 from __future__ import annotations
