@@ -16,7 +16,6 @@ from scipy.sparse import csr_matrix
 from coilarray.errors import ElastomerError
 
 FloatArray = npt.NDArray[np.float64]
-IndexArray = npt.NDArray[np.intp]
 
 _REACH = 2  # columns that meet: the nodes of a quadratic element
 

@@ -11,14 +11,14 @@ from coilarray.design.write import as_file
 from coilarray.errors import GoalError
 from coilarray.response.setup import Imperfections
 from coilarray.studies.calibrate.model import imperfections_of
-from coilarray.studies.calibrate.plan import IMPERFECTION
+from coilarray.studies.calibrate.plan import separated
 
 
 def calibrated_imperfections(calibration: xr.Dataset) -> Imperfections:
     """Return the imperfections of the experiment of the best combination of a calibration."""
     best = _best(calibration)
     values = dict(zip(best.unknown.values.tolist(), best["value"].values.tolist(), strict=True))
-    return imperfections_of({key.removeprefix(IMPERFECTION): v for key, v in values.items() if IMPERFECTION in key})
+    return imperfections_of(separated(values)[1])
 
 
 def posterior_draws(
@@ -51,8 +51,7 @@ def posterior_draws(
     drawn = []
     for row in rows.tolist():
         values = {key: value for entries, value in zip(keys, row, strict=True) for key in entries}
-        changes = {key: value for key, value in values.items() if not key.startswith(IMPERFECTION)}
-        errors = {key.removeprefix(IMPERFECTION): value for key, value in values.items() if key not in changes}
+        changes, errors = separated(values)
         built = build_design(vary_document(file.document, changes), file.design.name)
         drawn.append((built, imperfections_of(errors)))
     return drawn

@@ -63,6 +63,12 @@ IMPERFECTION = "imperfections."
 """Begins the names of unknowns of the experiment."""
 
 
+def separated(values: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+    """Return values by their entries as those of the design and those of the experiment, these without the prefix."""
+    entries = {key: value for key, value in values.items() if not key.startswith(IMPERFECTION)}
+    return entries, {key.removeprefix(IMPERFECTION): value for key, value in values.items() if key not in entries}
+
+
 class Unknown(Table):
     """``[[unknown]]``: an entry of the design, or several that share one value, between bounds.
 

@@ -19,7 +19,7 @@ from coilarray.design.vary import vary_document
 from coilarray.response.setup import indentation_of
 from coilarray.studies.calibrate.data import Measurement
 from coilarray.studies.calibrate.fit import Fit, Problem, at_bound, gradient, information
-from coilarray.studies.calibrate.plan import IMPERFECTION, Choice, Plan, Unknown
+from coilarray.studies.calibrate.plan import Choice, Plan, Unknown, separated
 from coilarray.studies.calibrate.posterior import bounded_normal
 
 FloatArray = npt.NDArray[np.float64]
@@ -54,8 +54,7 @@ class Case:
             for unknown, value in zip(self.unknowns, point.tolist(), strict=True)
             for entry in unknown.entry
         }
-        entries = {key: value for key, value in values.items() if not key.startswith(IMPERFECTION)}
-        imperfections = {key.removeprefix(IMPERFECTION): v for key, v in values.items() if key not in entries}
+        entries, imperfections = separated(values)
         return vary_document(self.document, entries), imperfections
 
 
