@@ -196,6 +196,12 @@ class CoilArray:
         return np.array([[placement.x, placement.y] for placement in self.placements])
 
     @property
+    def nearest(self) -> float:
+        """Distance in m of the two coils that are nearest to each other; infinite for a single one."""
+        gaps = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
+        return float(gaps[~np.eye(len(gaps), dtype=bool)].min(initial=np.inf))
+
+    @property
     def bounds(self) -> tuple[float, float, float, float]:
         """Edges of the board in m: x_min, y_min, x_max, y_max."""
         points, reach = [], []

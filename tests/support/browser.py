@@ -21,6 +21,7 @@ import numpy as np
 from coilarray.design.model import build_design, load_design_file
 from coilarray.errors import MissingDependencyError
 from coilarray.localize.forward import table_grid
+from coilarray.response.coordinates import on_board, origin_attributes
 from coilarray.viz.studio.server import check_studio
 from support.patience import PATIENCE, until
 
@@ -266,9 +267,8 @@ def bells(document, name, progress=lambda done, total: None):
     for k in range(3):
         progress(k + 1, 3)
     coords = {"depth": depth, "y": y, "x": x, "state": [state.name for state in design.plan]}
-    return xr.Dataset(
-        {"delta": (("depth", "y", "x", "state"), np.stack(delta, axis=-1))}, coords, {"design_hash": design.digest}
-    )
+    attributes = {"design_hash": design.digest, **origin_attributes(design.indentation)}
+    return xr.Dataset({"delta": (("depth", "y", "x", "state"), np.stack(delta, axis=-1))}, coords, attributes)
 
 
 def ideal_circuit(design):
@@ -319,7 +319,7 @@ def steady_board(request, send, stopped):
     from coilarray.viz.studio import BoardFrame
 
     design = build_design(request.document, request.name)
-    model = forward_model(bells(request.document, request.name))
+    model = forward_model(on_board(bells(request.document, request.name)))
     delta = model.delta([2e-3, 1e-3, model.depth[2]])
     location = locate(model, delta)
     for k in range(1_000_000):

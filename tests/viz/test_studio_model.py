@@ -285,9 +285,11 @@ def test_colours_bars_and_legend_tell_units_and_ends(starter):
     bars = delta_bars([("a", 2e-4), ("b", -1e-4), ("c", None)])
     assert [(bar["text"], bar["part"]) for bar in bars] == [("+200.0", 50.0), ("−100.0", -25.0), ("–", 0.0)]
     assert delta_bars([("a", 1e-6)])[0]["part"] == 0.5  # small readings stay small
-    plane = Part("plane", None, "B", "#123456", Scale("|B| (T)", "B", "T", 1e-8, 1e-6, logarithmic=True))
-    legend = _legend(Scene((plane,), notes=("a note",)))
-    assert legend["groups"] == [{"name": "B", "colour": "#123456"}]
+    scale = Scale("|B| (T)", "B", "T", 1e-8, 1e-6, logarithmic=True)
+    parts = (Part("plane", None, "B", scale=scale), Part("edge", None, "board", "#123456"))
+    legend = _legend(Scene(parts, notes=("a note",)))
+    sign = f"linear-gradient(to right, {', '.join(scale.steps(3))})"  # where colours are values, so is the sign
+    assert legend["groups"] == [{"name": "B", "colour": sign}, {"name": "board", "colour": "#123456"}]
     assert legend["notes"] == ["a note"]
     (bar,) = legend["bars"]
     assert (bar["title"], bar["ticks"][0], bar["ticks"][2], bar["ticks"][-1]) == ("B (µT)", "0.01", "0.1", "1")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any, get_args
 
 from coilarray.design.model import Design
 from coilarray.viz.scenes.board import board_in_pieces, scene_of_lifted_board
 from coilarray.viz.scenes.camera import Side
-from coilarray.viz.scenes.draw import bar_of
+from coilarray.viz.scenes.draw import bar_of, gradient
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.panel import Panel
@@ -45,7 +46,8 @@ class ScenePanel(Panel):
         if self._view is None:
             return []
         design, tab = self._page.work.design, str(self._page.state.tab)
-        return [Step("scene", lambda: self._scene(design, tab), self._show, self._fail, patience=_PATIENCE)]
+        fail = partial(self._fail, design)
+        return [Step("scene", lambda: (design, self._scene(design, tab)), self._show, fail, patience=_PATIENCE)]
 
     def close(self) -> None:
         """Release the window."""
@@ -66,16 +68,18 @@ class ScenePanel(Panel):
             scene = makers[tab](design, self._parts)
         return scene_of_lifted_board(design.array, design.sheets) if scene is None else scene
 
-    def _show(self, scene: Scene) -> None:
+    def _show(self, found: tuple[Design, Scene]) -> None:
         if self._view is None:
             return
-        state = self._page.state
-        with state:
+        design, scene = found
+        with self._page.state as state:
             state.legend, state.scene_problem = _legend(scene), ""
+            self._page.arrived("scene", design)
         self._view.show(scene)
 
-    def _fail(self, problem: str) -> None:
+    def _fail(self, design: Design, problem: str) -> None:
         with self._page.state as state:
+            self._page.arrived("scene", design)
             state.scene_problem = problem
 
     def _at_rest(self, rests: bool) -> None:
@@ -98,10 +102,7 @@ def _legend(scene: Scene) -> dict[str, Any]:
     """Return groups with their colours, bars with title, colours and numbers, and notes, as plain values."""
     bars = [bar_of(scale, _STOPS) for scale in scene.scales]
     return {
-        "groups": [{"name": name, "colour": colour} for name, colour in scene.groups.items()],
-        "bars": [
-            {"title": title, "colours": f"linear-gradient(to right, {', '.join(colours)})", "ticks": ticks}
-            for title, colours, ticks in bars
-        ],
+        "groups": [{"name": name, "colour": gradient(colours)} for name, colours in scene.groups.items()],
+        "bars": [{"title": title, "colours": gradient(colours), "ticks": ticks} for title, colours, ticks in bars],
         "notes": list(scene.notes),
     }
