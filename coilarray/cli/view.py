@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from coilarray.viz.scenes.of_design import Item, View
     from coilarray.viz.scenes.scene import Scene
 
-_SHOWN = "board,elastomer"
+_SHOWN = "board"
 _LARGEST_MA = 1e9
 _SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
 
@@ -43,8 +43,9 @@ def view(
     show: Annotated[
         str,
         typer.Option(
-            help="Items to show, separated by commas: board, elastomer, dent, field (B on planes with arrows), lines "
-            "(of B), surfaces (of equal B), currents (of the passive coils), coupling, response, location."
+            help="Items to show, separated by commas: board, elastomer (sheets, lifted off the board), dent, field (B "
+            "on planes with arrows), lines (of B), surfaces (of equal B), currents (of the passive coils), coupling, "
+            "response, location."
         ),
     ] = _SHOWN,
     screenshot: Annotated[Path | None, _file("screenshot", "Write a picture: .png.", ".png")] = None,

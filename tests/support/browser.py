@@ -34,7 +34,7 @@ QUICK = "quick"
 
 _SLOW = 600.0  # s
 _TIMEOUT = 120_000  # ms that the browser may take for anything; the machine may be busy
-_SIZE = {"width": 1280, "height": 760}
+SIZE = {"width": 1280, "height": 760}
 
 
 def missing():
@@ -151,7 +151,7 @@ class Opened:
     """A page, and what was wrong with it: requests to other hosts, errors of scripts, answers that are none."""
 
     def __init__(self, browser, url):
-        self.context = profile(browser, viewport=_SIZE, reduced_motion="reduce")
+        self.context = profile(browser, viewport=SIZE, reduced_motion="reduce")
         self.page = self.context.new_page()
         self.wrong, self._host = [], url.split("/")[2]
         self._listen("request", self._elsewhere, lambda request: f"asked {request.url}")

@@ -19,7 +19,7 @@ from coilarray.viz.scenes.board import CoilColours, copper_parts, recoloured, sc
 from coilarray.viz.scenes.camera import Side, seen_from
 from coilarray.viz.scenes.draw import BAR_WIDTH, camera_of, draw, draw_parts, legend_size, shown_units
 from coilarray.viz.scenes.pictures import save_picture
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, symmetric
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, about_zero
 
 
 @pytest.fixture(scope="module")
@@ -121,8 +121,14 @@ def test_colours_of_scales():
     np.testing.assert_array_equal(decades.colours_of([1e-6, 1e-5, 1e-4]), equal.colours_of([0, 1, 2]))
     assert linear.steps(2) == tuple("#" + bytes(colour).hex() for colour in (low, high))
     np.testing.assert_allclose(decades.values(3), [1e-6, 1e-5, 1e-4])
-    assert (symmetric("v", "v", "", [0.1, -0.3, np.nan]).low, symmetric("v", "v", "", [0.1, -0.3]).high) == (-0.3, 0.3)
-    assert symmetric("v", "v", "", [np.nan]).high == symmetric("v", "v", "", [0.0]).high == 1.0
+    for values, ends in (
+        ([0.1, -0.3, np.nan], (-0.3, 0.3)),
+        ([0.2, -0.001], (0.0, 0.2)),
+        ([-0.2, np.nan], (-0.2, 0.0)),
+    ):
+        ranged = about_zero("v", "v", "", values)  # values of one sign have all the colours
+        assert (ranged.low, ranged.high) == ends
+    assert about_zero("v", "v", "", [np.nan]).high == about_zero("v", "v", "", [0.0]).high == 1.0
 
 
 @pytest.mark.parametrize(

@@ -227,6 +227,21 @@ def test_a_touch_is_located_where_it_is_and_ellipses_meet_there(sensor):
     assert location_lines(touch.location)[1].startswith("located: x = 5.00 ± ")
 
 
+def test_all_places_of_a_touch_are_on_the_board_wherever_its_map_begins():
+    document = {**OPENED.document, "indentation": {**OPENED.document["indentation"], "origin": "coil1"}}
+    design = build_design(document)
+    other = sensor_of(design, bells(document, "starter"))
+    assert other.model.lower[0] == pytest.approx(design.array.centres[0, 0] - 8.5e-3, abs=1e-3)
+    touch = touched(other, 5e-3, 2e-3, 0.6e-3)
+    assert (touch.location.best.x, touch.location.best.y) == pytest.approx((5e-3, 2e-3), abs=0.05e-3)
+    assert "meet at x = 5.0" in crossing_line(touch)
+    marks = touch_drawing(design, top_view(design), touch)
+    assert (marks["indenter"]["x"], marks["indenter"]["y"]) == (5.0, -2.0)
+    assert marks["crossing"][0] == pytest.approx((5.0, -2.0), abs=0.2)
+    ellipse = next(one for one in marks["ellipses"] if one["colour"] == "#D55E00")  # of coil2
+    assert ellipse["x"] == pytest.approx(0.0, abs=0.2)
+
+
 def test_a_table_of_another_design_and_a_design_without_indenter_are_refused(starter, sensor):
     other = work_on(OPENED, "starter").with_entry("array.pitch_mm", "12").design
     with pytest.raises(LocalizeError, match="another design"):

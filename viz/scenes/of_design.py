@@ -53,7 +53,7 @@ _WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", 
 class View:
     """Selection of what is shown of a design, and how it is computed; currents colour the copper of the board."""
 
-    show: tuple[Item, ...] = ("board", "elastomer")  # of `ITEMS`; a dent replaces the elastomer
+    show: tuple[Item, ...] = ("board",)  # of `ITEMS`; sheets are lifted off a bare board, and a dent replaces them
     layers: tuple[str, ...] | None = None  # copper; all by default
     coil: str | None = None  # measured, for field, lines, surfaces, currents and response; the middle one by default
     others_open: bool = False  # instead of terminated
@@ -68,7 +68,7 @@ class View:
 
 
 def scene_of_design(design: Design, view: View | None = None, track: Tracker | None = None) -> Scene:
-    """Compute and put together what a view asks for, by default the board with its elastomer lifted off.
+    """Compute and put together what a view asks for, by default the board.
 
     `track` gives the progress function of each computation. GeometryError where there is no such coil or layer, the
     indenter is off the board, or a field needs too much memory; ElastomerError or LocalizeError where the indentation,

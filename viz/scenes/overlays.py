@@ -15,7 +15,7 @@ from coilarray.viz.datasets.field import AMOUNT, field_arrows, field_lines, fiel
 from coilarray.viz.datasets.triangles import polylines, surface_of
 from coilarray.viz.palette import INDIGO, INK, ORANGE, WINE
 from coilarray.viz.scenes.board import Box, CoilColours, cut_upright
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, symmetric
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, about_zero
 
 if TYPE_CHECKING:
     import pyvista
@@ -92,7 +92,7 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
     arcs = meshes.coupling_arcs(centres, k, least=_LEAST * strongest)
     nearest = float(np.linalg.norm(centres[:, None] - centres, axis=-1)[apart].min()) * 1e3
     tubes = meshes.arc_tubes(arcs, _WIDEST * nearest)
-    scale = symmetric(meshes.COUPLING, "coupling k", "", pairs)
+    scale = about_zero(meshes.COUPLING, "coupling k", "", k[apart])
     texts = []
     for n, value in enumerate(arcs.cell_data[meshes.COUPLING].tolist()):
         if abs(value) >= _LABELLED * strongest:
@@ -112,14 +112,14 @@ def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
     """
     values = np.asarray(currents, dtype=np.complex128).real.copy()
     values[active] = np.nan
-    scale = symmetric(CURRENT, "current in phase", "A/A", values)
+    scale = about_zero(CURRENT, "current in phase", "A/A", values)
     return CoilColours(values, replace(scale, missing=ORANGE))
 
 
 def colours_of_delta(values: npt.ArrayLike) -> CoilColours:
-    """Colour the coils by δ, shape (coils,), symmetric about zero; NaN for a coil without a value."""
+    """Colour the coils by δ, shape (coils,); NaN for a coil without a value."""
     numbers = np.asarray(values, dtype=np.float64)
-    return CoilColours(numbers, symmetric(meshes.DELTA, "δ", "", numbers))
+    return CoilColours(numbers, about_zero(meshes.DELTA, "δ", "", numbers))
 
 
 def scene_of_response(
@@ -135,7 +135,7 @@ def scene_of_response(
     """
     relief = _RELIEF * float(max(np.ptp(response.x.values), np.ptp(response.y.values)))
     surface = meshes.response_surface(response, state, depth, height=_OVER, relief=relief)
-    scale = symmetric(meshes.DELTA, f"δ of {state}", "", surface.point_data[meshes.DELTA])
+    scale = about_zero(meshes.DELTA, f"δ of {state}", "", surface.point_data[meshes.DELTA])
     parts = [Part("response", surface, f"response of {state}", scale=scale, opacity=0.9, ambient=0.6, diffuse=0.45)]
     lines = meshes.draped_outlines(response, state, outlines, depth, height=_OVER + _ABOVE, relief=relief)
     if lines.n_cells:

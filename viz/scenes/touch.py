@@ -21,7 +21,7 @@ from coilarray.viz.datasets.overlays import DELTA
 from coilarray.viz.scenes.board import CoilColours, board_in_pieces, copper_parts, recoloured
 from coilarray.viz.scenes.dent import VEILED, scene_of_dent
 from coilarray.viz.scenes.draw import shown_units
-from coilarray.viz.scenes.scene import Scale, Scene, Text, symmetric
+from coilarray.viz.scenes.scene import Scale, Scene, Text, about_zero
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -63,7 +63,7 @@ class Touch:
     @property
     def scale(self) -> Scale:
         """Scale of δ for the whole path."""
-        return symmetric(DELTA, "δ", "", self.delta)
+        return about_zero(DELTA, "δ", "", self.delta)
 
     def board(self) -> Scene:
         """Return the part that does not change: the board without its copper."""

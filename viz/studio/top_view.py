@@ -121,7 +121,7 @@ def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
 
 
 def delta_fills(design: Design, delta: Mapping[str, float | None]) -> dict[str, str]:
-    """Return a colour for each coil by its δ, symmetric about zero."""
+    """Return a colour for each coil by its δ."""
     colours = colours_of_delta(delta_by_coil(design, delta))
     red_green_blue = colours.scale.colours_of(colours.values).tolist()
     return {name: f"rgb({r}, {g}, {b})" for name, (r, g, b) in zip(design.array.names, red_green_blue, strict=True)}
