@@ -198,7 +198,7 @@ class CoilArray:
         return np.array([[placement.x, placement.y] for placement in self.placements])
 
     @property
-    def nearest(self) -> float:
+    def least_distance(self) -> float:
         """Distance in m of the two coils that are nearest to each other; infinite for a single one."""
         gaps = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
         return float(gaps[~np.eye(len(gaps), dtype=bool)].min(initial=np.inf))

@@ -27,7 +27,7 @@ from coilarray.viz.studio.numbers import circuit_of, numbers_of
 from coilarray.viz.studio.runs import front_rows, read_runs, run_folders
 from coilarray.viz.studio.scene_panel import _legend
 from coilarray.viz.studio.shelf import Shelf
-from coilarray.viz.studio.switching import first_settings, kept_settings, state_of, unit_fields
+from coilarray.viz.studio.switching import kept_settings, state_of, unit_fields
 from coilarray.viz.studio.top_view import board_drawing, delta_bars, delta_fills, pins, top_view, touch_drawing
 from coilarray.viz.studio.touch import crossing_line, first_place, location_lines, sensor_of, touched
 from coilarray.viz.studio.work import MOST_COILS, require_small, work_on
@@ -179,12 +179,10 @@ def test_settings_name_a_state_and_coils_in_series_add_with_their_coupling(start
     result = resonate(ideal, state_of({"coil1": "measure", "coil2": "measure", "coil3": "open"}))
     assert result.apparent_inductance == pytest.approx(ideal.inductance[:2, :2].sum(), rel=1e-9)
     np.testing.assert_allclose(np.abs(result.currents), [1.0, 1.0, 0.0], atol=1e-9)
-    names = starter.array.names
-    assert first_settings(names) == {"coil1": "ground", "coil2": "measure", "coil3": "ground"}
-    assert first_settings(["one"]) == {"one": "measure"}
-    kept = kept_settings(("coil1", "coil2", "coil9"), {"coil1": "open", "coil2": "measure", "coil3": "open"})
-    assert kept == {"coil1": "open", "coil2": "measure", "coil9": "ground"}
-    assert kept_settings(("coil9",), {"coil1": "measure"}) == {"coil9": "measure"}
+    assert kept_settings(starter.array, {}) == {"coil1": "ground", "coil2": "measure", "coil3": "ground"}
+    kept = kept_settings(starter.array, {"coil1": "open", "coil3": "measure", "coil9": "open"})
+    assert kept == {"coil1": "open", "coil2": "ground", "coil3": "measure"}
+    assert kept_settings(starter.array, {"coil1": "open", "coil9": "measure"})["coil2"] == "measure"
     state = state_of({"coil1": "measure", "coil2": "measure", "coil3": "open"})
     assert (state.name, state.exceptions) == ("coil1 + coil2", {"coil3": "open"})
     with pytest.raises(NetworkError, match="at least one coil must be measured"):

@@ -139,7 +139,7 @@ def _write_names(ax: Axes, array: CoilArray, present: set[str]) -> None:
     """Write the names of coils over their middles, as large as the distance of neighbours allows."""
     x_min, y_min, x_max, y_max = array.bounds
     inches = (figure_size(x_max - x_min, y_max - y_min)[0] - 1.2) / (x_max - x_min)  # of one metre of the board
-    size = min(_LETTERS, max(_LEAST_LETTERS, _LETTER_OF_PITCH * array.nearest * inches * 72))
+    size = min(_LETTERS, max(_LEAST_LETTERS, _LETTER_OF_PITCH * array.least_distance * inches * 72))
     for name, (x, y) in zip(array.names, MM.of(array.centres), strict=True):
         if name in present:
             write_name(ax, x, y, name, weight="bold", fontsize=size, clip_on=True)

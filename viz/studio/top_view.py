@@ -72,7 +72,7 @@ def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
         "box": f"{view.left:.3f} {view.top:.3f} {view.width:.3f} {view.height:.3f}",
         "ratio": round(view.width / view.height, 4),
         "board": {"x": x_min, "y": -y_max, "width": x_max - x_min, "height": y_max - y_min},
-        "letter": round(min(_LETTER * view.width, _LETTER_OF_PITCH * design.array.nearest * 1e3), 3),
+        "letter": round(min(_LETTER * view.width, _LETTER_OF_PITCH * design.array.least_distance * 1e3), 3),
         "line": round(0.0022 * view.width, 3),
         "coils": coils,
     }
