@@ -50,7 +50,9 @@ def export(
     lines = [f"wrote {path} ({_readable(size)})" for path, size in zip(written, sizes, strict=True)]
     lines += [f"warning: {fault}" for fault in faults]
     if to in ("kicad", "gerber") and not faults:
-        lines.append(f"net check of the copper as written: {len(opened.array.names)} coils, each whole and by itself")
+        count = len(opened.array.names)
+        coils = "1 coil, whole" if count == 1 else f"{count} coils, each whole and by itself"
+        lines.append(f"net check of the copper as written: {coils}")
     files = [{"path": str(path), "bytes": size} for path, size in zip(written, sizes, strict=True)]
     shared.print_result(
         {**shared.design_record(opened), "format": to, "files": files, "net_faults": list(faults)},

@@ -6,7 +6,7 @@ Numbers stay in the units of their key names up to the `build` methods, which re
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Literal
 
@@ -89,6 +89,16 @@ class StackupTable(Table):
     copper_thickness_um: list[Micrometres]
     dielectric_thickness_mm: list[Millimetres] = Field(default_factory=list)
     dielectric_epsilon_r: list[Relative] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _one_value_a_layer(self) -> StackupTable:
+        for key, less in (("copper_thickness_um", 0), ("dielectric_thickness_mm", 1), ("dielectric_epsilon_r", 1)):
+            count, expected = len(getattr(self, key)), len(self.layers) - less
+            if count != expected:
+                values = "1 value" if expected == 1 else f"{expected} values"
+                whose = "one less than the layers" if less else "one a layer"
+                raise ValueError(f"needs {values} in {key}, {whose}; got {count}")
+        return self
 
     def build(self) -> Stackup:
         """Return the stack-up in SI."""
@@ -252,6 +262,8 @@ class FreeArray(Table):
 
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
         """Return the array in SI; DesignError for a coil that is not there."""
+        for index, place in enumerate(self.placements):
+            _check_layers(stackup, place.layers, f"array.placements.{index}.layers")
         placements = tuple(
             Placement(coil=_coil(coils, place.coil, f"array.placements.{index}.coil"), **in_si(place, "coil"))
             for index, place in enumerate(self.placements)
@@ -276,6 +288,7 @@ class LatticeArray(Table):
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
         """Return the array in SI; DesignError for a coil that is not there."""
         coil, own = _coil(coils, self.coil, "array.coil"), in_si(self, "coil")
+        _check_layers(stackup, (layer for layers in self.layers for layer in layers), "array.layers")
         lattice = Lattice(own.pop("lattice"), layer_shift=own.pop("layer_shift_per_row"), **own)
         return lattice_array(
             stackup, coil, lattice, board_margin=board.margin_mm * _MM, through_holes=board.through_holes
@@ -522,6 +535,13 @@ class Document(Table):
         if isinstance(document, Mapping) and "rules" in document:
             raise PydanticCustomError("unknown_key", "has a table [rules], which is now called [fab]")
         return document
+
+
+def _check_layers(stackup: Stackup, layers: Iterable[str], key: str) -> None:
+    for layer in layers:
+        if layer not in stackup.names:
+            known = ", ".join(stackup.names)
+            raise DesignError(f"{key} names no copper layer; the stack-up has {known}; got {layer!r}.")
 
 
 def _coil(coils: Mapping[str, Coil], name: str, key: str) -> Coil:

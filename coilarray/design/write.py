@@ -114,13 +114,17 @@ def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str
     values are assumed, with the reason: ``coils.*.KEY`` stands for every shape, ``coils.NAME.KEY`` for that of the coil
     NAME.
     """
-    import tomli_w
-
     document = _rounded(design_document(design))
     shapes = shape_names(design.array)
     reasons = _assumed_table(assumed or {}, dict(zip(design.array.names, shapes, strict=True)), list(document["coils"]))
-    text = tomli_w.dumps(document | ({"assumed": reasons} if reasons else {}))
-    return _FLAT_LIST.sub(_on_one_line, text)
+    return document_text(document | ({"assumed": reasons} if reasons else {}))
+
+
+def document_text(document: Mapping[str, Any]) -> str:
+    """Return the TOML text of a document, lists of plain values on one line."""
+    import tomli_w
+
+    return _FLAT_LIST.sub(_on_one_line, tomli_w.dumps(document))
 
 
 def shape_names(array: CoilArray) -> list[str]:

@@ -133,7 +133,8 @@ def export_network(
     suffix = target.suffix.lower()
     if suffix not in (".cir", ".sub") and not re.fullmatch(r"\.s\d+p", suffix):
         raise OutputError(
-            f"a network of {len(names)} coils is written as .cir, .sub or .s{len(names)}p; got {target.name}."
+            f"a network of {len(names)} coil{'s' * (len(names) > 1)} is written as .cir, .sub or .s{len(names)}p; "
+            f"got {target.name}."
         )
     found = np.array([one.frequency for one in resonances(network, paper_plan(names))])
     across, between = network.winding_capacitance, network.mutual_capacitance
