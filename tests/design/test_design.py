@@ -105,7 +105,7 @@ def test_flats_and_corners_and_circle():
     assert a == pytest.approx(b, abs=1e-12)
     text = changed('shape = "polygon"', 'shape = "circle"').replace("sides = 6\n", "")
     circle = parse_design(text.replace("outer_across_flats_mm", "outer_diameter_mm"))
-    assert len(circle.array.placements[0].coil.lines[0]) > 12 * 96
+    assert len(circle.array.placements[0].coil.arcs[0]) == 12 * 4
 
 
 def test_free_array_and_path_coil():
@@ -156,8 +156,8 @@ BAD = {
     "nan": (changed("pitch_mm = 11.0", "pitch_mm = nan"), "array.pitch_mm must be a finite number; got nan"),
     "infinite": (changed("pitch_mm = 11.0", "pitch_mm = inf"), "array.pitch_mm must be a finite number; got inf"),
     "two sides": (changed("sides = 6", "sides = 2"), "coils.hexagon.sides must be at least 3; got 2"),
-    "missing": (changed("pitch_mm = 11.0", ""), "array.pitch_mm is missing"),
-    "no shape": (changed('shape = "polygon"', ""), "coils.hexagon.shape must be 'polygon', 'circle' or 'path'; got nothing"),
+    "missing": (changed("gap_mm = 0.15", ""), "coils.hexagon.gap_mm is missing"),
+    "no shape": (changed('shape = "polygon"', ""), "coils.hexagon.shape must be 'polygon', 'circle', 'rectangle', 'racetrack' or 'path'; got nothing"),
     "wrong shape": (changed('"polygon"', '"star"'), "coils.hexagon.shape must be .*; got 'star'"),
     "wrong lattice": (changed('"linear"', '"cubic"'), "array.lattice must be .*; got 'cubic'"),
     "two sizes": (changed("outer_across_flats_mm = 16.0", "outer_across_flats_mm = 16.0\nouter_across_corners_mm = 17.0"), "coils.hexagon needs exactly one of outer_across_flats_mm and outer_across_corners_mm"),
@@ -172,6 +172,9 @@ BAD = {
     "assumed key": (BASE.replace('"circuit.short_resistance_ohm"', '"circuit.short_resistance"'), "did you mean circuit.short_resistance_ohm"),
     "termination of no coil": (changed('default_termination = "short"', 'terminations = { coil9 = "open" }'), "circuit.terminations.coil9 names no coil; there are coil1, coil2, coil3"),
     "name": (changed('name = "starter"', 'name = "a b"'), "name may have letters, digits"),
+    "single with a row": (changed('"linear"', '"single"'), 'array has no columns for lattice = "single"'),
+    "rings without a number": (changed("columns = 3", "").replace('"linear"', '"rings"'), 'array needs rings for lattice = "rings"'),
+    "no pitch": (changed("pitch_mm = 11.0", ""), "array needs pitch_mm for more than one coil"),
     "names": (changed("columns = 3", 'columns = 3\nnames = ["a", "b"]'), "array: a lattice of 3 points must have as many names; got 2"),
     "equal names": (changed("columns = 3", 'columns = 3\nnames = ["a", "b", "a"]'), "coil names must differ"),
     "far too large": (changed("pitch_mm = 11.0", "pitch_mm = 1e300"), "array.pitch_mm must be at most 10000; got 1e.300"),
