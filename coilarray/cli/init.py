@@ -11,6 +11,7 @@ import typer
 
 from coilarray.cli import shared
 from coilarray.cli.questions import ask_for_choices, read_size
+from coilarray.cli.replacing import remember, require_own
 from coilarray.errors import DesignError, OutputError
 
 if TYPE_CHECKING:
@@ -59,11 +60,11 @@ def init(
     Turns, trace, layers, pitch, terminals and the tank's capacitance are found such that the board house can make the
     board and an LDC1614 can read it. On a terminal, without any choice, the choices are asked for.
 
-    Examples: coilarray init pad.toml --coils 4x4 --shape square --size-mm 12 --inductance-uH 10
+    Example: coilarray init pad.toml --coils 4x4 --shape square --size-mm 12
 
-    coilarray init flower.toml --coils 7-hex --overlap decoupled --fab multi-cb-35um
+    Example: coilarray init flower.toml --coils 7-hex --overlap decoupled --inductance-uH 18
 
-    coilarray init power.toml --coils 1 --shape circle --size-mm 40 --frequency-MHz 6.78 --no-elastomer
+    Example: coilarray init power.toml --coils 1 --shape circle --size-mm 40 --no-elastomer
 
     Example: coilarray init starter.toml --from starter
     """
@@ -74,9 +75,8 @@ def init(
     target = file if file.suffix else file.with_suffix(".toml")
     if file.is_dir():
         raise OutputError(f"{file} is a folder; name a file in it.")
-    if target.exists() and not force:
-        raise OutputError(f"{target} exists; --force replaces it.")
     shared.check_file("NAME", target, (".toml",))
+    require_own("init", [target], force=force)
     given = {
         "coils": coils, "shape": shape, "size_mm": size_mm, "inductance_uH": inductance_uH, "layers": layers,
         "fab": fab, "pitch_mm": pitch_mm, "overlap": overlap, "frequency_MHz": frequency_MHz, "elastomer": elastomer,
@@ -89,12 +89,14 @@ def init(
         if copied not in bundled.names():
             raise DesignError(f"there is no bundled design {copied!r}; there are {', '.join(bundled.names())}.")
         write_text(target, bundled.read(copied))
+        remember("init", [target])
         typer.echo(f"wrote {target}; next: coilarray check {target}")
         return
     if not chosen and sys.stdin.isatty() and sys.stdout.isatty():
         chosen = ask_for_choices(get_args(Shape))
     made = _made(target.stem, chosen)
     save_design(made, target)
+    remember("init", [target])
     for line in (f"wrote {target}: {made.design.title}", *_described(made, inductance_uH)):
         typer.echo(line)
     typer.echo(f"next: coilarray check {target}, coilarray report {target}")

@@ -7,7 +7,8 @@ nothing is.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import stat
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,35 +21,43 @@ if TYPE_CHECKING:
 
 @contextmanager
 def replacing(command: str, *paths: Path, force: bool) -> Iterator[None]:
-    """Refuse to replace files that the command did not write, and remember those that the block writes.
-
-    OutputError for a file that exists and is not the command's own, without `force`.
-    """
-    before = {path: _state(path) for path in paths}
-    for path, state in before.items():
-        if state is not None and not force and _written(path) != [command, *state]:
-            raise OutputError(f"{path} exists, and `coilarray {command}` did not write it so; --force replaces it.")
+    """Refuse as `require_own` before the block, and remember afterwards the files that it wrote."""
+    require_own(command, paths, force=force)
+    before = [_state(path) for path in paths]
     try:
         yield
     finally:
-        for path, state in before.items():
-            now = _state(path)
-            if now is not None and now != state:
-                with suppress(OutputError, OSError):
-                    store, key = _entry(path)
-                    store.put(key, [command, *now])
+        remember(command, [path for path, state in zip(paths, before, strict=True) if _state(path) != state])
+
+
+def require_own(command: str, paths: Iterable[Path], *, force: bool) -> None:
+    """Raise OutputError for a file that exists and is not as the command left it, without `force`."""
+    for path in () if force else paths:
+        state = _state(path)
+        if state is not None and _remembered(path) != [command, *state]:
+            raise OutputError(f"{path} exists and is not as `coilarray {command}` left it; --force replaces it.")
+
+
+def remember(command: str, paths: Iterable[Path]) -> None:
+    """Keep in the store that the command wrote these files."""
+    for path in paths:
+        state = _state(path)
+        if state is not None:
+            with suppress(OutputError, OSError):
+                store, key = _entry(path)
+                store.put(key, [command, *state])
 
 
 def _state(path: Path) -> list[int] | None:
-    """Size and time of a file, None where there is none."""
+    """Return size and time of a file, None where there is none."""
     try:
         found = path.stat()
-    except OSError:
+    except (OSError, ValueError):  # ValueError: a name with a zero byte
         return None
-    return [found.st_size, found.st_mtime_ns]
+    return [found.st_size, found.st_mtime_ns] if stat.S_ISREG(found.st_mode) else None
 
 
-def _written(path: Path) -> object:
+def _remembered(path: Path) -> object:
     """Return which command wrote a file last, and the state in which it left it; None where none is known."""
     with suppress(OutputError, OSError):
         store, key = _entry(path)

@@ -32,6 +32,13 @@ class Arrangement:
         """The same with no more coils than have different neighbours."""
         return replace(self, columns=min(self.columns, 1 if self.lattice == "rings" else 3), rows=min(self.rows, 3))
 
+    @property
+    def fewest(self) -> Arrangement:
+        """A few coils with neighbours in every direction that there is."""
+        if self.lattice == "rings":
+            return Arrangement("hexagonal", 2, 2)
+        return replace(self, columns=min(self.columns, 2), rows=min(self.rows, 2))
+
 
 _RINGS = {7: 1, 19: 2, 37: 3}
 _COILS = "coils must be as 1, 6 (a row), 4x4 (columns by rows), or 7-hex, 19-hex or 37-hex (rings); got {!r}."

@@ -15,11 +15,12 @@ from coilarray.circuit.coupling import design_inductance
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import DesignFile, build_design_file
 from coilarray.design.vary import plain
+from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.errors import DesignError, RuleViolationError
 from coilarray.geometry import require_rules
 from coilarray.studies.create.arrangement import read_arrangement
 from coilarray.studies.create.decoupling import decoupled_pitch
-from coilarray.studies.create.plan import SHAPES, STARTS, Plan, Shape
+from coilarray.studies.create.plan import SHAPES, Plan, Shape
 from coilarray.studies.create.tank import tank_capacitance
 from coilarray.studies.create.winding import Room, Winding, wind
 
@@ -27,7 +28,9 @@ Overlap = Literal["none", "decoupled"]
 
 _TRACE = 0.15e-3  # of traces and gaps, in m: coarser than most houses need
 _GAP_STEP, _GAP_MARGIN = 5e-6, 1e-6  # gaps are rounded up, and turns of polygons come a little nearer than drawn
-_HOLE, _WIDE_HOLE = 0.25, 0.4  # of half the coil's width: the smallest hole of a winding, and that of a usual one
+_WIDE_HOLE = 0.4  # of half the coil's width: the hole of a winding for which no inductance is asked
+_HOLES = (0.3, 0.45, 0.6)  # the same of coils that overlap, in which their neighbours' terminals may lie
+_PASSES = 2
 _MOST_SETS = 4  # of layers that neighbours take in turn
 _BESIDE = 1e-3  # m between the terminals of a coil and its neighbour
 _MOVES, _MOVE = 13, 0.5e-3  # by how much coils are moved apart until their terminals have room
@@ -106,11 +109,20 @@ def new_design(
     if arrangement.lattice == "single" and (pitch is not None or overlap != "none"):
         raise DesignError("one coil has no neighbours: pitch and overlap are for several.")
     plan = Plan(name, title, arrangement, shape, sides, elastomer)
-    plan = _laid_out(plan, inductance, layers, fab, pitch, overlap)
-    plan = _with_terminals(plan, movable=pitch is None and overlap == "none")
-    one = plan.one
-    capacitance = tank_capacitance(lambda value: replace(one, capacitance=value).design, frequency)
-    return build_design_file(plain(replace(plan, capacitance=capacitance).document), name)
+    problem = None
+    for layout in _layouts(plan, overlap, pitch):
+        try:
+            wound = _wound(layout, inductance, layers, fab)
+            placed = _placed(wound, overlap, pitch)
+            found = _with_terminals(placed, movable=pitch is None and overlap == "none")
+        except DesignError as error:
+            problem = problem or error
+        else:
+            one = found.one
+            capacitance = tank_capacitance(lambda value, one=one: replace(one, capacitance=value).design, frequency)
+            return build_design_file(plain(replace(found, capacitance=capacitance).document), name)
+    assert problem is not None  # there is at least one layout
+    raise problem
 
 
 def _check_choices(
@@ -140,26 +152,36 @@ def _check_choices(
             raise DesignError(f"{what} must be positive and finite; got {number * scale:g} {unit}.")
 
 
-def _laid_out(
-    plan: Plan, inductance: float | None, layers: int | None, fab: str | None, pitch: float | None, overlap: Overlap
-) -> Plan:
-    """Find layers, winding and pitch."""
-    fewest = 1
+def _layouts(plan: Plan, overlap: Overlap, pitch: float | None) -> Iterator[Plan]:
+    """Give the layouts to try, those of the fewest layers first.
+
+    Coils side by side need one set of layers; coils that overlap need more, and a wide hole for the terminals of their
+    neighbours. Turned hexagons face those neighbours with corners that do not overlap them.
+    """
+    beside = overlap == "none" and (pitch is None or pitch >= plan.width)
+    if beside or plan.arrangement.lattice == "single":
+        yield plan
+        return
+    hexagonal = plan.arrangement.lattice in ("hexagonal", "rings")
+    for sets in range(3 if hexagonal else 2, _MOST_SETS + 1):
+        for hole in _HOLES:
+            for turned in (False, True) if hexagonal and plan.shape == "hexagon" else (False,):
+                yield replace(plan, sets=sets, hole=hole, turned=turned)
+
+
+def _placed(plan: Plan, overlap: Overlap, pitch: float | None) -> Plan:
+    """Find the pitch; DesignError where coils on the same layers overlap then."""
     if overlap == "decoupled":
-        fewest = {"linear": 2, "square": 2}.get(plan.arrangement.lattice, 3)
-    for sets in range(fewest, _MOST_SETS + 1):
-        found = _wound(replace(plan, sets=sets), inductance, layers, fab)
-        if overlap == "decoupled":
-            few = replace(found, arrangement=plan.arrangement.few)
-            found = replace(found, pitch=decoupled_pitch(plan.width, lambda at, few=few: replace(few, pitch=at).design))
-        else:
-            found = replace(found, pitch=plan.width + plan.lead + _BESIDE if pitch is None else pitch)
-        if _are_apart(found):
-            return found
-    raise DesignError(
-        f"coils of {plan.width * 1e3:g} mm at a pitch of {found.pitch * 1e3:g} mm overlap so far that {_MOST_SETS} "
-        "sets of layers do not part them."
-    )
+        few = replace(plan, arrangement=plan.arrangement.fewest)
+        placed = replace(plan, pitch=decoupled_pitch(plan.width, lambda at: replace(few, pitch=at).design))
+    else:
+        placed = replace(plan, pitch=plan.width + plan.lead + _BESIDE if pitch is None else pitch)
+    if not _are_apart(placed):
+        raise DesignError(
+            f"coils of {plan.width * 1e3:g} mm at a pitch of {placed.pitch * 1e3:g} mm overlap so far that {plan.sets} "
+            "sets of layers do not part them."
+        )
+    return placed
 
 
 def _wound(plan: Plan, inductance: float | None, layers: int | None, fab: str | None) -> Plan:
@@ -168,16 +190,19 @@ def _wound(plan: Plan, inductance: float | None, layers: int | None, fab: str | 
         allowed = "1, or a multiple of 2," if plan.sets == 1 else f"a multiple of {2 * plan.sets}"
         sets = "" if plan.sets == 1 else f" for neighbours on {plan.sets} different sets of them"
         raise DesignError(f"layers must be {allowed}{sets}; got {layers}.")
-    tried = (2, 4) if layers is None else (layers // plan.sets,)
     problem = None
-    for winding_layers in tried:
+    for winding_layers in (2, 4) if layers is None else (layers // plan.sets,):
         board = replace(plan, winding_layers=winding_layers)
         try:
             board = replace(board, fab=_fab(board.layers, fab))
+        except DesignError as error:
+            problem = problem or error  # more layers than there are do not tell what is out of reach
+            break
+        try:
             return replace(board, winding=_winding(board, inductance))
         except DesignError as error:
-            problem = problem or error
-    assert problem is not None
+            problem = error
+    assert problem is not None  # at least one number of layers was tried
     raise problem
 
 
@@ -194,22 +219,32 @@ def _winding(plan: Plan, inductance: float | None) -> Winding:
     """Find turns and trace: of the usual width where that will do, else of the board house's narrowest."""
     radius, rules = min(plan.size) / 2, plan.rules
     closest = math.ceil((rules.min_gap + _GAP_MARGIN) / _GAP_STEP) * _GAP_STEP
-    hole = max(_HOLE * radius, plan.via_pad * (1.5 if plan.winding_layers < 3 else 2.5) + 2 * closest)
+    hole = max(plan.hole * radius, plan.via_pad * (1.5 if plan.winding_layers < 3 else 2.5) + 2 * closest)
     usual = Room(radius, hole, max(_TRACE, rules.min_trace), max(_TRACE, closest))
     if inductance is None:
         usual = replace(usual, hole=max(_WIDE_HOLE * radius, hole))
         if usual.most_turns:
             return Winding(usual.most_turns, usual.trace_width, usual.gap)
         inductance = 0.0  # refused with the reason
-    one = plan.one
-
-    def of(winding: Winding) -> float:
-        return float(design_inductance(replace(one, winding=winding).design, accuracy="screen")[0][0, 0])
-
     try:
-        return wind(inductance, usual, of)
+        return _wind(plan, inductance, usual)
     except DesignError:
-        return wind(inductance, replace(usual, trace_width=rules.min_trace, gap=closest), of)
+        return _wind(plan, inductance, replace(usual, trace_width=rules.min_trace, gap=closest))
+
+
+def _wind(plan: Plan, inductance: float, room: Room) -> Winding:
+    """Find the winding without sheets, at the accuracy of a screening, and again by what both leave out."""
+    bare, one = replace(plan.one, elastomer=False), plan.one
+    share, found = 1.0, plan.winding
+
+    def screened(winding: Winding) -> float:
+        return share * float(inductance_matrix(replace(bare, winding=winding).design.array, accuracy="screen")[0, 0])
+
+    for _ in range(_PASSES):
+        found = wind(inductance, room, screened)
+        full = float(design_inductance(replace(one, winding=found).design)[0][0, 0])
+        share *= full / screened(found)
+    return found
 
 
 def _are_apart(plan: Plan) -> bool:
@@ -244,7 +279,7 @@ def _with_terminals(plan: Plan, *, movable: bool) -> Plan:
 
 
 def _terminals(plan: Plan, *, movable: bool) -> Iterator[Plan]:
-    starts = range(len(STARTS[plan.shape]))
+    starts = range(len(plan.starts))
     moves = range(_MOVES if movable and plan.arrangement.lattice != "single" else 1)
     lengths = [plan.lead]
     if plan.sets > 1:

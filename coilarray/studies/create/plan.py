@@ -37,11 +37,12 @@ def _corners(*degrees: float) -> tuple[dict[str, Any], ...]:
 
 
 _SIDES = tuple({"first_side": side} for side in ("top", "bottom", "right", "left"))
-STARTS: Mapping[Shape, tuple[dict[str, Any], ...]] = {
+_STARTS: Mapping[Shape, tuple[dict[str, Any], ...]] = {
     "hexagon": _corners(90, 270, 30, 150, 210, 330), "square": _corners(45, 135, 225, 315),
     "circle": _corners(90, 270, 0, 180, 45, 135, 225, 315), "rectangle": _SIDES, "racetrack": _SIDES,
 }  # fmt: skip
-"""Where a winding can begin and its leads leave; the sides of hexagons and squares face their neighbours along x."""
+# corners of a hexagon that face its neighbours
+_TURNED = _corners(0, 180, 60, 120, 240, 300)
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,8 @@ class Plan:
     elastomer: bool
     fab: str = ""
     sets: int = 1
+    turned: bool = False  # hexagons with corners towards their neighbours
+    hole: float = 0.25  # of half the coil's width: the smallest hole of its winding
     winding_layers: int = 2
     winding: Winding = _UNDECIDED
     pitch: float = 0.0
@@ -72,6 +75,11 @@ class Plan:
     def one(self) -> Plan:
         """The same board with one coil."""
         return replace(self, arrangement=Arrangement("single"))
+
+    @property
+    def starts(self) -> tuple[dict[str, Any], ...]:
+        """Where the winding can begin and its leads leave; hexagons and squares face neighbours along x with a side."""
+        return _TURNED if self.turned else _STARTS[self.shape]
 
     @property
     def layers(self) -> int:
@@ -161,7 +169,7 @@ class Plan:
             "winding_layers": self.winding_layers,
             "trace_width_mm": _mm(self.winding.trace_width),
             "gap_mm": _mm(self.winding.gap),
-            **STARTS[self.shape][self.start],
+            **self.starts[self.start],
             "via": {"drill_mm": _mm(drill), "pad_mm": _mm(self.via_pad), "plating_um": 25},
             "leads": {
                 "length_mm": _mm(self.lead),
