@@ -91,6 +91,7 @@ def view(
     ] = None,
     frames: Annotated[int, shared.number_option(("--frames",), 2, 1000, "Number of pictures of the film.")] = 48,
     rate: Annotated[float, typer.Option(help="Pictures of the film per second.")] = 12.0,
+    force: shared.Force = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Show a design in three dimensions.

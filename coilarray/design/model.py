@@ -121,7 +121,10 @@ class Indentation:
         if not self.depths or bool(self.x) != bool(self.y):
             raise DesignError("an indentation must have at least one depth, and one x and one y or none of both.")
         if not all(shallow < deep for shallow, deep in pairwise((0.0, *self.depths))):
-            raise DesignError(f"depths of an indentation must rise from above zero; got {self.depths} m.")
+            raise DesignError(
+                f"depths of an indentation must rise from above zero; "
+                f"got {', '.join(f'{depth * 1e3:g}' for depth in self.depths)} mm."
+            )
 
 
 @dataclass(frozen=True, eq=False)
