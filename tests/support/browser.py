@@ -299,6 +299,12 @@ def quick_run(folder):
         return optimize_design(load_design("starter"), parse_goal(GOAL), folder, pool)
 
 
+def quick_new(name, choices, progress):
+    """The starter design with as many coils in a row as are asked for."""
+    document = load_design_file("starter").document
+    return {**document, "name": name, "array": {**document["array"], "columns": int(choices["coils"])}}
+
+
 def slow_report(document, name, folder, progress):
     """A report of one line that takes its time, unless it is told otherwise."""
     for k in range(6000):
@@ -338,7 +344,7 @@ def steady_board(request, send, stopped):
 
 def main():
     """Serve a studio with the stand-ins."""
-    from coilarray.viz.studio import numbers_panel, server, view
+    from coilarray.viz.studio import new_panel, numbers_panel, server, view
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, new_token, serve
     from coilarray.viz.studio.services import Services
     from coilarray.viz.studio.shelf import Shelf
@@ -361,6 +367,7 @@ def main():
     server._MOST_PAGES = given.pages
     view._SAMPLES = 2  # pictures at rest cost as many times the processor
     numbers_panel.circuit_of = browser.ideal_circuit
+    new_panel.make_design = browser.quick_new
 
     services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator")
     address = Address(given.host or LOOPBACK, given.port, new_token() if given.host else "")

@@ -325,6 +325,26 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     assert browser.field(page, "array.columns").input_value() == "3"
 
 
+def test_a_new_design_is_made_from_a_few_choices_and_asks_for_changes_first(page, folder):
+    change(page, "array.pitch_mm", "12")
+    page.click("#new")
+    page.fill("#new-name", "pair")
+    page.fill("#new-coils", "2")
+    page.click("#make")
+    page.wait_for_selector("#new-problem:has-text('The changes of starter are not saved')")
+    page.fill("#new-size", "wide")
+    page.click("#make:has-text('Discard and make')")
+    page.wait_for_selector("#new-problem:has-text(\"size must be a number; got 'wide'.\")")
+    browser.picture(page, "new")
+    page.fill("#new-size", "16")
+    page.click("#make:has-text('Make')")
+    page.click("#make:has-text('Discard and make')")
+    page.wait_for_selector("#file:has-text('pair.toml')")
+    page.wait_for_selector("#changed")  # it is in no file yet
+    page.wait_for_function("document.querySelectorAll('#matrix td').length === 4")
+    assert not (folder / "pair.toml").exists()
+
+
 def test_many_coils_leave_room_for_the_picture_in_small_windows(page):
     browser.enter(page, "array.columns", "16")
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 256")

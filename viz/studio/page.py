@@ -17,6 +17,7 @@ from coilarray.viz.studio.board_panel import BoardPanel
 from coilarray.viz.studio.calculator import Calculator
 from coilarray.viz.studio.design_panel import DesignPanel
 from coilarray.viz.studio.job import PATIENCE, Job, Outcome, Task
+from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers_panel import NumbersPanel
 from coilarray.viz.studio.runs_panel import RunsPanel
 from coilarray.viz.studio.scene_panel import ScenePanel
@@ -68,6 +69,7 @@ class Page:
         self.runs = RunsPanel(self)
         self.board = BoardPanel(self)
         self.design = DesignPanel(self)
+        self.new = NewPanel(self)
         self.state.tab = "numbers"
         self.state.change("tab")(lambda tab, **_: self.redraw())
         self._build_layout()
