@@ -53,6 +53,7 @@ from .geometry.indenter import CylinderEdge as CylinderEdge
 from .geometry.indenter import FlatPunch as FlatPunch
 from .geometry.indenter import Hemisphere as Hemisphere
 from .geometry.indenter import Paraboloid as Paraboloid
+from .geometry.rounded_spiral import RoundedSpiral as RoundedSpiral
 from .geometry.rules import FabRules as FabRules
 from .geometry.rules import check_rules as check_rules
 from .geometry.sheet import Seat as Seat

@@ -6,6 +6,7 @@ from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.connectivity import Barrel, NetCheck, NetFault, board_layers, check_nets, connected_pieces
 from coilarray.geometry.copper import CopperFeature, Drill, board_outline, copper_by_layer, copper_features, drills
 from coilarray.geometry.indenter import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
+from coilarray.geometry.rounded_spiral import RoundedSpiral
 from coilarray.geometry.rules import FabRules, Margin, check_rules, require_kept, require_rules
 from coilarray.geometry.sheet import EVEN, Seat, Sheet, Unevenness
 from coilarray.geometry.solids import solids
@@ -15,8 +16,8 @@ from coilarray.geometry.stackup import Stackup
 __all__ = [
     "EVEN", "Barrel", "Coil", "CoilArray", "Conductor", "Cone", "CopperFeature", "CylinderEdge", "Drill", "FabRules",
     "FlatPunch", "Hemisphere", "Indenter", "Lattice", "Leads", "Margin", "NetCheck", "NetFault", "Paraboloid",
-    "Placement", "PlatedHole", "Seat", "Sheet", "Spiral", "Stackup", "Unevenness", "Wound", "apothem_from_size",
-    "board_layers", "board_outline", "check_nets", "check_rules", "connected_pieces", "copper_by_layer",
-    "copper_features", "drills", "hull_outline", "lattice", "lattice_array", "path_coil", "require_kept",
-    "require_rules", "solids", "spiral_coil",
+    "Placement", "PlatedHole", "RoundedSpiral", "Seat", "Sheet", "Spiral", "Stackup", "Unevenness", "Wound",
+    "apothem_from_size", "board_layers", "board_outline", "check_nets", "check_rules", "connected_pieces",
+    "copper_by_layer", "copper_features", "drills", "hull_outline", "lattice", "lattice_array", "path_coil",
+    "require_kept", "require_rules", "solids", "spiral_coil",
 ]  # fmt: skip

@@ -9,14 +9,15 @@ from itertools import combinations, pairwise
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from coilarray.errors import GeometryError
-from coilarray.geometry.coil import Coil
+from coilarray.geometry.coil import CHORD, Coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.stackup import Stackup
-from coilarray.geometry.values import FloatArray, place_in_mm, require_positive
+from coilarray.geometry.values import FloatArray, IntArray, place_in_mm, require_positive
+
+_SAME_PLACE = 1e-9  # m; distances that differ by less are equal
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +88,8 @@ class Placement:
             yield self.to_board(line), widths, layer
 
 
-LatticeKind = Literal["linear", "square", "hexagonal"]
-"""A row, rows one above the other, or rows shifted by half a pitch."""
+LatticeKind = Literal["single", "linear", "square", "hexagonal", "rings"]
+"""One coil, a row, rows one above the other, rows shifted by half a pitch, or rings of hexagons about one coil."""
 
 
 @dataclass(frozen=True)
@@ -97,13 +98,14 @@ class Lattice:
 
     Parameters
     ----------
-    kind : {"linear", "square", "hexagonal"}
-        Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, every second one shifted by
-        half a pitch, so that every inner point has six neighbours one pitch away.
-    pitch : float
-        Distance of neighbours in m.
+    kind : {"single", "linear", "square", "hexagonal", "rings"}
+        Single: one point. Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, every second
+        one shifted by half a pitch, so that every inner point has six neighbours one pitch away. Rings: such points,
+        one and its neighbours ring by ring, counter-clockwise from `direction`.
+    pitch : float or None
+        Distance of neighbours in m; None is for one coil.
     columns, rows : int
-        Coils a row and number of rows; a linear lattice has one row.
+        Coils a row and number of rows; a linear lattice has one row, a single point and rings one of both.
     layers : tuple of tuple of str
         Sets of copper layers that the coils take in turn along a row.
     direction : float
@@ -115,24 +117,29 @@ class Lattice:
         1, so that neighbours differ.
     names : tuple of str or None
         Names of the coils row by row; coil1, coil2, … by default.
+    rings : int
+        Rings about the middle: 1 makes seven coils, 2 nineteen.
     """
 
     kind: LatticeKind
-    pitch: float
-    columns: int
+    pitch: float | None = None
+    columns: int = 1
     rows: int = 1
     layers: tuple[tuple[str, ...], ...] = (("L1", "L2"),)
     direction: float = 0.0
     rotation: float = 0.0
     layer_shift: int | None = None
     names: tuple[str, ...] | None = None
+    rings: int = 0
 
     def placements(self, coil: Coil) -> tuple[Placement, ...]:
         """Return the coil placed on every point, row by row.
 
         GeometryError as `lattice` and `Placement`, for no layers, or where the names are not as many as the points.
         """
-        points, indices = lattice(self.kind, self.pitch, self.columns, self.rows, direction=self.direction)
+        points, indices = lattice(
+            self.kind, self.pitch, self.columns, self.rows, rings=self.rings, direction=self.direction
+        )
         names = tuple(f"coil{k + 1}" for k in range(len(points))) if self.names is None else self.names
         if len(names) != len(points):
             raise GeometryError(f"a lattice of {len(points)} points must have as many names; got {len(names)}.")
@@ -140,7 +147,7 @@ class Lattice:
             raise GeometryError("a lattice must have at least one set of layers; got none.")
         # (i − j) mod 3 differs between all neighbours of a hexagonal lattice, (i + j) mod 2 between those of a square
         # one, and (i + 2j) mod 4 between its diagonal neighbours too
-        default = -1 if self.kind == "hexagonal" else 2 if len(self.layers) == 4 else 1
+        default = -1 if self.kind in ("hexagonal", "rings") else 2 if len(self.layers) == 4 else 1
         shift = default if self.layer_shift is None else self.layer_shift
         return tuple(
             Placement(name, coil, self.layers[(i + shift * j) % len(self.layers)], x, y, self.rotation)
@@ -196,6 +203,12 @@ class CoilArray:
         return np.array([[placement.x, placement.y] for placement in self.placements])
 
     @property
+    def least_distance(self) -> float:
+        """Distance in m of the two coils that are nearest to each other; infinite for a single one."""
+        gaps = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
+        return float(gaps[~np.eye(len(gaps), dtype=bool)].min(initial=np.inf))
+
+    @property
     def bounds(self) -> tuple[float, float, float, float]:
         """Edges of the board in m: x_min, y_min, x_max, y_max."""
         points, reach = [], []
@@ -214,22 +227,43 @@ class CoilArray:
         x_max, y_max = (xy + r).max(axis=0).tolist()
         return x_min, y_min, x_max, y_max
 
+    @property
+    def outline_bounds(self) -> tuple[float, float, float, float]:
+        """Edges in m of the rectangle about the outlines of all coils, without leads: x_min, y_min, x_max, y_max."""
+        outlines = np.vstack([placement.to_board(placement.coil.outline) for placement in self.placements])
+        x_min, y_min, x_max, y_max = np.concatenate((outlines.min(axis=0), outlines.max(axis=0))).tolist()
+        return x_min, y_min, x_max, y_max
+
+    def nearest_coil(self, x: float, y: float) -> str:
+        """Return the name of the coil whose centre is nearest to a place in m, the first one of several."""
+        distance = np.hypot(*(self.centres - (x, y)).T)
+        return self.names[int(np.flatnonzero(distance <= distance.min() + _SAME_PLACE)[0])]
+
+    @property
+    def middle_coil(self) -> str:
+        """Name of the coil nearest to the middle of the rectangle about all centres, the first one of several."""
+        x, y = ((self.centres.min(axis=0) + self.centres.max(axis=0)) / 2).tolist()
+        return self.nearest_coil(x, y)
+
     def with_placements(self, placements: Sequence[Placement]) -> CoilArray:
         """Return the same board with other coils."""
         return replace(self, placements=tuple(placements))
 
-    def conductors(self) -> tuple[Conductor, ...]:
-        """Return the current path of every coil, vias included, from its first to its second terminal."""
-        return tuple(self._conductor(placement) for placement in self.placements)
+    def conductors(self, chord: float = CHORD) -> tuple[Conductor, ...]:
+        """Return the current path of every coil, vias included, from its first to its second terminal.
 
-    def _conductor(self, placement: Placement) -> Conductor:
+        `chord` is the resolution of arcs, see `Coil.current_lines`.
+        """
+        return tuple(self._conductor(placement, chord) for placement in self.placements)
+
+    def _conductor(self, placement: Placement, chord: float) -> Conductor:
         coil = placement.coil
         vertices: list[FloatArray] = []
         widths: list[float] = []
         thicknesses: list[float] = []
         areas: list[float] = []
-        for k, (xy, width, layer) in enumerate(placement.traces()):
-            vertices.append(np.column_stack((xy, np.full(len(xy), self.stackup.centre(layer)))))
+        for k, ((line, width), layer) in enumerate(zip(coil.current_lines(chord), placement.layers, strict=True)):
+            vertices.append(np.column_stack((placement.to_board(line), np.full(len(line), self.stackup.centre(layer)))))
             thickness = self.stackup.copper_thickness[self.stackup.index(layer)]
             widths += width.tolist()
             thicknesses += [thickness] * len(width)
@@ -270,43 +304,71 @@ def lattice_array(
 
 
 def lattice(
-    kind: LatticeKind, pitch: float, columns: int, rows: int = 1, *, direction: float = 0.0
-) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    kind: LatticeKind,
+    pitch: float | None = None,
+    columns: int = 1,
+    rows: int = 1,
+    *,
+    rings: int = 0,
+    direction: float = 0.0,
+) -> tuple[FloatArray, IntArray]:
     """Points of a regular lattice about the origin.
 
     Parameters
     ----------
-    kind, pitch, columns, rows, direction
+    kind, pitch, columns, rows, rings, direction
         As in `Lattice`.
 
     Returns
     -------
-    points : ndarray, shape (rows · columns, 2)
-        Lattice points in m, centred on the origin, row by row.
-    indices : ndarray of int, shape (rows · columns, 2)
+    points : ndarray, shape (n, 2)
+        Lattice points in m, centred on the origin, row by row or ring by ring.
+    indices : ndarray of int, shape (n, 2)
         Lattice coordinates (i, j). For the hexagonal lattice they are axial: the six neighbours are ±(1, 0),
         ±(0, 1) and ±(1, −1), so that (i − j) mod 3 differs between all neighbours.
 
     Raises
     ------
     GeometryError
-        A pitch that is not positive and finite, a count below 1, or several rows of a linear lattice.
+        A pitch that is not positive and finite, a count below 1, rows, columns or rings that the kind does not have.
     """
+    if pitch is None and (columns > 1 or rows > 1 or rings > 0):
+        raise GeometryError("a lattice of more than one coil must have a pitch; got none.")
+    pitch = 1.0 if pitch is None else pitch  # which one coil does not notice
     require_positive("pitch", pitch)
     if columns < 1 or rows < 1:
         raise GeometryError(f"columns and rows must be at least 1; got {columns} and {rows}.")
     if kind == "linear" and rows != 1:
         raise GeometryError(f"a linear lattice has one row; got {rows}.")
+    if kind in ("single", "rings") and (rows, columns) != (1, 1):
+        raise GeometryError(f"a lattice of the kind {kind} has no rows and columns; got {rows} and {columns}.")
+    if (kind == "rings") != (rings > 0):
+        raise GeometryError(
+            f"a lattice has at least one ring where its kind is rings, else none; got {rings} of {kind}."
+        )
     row, column = np.divmod(np.arange(rows * columns), columns)
-    if kind == "hexagonal":
+    if kind == "rings":
+        i, row = _rings(rings).T
+        x, y = pitch * (i + row / 2), pitch * math.sqrt(3) / 2 * row
+    elif kind == "hexagonal":
         i = column - row // 2
         x, y = pitch * (i + row / 2), pitch * math.sqrt(3) / 2 * row
-    elif kind in ("linear", "square"):
+    elif kind in ("single", "linear", "square"):
         i = column
         x, y = pitch * column.astype(np.float64), pitch * row.astype(np.float64)
     else:
-        raise GeometryError(f"lattice must be linear, square or hexagonal; got {kind!r}.")
+        raise GeometryError(f"lattice must be single, linear, square, hexagonal or rings; got {kind!r}.")
     points = np.column_stack((x, y))
     points -= 0.5 * (points.min(axis=0) + points.max(axis=0))
     c, s = math.cos(direction), math.sin(direction)
     return points @ np.array([[c, s], [-s, c]]), np.column_stack((i, row))
+
+
+def _rings(count: int) -> IntArray:
+    """Axial coordinates (i, j) of a point and so many rings of hexagons about it, each from its corner at angle 0."""
+    points = [np.zeros((1, 2), dtype=np.int64)]
+    corners = np.array([(1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1)])
+    for ring in range(1, count + 1):
+        along = np.arange(ring)[None, :, None] * (np.roll(corners, -1, axis=0) - corners)[:, None]
+        points.append((ring * corners[:, None] + along).reshape(-1, 2))
+    return np.vstack(points)

@@ -22,6 +22,7 @@ def impedance(
     ] = 50,
     out: Annotated[Path | None, shared.out_option("Also write the sweep: .nc or .csv.", ".nc", ".csv")] = None,
     plot: Annotated[Path | None, shared.plot_option("the apparent inductance over frequency")] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:

@@ -127,6 +127,7 @@ def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopp
     from coilarray.hardware.record.live_tracking import LiveTracker
     from coilarray.hardware.scan.readings import read_scan
     from coilarray.localize.forward import forward_model
+    from coilarray.response.coordinates import on_board
     from coilarray.viz.studio.services import BoardFrame
 
     design = build_design(request.document, request.name)
@@ -141,7 +142,7 @@ def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopp
         line = marked(board.line, emulated=board.emulated)
         model = None
         if design.indentation is not None:
-            model = forward_model(kept_response(request.document, request.name, wait))
+            model = forward_model(on_board(kept_response(request.document, request.name, wait)))
         tracker, going = LiveTracker(model), False
         capacitance = design.circuit.switches.tank_capacitance
         with closing(board.reader.scans()) as scans:

@@ -36,6 +36,7 @@ def sweep(
     cache: shared.Cache = None,
     out: shared.NumbersFile = Path("sweep.nc"),
     plot: Annotated[Path | None, shared.plot_option("the quantities")] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
 ) -> None:
     """Compute quantities of a design over a grid of its entries, or over samples.

@@ -13,7 +13,7 @@ import numpy as np
 
 from coilarray.design.fab_limits import FabTable
 from coilarray.design.model import Circuit, Design, DesignFile, Indentation, build_design_file
-from coilarray.design.tables import PASSIVE, SCHEMA, CircuitTable, map_positions
+from coilarray.design.tables import PASSIVE, SCHEMA, SIDES, CircuitTable, half_side, map_positions
 from coilarray.design.units import SCALES, Table
 from coilarray.geometry import (
     Coil,
@@ -24,6 +24,7 @@ from coilarray.geometry import (
     Lattice,
     Leads,
     PlatedHole,
+    RoundedSpiral,
     Seat,
     Sheet,
     Spiral,
@@ -34,12 +35,13 @@ from coilarray.geometry import (
     hull_outline,
 )
 from coilarray.geometry.sheet import KPA_PER_MM
+from coilarray.geometry.spiral import Winding
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # a list of plain values as tomli-w writes it, one a line
 _FLAT_LIST = re.compile(r"\[\n\s*([^\[\]\n]+(?:,\n\s*[^\[\]\n]+)*),\n\s*\]")
 _LONGEST_LINE = 120
-_LEAST_CIRCLE = 8  # segments of a turn that a file takes for a circle
+_TURNED = 1e-12  # rad
 _PICOMETRE = 1e-12
 _PLACES = ("lines_mm", "outline_mm", "x_mm", "y_mm")
 _VIA = ("drill_mm", "pad_mm", "plating_um")
@@ -60,7 +62,7 @@ def design_document(design: Design) -> dict[str, Any]:
     dict
         Plain tables, lists and values with all their digits; entries of the circuit and of the board house only where
         they are not the default. Placements are a lattice where `CoilArray.lattice` gives them, else free; coils are
-        polygons and circles where `Coil.wound` says so, else paths. Names that a file cannot have are changed as
+        wound shapes where `Coil.wound` says so, else paths. Names that a file cannot have are changed as
         `design_names` says.
 
     Examples
@@ -114,13 +116,17 @@ def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str
     values are assumed, with the reason: ``coils.*.KEY`` stands for every shape, ``coils.NAME.KEY`` for that of the coil
     NAME.
     """
-    import tomli_w
-
     document = _rounded(design_document(design))
     shapes = shape_names(design.array)
     reasons = _assumed_table(assumed or {}, dict(zip(design.array.names, shapes, strict=True)), list(document["coils"]))
-    text = tomli_w.dumps(document | ({"assumed": reasons} if reasons else {}))
-    return _FLAT_LIST.sub(_on_one_line, text)
+    return document_text(document | ({"assumed": reasons} if reasons else {}))
+
+
+def document_text(document: Mapping[str, Any]) -> str:
+    """Return the TOML text of a document, lists of plain values on one line."""
+    import tomli_w
+
+    return _FLAT_LIST.sub(_on_one_line, tomli_w.dumps(document))
 
 
 def shape_names(array: CoilArray) -> list[str]:
@@ -167,50 +173,63 @@ def _stackup_table(stackup: Stackup, layers: Mapping[str, str]) -> dict[str, Any
 
 
 def _coil_table(coil: Coil) -> dict[str, Any]:
-    of = coil.wound
-    return _path_table(coil) if of is None or _is_coarse_circle(of.spiral) else _spiral_table(of)
+    shape = None if coil.wound is None else _shape_table(coil.wound.spiral)
+    return _path_table(coil) if coil.wound is None or shape is None else shape | _wound_table(coil.wound)
 
 
-def _is_coarse_circle(spiral: Spiral) -> bool:
-    return spiral.circular and spiral.sides < _LEAST_CIRCLE
-
-
-def _spiral_table(of: Wound) -> dict[str, Any]:
-    spiral = of.spiral
-    table: dict[str, Any] = {"shape": "circle" if spiral.circular else "polygon"}
-    if spiral.circular:
-        table["segments_per_turn"] = spiral.sides
-        table["outer_diameter_mm"] = _number(
-            2e3 * spiral.outer_apothem, spiral.outer_apothem, lambda entry: entry / 2 * _MM
-        )
-    else:
-        table["sides"] = spiral.sides
-        table |= _polygon_size(spiral)
-    table |= {
-        "turns_per_layer": float(spiral.turns),
+def _wound_table(of: Wound) -> dict[str, Any]:
+    table: dict[str, Any] = {
+        "turns_per_layer": float(of.spiral.turns),
         "winding_layers": of.winding_layers,
-        **_entries(spiral, "trace_width_mm", "gap_mm", "first_corner_deg"),
-        "winding": spiral.winding,
+        **_entries(of.spiral, "trace_width_mm", "gap_mm"),
+        "winding": of.spiral.winding,
         "return_lead": of.return_lead,
         "via": _entries(of.via, *_VIA),
     }
     return table if of.leads is None else table | {"leads": _leads_table(of.leads, of.via)}
 
 
-def _polygon_size(spiral: Spiral) -> dict[str, float]:
-    """Across flats or across corners, whichever has fewer digits."""
+def _shape_table(spiral: Winding) -> dict[str, Any] | None:
+    """Shape and sizes of a winding; None for a rectangle that is not along x and y, which a file can only trace."""
+    if isinstance(spiral, Spiral):
+        return _polygon_table(spiral.sides, spiral.outer_apothem) | _entries(spiral, "first_corner_deg")
+    assert isinstance(spiral, RoundedSpiral)  # there is no other
+    start = _entry(spiral.direction, _DEG)
+    if spiral.is_circle:
+        return {
+            "shape": "circle",
+            "outer_diameter_mm": _entry(spiral.extent, _MM),
+            "first_corner_deg": start,
+        }
+    quarter = round(spiral.direction / (math.pi / 2)) % 4
+    if spiral.sides == 4 and abs(math.remainder(spiral.direction, math.pi / 2)) < _TURNED:
+        sizes = (spiral.extent, spiral.breadth) if quarter % 2 == 0 else (spiral.breadth, spiral.extent)
+        table = {
+            "shape": "racetrack" if spiral.is_racetrack else "rectangle",
+            "outer_width_mm": _entry(sizes[0], _MM),
+            "outer_height_mm": _entry(sizes[1], _MM),
+            "first_side": SIDES[quarter],
+        }
+        return table if spiral.is_racetrack else table | _entries(spiral, "corner_radius_mm")
+    if spiral.extent != spiral.breadth or not spiral.corner_radius:
+        return None
+    half = half_side(spiral.sides, spiral.winding)
+    corner = _number((spiral.direction - half) / _DEG, spiral.direction, lambda entry: entry * _DEG + half, places=True)
+    table = _polygon_table(spiral.sides, spiral.extent / 2) | _entries(spiral, "corner_radius_mm")
+    return table | {"first_corner_deg": corner}
+
+
+def _polygon_table(sides: int, apothem: float) -> dict[str, Any]:
+    """Sides and size of a polygon, across flats or across corners, whichever has fewer digits."""
     sizes = {}
-    for across, size in (
-        ("flats", 2 * spiral.outer_apothem),
-        ("corners", 2 * spiral.outer_apothem / math.cos(math.pi / spiral.sides)),
-    ):
+    for across, size in (("flats", 2 * apothem), ("corners", 2 * apothem / math.cos(math.pi / sides))):
         sizes[f"outer_across_{across}_mm"] = _number(
             size * 1e3,
-            spiral.outer_apothem,
-            lambda entry, across=across: apothem_from_size(entry * _MM, spiral.sides, across=across),  # type: ignore[misc]
+            apothem,
+            lambda entry, across=across: apothem_from_size(entry * _MM, sides, across=across),  # type: ignore[misc]
         )
     key = min(sizes, key=lambda key: len(repr(sizes[key])))
-    return {key: sizes[key]}
+    return {"shape": "polygon", "sides": sides, key: sizes[key]}
 
 
 def _leads_table(leads: Leads, via: PlatedHole) -> dict[str, float]:
@@ -251,9 +270,8 @@ def _array_table(
         table: dict[str, Any] = {
             "lattice": lattice.kind,
             "coil": shapes[0],
-            "columns": lattice.columns,
-            "rows": lattice.rows,
-            **_entries(lattice, "pitch_mm", "direction_deg", "rotation_deg"),
+            **_lattice_size(lattice),
+            **_entries(lattice, "direction_deg", "rotation_deg"),
             "layers": [[layers.get(layer, layer) for layer in each] for each in lattice.layers],
         }
         if lattice.layer_shift is not None:
@@ -275,15 +293,23 @@ def _array_table(
     }
 
 
+def _lattice_size(lattice: Lattice) -> dict[str, Any]:
+    if lattice.kind == "single":
+        return {}
+    count = {"rings": lattice.rings} if lattice.rings else {"columns": lattice.columns, "rows": lattice.rows}
+    return count | _entries(lattice, "pitch_mm")
+
+
 def _is_on(lattice: Lattice, array: CoilArray) -> bool:
     """Whether a lattice gives the placements of an array."""
     coil = array.placements[0].coil
-    if len(array.placements) != lattice.columns * lattice.rows or any(p.coil is not coil for p in array.placements):
+    points = lattice.placements(coil)
+    if len(array.placements) != len(points) or any(p.coil is not coil for p in array.placements):
         return False
     return all(
         (one.name, one.layers) == (other.name, other.layers)
         and max(abs(one.x - other.x), abs(one.y - other.y), abs(one.rotation - other.rotation)) < 1e-3 * _PICOMETRE
-        for one, other in zip(lattice.placements(coil), array.placements, strict=True)
+        for one, other in zip(points, array.placements, strict=True)
     )
 
 
@@ -336,7 +362,9 @@ def _indentation_table(setup: Indentation, names: Mapping[str, str]) -> dict[str
     table["depths_mm"] = [_entry(depth, _MM) for depth in setup.depths]
     x, y = ([_number(1e3 * v, v, lambda mm: mm / 1e3, places=True) for v in row] for row in (setup.x, setup.y))
     step = next((round(row[1] - row[0], 9) for row in (x, y) if len(row) > 1), 1.0)
-    if _is_regular(x, step) and _is_regular(y, step):
+    if (setup.x, setup.y) == setup.over_array:
+        table |= {} if setup.step is None else {"step_mm": _entry(setup.step, _MM)}
+    elif _is_regular(x, step) and _is_regular(y, step):
         table |= {"x_mm": [x[0], x[-1]], "y_mm": [y[0], y[-1]], "step_mm": step}
     else:
         table |= {"x_positions_mm": x, "y_positions_mm": y}

@@ -172,7 +172,8 @@ def _axis(name: str, values: npt.ArrayLike) -> FloatArray:
     if array.ndim != 1 or not array.size or not np.isfinite(array).all() or (np.diff(array) <= 0).any():
         raise ElastomerError(f"{name} must be finite and rising, in m; got {array}.")
     if np.abs(array).max() > _FARTHEST:
-        raise ElastomerError(f"{name} must be at most {_FARTHEST} m from the map's origin; got {array} m.")
+        limit = f"at most {_FARTHEST * 1e3:g} mm from the map's origin"
+        raise ElastomerError(f"{name} must be {limit}; got {array * 1e3} mm.")
     return array
 
 

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from coilarray.viz import palette
-from coilarray.viz.palette import DIVERGING, SEQUENTIAL, curve_look
+from coilarray.viz.palette import DIVERGING, SEQUENTIAL, coil_colours, curve_look
 from coilarray.viz.plots.coupling import plot_matrix
 
 # rows give red, green and blue as they are seen
@@ -84,6 +84,21 @@ def test_the_simulation_keeps_white_and_finds_what_is_known():
 @pytest.mark.parametrize("name", ["COILS", "LAYERS", "SHEETS", "KINDS"])
 def test_colours_of_a_set_are_told_apart(name, vision):
     assert nearest(getattr(palette, name), vision) > TOLD_APART
+
+
+@pytest.mark.parametrize(("columns", "rows", "shift"), [(4, 4, 0.0), (16, 1, 0.0), (8, 8, 0.0), (8, 8, 0.5)])
+def test_each_of_64_coils_has_a_colour_of_its_own_and_neighbours_differ_most(columns, rows, shift):
+    places = np.array([(x + shift * (y % 2), y) for y in range(rows) for x in range(columns)])
+    names = [f"coil{k}" for k in range(len(places))]
+    colours = list(coil_colours(names, places).values())
+    assert len(set(colours)) == len(names)
+    assert nearest(colours, "all cones") > 10.0
+    near = [(a, b) for a, b in combinations(range(len(names)), 2) if np.linalg.norm(places[a] - places[b]) < 1.2]
+    for vision in VISIONS:
+        if vision == "all cones" or len(names) <= 16:  # with fewer cones 64 colours cannot be told apart: names can
+            seen = lab([to_rgb(colour) for colour in colours], vision)
+            assert min(np.linalg.norm(seen[a] - seen[b]) for a, b in near) > TOLD_APART
+    assert coil_colours(names[:6], places[:6]) == dict(zip(names, palette.COILS, strict=False))
 
 
 def test_neighbours_among_curves_differ_in_more_than_colour():
