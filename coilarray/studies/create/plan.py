@@ -161,6 +161,8 @@ class Plan:
             "rectangle": {"shape": "rectangle", "outer_width_mm": width, "outer_height_mm": height},
             "racetrack": {"shape": "racetrack", "outer_width_mm": width, "outer_height_mm": height},
         }
+        # the outer vias of four layers lie between the leads
+        apart = max(_TERMINALS_APART, self.via_pad + 2 * self.winding.gap + self.winding.trace_width + _PAD_STEP)
         drill, terminal = max(_DRILL, self.rules.min_drill), max(_TERMINAL, self.rules.min_drill)
         terminal_pad = terminal + 2 * max(_TERMINAL_RING, self.rules.min_annular_ring)
         return {
@@ -172,8 +174,8 @@ class Plan:
             **self.starts[self.start],
             "via": {"drill_mm": _mm(drill), "pad_mm": _mm(self.via_pad), "plating_um": 25},
             "leads": {
-                "length_mm": _mm(self.lead),
-                "spacing_mm": _mm(_TERMINALS_APART),
+                "length_mm": _mm(max(self.lead, apart)),
+                "spacing_mm": _mm(apart),
                 "pad_mm": _mm(terminal_pad),
                 "drill_mm": _mm(terminal),
             },
