@@ -73,7 +73,7 @@ def field(
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     names = opened.array.names
-    active = names[(len(names) - 1) // 2] if coil is None else coil
+    active = opened.array.middle_coil if coil is None else coil
     if active not in names:
         raise GeometryError(f"--coil must be one of {', '.join(names)}; got {active}.")
     axes = _axes(opened, heights, spacing_mm, large=large)

@@ -439,7 +439,7 @@ class IndentationTable(Table):
     seat_lifts: bool = False
     seat_weight_Pa: Annotated[float, Field(ge=0, le=1e6)] = 0.0  # noqa: N815 - the unit
     depths_mm: list[Millimetres] = Field(min_length=1)
-    x_mm: Range | None = None
+    x_mm: Range | None = None  # left out with y_mm: over all coils
     y_mm: Range | None = None
     step_mm: StepMillimetres | None = None
     x_positions_mm: Positions | None = None  # instead of a range and a step
@@ -465,8 +465,14 @@ class IndentationTable(Table):
             raise ValueError("needs one of origin and origin_mm, not both")
         ranges = (self.x_mm, self.y_mm, self.step_mm)
         lists = (self.x_positions_mm, self.y_positions_mm)
-        if None in (ranges if lists == (None, None) else lists) or (lists != (None, None) and ranges != (None,) * 3):
-            raise ValueError("needs x_mm, y_mm and step_mm, or else x_positions_mm and y_positions_mm")
+        over_array = lists == ranges[:2] == (None, None)
+        if not over_array and (
+            None in (ranges if lists == (None, None) else lists) or (lists != (None, None) and ranges != (None,) * 3)
+        ):
+            raise ValueError(
+                "needs x_mm, y_mm and step_mm, or else x_positions_mm and y_positions_mm; or none of them, for "
+                "positions over all coils"
+            )
         for key, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
             if values is not None and self.step_mm is not None:
                 low, high = values
@@ -496,7 +502,7 @@ class IndentationTable(Table):
             raise ValueError(f"may have {_MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
 
     def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return the x and the y of the map in m, ends included."""
+        """Return the x and the y of the map in m, ends included; none where they follow from the array."""
         if self.x_mm is None or self.y_mm is None or self.step_mm is None:
             x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
         else:

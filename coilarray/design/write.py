@@ -363,7 +363,9 @@ def _indentation_table(setup: Indentation, names: Mapping[str, str]) -> dict[str
     table["depths_mm"] = [_entry(depth, _MM) for depth in setup.depths]
     x, y = ([_number(1e3 * v, v, lambda mm: mm / 1e3, places=True) for v in row] for row in (setup.x, setup.y))
     step = next((round(row[1] - row[0], 9) for row in (x, y) if len(row) > 1), 1.0)
-    if _is_regular(x, step) and _is_regular(y, step):
+    if (setup.x, setup.y) == setup.over_array:
+        table |= {} if setup.step is None else {"step_mm": _entry(setup.step, _MM)}
+    elif _is_regular(x, step) and _is_regular(y, step):
         table |= {"x_mm": [x[0], x[-1]], "y_mm": [y[0], y[-1]], "step_mm": step}
     else:
         table |= {"x_positions_mm": x, "y_positions_mm": y}

@@ -23,6 +23,7 @@ from coilarray.design.model import Design
 from coilarray.geometry import Indenter
 from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.report.position import MapPositions
+from coilarray.response.answering import middle_state
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -90,7 +91,7 @@ def field_pictures(
         *(
             draw(
                 f"field_map_{k}",
-                f"B_z of {active} {height}, in free space, per ampere: {label}.",
+                f"B_z of {active} {height}, in free space, per ampere{'' if len(plane) == 1 else f': {label}'}.",
                 viz.plot_field_map(field, outlines=outlines),
             )
             for k, (label, field) in enumerate(plane.items())
@@ -139,40 +140,43 @@ def response_pictures(design: Design, response: xr.Dataset) -> Iterator[Picture]
         caption = f"δ of each state over the position of the indenter, {deepest}, with the outlines of the coils."
         yield draw("response_maps", caption, viz.response_figure(response, map_outlines(design, response)))
     along: Literal["x", "y"] = "y" if response.sizes["x"] == 1 else "x"
-    caption = f"δ of each state along {along}, {deepest}; dotted lines are the centres of the coils."
+    caption = f"δ along {along}, {deepest}; dotted lines are the centres of the coils."
     yield draw("response_profile", caption, viz.plot_response_profile(response, depth=-1, along=along))
+    state = middle_state(response)
     if response.sizes[along] > 1:
-        caption = f"δ of the coil in the middle along {along} for each depth, with its width at half the peak."
-        yield draw("response_depths", caption, viz.plot_bell_curve(response, along=along))
+        caption = f"δ of {state} along {along} for each depth, with its width at half the peak."
+        yield draw("response_depths", caption, viz.plot_bell_curve(response, state, along=along))
     elif response.sizes["depth"] > 1:
-        state = response.state.values.tolist()[(response.sizes["state"] - 1) // 2]
         depths = viz.plot_response_profile(response, state, None, along=along)
         yield draw("response_depths", f"δ of {state} along {along} for each depth.", depths)
 
 
-def position_pictures(
-    design: Design, response: xr.Dataset, positions: MapPositions, published: EllipseModel | None
-) -> list[Picture]:
+def position_pictures(design: Design, positions: MapPositions, published: EllipseModel | None) -> list[Picture]:
     """Draw A, B and x0 of the middle coil over δ, two ellipses that meet, and the error of x over the map."""
-    coil = positions.model.names[(len(positions.model.names) - 1) // 2]
+    names = positions.model.names
+    coil = design.array.middle_coil if design.array.middle_coil in names else names[0]
     beside = "" if published is None or coil not in published.names else "; grey: Table A1 of the paper"
     place = positions.example()
     at = f"({place[0] * 1e3:.4g}, {place[1] * 1e3:.4g}) mm"
+    parameters = viz.plot_ellipse_parameters(positions.fits, positions.model, coil, published=published)
+    parameters.set_ylabel(f"A, B, $x_0$: {positions.axis}")
+    ellipses = viz.plot_ellipses(positions.ellipses(place), positions.found[place], place)
+    ellipses.set_xlabel(positions.axis)
     return [
         draw(
             "ellipse_parameters",
             f"Semi-axes and centre of the ellipses of {coil} over δ, and the polynomials fitted to them{beside}.",
-            viz.plot_ellipse_parameters(positions.fits, positions.model, coil, published=published),
+            parameters,
         ),
         draw(
             "ellipses",
             f"Ellipses for the readings at {at}, which meet where the indenter may be; their x is its position.",
-            viz.plot_ellipses(positions.ellipses(place), positions.found[place], place),
+            ellipses,
         ),
         draw(
             "x_error",
             "Determined less real x over the map; grey where the model has no position.",
-            viz.plot_x_error(positions.error, outlines=map_outlines(design, response)),
+            viz.plot_x_error(positions.error, outlines=[_outline(design, name) for name in design.array.names]),
         ),
     ]
 

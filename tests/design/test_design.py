@@ -2,6 +2,7 @@
 
 # ruff: noqa: E501 - each case is one line of input and one of output
 import math
+import re
 import tomllib
 from dataclasses import replace
 
@@ -16,7 +17,9 @@ from coilarray.design.write import design_text
 from coilarray.errors import DesignError
 from coilarray.geometry import EVEN, Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid, Seat, Unevenness
 
-BASE = read("starter")
+# with a window of its own, which the starter leaves to its coils
+BASE = re.sub(r"^# (?=x_mm = \[|y_mm = \[|origin =)", "", read("starter"), flags=re.MULTILINE)
+BASE = BASE.replace("# step_mm = 1.5", "step_mm = 2.0")
 
 
 def changed(old, new):

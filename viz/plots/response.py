@@ -18,11 +18,12 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter
 
 from coilarray.compute.display_units import MM, DisplayUnit, true_minus
+from coilarray.response.answering import answering_states, main_line, middle_state
 from coilarray.viz.datasets.overlays import at_depth, of_state
 from coilarray.viz.palette import DIVERGING, INK, PALE, curve_look
 from coilarray.viz.plots import style
 
-MOST_MAPS = 12
+MOST_MAPS = 16
 """Largest number of states in `response_figure`."""
 
 _BANDS, _TICKS = 20, 9  # largest numbers of bands of colour, and of ticks beside them
@@ -100,7 +101,7 @@ def plot_response_profile(
     ax : Axes, optional
         Axes to draw into, mm across. Dotted lines mark the centres of the coils.
     along : {"x", "y"}
-        Direction of the line; the other coordinate is the one nearest to zero.
+        Direction of the line, which is that with the largest |δ| of the deepest dent.
 
     Raises
     ------
@@ -120,7 +121,7 @@ def plot_response_profile(
     """
     across = "y" if along == "x" else "x"
     delta = _delta(response, state=state, depth=depth)
-    row = delta.isel({across: int(np.abs(delta[across].values).argmin())})
+    row = delta.isel({across: main_line(response, along)})
     shown = style.axis_unit(row)
     ax = ax or style.new_axes(*_PROFILE)
     at = MM.of(row[along])
@@ -197,8 +198,9 @@ def plot_bell_curve(
         look = curve_look(k)
         top, (left, right) = float(delta(fine).max()), _half_width(delta, fine)
         width = "" if math.isnan(right - left) else f", {right - left:.1f} mm"
+        edge = ", at the edge" if int(delta(fine).argmax()) in (0, _SMOOTH - 1) else ""
         peak = f"{top:.3g} × {shown.symbol}" if shown.symbol else f"{top:.3g}"
-        label = true_minus(f"{MM.text(depth)}: {peak}{width}")
+        label = true_minus(f"{MM.text(depth)}: {peak}{edge}{width}")
         ax.plot(at, values, ".", color=look["color"], markersize=4)
         ax.plot(fine, delta(fine), label=label, **look)
         if width:
@@ -218,7 +220,7 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
     """Draw the response to the deepest dent, one map per state with a common colour bar.
 
     A response along a single line, or at a single position, is drawn as one curve per state instead. At most
-    `MOST_MAPS` states are shown, those in the middle.
+    `MOST_MAPS` states are shown: of those that answer, the nearest to the middle of the map.
 
     Parameters
     ----------
@@ -226,9 +228,8 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
         As in `plot_response`, with any number of x and y.
     """
     names = response.state.values.tolist()
-    first = max(0, (len(names) - MOST_MAPS) // 2)
-    shown = response.isel(state=slice(first, first + MOST_MAPS))
-    note = f" ({MOST_MAPS} of {len(names)} states, those in the middle)" if len(names) > MOST_MAPS else ""
+    shown = response.isel(state=answering_states(response, MOST_MAPS))
+    note = f" ({MOST_MAPS} of {len(names)} states, those nearest to the middle)" if len(names) > MOST_MAPS else ""
     if min(response.sizes["x"], response.sizes["y"]) > 1:
         return _maps(shown, outlines, note)
     figure = Figure(figsize=_PROFILE)
@@ -338,8 +339,7 @@ def _bell(response: xr.Dataset, state: str | None, along: str) -> tuple[xr.DataA
     """Return δ (depth, along) of a state on the line nearest to its coil, the coil's place on it in m, and the name."""
     if "state" not in response.dims:  # the two-dimensional model, which has one coil
         return response.delta.transpose("depth", along), None, str(response.attrs.get("coil", ""))
-    middle = response.delta.isel(depth=-1, x=response.sizes["x"] // 2, y=response.sizes["y"] // 2).fillna(-np.inf)
-    name = str(response.state.values[int(middle.argmax("state"))]) if state is None else state
+    name = middle_state(response) if state is None else state
     delta = _delta(response, state=name, depth=None)
     across = "y" if along == "x" else "x"
     of_coil = response.sel(coil=name) if name in response.coil.values else None
