@@ -72,9 +72,9 @@ def init(
     from coilarray.design import bundled
     from coilarray.design.save import save_design
 
-    target = file if file.suffix else file.with_suffix(".toml")
     if file.is_dir():
         raise OutputError(f"{file} is a folder; name a file in it.")
+    target = file if file.suffix else file.with_suffix(".toml")
     shared.check_file("NAME", target, (".toml",))
     require_own("init", [target], force=force)
     given = {

@@ -141,6 +141,19 @@ def test_init_asks_on_a_terminal(capsys, monkeypatch):
     assert file.design.indentation is None
 
 
+@pytest.mark.parametrize(
+    ("command", "option", "file"),
+    [("matrix", "--out", "a.csv"), ("impedance", "--plot", "a.svg"), ("view", "--html", "a.html"), ("report", "", "")],
+)
+def test_what_another_wrote_is_not_replaced(capsys, command, option, file):
+    """Before any work; what the command itself wrote is tried with init and export."""
+    given, kept = ((), Path("report.html")) if command == "report" else ((option, file), Path(file))
+    kept.write_text("mine", encoding="utf-8")
+    line = refused(capsys, command, "starter", *given)
+    assert f"{kept} exists and is not as `coilarray {command}` left it; --force replaces it" in line
+    assert kept.read_text(encoding="utf-8") == "mine"
+
+
 @pytest.mark.slow
 def test_matrix(capsys):
     data = answer(capsys, "matrix", "starter", "--out", "m.nc")
