@@ -26,6 +26,7 @@ from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, NetworkError
 from coilarray.geometry import Conductor
+from coilarray.response.coordinates import origin_attributes
 from coilarray.response.near import near_response
 from coilarray.response.setup import (
     Experiment,
@@ -114,7 +115,8 @@ def response_map(
         Dimensions ``depth``, ``y``, ``x``, ``state``, ``coil``, ``other``. ``delta`` (depth, y, x, state) is
         (L_peak − L_0)/L_0 as the converter sees it, L = 1/((2πf)² C); ``base_inductance`` (state) L_0 in H;
         ``inductance`` (coil, other) in H with flat sheets; ``force`` in N and ``contact_radius`` in m (depth).
-        ``coil_x`` and ``coil_y`` are the centres in m from the map's origin. With every coil also
+        ``coil_x`` and ``coil_y`` are the centres in m from the map's origin, which the attributes ``origin_x`` and
+        ``origin_y`` place on the board: `coilarray.response.coordinates.on_board`. With every coil also
         ``inductance_change`` (depth, y, x, coil, other) in H, dented minus flat, and ``capacitance_change`` (depth, y,
         x, coil) in F, zero without `dielectric`. With only near coils, ``delta`` is 0 for the states beyond the
         attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out. The attribute
@@ -322,7 +324,7 @@ def response_dataset(
             "indenter": setup.indenter.name,
             "base": str(setup.base),
             "strain": setup.strain,
-            "origin": setup.origin or "board",
+            **origin_attributes(setup),
             **(attributes or {}),
         },
     )  # fmt: skip
