@@ -18,7 +18,7 @@ from scipy.special import chdtrc, chdtri
 
 from coilarray.compute.threads import ranges
 from coilarray.errors import LocalizeError
-from coilarray.localize.forward import ForwardModel, checked_noise
+from coilarray.localize.forward import ForwardModel, checked_noise, require_states
 from coilarray.localize.identifiability import covariance_of
 from coilarray.localize.search import refine, scan_of, starts
 from coilarray.response.interpolation import PARAMETERS
@@ -250,7 +250,7 @@ def deviance(
     LocalizeError
         What `locate` and `ForwardModel.delta` refuse, and a location without a mode.
     """
-    residuals = (checked_reading(model.states, reading) - model.delta(points)) / checked_noise(model, noise)
+    residuals = (checked_reading(model.states, reading) - model.delta(points)) / checked_noise(model.states, noise)
     return np.asarray((residuals**2).sum(axis=-1) - location.best.chi_square)
 
 
@@ -258,14 +258,11 @@ def _solve(
     model: ForwardModel, rows: Sequence[FloatArray], noise: npt.ArrayLike, confidence: float, alarm: float
 ) -> list[Location]:
     """Locate checked readings."""
-    sigma = checked_noise(model, noise)
+    sigma = checked_noise(model.states, noise)
     for name, value in (("confidence", confidence), ("alarm", alarm)):
         if not 0 < value < 1:
             raise LocalizeError(f"{name} must be between 0 and 1; got {value}.")
-    if len(model.states) < model.unknowns:
-        raise LocalizeError(
-            f"{model.unknowns} unknowns need at least as many states; the model has {', '.join(model.states)}."
-        )
+    require_states(model.states, model.unknowns)
     result: list[Location] = []
     for first, last in ranges(len(rows), _BLOCK):
         result += _solve_block(model, np.array(rows[first:last]), sigma, confidence, alarm)
@@ -405,9 +402,7 @@ def checked_reading(states: Sequence[str], reading: Reading) -> FloatArray:
     except (TypeError, ValueError) as error:
         raise LocalizeError(f"δ must be numbers; got {reading!r}.") from error
     if values.shape != (len(states),):
-        raise LocalizeError(
-            f"a reading must have one δ for each of {len(states)} states; got shape {values.shape}."
-        )
+        raise LocalizeError(f"a reading must have one δ for each of {len(states)} states; got shape {values.shape}.")
     bad = ~(np.abs(values) < 1)
     if bad.any():
         k = int(np.flatnonzero(bad)[0])

@@ -7,8 +7,10 @@ from itertools import pairwise
 from typing import Any
 
 from coilarray.errors import GoalError
+from coilarray.studies.optimize.goal import Variable
 from coilarray.studies.sweep import Axis
 
+_STEPS = 9  # of a variable with steps in a sweep
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _QUANTITY = r"([^\[\]<>=]+(?:\[[^\[\]]*\])?)"
 _DIRECTED = re.compile(rf"(minimize|maximize)\s+{_QUANTITY}")
@@ -55,3 +57,16 @@ def variable_of(axis: Axis) -> dict[str, Any]:
     if axis.numeric and len(values) > 2 and len(steps) == 1 and min(steps) > 0:
         return {"entry": axis.key, "low": values[0], "high": values[-1], "step": steps.pop()}
     return {"entry": axis.key, "choices": list(values)}
+
+
+def axis_of(variable: Variable) -> Axis:
+    """Return a variable of a goal as an axis of a sweep."""
+    if variable.choices is not None:
+        return Axis(variable.entry, tuple(variable.choices))
+    assert variable.low is not None  # the table has seen to it
+    assert variable.high is not None
+    if variable.step is None:
+        return Axis(variable.entry, (variable.low, variable.high), interval=True)
+    count = round((variable.high - variable.low) / variable.step)
+    places = {round(count * k / (_STEPS - 1)) for k in range(_STEPS)}
+    return Axis(variable.entry, tuple(variable.low + variable.step * place for place in sorted(places)))
