@@ -15,9 +15,10 @@ from coilarray.studies.optimize.goals import ranges
 from coilarray.studies.optimize.goals.ranges import Range, rounded
 from coilarray.studies.optimize.goals.text import goal_text
 from coilarray.studies.optimize.goals.wishes import parse_wish, variable_of
-from coilarray.studies.quantities import canonical, evaluate
+from coilarray.studies.quantities import Evaluation, canonical, evaluate
 from coilarray.studies.sweep import Axis
 
+_UNKNOWNS = 3  # of a position: x, y and the depth
 _KEPT = -0.001  # mm: what the check of the fabrication rules takes as kept
 _AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # of what they are
 
@@ -183,6 +184,12 @@ def _decouple(file: DesignFile) -> _Part:
 
 
 def _position_error(file: DesignFile) -> _Part:
+    _ = Evaluation(file.design).indentation  # there must be one
+    if len(file.design.plan) < _UNKNOWNS:
+        raise GoalError(
+            f"position_error needs {_UNKNOWNS} states of the scan for x, y and the depth; "
+            f"{file.design.name} has {len(file.design.plan)}."
+        )
     return _Part(
         "Positions told best",
         [
@@ -266,8 +273,14 @@ def _areas(file: DesignFile) -> list[tuple[dict[str, Any], str]]:
     board = rounded(_AREA_MORE * now["board_area_mm2"], 3, up=True)
     covered = rounded(_COVERED_LESS * now["covered_mm2"], 3, up=False)
     return [
-        ({"quantity": "board_area_mm2", "at_most": board}, "a quarter more than it is"),
-        ({"quantity": "covered_mm2", "at_least": covered}, "at most a twentieth less of the board covered by coils"),
+        (
+            {"quantity": "board_area_mm2", "at_most": board},
+            f"a quarter more board than the {now['board_area_mm2']:.0f} mm² that it has",
+        ),
+        (
+            {"quantity": "covered_mm2", "at_least": covered},
+            f"a twentieth less than the {now['covered_mm2']:.0f} mm² that its coils cover",
+        ),
     ]
 
 

@@ -30,7 +30,8 @@ def goal_text(goal: Goal, comments: Mapping[str, str], head: str) -> str:
 
 
 def _entries(table: Mapping[str, Any]) -> list[str]:
-    return [f"{key} = {_value(value)}" for key, value in table.items() if value is not None]
+    ordered = sorted(table, key=lambda key: key != "quantity")  # what a bound is of comes first
+    return [f"{key} = {_value(table[key])}" for key in ordered if table[key] is not None]
 
 
 def _value(value: Any) -> str:
