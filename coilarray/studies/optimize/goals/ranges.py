@@ -84,7 +84,6 @@ def pitch_ranges(file: DesignFile) -> list[Range]:
         low, why = apart, "nearer, coils on the same copper would meet"
     else:
         low, why = closest, "nearer, neighbours would be all but one coil"
-    low = max(low, 0.0 if near.share_copper else _OVERLAP * pitch)
     return [_between("array.pitch_mm", pitch, low, _WIDER * pitch, f"{why}; up to a quarter more than it is")]
 
 
