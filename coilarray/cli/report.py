@@ -33,7 +33,7 @@ def report(
 
     Example: coilarray report gast2020 --out results
     """
-    from coilarray.report import write_report
+    from coilarray.report.write import write_report
 
     opened = shared.open_design_file(design, allow_violations=allow_violations)
     causes = None if distortion is None else read_dataset(distortion)

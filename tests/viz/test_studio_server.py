@@ -242,7 +242,7 @@ def test_a_report_is_that_of_the_report_command(monkeypatch, tmp_path):
         progress(1, 8)
         return Made
 
-    monkeypatch.setattr("coilarray.report.write_report", write)
+    monkeypatch.setattr("coilarray.report.write.write_report", write)
     file, steps = load_design_file("starter"), []
     design = file.design
     page = command.write_report(file.document, design.name, tmp_path, lambda *step: steps.append(step))
