@@ -63,6 +63,15 @@ def _one_store(tmp_path_factory, request):
         yield
 
 
+@pytest.fixture(scope="session")
+def rendering():
+    """Skip a test where this machine cannot render; asking takes seconds, and only who renders asks."""
+    from coilarray.viz import rendering_problem
+
+    if (problem := rendering_problem()) is not None:
+        pytest.skip(problem)
+
+
 @pytest.fixture
 def own_store(tmp_path, monkeypatch):
     """Keep the results of a test about the store in a folder of its own."""
