@@ -98,7 +98,7 @@ def _folder(design: str | None, folder: Path | None) -> Path:
 def write_report(document: Document, name: str, folder: Path, progress: Progress) -> Path:
     """See `coilarray.viz.studio.services.WriteReport`."""
     from coilarray.design.model import build_design_file
-    from coilarray.report import write_report as write
+    from coilarray.report.write import write_report as write
 
     return write(build_design_file(document, name), folder, progress=progress).page
 
