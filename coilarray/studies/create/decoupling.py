@@ -12,8 +12,8 @@ from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.errors import DesignError
 
-_FROM, _TO = 0.4, 1.1  # of the width of a coil: where the sign of its neighbours' coupling is looked for
-_SAMPLES = 8
+_FROM, _TO = 0.4, 1.0  # of the width of a coil: where the sign of its neighbours' coupling is looked for
+_SAMPLES = 5
 _PITCH_STEP = 1e-5  # m, to which a pitch is given
 _NEAREST = 1.02  # of the least distance: what counts as a neighbour
 
@@ -40,7 +40,7 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design]) -> float
     Raises
     ------
     DesignError
-        No such pitch between 0.4 and 1.1 widths.
+        No such pitch between 0.4 and 1 widths.
     """
 
     def coupling(pitch: float) -> float:

@@ -22,7 +22,7 @@ _FABS = ("oshpark-4-layer", "multi-cb-35um")  # taken where none is named: the f
 _TRACE = 0.15e-3  # of traces and gaps, in m: coarser than most houses need
 _GAP_STEP, _GAP_MARGIN = 10e-6, 1.05  # gaps are rounded up; turns of polygons come nearer than drawn by some percent
 _USUAL_HOLE = 0.4  # of half the coil's width: the hole of a winding for which no inductance is asked
-_HOLES = (0.45, 0.6, 0.3)  # the same of coils that overlap, in which their neighbours' terminals may lie
+_HOLES = (0.45, 0.6, 0.75, 0.3)  # the same of coils that overlap, in which their neighbours' terminals may lie
 _WINDING_LAYERS = (2, 4)
 _MOST_SETS = 4  # of layers that neighbours take in turn
 _BESIDE = 1e-3  # m between the terminals of a coil and its neighbour
@@ -78,7 +78,8 @@ def _boards(plan: Plan, wishes: Wishes) -> Iterator[Plan]:
     if overlap:
         some_sets = (2, 3, 4) if plan.arrangement.lattice in ("linear", "square") else (3, 4)
     if wishes.layers is None:
-        pairs = sorted(product(some_sets, _WINDING_LAYERS), key=lambda pair: pair[0] * pair[1])
+        each = _WINDING_LAYERS if wishes.inductance is not None else _WINDING_LAYERS[:1]
+        pairs = sorted(product(some_sets, each), key=lambda pair: pair[0] * pair[1])
     else:
         pairs = [(sets, wishes.layers // sets) for sets in some_sets if _divides(sets, wishes.layers)]
     if not pairs:
