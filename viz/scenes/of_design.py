@@ -130,8 +130,7 @@ class _Making:
 
     @property
     def _coil(self) -> str:
-        names = self.design.array.names
-        return names[(len(names) - 1) // 2] if self.view.coil is None else self.view.coil
+        return self.design.array.middle_coil if self.view.coil is None else self.view.coil
 
     @cached_property
     def _coupling(self) -> xr.Dataset:
