@@ -82,7 +82,7 @@ def init(
         "fab": fab, "pitch_mm": pitch_mm, "overlap": overlap, "frequency_MHz": frequency_MHz, "elastomer": elastomer,
         "title": title,
     }  # fmt: skip
-    chosen = {key: value for key, value in given.items() if value is not None}
+    chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     if copied is not None:
         if chosen:
             raise DesignError("--from copies a design as it is; it cannot be given with other choices.")

@@ -87,4 +87,4 @@ def _windings(place: Placement) -> npt.NDArray[np.object_]:
 
 
 def _nearest(points: FloatArray, lines: npt.NDArray[np.object_]) -> float:
-    return float(shapely.distance(shapely.points(points)[:, None], lines).min(initial=np.inf))
+    return float(np.min(shapely.distance(np.asarray(shapely.points(points))[:, None], lines), initial=np.inf))
