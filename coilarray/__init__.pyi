@@ -40,6 +40,7 @@ from .errors import NetworkError as NetworkError
 from .errors import OutputError as OutputError
 from .errors import RuleViolationError as RuleViolationError
 from .geometry.array import CoilArray as CoilArray
+from .geometry.array import Connector as Connector
 from .geometry.array import Lattice as Lattice
 from .geometry.array import Placement as Placement
 from .geometry.array import lattice_array as lattice_array
@@ -49,6 +50,7 @@ from .geometry.coil import PlatedHole as PlatedHole
 from .geometry.coil import path_coil as path_coil
 from .geometry.coil import spiral_coil as spiral_coil
 from .geometry.conductor import Conductor as Conductor
+from .geometry.connector import lead_out as lead_out
 from .geometry.indenter import Cone as Cone
 from .geometry.indenter import CylinderEdge as CylinderEdge
 from .geometry.indenter import FlatPunch as FlatPunch

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
 from coilarray.geometry.values import FloatArray, IntArray, Point
 
+Place = Point | FloatArray
 CHORD_ERROR = 0.9e-6
 """Largest distance in m of a straight piece from its arc."""
 
 _LEAST_PIECES = 3  # of which the inner points lie no further outside than the error
 
 
-def arc_points(start: Point, middle: Point, end: Point, error: float = CHORD_ERROR) -> FloatArray:
+def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERROR) -> FloatArray:
     """Points in m, shape (n >= 2, 2), on the arc from `start` over `middle` to `end`, which are its first and last.
 
     `middle` may lie anywhere between the ends. Where all three lie on a line the arc is that line; where start and end
@@ -48,7 +48,7 @@ def chord_angle(radius: float, error: float = CHORD_ERROR) -> float:
     return 4 * math.asin(math.sqrt(min(error / (2 * radius), 0.5)))
 
 
-def arc_pieces(start: Point, middle: Point, end: Point, count: int) -> FloatArray:
+def arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArray:
     """Points as those of `arc_points`, for at least 3 straight pieces of equal angle instead of an error."""
     a, c = np.array(start), np.array(end)
     centre = arc_centre(start, middle, end)
@@ -63,7 +63,7 @@ def arc_pieces(start: Point, middle: Point, end: Point, count: int) -> FloatArra
     return np.asarray(points)
 
 
-def arc_size(start: Point, middle: Point, end: Point) -> tuple[float, float]:
+def arc_size(start: Place, middle: Place, end: Place) -> tuple[float, float]:
     """Radius in m and angle in rad of an arc, positive counter-clockwise; of a straight line inf and 0."""
     centre = arc_centre(start, middle, end)
     if centre is None:
@@ -81,7 +81,7 @@ def _inner_radius(pieces: int, angle: float) -> float:
     return (math.sqrt(1 + middle * area) - 1) / middle
 
 
-def arc_centre(start: Point, middle: Point, end: Point) -> FloatArray | None:
+def arc_centre(start: Place, middle: Place, end: Place) -> FloatArray | None:
     """Centre in m of an arc, shape (2,); None where the three points lie on a line."""
     a, b, c = (np.array(point) for point in (start, middle, end))
     if np.array_equal(a, c):
@@ -120,6 +120,16 @@ class Arc:
         (x0, y0), (x1, y1) = line[[self.first, self.last]].tolist()
         middle = (x0 + x1 + self.bulge * (y1 - y0)) / 2, (y0 + y1 - self.bulge * (x1 - x0)) / 2
         return (x0, y0), middle, (x1, y1)
+
+
+def pieces_of(line: FloatArray, arcs: Sequence[Arc]) -> Iterator[Arc]:
+    """Give a line, shape (n, 2), piece by piece in order: its arcs, and what is straight as arcs without a bulge."""
+    done = 0
+    for arc in (*arcs, Arc(len(line) - 1, len(line) - 1, 0.0)):
+        yield from (Arc(k, k + 1, 0.0) for k in range(done, arc.first))
+        if arc.last > arc.first:
+            yield arc
+        done = arc.last
 
 
 def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float) -> tuple[FloatArray, IntArray]:
@@ -198,8 +208,7 @@ def rounded_line(corners: FloatArray, radii: Sequence[float]) -> tuple[FloatArra
         inwards = (after - before) / float(np.hypot(*(after - before)))
         middle = corner + radius * (1 / math.cos(turn / 2) - 1) * inwards
         begin, end = corner - tangent * before, corner + tangent * after
-        a, b, c = (cast(Point, tuple(point.tolist())) for point in (begin, middle, end))
-        piece = arc_pieces(a, b, c, math.ceil(abs(turn) / step - 1e-9))
+        piece = arc_pieces(begin, middle, end, math.ceil(abs(turn) / step - 1e-9))
         add(piece)
         arcs.append(Arc(count - len(piece), count - 1, math.tan(turn / 4)))
     add(corners[-1:])

@@ -15,7 +15,7 @@ from coilarray.errors import GeometryError
 from coilarray.geometry.coil import CHORD, Coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.stackup import Stackup
-from coilarray.geometry.values import FloatArray, IntArray, place_in_mm, require_positive
+from coilarray.geometry.values import SIDES, FloatArray, IntArray, Side, place_in_mm, require_positive
 
 _SAME_PLACE = 1e-9  # m; distances that differ by less are equal
 
@@ -55,8 +55,11 @@ class Placement:
                 f"position of {self.name} must be finite; got x {self.x} m, y {self.y} m, rotation {self.rotation} rad."
             )
         if len(self.layers) != len(self.coil.lines):
+            needed, wound = len(self.coil.lines), self.coil.wound
+            why = f"{needed} lines_mm" if wound is None else f"winding_layers = {wound.winding_layers}"
+            why += " and return_lead = true" if wound is not None and wound.return_lead else ""
             raise GeometryError(
-                f"{self.name} has {len(self.coil.lines)} lines and must be given as many copper layers; "
+                f"layers of {self.name} must be {needed}, as its shape has {why}; "
                 f"got {len(self.layers)}: {', '.join(self.layers)}."
             )
         for k, (layer, following) in enumerate(pairwise(self.layers)):
@@ -155,6 +158,50 @@ class Lattice:
         )
 
 
+@dataclass(frozen=True)
+class Connector:
+    """A row of plated holes along one edge of the board, two a coil in the order of the coils along the edge.
+
+    Parameters
+    ----------
+    side : {"right", "top", "left", "bottom"}
+        Edge at which it stands.
+    pitch : float
+        Distance of the holes in m.
+    distance : float
+        Distance in m of the holes' centres from the outermost point of the coils and their leads.
+    at : float or None
+        Middle of the row along the edge in m; None for the middle of the array.
+    trace_width, gap : float or None
+        Width of the leads and distance from other copper in m; None for those of the coils.
+    """
+
+    side: Side = "bottom"
+    pitch: float = 2.54e-3
+    distance: float = 5e-3
+    at: float | None = None
+    trace_width: float | None = None
+    gap: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.side not in SIDES:
+            raise GeometryError(
+                f"side of the connector must be {', '.join(SIDES[:-1])} or {SIDES[-1]}; got {self.side}."
+            )
+        for name in ("pitch", "distance", "trace_width", "gap"):
+            value = getattr(self, name)
+            if value is not None:
+                require_positive(f"{name} of the connector", value, " mm")
+
+
+@dataclass(frozen=True, eq=False)
+class LedOut:
+    """The array and connector that `coilarray.geometry.connector.lead_out` made another array from."""
+
+    array: CoilArray
+    connector: Connector
+
+
 @dataclass(frozen=True, eq=False)
 class CoilArray:
     """Coils on one board.
@@ -172,6 +219,8 @@ class CoilArray:
     lattice : Lattice or None
         The lattice that `lattice_array` made the placements from: a hint for design files, which has no effect where
         the placements have been changed since.
+    led_out : LedOut or None
+        What `coilarray.geometry.connector.lead_out` made the placements from: such a hint, too.
     """
 
     stackup: Stackup
@@ -179,6 +228,7 @@ class CoilArray:
     board_margin: float = 2e-3
     through_holes: bool = True
     lattice: Lattice | None = None
+    led_out: LedOut | None = None
 
     def __post_init__(self) -> None:
         if not self.placements:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -267,6 +268,17 @@ def spiral_coil(
 
 @lru_cache(maxsize=64)  # searches and sweeps change the array around one coil a thousand times
 def _wound(of: Wound, name: str) -> Coil:
+    try:
+        return _wind(of, name)
+    except NoRoomBesideLeadsError as error:
+        raise GeometryError(f"{str(error)[:-1]}{_remedy(of)}.") from None
+
+
+class NoRoomBesideLeadsError(GeometryError):
+    """A pad finds no place beside the leads, which more spacing may make."""
+
+
+def _wind(of: Wound, name: str) -> Coil:
     spiral, winding_layers, via, leads = of.spiral, of.winding_layers, of.via, of.leads
     if winding_layers < 1:
         raise GeometryError(f"a coil must have at least one winding layer; got {winding_layers}.")
@@ -312,6 +324,28 @@ def _wound(of: Wound, name: str) -> Coil:
     coil = Coil(tuple(lines), widths, spiral.gap, via, terminal, outline, name, arcs_if_any)
     object.__setattr__(coil, "wound", of)
     return coil
+
+
+def _remedy(of: Wound) -> str:
+    """Say which spacing of the leads makes room for a pad that finds none beside them, to 0.1 mm; else nothing."""
+    if of.leads is None:
+        return ""
+
+    def fits(tenths: int) -> bool:
+        assert of.leads is not None
+        spacing = tenths * 1e-4
+        wider = replace(of.leads, spacing=spacing, length=max(of.leads.length, spacing / 2))
+        try:
+            _wind(replace(of, leads=wider), "")
+        except GeometryError:
+            return False
+        return True
+
+    least = math.ceil(of.leads.spacing * 1e4)
+    widest = 2 * least + math.ceil(4e4 * of.via.pad)
+    if not fits(widest):
+        return ""
+    return f"; leads.spacing_mm of {bisect_left(range(widest), True, lo=least, key=fits) / 10:g} makes it"
 
 
 def path_coil(
@@ -512,5 +546,6 @@ def _fan(
             else "outside the winding, beside the leads"
         )
         pads_mm = " and ".join(f"{pad * 1e3:g} mm" for pad in pads)
-        raise GeometryError(f"there is no room for a pad of {pads_mm} {where}.")
+        kind = GeometryError if inside else NoRoomBesideLeadsError
+        raise kind(f"there is no room for a pad of {pads_mm} {where}.")
     return found

@@ -15,6 +15,7 @@ from coilarray.circuit.network import Network, Resonance, SampledResistance
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.netcdf import variables
 from coilarray.compute.recent import Recent
+from coilarray.compute.store import kept_dataset
 from coilarray.compute.threads import Progress, serial_algebra
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
@@ -141,7 +142,10 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
         above = permittivity_above(design)
         capacitance = _CAPACITANCES.get(
             digest_of(design.array, design.sheets, above),
-            lambda: coil_capacitance(design.array, design.sheets, relative_permittivity=above),
+            lambda: kept_dataset(
+                ("capacitance", digest_of(design.array, design.sheets, above)),
+                lambda: coil_capacitance(design.array, design.sheets, relative_permittivity=above),
+            ),
         )
     except GeometryError as error:
         problem = str(error)

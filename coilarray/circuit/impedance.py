@@ -20,7 +20,9 @@ from coilarray.circuit.network import (
 )
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
+from coilarray.compute.store import kept_dataset
 from coilarray.compute.threads import Progress
+from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
 from coilarray.electromagnetics.capacitance import elastomer_effect, self_resonance
 from coilarray.electromagnetics.inductance import Accuracy
@@ -113,8 +115,10 @@ def scan_design(
     ]  # fmt: skip
     if elastomer:
         below = sum(sheet.thickness for sheet in design.sheets[:-1])  # a dent reaches through the topmost sheet at most
-        effect = elastomer_effect(
-            design.array, permittivity_above(design), design.circuit.capacitance, design.sheets, undisturbed=below
+        above = permittivity_above(design)
+        effect = kept_dataset(
+            ("elastomer effect", digest_of(design.array, design.sheets, above, design.circuit.capacitance)),
+            lambda: elastomer_effect(design.array, above, design.circuit.capacitance, design.sheets, undisturbed=below),
         )
         rows += [
             ("bare_winding_capacitance", coil, effect.without.values, "F", "capacitance without elastomer"),

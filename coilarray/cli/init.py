@@ -82,7 +82,7 @@ def init(
         "fab": fab, "pitch_mm": pitch_mm, "overlap": overlap, "frequency_MHz": frequency_MHz, "elastomer": elastomer,
         "title": title,
     }  # fmt: skip
-    chosen = {key: value for key, value in given.items() if value is not None}
+    chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     if copied is not None:
         if chosen:
             raise DesignError("--from copies a design as it is; it cannot be given with other choices.")
@@ -144,7 +144,7 @@ def _described(file: DesignFile, wanted: float | None) -> list[str]:
     low, high = (f"{float(f) * 1e-6:.4g}" for f in (scan.frequency.min(), scan.frequency.max()))
     f = low if low == high else f"{low} to {high}"
     lines.append(f"tank: {values['circuit.capacitance_pF']:g} pF, {f} MHz, Q {float(scan.quality_factor.min()):.3g}")
-    broken = broken_limits(design)
+    broken = broken_limits(scan)
     lines.append(
         "converter: every limit of an LDC1614 is kept"
         if not broken

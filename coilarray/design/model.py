@@ -22,6 +22,7 @@ from coilarray.design.tables import PASSIVE, Document
 from coilarray.design.window import Positions, array_window
 from coilarray.errors import DesignError, GeometryError, NetworkError
 from coilarray.geometry import EVEN, Coil, CoilArray, FabRules, Indenter, Sheet, Unevenness
+from coilarray.geometry.connector import lead_out
 from coilarray.geometry.sheet import Base, Strain
 
 
@@ -362,6 +363,9 @@ def _build(parsed: Document) -> Design:
         stackup = parsed.stackup.build()
     with _named("array"):
         array = parsed.array.build(stackup, coils, parsed.board)
+    if parsed.connector is not None:
+        with _named("connector"):
+            array = lead_out(array, parsed.connector.build())
     return Design(
         name=parsed.name,
         title=parsed.title or parsed.name,

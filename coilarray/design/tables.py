@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
@@ -54,9 +54,10 @@ from coilarray.geometry import (
     path_coil,
     spiral_coil,
 )
-from coilarray.geometry.array import LatticeKind
+from coilarray.geometry.array import Connector, LatticeKind
 from coilarray.geometry.sheet import KPA_PER_MM, Base, Strain
 from coilarray.geometry.spiral import Sense, Winding
+from coilarray.geometry.values import SIDES, Side
 
 SCHEMA = 1
 """Version of the design file format."""
@@ -210,11 +211,6 @@ class CircleCoil(WoundTable):
         return self.rounded(name, size, size, size / 2, self.first_corner_deg * _DEG)
 
 
-Side = Literal["right", "top", "left", "bottom"]
-SIDES: tuple[Side, ...] = get_args(Side)
-"""Sides by the quarter turns from +x to their outward normals."""
-
-
 class OblongTable(WoundTable):
     """What rectangles and racetracks share."""
 
@@ -366,6 +362,21 @@ class LatticeArray(Table):
         return lattice_array(
             stackup, coil, lattice, board_margin=board.margin_mm * _MM, through_holes=board.through_holes
         )
+
+
+class ConnectorTable(Table):
+    """``[connector]``: one row of holes at an edge of the board, to which the leads of all coils run."""
+
+    side: Side = "bottom"
+    pitch_mm: Millimetres = 2.54
+    distance_mm: Millimetres = 5.0  # from the coils and their own leads
+    at_mm: Position | None = None  # middle of the row along the edge; that of the array
+    trace_width_mm: Millimetres | None = None  # as that of the coils
+    gap_mm: Millimetres | None = None  # as that of the coils
+
+    def build(self) -> Connector:
+        """Return the connector in SI."""
+        return Connector(**in_si(self))
 
 
 class BoardTable(Table):
@@ -598,6 +609,7 @@ class Document(Table):
     stackup: StackupTable
     coils: dict[Name, Annotated[AnyCoil, Field(discriminator="shape")]]
     array: Annotated[LatticeArray | FreeArray, Field(discriminator="lattice")]
+    connector: ConnectorTable | None = None
     board: BoardTable = BoardTable()
     elastomer: list[SheetTable] = Field(default_factory=list)
     indenter: Annotated[RoundTable | ConeTable, Field(discriminator="shape")] | None = None

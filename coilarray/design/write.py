@@ -13,7 +13,7 @@ import numpy as np
 
 from coilarray.design.fab_limits import FabTable
 from coilarray.design.model import Circuit, Design, DesignFile, Indentation, build_design_file
-from coilarray.design.tables import PASSIVE, SCHEMA, SIDES, CircuitTable, half_side, map_positions
+from coilarray.design.tables import PASSIVE, SCHEMA, CircuitTable, ConnectorTable, half_side, map_positions
 from coilarray.design.units import SCALES, Table
 from coilarray.geometry import (
     Coil,
@@ -34,8 +34,10 @@ from coilarray.geometry import (
     apothem_from_size,
     hull_outline,
 )
+from coilarray.geometry.connector import lead_out
 from coilarray.geometry.sheet import KPA_PER_MM
 from coilarray.geometry.spiral import Winding
+from coilarray.geometry.values import SIDES
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # a list of plain values as tomli-w writes it, one a line
@@ -75,7 +77,7 @@ def design_document(design: Design) -> dict[str, Any]:
     >>> document["array"]["pitch_mm"], build_design(document).digest == design.digest
     (13.28, True)
     """
-    array = design.array
+    array, connector = _before_connector(design.array)
     names, layers = design_names(array.names), design_names(array.stackup.names)
     shapes = shape_names(array)
     coils = {shape: place.coil for shape, place in zip(shapes, array.placements, strict=True)}
@@ -84,6 +86,8 @@ def design_document(design: Design) -> dict[str, Any]:
         document["title"] = design.title
     if design.source:
         document["source"] = design.source
+    if connector is not None:
+        document["connector"] = connector
     document |= {
         "stackup": _stackup_table(array.stackup, layers),
         "coils": {shape: _coil_table(coil) for shape, coil in coils.items()},
@@ -101,6 +105,15 @@ def design_document(design: Design) -> dict[str, Any]:
     document["field"] = {"height_mm": _entry(design.field_height, _MM)}
     document["fab"] = _fab_table(design.rules)
     return {key: table for key, table in document.items() if table != {}}
+
+
+def _before_connector(array: CoilArray) -> tuple[CoilArray, dict[str, Any] | None]:
+    """Return an array whose leads have not been led out, and the connector's table; None where it has none."""
+    led = array.led_out
+    if led is None or lead_out(led.array, led.connector).placements != array.placements:
+        return array, None  # the placements have been changed since
+    table = {"side": led.connector.side} | _entries(led.connector, *list(ConnectorTable.model_fields)[1:])
+    return replace(led.array, stackup=array.stackup, board_margin=array.board_margin), table
 
 
 def as_file(design: Design | DesignFile) -> DesignFile:

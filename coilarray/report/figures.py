@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imsave
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from coilarray import viz
 from coilarray.design.model import Design
@@ -29,7 +30,10 @@ FloatArray = npt.NDArray[np.float64]
 
 _DPI = 130
 _RIM = 0.1  # inches of white around a picture
-_DENT_SIZE = (1280, 720)  # pixels; the page is 1100 wide
+_SIZE = (1280, 720)  # pixels of what is rendered; the page is 1100 wide
+_WHITE = 0xFFFFFFFF  # a pixel of four bytes
+_BESIDE = (1.5, 4.0, 1.2, 1.0)  # inches at the left, at the right, below and above single axes
+_AXES_PART = 0.84  # of a figure's width and height
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,9 @@ def board_picture(design: Design) -> Picture:
     problem = viz.rendering_problem()
     if problem is None:
         caption = "The board; lengths in mm."
-        return _render("board", caption, lambda path: viz.save_board_picture(design.array, path, design.sheets))
+        return _render(
+            "board", caption, lambda path: viz.save_board_picture(design.array, path, design.sheets, size=_SIZE)
+        )
     return draw("board", f"The board from above; lengths in mm. {problem}", viz.plot_board(design.array))
 
 
@@ -128,7 +134,7 @@ def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dat
             "dent",
             f"The deformed sheets over {coil}, {deepest}; a quarter is cut out.",
             lambda path: viz.save_dent_picture(
-                design.array, path, design.sheets, indentation, indenter, centre=(x, y), size=_DENT_SIZE
+                design.array, path, design.sheets, indentation, indenter, centre=(x, y), size=_SIZE
             ),
         )
 
@@ -234,18 +240,35 @@ def _png(figure: Figure) -> bytes:
     """Draw a figure and cut its white rim off; Matplotlib's own tight box draws it twice."""
     buffer = io.BytesIO()
     figure.set_dpi(_DPI)
+    _lay_out(figure)
     canvas: Any = FigureCanvasAgg(figure)  # its methods have no types
     canvas.draw()
     pixels = np.asarray(canvas.buffer_rgba())
-    inked = (pixels[..., :3] != 255).any(axis=2)
+    inked = pixels.view(np.uint32)[..., 0] != _WHITE
     if any(edge.any() for edge in (inked[0], inked[-1], inked[:, 0], inked[:, -1])):  # it may go on beyond the figure
         figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight")
         return buffer.getvalue()
     rim = round(_RIM * _DPI)
     rows, columns = (np.flatnonzero(inked.any(axis=k)) for k in (1, 0))
     cut = tuple(slice(max(0, at[0] - rim), at[-1] + 1 + rim) for at in (rows, columns))
-    imsave(buffer, pixels[cut], format="png", dpi=_DPI)
+    imsave(buffer, np.ascontiguousarray(pixels[cut][..., :3]), format="png", dpi=_DPI, pil_kwargs={"compress_level": 3})
     return buffer.getvalue()
+
+
+def _lay_out(figure: Figure) -> None:
+    """Give single axes their part of the figure, and the figure a rim for what stands beside them.
+
+    Matplotlib's layout measures every text first, which takes as long as drawing; several axes need it.
+    """
+    if len(figure.axes) != 1 or not isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine):
+        return
+    (axes,), (width, height) = figure.axes, figure.get_size_inches().tolist()
+    left, right, low, high = _BESIDE
+    share = _AXES_PART
+    figure.set_layout_engine("none")
+    figure.set_size_inches(width + left + right, height + low + high)
+    whole = figure.get_size_inches()
+    axes.set_position((left / whole[0], low / whole[1], share * width / whole[0], share * height / whole[1]))
 
 
 def _uri(png: bytes) -> str:

@@ -111,7 +111,7 @@ def test_placements_and_arrays_that_cannot_be():
     for key, value in product(("x", "y", "rotation"), (math.nan, math.inf)):
         place = {"x": 0.0, "y": 0.0, key: value}
         refused(GeometryError, "position of A must be finite", Placement, "A", COIL, ("L1", "L2"), **place)
-    message = "has 2 lines and must be given as many copper layers; got 1"
+    message = "layers of .* must be 2, as its shape has 2 lines_mm; got 1"
     refused(GeometryError, message, Placement, "A", COIL, ("L1",), 0, 0)
     message = "lines 0 and 1 of A are joined by a via and must lie on different copper layers; got L1"
     refused(GeometryError, message, Placement, "A", COIL, ("L1", "L1"), 0, 0)

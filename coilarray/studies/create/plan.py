@@ -36,6 +36,7 @@ _STARTS: Mapping[Shape, tuple[dict[str, Any], ...]] = {
     "hexagon": _corners(90, 270, 30, 150, 210, 330), "square": _corners(45, 135, 225, 315),
     "circle": _corners(90, 270, 0, 180, 45, 135, 225, 315), "rectangle": _SIDES, "racetrack": _SIDES,
 }  # fmt: skip
+_ROUGHLY = {"circle": "twelve sides", "racetrack": "rectangle"}
 # corners of a hexagon that face its neighbours
 _TURNED = _corners(0, 180, 60, 120, 240, 300)
 
@@ -60,6 +61,7 @@ class Plan:
     start: int = 0  # which of the corners or sides the winding begins at
     lead: float = 2e-3
     capacitance: float = 330e-12
+    rough: bool = False  # arcs and round ends as few straight sides, for quick estimates
 
     @property
     def width(self) -> float:
@@ -149,7 +151,8 @@ class Plan:
 
     def _coil(self) -> dict[str, Any]:
         width, height = (_mm(side) for side in self.size)
-        sizes: Mapping[Shape, dict[str, Any]] = {
+        sizes: Mapping[str, dict[str, Any]] = {
+            "twelve sides": {"shape": "polygon", "sides": 12, "outer_across_flats_mm": width},
             "hexagon": {"shape": "polygon", "sides": 6, "outer_across_flats_mm": width},
             "square": {"shape": "polygon", "sides": 4, "outer_across_flats_mm": width},
             "circle": {"shape": "circle", "outer_diameter_mm": width},
@@ -158,10 +161,11 @@ class Plan:
         }
         # the outer vias of four layers lie between the leads
         apart = max(_TERMINALS_APART, self.via_pad + 2 * self.winding.gap + self.winding.trace_width + _PAD_STEP)
+        shape = _ROUGHLY.get(self.shape, self.shape) if self.rough else self.shape
         drill, terminal = max(_DRILL, self.rules.min_drill), max(_TERMINAL, self.rules.min_drill)
         terminal_pad = terminal + 2 * max(_TERMINAL_RING, self.rules.min_annular_ring)
         return {
-            **sizes[self.shape],
+            **sizes[shape],
             "turns_per_layer": self.winding.turns,
             "winding_layers": self.winding_layers,
             "trace_width_mm": _mm(self.winding.trace_width),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
+import xarray as xr
+
 from coilarray.circuit.coupling import design_inductance
 from coilarray.circuit.impedance import scan_design
 from coilarray.design.model import Design
@@ -43,7 +45,8 @@ def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: flo
         return _for_frequency(with_capacitance, frequency)
     fewest, best = math.inf, _SMALLEST
     for capacitance in _series():
-        broken = len(broken_limits(with_capacitance(capacitance), _SHARE_OF_SELF_RESONANCE))
+        scan = scan_design(with_capacitance(capacitance), elastomer=False, accuracy="screen")
+        broken = len(broken_limits(scan, _SHARE_OF_SELF_RESONANCE))
         if broken < fewest:
             fewest, best = broken, capacitance
         if not broken:
@@ -51,12 +54,11 @@ def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: flo
     return best
 
 
-def broken_limits(design: Design, share_of_self_resonance: float = 1.0) -> list[tuple[str, Limit]]:
-    """Limits of the LDC1614 that states of the design's scan break, each with the name of the state.
+def broken_limits(scan: xr.Dataset, share_of_self_resonance: float = 1.0) -> list[tuple[str, Limit]]:
+    """Limits of the LDC1614 that states break, each with the name of the state; `scan` is that of `scan_design`.
 
     The frequency may also be no more than a share of the coil's self-resonance.
     """
-    scan = scan_design(design, elastomer=False, accuracy="screen")
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")
     broken = []
     for state, *values in zip(scan.state.values.tolist(), *(scan[name].values.tolist() for name in names), strict=True):

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from coilarray.errors import DesignError, RuleViolationError
@@ -59,9 +60,8 @@ def _candidates(plan: Plan, *, movable: bool) -> Iterator[Plan]:
 def _clear_leads(plan: Plan) -> Iterator[float]:
     """Give the lengths of leads in m with which no hole of a coil meets the winding of another one."""
     placements = replace(plan, arrangement=plan.arrangement.few, elastomer=False).design.array.placements
-    others = [
-        shapely.union_all([_windings(other) for other in placements if other is not place]) for place in placements
-    ]
+    windings = [_windings(place) for place in placements]
+    others = [np.concatenate([*windings[:k], *windings[k + 1 :]]) for k in range(len(windings))]
     coil = placements[0].coil
     beside = plan.rules.min_gap + coil.trace_width / 2
     for place, lines in zip(placements, others, strict=True):
@@ -79,13 +79,12 @@ def _clear_leads(plan: Plan) -> Iterator[float]:
             yield plan.lead + longer
 
 
-def _windings(place: Placement) -> shapely.MultiLineString:
-    """Centre lines of a coil on the board, without its leads."""
+def _windings(place: Placement) -> npt.NDArray[np.object_]:
+    """Pieces of the centre lines of a coil on the board, without its leads."""
     outline = shapely.Polygon(place.coil.outline).buffer(place.coil.trace_width)
-    lines = [shapely.LineString(line).intersection(outline) for line in place.coil.lines]
-    parts = shapely.get_parts(np.array(lines))
-    return shapely.multilinestrings([shapely.linestrings(place.to_board(shapely.get_coordinates(p))) for p in parts])
+    pieces = shapely.get_parts(shapely.intersection([shapely.LineString(line) for line in place.coil.lines], outline))
+    return np.array([shapely.LineString(place.to_board(shapely.get_coordinates(piece))) for piece in pieces])
 
 
-def _nearest(points: FloatArray, lines: shapely.Geometry) -> float:
-    return float(shapely.distance(shapely.points(points), lines).min(initial=np.inf))
+def _nearest(points: FloatArray, lines: npt.NDArray[np.object_]) -> float:
+    return float(np.min(shapely.distance(np.asarray(shapely.points(points))[:, None], lines), initial=np.inf))

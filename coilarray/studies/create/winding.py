@@ -98,9 +98,13 @@ def wind(inductance: float, room: Room, inductance_of: Callable[[Winding], float
     counts = np.unique(np.linspace(fewest, last, _MOST_COUNTS).round().astype(int)).tolist()
     found = []
     for turns in counts:
-        ends = room.trace_width, room.widest(turns)
-        width = float(brentq(lambda width, turns=turns: of(turns, width) - inductance, *ends, xtol=_TRACE_STEP / 4))
-        found.append(Winding(turns, max(_drawn(width, ends[1]), ends[0]), room.gap))
+        narrowest, widest = room.trace_width, room.widest(turns)
+
+        def missing(width: float, turns: int = turns) -> float:
+            return of(turns, width) - inductance
+
+        width = float(brentq(missing, narrowest, widest, xtol=_TRACE_STEP / 4))
+        found.append(Winding(turns, max(_drawn(width, widest), narrowest), room.gap))
     return min(found, key=lambda one: _resistance(one, room))
 
 
