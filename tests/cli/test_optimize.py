@@ -188,7 +188,7 @@ def test_a_goal_of_the_command_line(capsys):
     assert out == "wrote mine.toml; next: coilarray optimize starter mine.toml\n"
     assert "mine.toml exists; --force replaces it" in refused(capsys, "starter", *wishes, "--template", "mine.toml")
     good(capsys, "starter", *wishes, "--template", "mine.toml", "--force")
-    few = ("--trials", "4", "--workers", "1")
+    few = ("--trials", "12", "--workers", "1")
     good(capsys, "starter", *wishes, *few, "--out", "one")
     good(capsys, "starter", "mine.toml", *few, "--out", "other")
     trials = [Path(folder, "trials.csv").read_text(encoding="utf-8") for folder in ("one", "other")]
