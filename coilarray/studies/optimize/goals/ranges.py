@@ -97,7 +97,13 @@ def size_ranges(file: DesignFile) -> list[Range]:
     if "array.pitch_mm" in file.values:
         room = _WIDER  # the lattice makes room
     return [
-        _between(key, size, _SMALLER * size, min(_WIDER, room) * size, "from three fifths of that to a quarter more, as far as there is room")
+        _between(
+            key,
+            size,
+            _SMALLER * size,
+            min(_WIDER, room) * size,
+            "three fifths of that to a quarter more, as far as there is room",
+        )  # fmt: skip
         for key, size in _of_coils(file, "outer_")
     ]
 
