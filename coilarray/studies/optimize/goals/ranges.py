@@ -96,16 +96,8 @@ def size_ranges(file: DesignFile) -> list[Range]:
     )
     if "array.pitch_mm" in file.values:
         room = _WIDER  # the lattice makes room
-    return [
-        _between(
-            key,
-            size,
-            _SMALLER * size,
-            min(_WIDER, room) * size,
-            "three fifths of that to a quarter more, as far as there is room",
-        )  # fmt: skip
-        for key, size in _of_coils(file, "outer_")
-    ]
+    more, why = min(_WIDER, room), "three fifths of that to a quarter more, as far as there is room"
+    return [_between(key, size, _SMALLER * size, more * size, why) for key, size in _of_coils(file, "outer_")]
 
 
 def turns_ranges(file: DesignFile) -> list[Range]:
