@@ -93,7 +93,7 @@ def locate(
     if ellipse:
         solve = _with_ellipses(_ellipse_model(model, depth, allow_violations), coil, addition_mm * 1e-3)
     else:
-        solve = _with_all_coils(_response(model, table, allow_violations), coil, noise, given)
+        solve = _with_all_coils(_response(model, table, allow_violations), coil, noise, given, readings)
     if stream:
         _stream(solve)
         return
@@ -101,7 +101,7 @@ def locate(
 
     records = _answers(solve, given)
     if all("error" in record for record in records):
-        raise LocalizeError(f"there is no reading in {' '.join(readings)}: {records[0]['error']}")
+        raise LocalizeError(f"{_none_in(readings)}: {records[0]['error']}")
     texts = [record.get("error") or record.get("reason") for record in records]
     lines = [f"reading {k}: {text}" for k, text in enumerate(texts, start=1) if text]
     shared.print_result({"positions": records}, as_json=as_json, tables=[position_table(records)], lines=lines)
@@ -161,10 +161,21 @@ def _ellipse_model(source: str | None, depth: float | None, allow_violations: bo
     return ellipse_model(fit_ellipses(response, at))
 
 
+def _none_in(readings: Sequence[str]) -> str:
+    return f"there is no reading in {' '.join(readings)}"
+
+
 def _with_all_coils(
-    response: _Response, coils: Sequence[str] | None, noise: float, given: Sequence[Reading | LocalizeError]
+    response: _Response,
+    coils: Sequence[str] | None,
+    noise: float,
+    given: Sequence[Reading | LocalizeError],
+    readings: Sequence[str],
 ) -> Solver:
-    """Solve with maximum likelihood; what no response could answer is refused before it is computed."""
+    """Solve with maximum likelihood; refuse what no response could answer before it is computed.
+
+    The readings are `given`, and the texts of the command line from which they are; none of a stream.
+    """
     from coilarray.localize.forward import checked_noise, chosen_states, forward_model, require_states
     from coilarray.localize.inverse import checked_reading, locate_all
     from coilarray.report.localize_tables import location_record
@@ -183,7 +194,7 @@ def _with_all_coils(
         except LocalizeError as error:
             wrong.append(error)
     if given and len(wrong) == len(given):
-        raise wrong[0] if len(given) == 1 else LocalizeError(f"there is no reading among {len(given)}: {wrong[0]}")
+        raise LocalizeError(f"{_none_in(readings)}: {wrong[0]}")
     model = forward_model(on_board(response.compute())).select(used)
     locate_all(model, [], noise=noise)  # a model that no reading fits is refused here, not at the first reading
 

@@ -426,7 +426,7 @@ def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
     (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil9"), "the model has no state 'coil9'"),
     (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil1"), "3 unknowns need at least as many states"),
     (("coil1=1e-4,coil2=0,coil3=0", "--noise", "0"), "noise must be positive and finite"),
-    (("two.json",), "there is no reading among 2: a reading must have one δ for each of 3 states"),
+    (("two.json",), "there is no reading in two.json: a reading must have one δ for each of 3 states"),
 ])  # fmt: skip
 def test_mistakes_before_the_table_is_computed(capsys, monkeypatch, arguments, message):
     Path("two.json").write_text("[[1e-4], [2]]", encoding="utf-8")
@@ -508,10 +508,11 @@ def test_the_table_of_a_real_board_finds_what_pressed_on_it(capsys):
         given = {str(name): float(value) for name, value in zip(delta.state.values, delta.values, strict=True)}
         (answer,) = positions(capsys, "--model", "four.toml", "--table", "t.nc", text_of(given), "--noise", "3e-7")
     assert answer["status"] == "located"
-    near = min(answer["modes"], key=lambda mode: abs(mode["y_m"] - place[1]))
+    origin = load_design("four.toml").indentation.origin_point  # the map counts from there, a location from the board's
+    near = min(answer["modes"], key=lambda mode: abs(mode["y_m"] - origin[1] - place[1]))
     # the spacing of the table and the meshes of its depths err by up to 1e-3 of δ, 1 % of the depth and 0.1 mm here
-    assert near["x_m"] == pytest.approx(place[0], abs=0.1e-3)
-    assert near["y_m"] == pytest.approx(place[1], abs=0.1e-3)
+    assert near["x_m"] - origin[0] == pytest.approx(place[0], abs=0.1e-3)
+    assert near["y_m"] - origin[1] == pytest.approx(place[1], abs=0.1e-3)
     assert near["depth_m"] == pytest.approx(place[2], rel=0.01)
 
 

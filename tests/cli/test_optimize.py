@@ -183,12 +183,12 @@ def test_broken_rules_are_reported(capsys):
 
 def test_a_goal_of_the_command_line(capsys):
     """The template is the goal, and the goal finds the same as its template."""
-    wishes = ("--vary", "array.pitch_mm=9:13", "--goal", "minimize board_area_mm2", "--keep", "covered_mm2>=500")
+    wishes = ("--vary", "array.pitch_mm=9:13:9", "--goal", "minimize board_area_mm2", "--keep", "covered_mm2>=500")
     out = good(capsys, "starter", *wishes, "--template", "mine.toml")
     assert out == "wrote mine.toml; next: coilarray optimize starter mine.toml\n"
     assert "mine.toml exists; --force replaces it" in refused(capsys, "starter", *wishes, "--template", "mine.toml")
     good(capsys, "starter", *wishes, "--template", "mine.toml", "--force")
-    few = ("--trials", "4", "--workers", "1")
+    few = ("--trials", "12", "--workers", "1")
     good(capsys, "starter", *wishes, *few, "--out", "one")
     good(capsys, "starter", "mine.toml", *few, "--out", "other")
     trials = [Path(folder, "trials.csv").read_text(encoding="utf-8") for folder in ("one", "other")]

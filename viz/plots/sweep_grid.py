@@ -44,6 +44,8 @@ _NAMES = {
     "quality_factor": "quality factor Im Z/Re Z",
 }
 _POLES = ("apparent_inductance", "impedance_real", "impedance_imag")  # at the self-resonance
+_RESONANCES = ("frequency_MHz[", "self_resonance_MHz[")
+_FAR_APART = 3.0  # of the largest over the least
 _CEILING = 4.0  # height of the axis for a pole, over the value at the lowest frequency
 _HEADROOM = 1.08
 
@@ -359,8 +361,9 @@ def sweep_figure(result: xr.Dataset) -> Figure:
     -------
     Figure
         One panel per quantity: a line over the one entry of a grid, lines or a map over two. For a grid over more
-        entries, and for samples, one panel for each quantity and entry, with one dot per point. Coupling coefficients
-        over one entry with numbers share a panel, drawn by `plot_coupling_sweep`. A dashed line or a cross marks the
+        entries, and for samples, one panel for each quantity and entry, with one dot per point. Over one entry with
+        numbers coupling coefficients share a panel, drawn by `plot_coupling_sweep`, and so do the resonances with the
+        tank and the self-resonances. A dashed line or a cross marks the
         design's own value; points without a result are left out, or grey on a map.
 
     Raises
@@ -380,8 +383,9 @@ def sweep_figure(result: xr.Dataset) -> Figure:
     dotted = "sample" in result.dims or len(entries) > 2
     single = not dotted and len(entries) == 1 and not _is_text(result[entries[0]])
     pairs = [name for name in names if single and _is_coupling(name)]
-    others = [name for name in names if name not in pairs]
-    panels = [(pairs[0], "")] if pairs else []
+    resonances = [name for name in names if single and name.startswith(_RESONANCES)]
+    others = [name for name in names if name not in (*pairs, *resonances)]
+    panels = [(shared[0], "") for shared in (pairs, resonances) if shared]
     panels += [(name, entry) for name in others for entry in (entries if dotted else [""])]
     if not 1 <= len(panels) <= MOST_PANELS:
         raise ValueError(f"a figure of a sweep must have 1 to {MOST_PANELS} panels; it would have {len(panels)}.")
@@ -393,6 +397,8 @@ def sweep_figure(result: xr.Dataset) -> Figure:
         ax = figure.add_subplot(rows, columns, k + 1)
         if name in pairs:
             plot_coupling_sweep(result, ax)
+        elif name in resonances:
+            _plot_resonances(result, resonances, ax)
         elif dotted:
             plot_sweep_points(result, name, entry, ax)
         elif _line_entries(result, entries)[0]:
@@ -400,6 +406,19 @@ def sweep_figure(result: xr.Dataset) -> Figure:
         else:
             plot_sweep_map(result, name, ax)
     return figure
+
+
+def _plot_resonances(sweep: xr.Dataset, names: Sequence[str], ax: Axes) -> None:
+    """Draw resonances over the one entry of a sweep, one line each; those far apart on powers of ten."""
+    (entry,) = _entries(sweep)
+    along = sweep.sortby(entry)
+    for k, name in enumerate(names):
+        ax.plot(along[entry].values, along[name].values, marker=".", markersize=4, label=name, **curve_look(k))
+    values = np.concatenate([along[name].values for name in names])
+    if np.nanmax(values, initial=0.0) > _FAR_APART * np.nanmin(values, initial=np.inf):
+        ax.set_yscale("log")
+    _finish(ax, sweep[entry], "resonance (MHz)")
+    ax.legend(loc="best")  # as above
 
 
 def _entries(sweep: xr.Dataset) -> list[str]:

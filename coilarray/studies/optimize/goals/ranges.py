@@ -19,7 +19,7 @@ from coilarray.geometry import Placement
 
 _MOST_CHOICES = 12  # of copper layers; more would need more points than a search has
 _NEAREST = 1.01  # distances of neighbours differ by less
-_WIDER, _SMALLER = 1.25, 0.8  # of a pitch or a size, from what it is
+_WIDER, _SMALLER = 1.25, 0.6  # of a pitch or a size, from what it is
 _OVERLAP = 0.5  # of the distance at which coils touch: nearer ones are all but one coil
 _TURNS_LESS, _TURNS_MORE = 0.4, 0.3  # of the turns
 
@@ -96,10 +96,8 @@ def size_ranges(file: DesignFile) -> list[Range]:
     )
     if "array.pitch_mm" in file.values:
         room = _WIDER  # the lattice makes room
-    return [
-        _between(key, size, _SMALLER * size, min(_WIDER, room) * size, "a fifth less to a quarter more than it is")
-        for key, size in _of_coils(file, "outer_")
-    ]
+    more, why = min(_WIDER, room), "three fifths of that to a quarter more, as far as there is room"
+    return [_between(key, size, _SMALLER * size, more * size, why) for key, size in _of_coils(file, "outer_")]
 
 
 def turns_ranges(file: DesignFile) -> list[Range]:
