@@ -46,6 +46,8 @@ UNKNOWN = "#D0D0D0"  # parts of a map without a value
 
 SEQUENTIAL = "viridis"
 """Map of values of one sign: perceptually uniform, and as dark to light as it is to any eye."""
+POSITIVE, NEGATIVE = "YlOrRd", "YlGnBu_r"
+"""Maps of values of one sign from a pale zero, warm and cold as the two halves of `DIVERGING`."""
 DIVERGING = "RdBu_r"
 """Map of values of both signs about a white zero: Brewer's blue and red, which no colour blindness mixes up."""
 

@@ -241,6 +241,14 @@ def test_all_places_of_a_touch_are_on_the_board_wherever_its_map_begins():
     assert ellipse["x"] == pytest.approx(0.0, abs=0.2)
 
 
+def test_a_pad_has_no_ellipses_which_are_those_of_a_row():
+    array = {"lattice": "square", "rows": 2, "columns": 2, "pitch_mm": 17.0}
+    document = {**OPENED.document, "array": {**OPENED.document["array"], **array}}
+    touch = touched(sensor_of(build_design(document), bells(document, "pad")), 3e-3, 2e-3, 0.6e-3)
+    assert touch.location.verdict == "found"
+    assert (touch.ellipses, crossing_line(touch)) == ({}, "ellipses: they are those of coils in a row along x")
+
+
 def test_a_table_of_another_design_and_a_design_without_indenter_are_refused(starter, sensor):
     other = work_on(OPENED, "starter").with_entry("array.pitch_mm", "12").design
     with pytest.raises(LocalizeError, match="another design"):

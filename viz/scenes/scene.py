@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.viz.palette import INK, SEQUENTIAL, UNKNOWN
+from coilarray.viz.palette import INK, NEGATIVE, POSITIVE, SEQUENTIAL, UNKNOWN
 from coilarray.viz.scenes.camera import Side
 
 if TYPE_CHECKING:
@@ -71,8 +71,8 @@ def about_zero(array: str, title: str, unit: str, values: npt.ArrayLike) -> Scal
     if min(-low, high) > _NOTHING * largest:
         return Scale(array, title, unit, -largest, largest, _DIVERGING)
     if low < -high:
-        return Scale(array, title, unit, -largest, 0.0, f"{SEQUENTIAL}_r")
-    return Scale(array, title, unit, 0.0, largest)
+        return Scale(array, title, unit, -largest, 0.0, NEGATIVE)
+    return Scale(array, title, unit, 0.0, largest, POSITIVE)
 
 
 @dataclass(frozen=True, eq=False)
