@@ -79,9 +79,8 @@ class ScenePanel(Panel):
             self._page.arrived("scene", design)
         self._view.show(scene)
 
-    def _fail(self, design: Design, problem: str) -> None:
+    def _fail(self, problem: str) -> None:
         with self._page.state as state:
-            self._page.arrived("scene", design)
             state.scene_problem = problem
 
     def _at_rest(self, rests: bool) -> None:
