@@ -127,11 +127,15 @@ def plot_response_profile(
     at = MM.of(row[along])
     row = row.expand_dims([axis for axis in ("depth", "state") if axis not in row.dims])
     states, depths = row.state.values.tolist(), row.depth.values.tolist()
+    colours = style.state_colours(response, states)
     curves = [(name, value, row.sel(state=name, depth=value).values) for value in depths for name in states]
     for k, (name, value, values) in enumerate(curves):
         deep = MM.text(value)
         label = name if len(depths) == 1 else deep if len(states) == 1 else f"{name}, {deep}"
-        ax.plot(at, shown.of(values), label=label, marker="o" if at.size == 1 else "", **curve_look(k))
+        look = curve_look(k)
+        if len(depths) == 1:
+            look["color"] = colours[name]
+        ax.plot(at, shown.of(values), label=label, marker="o" if at.size == 1 else "", **look)
     style.zero_line(ax)
     for centre in MM.of(response[f"coil_{along}"]).tolist():
         if at.min() <= centre <= at.max():
