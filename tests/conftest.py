@@ -1,8 +1,12 @@
 """What all tests share: one store of results, files in an order that ends well, and signals as on a terminal."""
 
+import gc
 import os
+import re
 import signal
 
+# As in coilarray.cli.main: imports and collected tests last, and looking through them for cycles takes time.
+gc.set_threshold(100_000, 20, 20)
 # Tests run side by side, one on each core: threads of the linear algebra would only wait for each other.
 # Before the imports, for numpy reads it when it is loaded.
 for library in ("OPENBLAS", "MKL", "OMP"):
@@ -40,6 +44,14 @@ def pytest_configure(config):
     config.option.loadscopereorder = False
 
 
+def pytest_ignore_collect(collection_path, config):
+    """Leave files whose tests are all slow unread where slow tests are left out."""
+    if config.option.markexpr == "not slow" and re.fullmatch(r"test_.*\.py", collection_path.name):
+        slow = re.search(r"^pytestmark = .*\bmark\.slow\b", collection_path.read_text(encoding="utf-8"), re.MULTILINE)
+        return True if slow else None
+    return None
+
+
 def pytest_collection_modifyitems(items):
     first = {f"tests/{name}.py": k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: first.get(item.nodeid.partition("::")[0], len(first)))
@@ -61,6 +73,15 @@ def _one_store(tmp_path_factory, request):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(FOLDER_VARIABLE, str(folder / "store"))
         yield
+
+
+@pytest.fixture(scope="session")
+def rendering():
+    """Skip a test where this machine cannot render; asking takes seconds, and only who renders asks."""
+    from coilarray.viz import rendering_problem
+
+    if (problem := rendering_problem()) is not None:
+        pytest.skip(problem)
 
 
 @pytest.fixture

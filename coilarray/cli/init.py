@@ -72,9 +72,9 @@ def init(
     from coilarray.design import bundled
     from coilarray.design.save import save_design
 
-    target = file if file.suffix else file.with_suffix(".toml")
     if file.is_dir():
         raise OutputError(f"{file} is a folder; name a file in it.")
+    target = file if file.suffix else file.with_suffix(".toml")
     shared.check_file("NAME", target, (".toml",))
     require_own("init", [target], force=force)
     given = {
@@ -92,12 +92,13 @@ def init(
         remember("init", [target])
         typer.echo(f"wrote {target}; next: coilarray check {target}")
         return
-    if not chosen and sys.stdin.isatty() and sys.stdout.isatty():
-        chosen = ask_for_choices(get_args(Shape))
+    if not chosen:
+        asking = sys.stdin.isatty() and sys.stdout.isatty()
+        chosen = ask_for_choices(get_args(Shape)) if asking else {"overlap": "decoupled"}
     made = _made(target.stem, chosen)
     save_design(made, target)
     remember("init", [target])
-    for line in (f"wrote {target}: {made.design.title}", *_described(made, inductance_uH)):
+    for line in (f"wrote {target}: {made.design.title}", *_described(made, chosen.get("inductance_uH"))):
         typer.echo(line)
     typer.echo(f"next: coilarray check {target}, coilarray report {target}")
 

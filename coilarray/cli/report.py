@@ -35,7 +35,7 @@ def report(
 
     Example: coilarray report gast2020 --out results
     """
-    from coilarray.report import write_report
+    from coilarray.report.write import write_report
 
     require_own("report", (out / "report.html", out / "report" / "report.json"), force=force)
     opened = shared.open_design_file(design, allow_violations=allow_violations)

@@ -40,6 +40,7 @@ from coilarray.geometry.spiral import Winding
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # a list of plain values as tomli-w writes it, one a line
 _FLAT_LIST = re.compile(r"\[\n\s*([^\[\]\n]+(?:,\n\s*[^\[\]\n]+)*),\n\s*\]")
+_LIST_OF_LISTS = re.compile(r"\[\n(?:\s*\[[^\[\]\n]*\],\n)+\s*\]")
 _LONGEST_LINE = 120
 _TURNED = 1e-12  # rad
 _PICOMETRE = 1e-12
@@ -126,7 +127,7 @@ def document_text(document: Mapping[str, Any]) -> str:
     """Return the TOML text of a document, lists of plain values on one line."""
     import tomli_w
 
-    return _FLAT_LIST.sub(_on_one_line, tomli_w.dumps(document))
+    return _LIST_OF_LISTS.sub(_short, _FLAT_LIST.sub(_on_one_line, tomli_w.dumps(document)))
 
 
 def shape_names(array: CoilArray) -> list[str]:
@@ -495,3 +496,8 @@ def _rounded(value: Any, key: str = "") -> Any:
 def _on_one_line(match: re.Match[str]) -> str:
     text = "[" + ", ".join(item.strip() for item in match[1].split(",\n")) + "]"
     return text if len(text) <= _LONGEST_LINE else "\n".join(textwrap.wrap(text, _LONGEST_LINE))
+
+
+def _short(match: re.Match[str]) -> str:
+    text = "[" + " ".join(line.strip() for line in match[0].splitlines()[1:-1]).rstrip(",") + "]"
+    return text if len(text) <= _LONGEST_LINE // 2 else match[0]

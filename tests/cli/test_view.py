@@ -17,7 +17,6 @@ from coilarray.compute.netcdf import save_dataset
 from coilarray.design.bundled import read
 from coilarray.localize.forward import forward_model
 from coilarray.response.map import response_map
-from coilarray.viz import rendering_problem
 from coilarray.viz.datasets.overlays import DELTA
 from coilarray.viz.offscreen import NO_RENDERING
 
@@ -26,7 +25,7 @@ pytestmark = pytest.mark.slow
 _, refused = runner("view")
 good, _ = successes("view")
 LINEAR = read("starter").replace('strain = "finite"', 'strain = "linear"')  # quick
-renders = pytest.mark.skipif(rendering_problem() is not None, reason=f"no 3-D rendering: {rendering_problem()}")
+renders = pytest.mark.usefixtures("rendering")
 
 
 @pytest.fixture(autouse=True)

@@ -12,14 +12,13 @@ from PIL import Image, ImageSequence
 from coilarray import load_design
 from coilarray.errors import ElastomerError, GeometryError, MissingDependencyError, OutputError
 from coilarray.response.map import response_map
-from coilarray.viz import rendering_problem
 from coilarray.viz.offscreen import NO_RENDERING
 from coilarray.viz.scenes.movie import save_movie
 from coilarray.viz.scenes.pictures import save_picture
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 from coilarray.viz.scenes.touch import touch_along
 
-renders = pytest.mark.skipif(rendering_problem() is not None, reason=f"no 3-D rendering: {rendering_problem()}")
+renders = pytest.mark.usefixtures("rendering")
 SIZE = (160, 90)
 
 

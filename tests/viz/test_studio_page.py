@@ -17,16 +17,16 @@ from coilarray.circuit.network import resonate
 from coilarray.design.model import load_design_file
 from coilarray.design.vary import vary
 from coilarray.localize.forward import forward_model
-from coilarray.viz import rendering_problem
 from coilarray.viz.studio.numbers import numbers_of
 from coilarray.viz.studio.switching import state_of
 
-_problem = browser.missing() or rendering_problem()
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(_problem is not None, reason=str(_problem))]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("rendering", "chromium")]
 
 
 @pytest.fixture(scope="module")
 def chromium():
+    if (problem := browser.missing()) is not None:
+        pytest.skip(problem)
     with browser.launched() as launched:
         yield launched
 

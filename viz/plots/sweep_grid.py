@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -49,7 +49,9 @@ _HEADROOM = 1.08
 
 
 @styled
-def plot_frequency_sweep(sweep: xr.Dataset, quantity: str = "apparent_inductance", ax: Axes | None = None) -> Axes:
+def plot_frequency_sweep(
+    sweep: xr.Dataset, quantity: str = "apparent_inductance", ax: Axes | None = None, *, scan: xr.Dataset | None = None
+) -> Axes:
     """Draw a quantity over frequency, one curve per state.
 
     Parameters
@@ -61,6 +63,9 @@ def plot_frequency_sweep(sweep: xr.Dataset, quantity: str = "apparent_inductance
     ax : Axes, optional
         Axes to draw into. They start at zero; for a quantity with a pole they end at four times its value at the lowest
         frequency.
+    scan : xarray.Dataset, optional
+        Result of `coilarray.circuit.impedance.scan_design` of the same states: a dot marks the resonance with the tank
+        on each curve, a dotted line the self-resonance.
 
     Raises
     ------
@@ -89,6 +94,8 @@ def plot_frequency_sweep(sweep: xr.Dataset, quantity: str = "apparent_inductance
     ax = ax or new_axes(6.5, 3.6)
     for k, name in enumerate(sweep.state.values.tolist()):
         ax.plot(f, shown.of(values[:, k]), label=name, marker="o" if f.size == 1 else "", **curve_look(k))
+        if scan is not None:
+            _mark_resonances(ax, scan, name, of_frequency.of, f, shown.of(values[:, k]), curve_look(k)["color"])
     if top > 0:
         ax.set_ylim(0.0, float(shown.of(top)))
     ax.set_xscale("log")
@@ -99,6 +106,60 @@ def plot_frequency_sweep(sweep: xr.Dataset, quantity: str = "apparent_inductance
     ax.set(xlabel=of_frequency.label("frequency"), ylabel=shown.label(_NAMES[quantity]))
     legend_beside(ax)
     return ax
+
+
+@styled
+def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
+    """Draw apparent inductance, resistance and quality factor over frequency, with the resonances of every state.
+
+    Parameters
+    ----------
+    sweep, scan : xarray.Dataset
+        Results of `coilarray.circuit.impedance.sweep_design` and `coilarray.circuit.impedance.scan_design`.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.circuit.impedance import scan_design, sweep_design
+    >>> design = load_design("gast_fem")
+    >>> figure = frequency_figure(sweep_design(design, [1e5, 1e6]), scan_design(design, elastomer=False))
+    >>> [ax.get_ylabel().split(" Im")[0] for ax in figure.axes]
+    ['apparent inductance', 'effective resistance Re Z (Ω)', 'quality factor']
+    """
+    names = ("apparent_inductance", "impedance_real", "quality_factor")
+    figure = Figure(figsize=(6.5, 3.2 * len(names)))
+    for k, name in enumerate(names):
+        ax = figure.add_subplot(len(names), 1, k + 1)
+        plot_frequency_sweep(sweep, name, ax, scan=scan)
+        if name == "impedance_real":
+            _logarithmic(ax, sweep[name].values)
+    return figure
+
+
+def _logarithmic(ax: Axes, values: npt.NDArray[np.float64]) -> None:
+    """Give an axis powers of ten, which show the resistance both far below and at a self-resonance."""
+    positive = values[values > 0]
+    if positive.size:
+        ax.set_yscale("log")
+        ax.set_ylim(positive.min() / _HEADROOM, positive.max() * _HEADROOM)
+
+
+def _mark_resonances(
+    ax: Axes,
+    scan: xr.Dataset,
+    state: str,
+    shown: Callable[[npt.ArrayLike], npt.NDArray[np.float64]],
+    f: npt.NDArray[np.float64],
+    curve: npt.NDArray[np.float64],
+    colour: str,
+) -> None:
+    """Mark the resonances of a state that lie within the frequencies, in the unit shown, of its curve."""
+    of_state = scan.sel(state=state)
+    tank, own = (float(shown(of_state[name])) for name in ("frequency", "state_self_resonance"))
+    if f[0] <= tank <= f[-1]:
+        ax.plot(tank, np.interp(tank, f, curve), "o", color=colour, markersize=5)
+    if f[0] <= own <= f[-1]:
+        ax.axvline(own, color=colour, linestyle=":", linewidth=0.9, zorder=0)
 
 
 @styled

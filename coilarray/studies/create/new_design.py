@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 from typing import Literal, get_args
 
-import numpy as np
 import shapely
 
 from coilarray.circuit.coupling import design_inductance
@@ -16,12 +14,12 @@ from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import DesignFile, build_design_file
 from coilarray.design.vary import plain
 from coilarray.electromagnetics.inductance import inductance_matrix
-from coilarray.errors import DesignError, RuleViolationError
-from coilarray.geometry import require_rules
+from coilarray.errors import DesignError
 from coilarray.studies.create.arrangement import read_arrangement
 from coilarray.studies.create.decoupling import decoupled_pitch
 from coilarray.studies.create.plan import SHAPES, Plan, Shape
 from coilarray.studies.create.tank import tank_capacitance
+from coilarray.studies.create.terminals import with_terminals
 from coilarray.studies.create.winding import Room, Winding, wind
 
 Overlap = Literal["none", "decoupled"]
@@ -29,12 +27,10 @@ Overlap = Literal["none", "decoupled"]
 _TRACE = 0.15e-3  # of traces and gaps, in m: coarser than most houses need
 _GAP_STEP, _GAP_MARGIN = 5e-6, 1e-6  # gaps are rounded up, and turns of polygons come a little nearer than drawn
 _WIDE_HOLE = 0.4  # of half the coil's width: the hole of a winding for which no inductance is asked
-_HOLES = (0.3, 0.45, 0.6)  # the same of coils that overlap, in which their neighbours' terminals may lie
+_HOLES = (0.45, 0.6, 0.3)  # the same of coils that overlap, in which their neighbours' terminals may lie
 _PASSES = 2
 _MOST_SETS = 4  # of layers that neighbours take in turn
 _BESIDE = 1e-3  # m between the terminals of a coil and its neighbour
-_MOVES, _MOVE = 13, 0.5e-3  # by how much coils are moved apart until their terminals have room
-_LONGEST_LEAD, _LEAD_STEP = 1.5, 0.5e-3  # widths of a coil, and m
 _FABS = ("oshpark-4-layer", "multi-cb-35um")  # taken where none is named: the first that has enough layers
 
 
@@ -109,20 +105,10 @@ def new_design(
     if arrangement.lattice == "single" and (pitch is not None or overlap != "none"):
         raise DesignError("one coil has no neighbours: pitch and overlap are for several.")
     plan = Plan(name, title, arrangement, shape, sides, elastomer)
-    problem = None
-    for layout in _layouts(plan, overlap, pitch):
-        try:
-            wound = _wound(layout, inductance, layers, fab)
-            placed = _placed(wound, overlap, pitch)
-            found = _with_terminals(placed, movable=pitch is None and overlap == "none")
-        except DesignError as error:
-            problem = problem or error
-        else:
-            one = found.one
-            capacitance = tank_capacitance(lambda value, one=one: replace(one, capacitance=value).design, frequency)
-            return build_design_file(plain(replace(found, capacitance=capacitance).document), name)
-    assert problem is not None  # there is at least one layout
-    raise problem
+    found = _laid_out(plan, inductance, layers, fab, pitch, overlap)
+    one = found.one
+    capacitance = tank_capacitance(lambda value: replace(one, capacitance=value).design, frequency)
+    return build_design_file(plain(replace(found, capacitance=capacitance).document), name)
 
 
 def _check_choices(
@@ -152,21 +138,33 @@ def _check_choices(
             raise DesignError(f"{what} must be positive and finite; got {number * scale:g} {unit}.")
 
 
-def _layouts(plan: Plan, overlap: Overlap, pitch: float | None) -> Iterator[Plan]:
-    """Give the layouts to try, those of the fewest layers first.
+def _laid_out(
+    plan: Plan, inductance: float | None, layers: int | None, fab: str | None, pitch: float | None, overlap: Overlap
+) -> Plan:
+    """Find layers, winding, pitch and terminals.
 
-    Coils side by side need one set of layers; coils that overlap need more, and a wide hole for the terminals of their
-    neighbours. Turned hexagons face those neighbours with corners that do not overlap them.
+    Coils side by side need one set of layers. Coils that overlap need more, and a wide hole for the terminals of their
+    neighbours; turned hexagons face neighbours with corners, so that those on the same layers lie further apart.
     """
-    beside = overlap == "none" and (pitch is None or pitch >= plan.width)
-    if beside or plan.arrangement.lattice == "single":
-        yield plan
-        return
     hexagonal = plan.arrangement.lattice in ("hexagonal", "rings")
-    for sets in range(3 if hexagonal else 2, _MOST_SETS + 1):
-        for hole in _HOLES:
-            for turned in (False, True) if hexagonal and plan.shape == "hexagon" else (False,):
-                yield replace(plan, sets=sets, hole=hole, turned=turned)
+    beside = plan.arrangement.lattice == "single" or (overlap == "none" and (pitch is None or pitch >= plan.width))
+    some_sets = (1,) if beside else range(3 if hexagonal else 2, _MOST_SETS + 1)
+    turns = (False, True) if hexagonal and plan.shape == "hexagon" and not beside else (False,)
+    problem = None
+    for sets, hole in product(some_sets, (plan.hole,) if beside else _HOLES):
+        try:
+            wound = _wound(replace(plan, sets=sets, hole=hole), inductance, layers, fab)
+        except DesignError as error:
+            problem = problem or error
+            continue
+        for turned in turns:
+            try:
+                placed = _placed(replace(wound, turned=turned), overlap, pitch)
+                return with_terminals(placed, movable=beside and pitch is None)
+            except DesignError as error:
+                problem = problem or error
+    assert problem is not None  # at least one layout was tried
+    raise problem
 
 
 def _placed(plan: Plan, overlap: Overlap, pitch: float | None) -> Plan:
@@ -187,7 +185,7 @@ def _placed(plan: Plan, overlap: Overlap, pitch: float | None) -> Plan:
 def _wound(plan: Plan, inductance: float | None, layers: int | None, fab: str | None) -> Plan:
     """Find the winding of each coil on a board with so many sets of layers."""
     if layers is not None and (layers < 1 or (layers % (2 * plan.sets) and (layers, plan.sets) != (1, 1))):
-        allowed = "1, or a multiple of 2," if plan.sets == 1 else f"a multiple of {2 * plan.sets}"
+        allowed = "1 or a multiple of 2" if plan.sets == 1 else f"a multiple of {2 * plan.sets}"
         sets = "" if plan.sets == 1 else f" for neighbours on {plan.sets} different sets of them"
         raise DesignError(f"layers must be {allowed}{sets}; got {layers}.")
     problem = None
@@ -257,34 +255,3 @@ def _are_apart(plan: Plan) -> bool:
         one.layers == other.layers and shapes[i].distance(shapes[j]) < plan.rules.min_gap
         for (i, one), (j, other) in combinations(enumerate(placements), 2)
     )
-
-
-def _with_terminals(plan: Plan, *, movable: bool) -> Plan:
-    """Find a corner or side at which the winding begins, and leads, with which every fabrication rule is kept.
-
-    Terminals are drilled through the board: of coils that overlap, they come to lie in the hole of a neighbour or
-    beside all of them. Where the coils lie side by side and are `movable`, they are moved apart until there is room.
-    """
-    problem = None
-    for tried in _terminals(plan, movable=movable):
-        try:
-            for arrangement in dict.fromkeys((plan.arrangement.few, plan.arrangement)):
-                board = replace(tried, arrangement=arrangement, elastomer=False)
-                require_rules(board.design.array, board.rules)
-        except (RuleViolationError, DesignError) as error:
-            problem = problem or error
-        else:
-            return tried
-    raise DesignError(f"there is no place for the terminals that keeps every rule; in the usual one {problem}")
-
-
-def _terminals(plan: Plan, *, movable: bool) -> Iterator[Plan]:
-    starts = range(len(plan.starts))
-    moves = range(_MOVES if movable and plan.arrangement.lattice != "single" else 1)
-    lengths = [plan.lead]
-    if plan.sets > 1:
-        lengths += np.arange(plan.lead, _LONGEST_LEAD * plan.width, _LEAD_STEP)[1:].tolist()
-    for move in moves:
-        for length in lengths:
-            for start in starts:
-                yield replace(plan, pitch=plan.pitch + move * _MOVE, lead=length, start=start)

@@ -8,15 +8,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, get_args
 
-import numpy as np
-
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design, build_design
 from coilarray.design.tables import SCHEMA
 from coilarray.geometry import FabRules
 from coilarray.studies.create.arrangement import Arrangement
 from coilarray.studies.create.winding import Winding
-from coilarray.studies.quantities.evaluation import outlines
 
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
@@ -25,8 +22,6 @@ _COPPER, _BOARD, _PREPREG = 35e-6, 1.6e-3, 0.2e-3
 _DRILL, _RING = 0.25e-3, 0.125e-3  # of vias, in m: coarser than most houses need
 _TERMINAL, _TERMINAL_RING, _TERMINALS_APART = 0.5e-3, 0.25e-3, 1.5e-3
 _PAD_STEP = 50e-6
-_POINTS = 24  # of the response map along the longer side of the array, about
-_STEPS_MM = (0.5, 1.0, 2.0, 2.5, 5.0, 10.0, 20.0, 50.0)
 
 
 _UNDECIDED = Winding(1, 0.15e-3, 0.15e-3)
@@ -161,6 +156,8 @@ class Plan:
             "rectangle": {"shape": "rectangle", "outer_width_mm": width, "outer_height_mm": height},
             "racetrack": {"shape": "racetrack", "outer_width_mm": width, "outer_height_mm": height},
         }
+        # the outer vias of four layers lie between the leads
+        apart = max(_TERMINALS_APART, self.via_pad + 2 * self.winding.gap + self.winding.trace_width + _PAD_STEP)
         drill, terminal = max(_DRILL, self.rules.min_drill), max(_TERMINAL, self.rules.min_drill)
         terminal_pad = terminal + 2 * max(_TERMINAL_RING, self.rules.min_annular_ring)
         return {
@@ -172,24 +169,21 @@ class Plan:
             **self.starts[self.start],
             "via": {"drill_mm": _mm(drill), "pad_mm": _mm(self.via_pad), "plating_um": 25},
             "leads": {
-                "length_mm": _mm(self.lead),
-                "spacing_mm": _mm(_TERMINALS_APART),
+                "length_mm": _mm(max(self.lead, apart)),
+                "spacing_mm": _mm(apart),
                 "pad_mm": _mm(terminal_pad),
                 "drill_mm": _mm(terminal),
             },
         }
 
     def _elastomer(self) -> dict[str, Any]:
-        half = np.abs(outlines(replace(self, elastomer=False).design)).max(axis=0) * 1e3
-        step = next((step for step in _STEPS_MM if 2 * float(half.max()) / step <= _POINTS), _STEPS_MM[-1])
-        x, y = (float(np.ceil(side / step) * step) for side in half)
         return {
             "elastomer": [
                 {"name": "base", "thickness_mm": 3.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 60.0},
                 {"name": "magnetic", "thickness_mm": 1.0, "relative_permeability": 2.5, "youngs_modulus_kPa": 180.0},
             ],
             "indenter": {"shape": "hemisphere", "radius_mm": 2.0},
-            "indentation": {"depths_mm": [0.3, 0.6], "x_mm": [-x, x], "y_mm": [-y, y], "step_mm": step},
+            "indentation": {"depths_mm": [0.3, 0.6]},
         }
 
     def _assumed(self) -> dict[str, str]:
