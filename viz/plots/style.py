@@ -120,7 +120,8 @@ def zero_line(ax: Axes) -> None:
 
 def state_colours(response: xr.Dataset, names: Sequence[str]) -> dict[str, str]:
     """Return the colour of each state: that which the coil of its name has in every picture."""
-    if "coil_x" not in response.coords or not set(names) <= set(response.coil.values.tolist()):
+    known = {"coil", "coil_x", "coil_y"} <= set(response.coords)
+    if not known or not set(names) <= set(response.coil.values.tolist()):
         return coil_colours(names)
     colours = coil_colours(response.coil.values.tolist(), np.column_stack((response.coil_x, response.coil_y)))
     return {name: colours[name] for name in names}
