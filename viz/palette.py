@@ -46,6 +46,8 @@ UNKNOWN = "#D0D0D0"  # parts of a map without a value
 
 SEQUENTIAL = "viridis"
 """Map of values of one sign: perceptually uniform, and as dark to light as it is to any eye."""
+POSITIVE, NEGATIVE = "YlOrRd", "YlGnBu_r"
+"""Maps of values of one sign from a pale zero, warm and cold as the two halves of `DIVERGING`."""
 DIVERGING = "RdBu_r"
 """Map of values of both signs about a white zero: Brewer's blue and red, which no colour blindness mixes up."""
 
@@ -63,6 +65,25 @@ class CurveLook(TypedDict):
 def cycled(colours: Sequence[str], names: Sequence[str]) -> dict[str, str]:
     """Give each name a colour, starting over where there are more names than colours."""
     return {name: colours[k % len(colours)] for k, name in enumerate(names)}
+
+
+def signed_colours(values: npt.ArrayLike, both: str = DIVERGING, share: float = 0.02) -> tuple[str, float, float]:
+    """Return the map of colours that values about zero need, and its ends: the map `both` where they have both signs.
+
+    Values of one sign have all colours of a map from zero; up to this `share` of the largest the other sign is none.
+
+    Examples
+    --------
+    >>> signed_colours([0.1, -0.3]), signed_colours([-0.3, 0.001])
+    (('RdBu_r', -0.3, 0.3), ('YlGnBu_r', -0.3, 0.0))
+    """
+    numbers = np.asarray(values, dtype=np.float64)
+    finite = numbers[np.isfinite(numbers)]
+    low, high = float(finite.min(initial=0.0)), float(finite.max(initial=0.0))
+    largest = max(-low, high) or 1.0
+    if min(-low, high) > share * largest:
+        return both, -largest, largest
+    return (NEGATIVE, -largest, 0.0) if low < -high else (POSITIVE, 0.0, largest)
 
 
 def coil_colours(names: Sequence[str], centres: npt.ArrayLike | None = None) -> dict[str, str]:

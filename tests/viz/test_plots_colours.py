@@ -115,6 +115,9 @@ def test_the_maps_grow_lighter_to_one_end_or_to_zero_and_tell_signs_apart(vision
     lightness = of_map(SEQUENTIAL, vision)[:, 0]
     assert (np.diff(lightness) > 0).all()
     assert np.ptp(lightness) > 70  # of 100
+    for one_sign in (of_map(palette.POSITIVE, vision)[::-1, 0], of_map(palette.NEGATIVE, vision)[:, 0]):
+        assert (np.diff(one_sign) > 0).all()
+        assert np.ptp(one_sign) > 65
     below, above = np.split(of_map(DIVERGING, vision), 2)
     assert below[-1, 0] > 95
     assert (np.diff(below[:, 0]) > 0).all()

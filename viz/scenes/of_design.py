@@ -122,7 +122,7 @@ class _Making:
         currents = operating_currents(design, self._coupling, self._coil, terminated=not view.others_open)
         colours = overlays.colours_of_currents(currents, design.array.names.index(self._coil))
         board = scene_of_board(design.array, layers=view.layers, colours=colours, name_heights=self._name_heights)
-        note = f"Orange: {self._coil} is measured, the others {self._others}; current per its ampere."
+        note = f"Black: {self._coil} is measured, the others {self._others}; current per its ampere."
         return board + Scene(notes=(note,))
 
     @property

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from coilarray.viz.datasets import overlays as meshes
 from coilarray.viz.datasets.field import AMOUNT, field_arrows, field_lines, field_surfaces
 from coilarray.viz.datasets.triangles import polylines, surface_of
-from coilarray.viz.palette import INDIGO, INK, ORANGE, WINE
+from coilarray.viz.palette import INDIGO, INK, WINE
 from coilarray.viz.scenes.board import Box, CoilColours, cut_upright
 from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, about_zero
 
@@ -106,14 +106,14 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
 
 
 def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
-    """Colour the passive coils by the part of their current in phase with that of the measured one, which is orange.
+    """Colour the passive coils by the part of their current in phase with that of the measured one, which is black.
 
     `currents`, complex of shape (coils,), are in A per A of the measured coil, whose index is `active`.
     """
     values = np.asarray(currents, dtype=np.complex128).real.copy()
     values[active] = np.nan
     scale = about_zero(CURRENT, "current in phase", "A/A", values)
-    return CoilColours(values, replace(scale, missing=ORANGE))
+    return CoilColours(values, replace(scale, missing=INK))
 
 
 def colours_of_delta(values: npt.ArrayLike) -> CoilColours:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.viz.palette import INK, SEQUENTIAL, UNKNOWN
+from coilarray.viz.palette import INK, SEQUENTIAL, UNKNOWN, signed_colours
 from coilarray.viz.scenes.camera import Side
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 # K. Moreland, "Diverging color maps for scientific visualization", ISVC 2009: made for lit surfaces on white, where the
 # white middle of the plots' map would be lost
 _DIVERGING = "coolwarm"
-_NOTHING = 0.02  # of the largest value
 _IN_A_SIGN = 3  # colours of a scale in a sign of the legend
 
 
@@ -60,19 +59,9 @@ class Scale:
 
 
 def about_zero(array: str, title: str, unit: str, values: npt.ArrayLike) -> Scale:
-    """Return a scale with the colours that the values need: symmetric about zero, or from zero for those of one sign.
-
-    Values of the other sign up to 2 % of the largest count as zero.
-    """
-    numbers = np.asarray(values, dtype=np.float64)
-    finite = numbers[np.isfinite(numbers)]
-    low, high = float(finite.min(initial=0.0)), float(finite.max(initial=0.0))
-    largest = max(-low, high) or 1.0
-    if min(-low, high) > _NOTHING * largest:
-        return Scale(array, title, unit, -largest, largest, _DIVERGING)
-    if low < -high:
-        return Scale(array, title, unit, -largest, 0.0, f"{SEQUENTIAL}_r")
-    return Scale(array, title, unit, 0.0, largest)
+    """Return a scale of values about zero, with the colours of `coilarray.viz.palette.signed_colours`."""
+    colours, low, high = signed_colours(values, _DIVERGING)
+    return Scale(array, title, unit, low, high, colours)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING, Any, get_args
 
 from coilarray.design.model import Design
@@ -48,8 +47,11 @@ class ScenePanel(Panel):
         if self._view is None:
             return []
         design, tab, sheets = self._page.work.design, str(self._page.state.tab), bool(self._page.state.scene_sheets)
-        fail = partial(self._fail, design)
-        return [Step("scene", lambda: (design, self._scene(design, tab, sheets)), self._show, fail, patience=_PATIENCE)]
+
+        def compute() -> tuple[Design, Scene]:
+            return design, self._scene(design, tab, sheets)
+
+        return [Step("scene", compute, self._show, self._fail, patience=_PATIENCE)]
 
     def close(self) -> None:
         """Release the window."""
@@ -79,9 +81,8 @@ class ScenePanel(Panel):
             self._page.arrived("scene", design)
         self._view.show(scene)
 
-    def _fail(self, design: Design, problem: str) -> None:
+    def _fail(self, problem: str) -> None:
         with self._page.state as state:
-            self._page.arrived("scene", design)
             state.scene_problem = problem
 
     def _at_rest(self, rests: bool) -> None:

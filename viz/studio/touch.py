@@ -25,6 +25,7 @@ NOISE = 1e-5
 
 _STEP = 1e-3  # m between the points of a map to which ellipses are fitted
 _REFINEMENT = 5  # of that map; 20, the default, moves x0 by less than 0.1 mm and takes ten times as long
+_IN_A_ROW = 1e-6  # m across the row between coils of one
 _LEAST_DELTA = 3 * NOISE  # a smaller δ gives no ellipse, only noise
 
 
@@ -75,15 +76,17 @@ def touched(sensor: Sensor, x: float, y: float, depth: float) -> Touched:
     readings = dict(zip(sensor.model.states, delta.tolist(), strict=True))
     location = locate(sensor.model, delta, noise=NOISE)
     row = indentation_of(sensor.design).origin_point
-    ellipses, crossing, problem = _by_ellipses(sensor.model, float(point[2]), row, readings)
+    ellipses, crossing, problem = _by_ellipses(sensor, float(point[2]), row, readings)
     at = (float(point[0]), float(point[1]))
     return Touched(at, float(point[2]), readings, location, ellipses, crossing, row, problem)
 
 
 def _by_ellipses(
-    model: ForwardModel, depth: float, row: tuple[float, float], readings: Mapping[str, float]
+    sensor: Sensor, depth: float, row: tuple[float, float], readings: Mapping[str, float]
 ) -> tuple[Mapping[str, Ellipse], EllipsePosition | None, str]:
-    fitted = _ellipse_model(model, round(depth, 6), row)
+    if np.ptp(np.append(sensor.design.array.centres[:, 1], row[1])) > _IN_A_ROW:
+        return {}, None, "they are those of coils in a row along x"
+    fitted = _ellipse_model(sensor.model, round(depth, 6), row)
     if isinstance(fitted, str):
         return {}, None, fitted
     ellipses = {}
