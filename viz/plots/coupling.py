@@ -49,6 +49,8 @@ def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
 def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the inductance matrix as `plot_matrix` does: L on the diagonal, M of the pairs off it.
 
+    Of more than 12 coils M alone, whose colours L would take.
+
     Parameters
     ----------
     coupling : xarray.Dataset
@@ -65,7 +67,9 @@ def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """
     L, names = coupling.inductance, coupling.coil.values.tolist()
     unit = str(L.attrs["units"])
-    return plot_matrix(L, names, title="Inductance", quantity="L, M", unit=unit, scale="diverging", ax=ax)
+    many = len(names) > _MOST_NUMBERED
+    text = {"title": "Mutual inductance" if many else "Inductance", "quantity": "M" if many else "L, M", "unit": unit}
+    return plot_matrix(L, names, **text, scale="diverging", mask_diagonal=many, ax=ax)
 
 
 @styled
