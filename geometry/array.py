@@ -186,7 +186,7 @@ class Connector:
     def __post_init__(self) -> None:
         if self.side not in SIDES:
             raise GeometryError(
-                f"side of the connector must be {', '.join(SIDES[:-1])} or {SIDES[-1]}; got {self.side}."
+                f"side of the connector must be {', '.join(SIDES[:-1])} or {SIDES[-1]}; got {self.side!r}."
             )
         for name in ("pitch", "distance", "trace_width", "gap"):
             value = getattr(self, name)
