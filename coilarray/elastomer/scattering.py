@@ -67,6 +67,11 @@ class LayerMesh:
     growth: float = 1.2
     rank: float = 1e-7
 
+    def coarser(self) -> LayerMesh:
+        """Return a mesh for what is small against the whole, several times cheaper and good to about 1 %."""
+        harmonics, rows = -(-3 * self.harmonics // 5), -(-self.rows // 2)
+        return LayerMesh(harmonics, 0.7 * self.decays, 2 * self.width, rows, self.growth**1.5, 10 * self.rank)
+
 
 @dataclass(frozen=True, eq=False)
 class Scattering:
@@ -90,15 +95,15 @@ class Scattering:
     def change(self, incident: ComplexArray, factors: FloatArray) -> FloatArray:
         """Change of the energy between all coils, (positions, coils, coils), symmetric; times μ0 an inductance.
 
-        `incident`, shape (k, positions, coils, harmonics), is the amplitude of every coil's potential per wavenumber;
+        `incident`, shape (harmonics, k, positions, coils), is the amplitude of every coil's potential per wavenumber;
         `factors`, shape (harmonics,), is the integral over the angle, 2π and 4π, or the two halves in plane strain.
         """
-        _, positions, coils, orders = incident.shape
+        orders, wavenumbers, positions, coils = incident.shape
         total = np.zeros((positions, coils, coils))
         for m in range(orders):
-            b = np.tensordot(self.patterns[m] * self.weights, incident[..., m], axes=1)  # rank, positions, coils
-            for part in (b.real, b.imag):
-                at = part.transpose(1, 2, 0)
+            waves = incident[m].reshape(wavenumbers, -1).view(np.float64)
+            b = ((self.patterns[m] * self.weights) @ waves).reshape(-1, positions, coils, 2)
+            for at in b.transpose(3, 1, 2, 0):  # the real and the imaginary part
                 total += factors[m] * (at @ self.energies[m] @ at.transpose(0, 2, 1))
         return np.asarray((total + total.transpose(0, 2, 1)) / 2)
 

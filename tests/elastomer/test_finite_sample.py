@@ -227,7 +227,7 @@ def test_a_lifting_seat_only_pushes_and_carries_all_force() -> None:
     found = corrected(unevenness=Unevenness(lifts=True, weight=weight), slope=slope, sheets=(SHEETS[0],))
     load = 1 + found.depth[0, 0] * slope
     r = np.hypot(found.x.nodes[:, None], found.y.nodes)
-    bottom = -weight / SEAT.stiffness + load * found.beyond(r)[..., 0, 0] + found.moved[0, 0, 0]
+    bottom = -weight / SEAT.stiffness + load * found.beyond(r, 0)[..., 0] + found.moved[0, 0, 0]
     scale = np.abs(bottom).max()
     # pressure k max(0, −u) and gap max(0, u): their product is zero at every node
     np.testing.assert_allclose(found.lifted[0, 0], np.maximum(bottom, 0), atol=1e-9 * scale)
@@ -298,12 +298,16 @@ def test_far_sides_leave_the_response_and_near_ones_raise_it() -> None:
 @pytest.mark.parametrize("case", ["a near side", "a seat that rises"])
 def test_the_change_of_inductance_is_that_of_the_three_dimensional_solution(case: str) -> None:
     kept = json.loads(KEPT.read_text(encoding="utf-8"))["cases"][case]
-    package, (coarse, fine) = np.array(kept["package"]), np.array(kept["three_dimensions"])
-    largest = np.abs(fine).max()
-    # 1.5 % between the meshes; the package is to first order in all but the depth and the lift under the indenter: 5 %
-    assert np.abs(fine - coarse).max() < 0.015 * largest
-    assert np.abs(package - fine).max() < 0.05 * largest
-    assert np.abs(np.diag(package) / np.diag(fine) - 1).max() < 0.05
+    package, limit, meshes = (np.array(kept[key]) for key in ("package", "extrapolated", "three_dimensions"))
+    # the step of the faces at a side costs the meshes their order: two extrapolations differ by 0.4 %, 2.3 % in M
+    coarser = meshes[1] + (meshes[1] - meshes[0]) / (1.5**4 - 1)
+    largest = np.abs(limit).max()
+    np.testing.assert_allclose(coarser, limit, rtol=0.025, atol=2e-4 * largest)
+    # The package is to first order in all but the depth and the rigid motion under the indenter. Measured: 0.8 to 3.6 %
+    # of L, 4.2 % of M beside the near side; of M on the rising seat, which is 1/1400 of the largest entry, three times.
+    np.testing.assert_allclose(package, limit, rtol=0.05, atol=2.5e-3 * largest)
+    seen, expected = (kept["effective"][key] for key in ("package", "three_dimensions"))
+    np.testing.assert_allclose(seen, expected, rtol=0.05)
 
 
 @pytest.mark.slow
