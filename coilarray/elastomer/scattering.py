@@ -102,9 +102,12 @@ class Scattering:
         total = np.zeros((positions, coils, coils))
         for m in range(orders):
             waves = incident[m].reshape(wavenumbers, -1).view(np.float64)
-            b = ((self.patterns[m] * self.weights) @ waves).reshape(-1, positions, coils, 2)
-            for at in b.transpose(3, 1, 2, 0):  # the real and the imaginary part
-                total += factors[m] * (at @ self.energies[m] @ at.transpose(0, 2, 1))
+            b = (self.patterns[m] * self.weights) @ waves  # real and imaginary parts are columns of their own
+            one, two = (
+                values.reshape(-1, positions, coils, 2).transpose(1, 2, 0, 3).reshape(positions, coils, -1)
+                for values in (factors[m] * b, self.energies[m].T @ b)
+            )
+            total += one @ two.transpose(0, 2, 1)
         return np.asarray((total + total.transpose(0, 2, 1)) / 2)
 
 
