@@ -68,9 +68,9 @@ class LayerMesh:
     rank: float = 1e-7
 
     def coarser(self) -> LayerMesh:
-        """Return a mesh for what is small against the whole, several times cheaper and good to about 1 %."""
-        harmonics, rows = -(-3 * self.harmonics // 5), -(-self.rows // 2)
-        return LayerMesh(harmonics, 0.7 * self.decays, 2 * self.width, rows, self.growth**1.5, 10 * self.rank)
+        """Return a mesh for what is small against the whole, four times cheaper and good to some 0.3 %."""
+        harmonics, rows = max(5, self.harmonics // 2), max(2, self.rows // 3)
+        return LayerMesh(harmonics, 0.55 * self.decays, max(0.5, self.width), rows, self.growth**2, 100 * self.rank)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,15 +99,17 @@ class Scattering:
         `factors`, shape (harmonics,), is the integral over the angle, 2π and 4π, or the two halves in plane strain.
         """
         orders, wavenumbers, positions, coils = incident.shape
-        total = np.zeros((positions, coils, coils))
-        for m in range(orders):
+
+        def of(m: int) -> FloatArray:
             waves = incident[m].reshape(wavenumbers, -1).view(np.float64)
             b = (self.patterns[m] * self.weights) @ waves  # real and imaginary parts are columns of their own
             one, two = (
                 values.reshape(-1, positions, coils, 2).transpose(1, 2, 0, 3).reshape(positions, coils, -1)
                 for values in (factors[m] * b, self.energies[m].T @ b)
             )
-            total += one @ two.transpose(0, 2, 1)
+            return np.asarray(one @ two.transpose(0, 2, 1))
+
+        total = np.sum(run_blocks(of, range(orders)), axis=0)
         return np.asarray((total + total.transpose(0, 2, 1)) / 2)
 
 

@@ -224,7 +224,8 @@ def _finite(
     loaded = contact.force.values > 0
     force = np.array([one.force.values[loaded] for one in contacts])
     slope[loaded] = _lagrange_slope(parts) @ force / force[0] / depths[loaded]
-    correction = sample_correction(sheets, setup.base, sample, places, contact.r.values, contact.pressure.values, slope)
+    given = places, contact.r.values, contact.pressure.values, slope
+    correction = _kept_correction(_elastic(sheets), setup.base, sample, *(values.tobytes() for values in given))
     relative = 1 + correction.depth / np.where(depths > 0, depths, 1.0)[:, None]
     shares = _lagrange(parts, relative.ravel()).reshape(*relative.shape, -1)
     magnetic = dents_of(contact, sheets)
@@ -260,8 +261,9 @@ def contact_at(setup: Indentation, sheets: Sequence[Sheet], depths: npt.ArrayLik
     `coilarray.compute.store.open_store`, where that folder can be written.
     """
     at = tuple(np.atleast_1d(np.asarray(depths, dtype=np.float64)).tolist())
-    elastic = tuple(replace(sheet, relative_permeability=1.0) for sheet in sheets)  # which decides on no contact
-    return _kept_contact(elastic, setup.indenter, at, setup.base, setup.sample_radius, setup.strain, DEFAULT_MESH)
+    return _kept_contact(
+        _elastic(sheets), setup.indenter, at, setup.base, setup.sample_radius, setup.strain, DEFAULT_MESH
+    )
 
 
 @lru_cache(maxsize=8)
@@ -280,6 +282,20 @@ def _kept_contact(
     if strain == "linear":
         return solve()
     return kept_dataset(("contact", sheets, indenter, depths, base, radius, strain, mesh), solve)
+
+
+@lru_cache(maxsize=1)
+def _kept_correction(
+    sheets: tuple[Sheet, ...], base: Base, sample: Sample, places: bytes, r: bytes, pressure: bytes, slope: bytes
+) -> SampleCorrection:
+    """Solve a finite sample, or return the last one: often only coils vary. Arrays are given as their bytes."""
+    at, radii, values, slopes = (np.frombuffer(array) for array in (places, r, pressure, slope))
+    return sample_correction(sheets, base, sample, at.reshape(-1, 2), radii, values.reshape(-1, len(radii)), slopes)
+
+
+def _elastic(sheets: Sequence[Sheet]) -> tuple[Sheet, ...]:
+    """Return the sheets without their permeability, which decides on no contact."""
+    return tuple(replace(sheet, relative_permeability=1.0) for sheet in sheets)
 
 
 def together(levels: Iterable[Level]) -> list[list[Level]]:

@@ -18,10 +18,11 @@ import pytest
 from support.contacts import coarse_maps, first_coils_design
 from support.first_assumed import first_assumed
 
+from coilarray.compute.memory import MemoryLimitError
 from coilarray.elastomer.box import Axis, Box, factorised
 from coilarray.elastomer.contact import DEFAULT_MESH, indent
 from coilarray.elastomer.contact_grid import Stack, stack_of
-from coilarray.elastomer.finite_sample import BoxMesh, Sample, SampleCorrection, sample_correction
+from coilarray.elastomer.finite_sample import DEFAULT_BOX_MESH, BoxMesh, Sample, SampleCorrection, sample_correction
 from coilarray.elastomer.wide_stack import wide_field
 from coilarray.errors import ElastomerError, GeometryError
 from coilarray.geometry import EVEN, Hemisphere, Seat, Sheet, Unevenness
@@ -137,7 +138,7 @@ def energy(elements: int, degree: int) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize(("degree", "least"), [(2, 3.0), (3, 4.0)])
 def test_the_energy_converges_with_twice_the_degree(degree: int, least: float) -> None:
-    exact = energy(3, 6)
+    exact = energy(3, 5)
     errors = np.abs([energy(count, degree) / exact - 1 for count in (2, 4)])
     # twice the degree is 4 and 6; the height has the same elements on both meshes, and the edges are not smooth
     assert np.log2(errors[0] / errors[1]) > least
@@ -194,6 +195,28 @@ def test_wide_field_and_correction_are_the_box_that_is_loaded_directly() -> None
     away = distance > 2.5  # two elements from the contact, which the box alone resolves less well than the wide field
     # two solutions on the same elements, one of which has to carry the load of the contact: 2 % of the correction
     assert np.abs(total - direct)[:, away].max() < 0.02 * np.abs(found.moved[0, 0, :2]).max()
+
+
+@pytest.mark.slow
+def test_the_default_mesh_gives_the_faces_to_a_percent() -> None:
+    bounds, places = (-14e-3, -11e-3, 14e-3, 11e-3), ((0.0, 0.0), (7e-3, 4e-3))
+    uneven = Unevenness(stiffness_slope=(15.0, -10.0))
+    usual, finer = (
+        corrected(bounds, places, uneven, mesh=mesh) for mesh in (DEFAULT_BOX_MESH, replace(DEFAULT_BOX_MESH, degree=4))
+    )
+    shapes = finer.x.basis(usual.x.nodes), finer.y.basis(usual.y.nodes)
+    expected = np.einsum("dplxy,ax,by->dplab", finer.moved, *shapes, optimize=True)
+    errors = np.abs(usual.moved - expected).max(axis=(0, 1, 3, 4)) / np.abs(expected).max()
+    # measured 0.4 and 0.7 %; at the corners of the bottom, where the seat ends, 2.9 %
+    assert errors[1:].max() < 0.01
+    assert errors[0] < 0.04
+    np.testing.assert_allclose(usual.depth, finer.depth, atol=0.01 * np.abs(finer.depth).max())
+
+
+def test_a_sample_too_large_for_the_memory_is_refused_before_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COILARRAY_MEMORY_GB", "1")
+    with pytest.raises(MemoryLimitError, match=r"a sample of 100 by 100 of its thicknesses needs .* sample_x_mm"):
+        corrected((-0.4, -0.4, 0.4, 0.4))
 
 
 @pytest.mark.slow
