@@ -1,12 +1,9 @@
 """What all tests share: one store of results, files in an order that ends well, and signals as on a terminal."""
 
-import gc
 import os
 import re
 import signal
 
-# As in coilarray.cli.main: imports and collected tests last, and looking through them for cycles takes time.
-gc.set_threshold(100_000, 20, 20)
 # Tests run side by side, one on each core: threads of the linear algebra would only wait for each other.
 # Before the imports, for numpy reads it when it is loaded.
 for library in ("OPENBLAS", "MKL", "OMP"):
@@ -16,7 +13,10 @@ import hypothesis  # noqa: E402
 import pytest  # noqa: E402
 from support.patience import PATIENCE  # noqa: E402
 
+from coilarray.compute.memory import collect_seldom  # noqa: E402
 from coilarray.compute.store import FOLDER_VARIABLE  # noqa: E402
+
+collect_seldom()  # thousands of collected tests last too
 
 # Under CI the parent is hypothesis' own profile for it, which tries the same examples every time.
 hypothesis.settings.register_profile(
