@@ -27,8 +27,8 @@ hypothesis.settings.load_profile("shared machine")
 
 # Files that take longest, or wait for other processes: begun first, none of them is left for the end.
 LONGEST = (
-    "report/test_report", "studies/test_calibrate_campaigns", "viz/test_studio_page", "elastomer/test_finite_strain",
-    "compute/test_under_load", "cli/test_live", "compute/test_cluster", "elastomer/test_finite_sample",
+    "viz/test_studio_page", "report/test_report", "elastomer/test_finite_sample", "compute/test_under_load",
+    "studies/test_calibrate_campaigns", "elastomer/test_finite_strain", "compute/test_cluster", "cli/test_live",
     "response/test_response", "studies/test_tolerance_position", "hardware/test_fault_campaign", "cli/test_localize",
     "studies/test_optimize_search", "cli/test_measure_broken_off", "localize/test_inverse", "studies/test_quantities",
     "studies/test_tolerance_analysis", "hardware/test_emulator_world", "cli/test_compare", "test_examples",
