@@ -1,12 +1,9 @@
 """What all tests share: one store of results, files in an order that ends well, and signals as on a terminal."""
 
-import gc
 import os
 import re
 import signal
 
-# As in coilarray.cli.main: imports and collected tests last, and looking through them for cycles takes time.
-gc.set_threshold(100_000, 20, 20)
 # Tests run side by side, one on each core: threads of the linear algebra would only wait for each other.
 # Before the imports, for numpy reads it when it is loaded.
 for library in ("OPENBLAS", "MKL", "OMP"):
@@ -16,7 +13,10 @@ import hypothesis  # noqa: E402
 import pytest  # noqa: E402
 from support.patience import PATIENCE  # noqa: E402
 
+from coilarray.compute.memory import collect_seldom  # noqa: E402
 from coilarray.compute.store import FOLDER_VARIABLE  # noqa: E402
+
+collect_seldom()  # thousands of collected tests last too
 
 # Under CI the parent is hypothesis' own profile for it, which tries the same examples every time.
 hypothesis.settings.register_profile(
@@ -27,8 +27,8 @@ hypothesis.settings.load_profile("shared machine")
 
 # Files that take longest, or wait for other processes: begun first, none of them is left for the end.
 LONGEST = (
-    "report/test_report", "studies/test_calibrate_campaigns", "viz/test_studio_page", "elastomer/test_finite_strain",
-    "compute/test_under_load", "cli/test_live", "compute/test_cluster", "elastomer/test_finite_sample",
+    "viz/test_studio_page", "report/test_report", "elastomer/test_finite_sample", "compute/test_under_load",
+    "studies/test_calibrate_campaigns", "elastomer/test_finite_strain", "compute/test_cluster", "cli/test_live",
     "response/test_response", "studies/test_tolerance_position", "hardware/test_fault_campaign", "cli/test_localize",
     "studies/test_optimize_search", "cli/test_measure_broken_off", "localize/test_inverse", "studies/test_quantities",
     "studies/test_tolerance_analysis", "hardware/test_emulator_world", "cli/test_compare", "test_examples",
