@@ -78,7 +78,7 @@ def test_lengths_are_a_rising_list_or_range():
 def test_version(capsys, monkeypatch):
     assert (told := good(capsys, "--version")).startswith("coilarray 0.")
     monkeypatch.setattr(sys, "argv", ["-m", "--version"])
-    monkeypatch.delitem(sys.modules, "coilarray.__main__", raising=False)  # runpy warns where another test has loaded it
+    monkeypatch.delitem(sys.modules, "coilarray.__main__", raising=False)  # else runpy may warn
     with pytest.raises(SystemExit) as end:
         runpy.run_module("coilarray", run_name="__main__")
     assert (end.value.code, capsys.readouterr().out.strip()) == (0, told.strip())
