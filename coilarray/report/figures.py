@@ -50,9 +50,7 @@ def board_picture(design: Design) -> Picture:
     problem = viz.rendering_problem()
     if problem is None:
         caption = "The board; lengths in mm."
-        return _render(
-            "board", caption, lambda path: viz.save_board_picture(design.array, path, design.sheets, size=_SIZE)
-        )
+        return _render("board", caption, lambda path: viz.save_board_picture(design.array, path, size=_SIZE))
     return draw("board", f"The board from above; lengths in mm. {problem}", viz.plot_board(design.array))
 
 
