@@ -45,6 +45,7 @@ def field(
     out: Annotated[Path, shared.out_option("File to write: .nc (netCDF) or .vtr (ParaView).", ".nc", ".vtr")] = Path(
         "field.nc"
     ),
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:

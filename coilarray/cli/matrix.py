@@ -18,6 +18,7 @@ def matrix(
             "Also write the network: .nc (all), .csv (pairs), .cir or .sub (SPICE), .sNp or .inp (FastHenry)."
         ),
     ] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:

@@ -11,6 +11,7 @@ import typer
 from coilarray.cli import shared
 from coilarray.cli.compiling import compiling_beside
 from coilarray.cli.maps import read_dataset
+from coilarray.cli.replacing import remember, require_own
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ def report(
     distortion: Annotated[
         Path | None, typer.Option(help="Result of `coilarray distortion --out` (.nc): adds what moves x0.")
     ] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -34,8 +36,9 @@ def report(
 
     Example: coilarray report gast2020 --out results
     """
+    require_own("report", (out / "report.html", out / "report" / "report.json"), force=force)
     with compiling_beside():
-        from coilarray.report import write_report
+        from coilarray.report.write import write_report
 
         opened = shared.open_design_file(design, allow_violations=allow_violations)
         causes = None if distortion is None else read_dataset(distortion)
@@ -43,6 +46,7 @@ def report(
             raise LocalizeError(f"{distortion} is no result of `coilarray distortion`: it has no effects.")
         with shared.progress_bar(f"report of {opened.design.name}") as progress:
             made = write_report(opened, out, distortion=causes, progress=progress)
+    remember("report", (made.page, made.folder / "report.json"))
     if made.rendering_problem is not None:
         typer.echo(f"coilarray: note: {made.rendering_problem}", err=True)
     if as_json:

@@ -53,6 +53,7 @@ def response(
     ] = "auto",
     out: shared.NumbersFile = Path("response.nc"),
     plot: Annotated[Path | None, shared.plot_option("the maps of the deepest dent")] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:

@@ -22,6 +22,7 @@ from coilarray.design.tables import PASSIVE, Document
 from coilarray.design.window import Positions, array_window
 from coilarray.errors import DesignError, GeometryError, NetworkError
 from coilarray.geometry import EVEN, Coil, CoilArray, FabRules, Indenter, Sheet, Unevenness
+from coilarray.geometry.connector import lead_out
 from coilarray.geometry.sheet import Base, Strain
 
 
@@ -121,7 +122,10 @@ class Indentation:
         if not self.depths or bool(self.x) != bool(self.y):
             raise DesignError("an indentation must have at least one depth, and one x and one y or none of both.")
         if not all(shallow < deep for shallow, deep in pairwise((0.0, *self.depths))):
-            raise DesignError(f"depths of an indentation must rise from above zero; got {self.depths} m.")
+            raise DesignError(
+                f"depths of an indentation must rise from above zero; "
+                f"got {', '.join(f'{depth * 1e3:g}' for depth in self.depths)} mm."
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,6 +361,9 @@ def _build(parsed: Document) -> Design:
         stackup = parsed.stackup.build()
     with _named("array"):
         array = parsed.array.build(stackup, coils, parsed.board)
+    if parsed.connector is not None:
+        with _named("connector"):
+            array = lead_out(array, parsed.connector.build())
     return Design(
         name=parsed.name,
         title=parsed.title or parsed.name,

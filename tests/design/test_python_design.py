@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.boards import FOUR_LAYERS, LEADS
+from support.boards import FOUR_LAYERS, LEADS, round_spiral
 from support.boards import VIA as BOARD_VIA
 from support.refusals import refused
 
@@ -62,7 +62,7 @@ def awkward():
         ca.PlatedHole(0.5e-3, 1e-3, 30e-6),
     )
     circle = ca.spiral_coil(
-        ca.Spiral(48, 20e-3 / 3, 5, 0.1e-3, 0.1e-3, 0.1, "cw", circular=True), 3, VIA,
+        round_spiral(20e-3 / 3, 5, 0.1e-3, 0.1e-3, direction=0.1, winding="cw"), 3, VIA,
         ca.Leads(2e-3, 1.5e-3, ca.PlatedHole(0.5e-3, 1e-3, 30e-6)), return_lead=True,
     )  # fmt: skip
     square = ca.Coil(tapered.lines, tapered.widths, tapered.gap, VIA, None, np.array([[0, 0], [5e-3, 0], [5e-3, 4e-3]]))
@@ -127,23 +127,33 @@ lengths = st.floats(0.05e-3, 0.3e-3)
 @pytest.mark.slow
 @settings(max_examples=20)
 @given(
-    kind=st.sampled_from(["linear", "square", "hexagonal", "free"]),
+    kind=st.sampled_from(["single", "linear", "square", "hexagonal", "rings", "free"]),
     pitch=st.floats(5e-3, 40e-3),
     angles=st.tuples(st.floats(-7, 7), st.floats(-7, 7), st.floats(-7, 7)),
     sizes=st.tuples(lengths, lengths, st.floats(5e-3, 20e-3)),
-    sides=st.sampled_from([4, 6, 7, 64]),
+    shape=st.sampled_from(["4", "6", "7", "circle", "rounded", "rectangle", "racetrack"]),
     values=st.tuples(st.floats(1e-12, 1e-9), st.floats(0, 50), st.floats(1e-4, 1e-2), st.floats(1, 10)),
 )
-def test_all_digits_stand_in_the_document(kind, pitch, angles, sizes, sides, values):
+def test_all_digits_stand_in_the_document(kind, pitch, angles, sizes, shape, values):
     width, gap, apothem = sizes
     capacitance, resistance, thickness, permeability = values
-    coil = ca.spiral_coil(ca.Spiral(sides, apothem, 3, width, gap, angles[0], circular=sides == 64), 2, VIA)
+    turns = (3, width, gap)
+    if shape.isdecimal():
+        spiral = ca.Spiral(int(shape), apothem, *turns, angles[0])
+    elif shape in ("circle", "rounded"):
+        radius, sides = (apothem, 4) if shape == "circle" else (apothem / 3, 5)
+        spiral = ca.RoundedSpiral(2 * apothem, 2 * apothem, *turns, radius, sides, angles[0])
+    else:
+        radius = apothem if shape == "racetrack" else apothem / 7
+        spiral = ca.RoundedSpiral(3 * apothem, 2 * apothem, *turns, radius, direction=math.pi / 2)
+    coil = ca.spiral_coil(spiral, 2, VIA)
     if kind == "free":
         places = tuple(ca.Placement(f"c{k}", coil, ("L1", "L2"), k * pitch, -pitch / 3, angles[k]) for k in range(2))
         array = ca.CoilArray(TWO_LAYERS, places)
     else:
-        rows = 1 if kind == "linear" else 3
-        lattice = ca.Lattice(kind, pitch, 3, rows, (("L1", "L2"), ("L2", "L1")), angles[1], angles[2])
+        columns, rows = {"single": (1, 1), "rings": (1, 1), "linear": (3, 1)}.get(kind, (3, 3))
+        layers, rings = (("L1", "L2"), ("L2", "L1")), int(kind == "rings")
+        lattice = ca.Lattice(kind, pitch, columns, rows, layers, angles[1], angles[2], rings=rings)
         array = ca.lattice_array(TWO_LAYERS, coil, lattice)
     circuit = ca.Circuit(ca.Switches(resistance, tank_capacitance=capacitance))
     design = ca.Design(array, (ca.Sheet("s", thickness, permeability),), circuit=circuit)

@@ -40,6 +40,12 @@ def test_colours_keep_neighbours_apart():
     assert (colour[i] != colour[j]).all()
     steps = {tuple(step) for step in (indices[j] - indices[i]).tolist()}
     assert steps == {(1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1)}
+    rings, indices = lattice("rings", 1.0, rings=2)
+    i, j = np.nonzero(neighbours(rings, 1.0))
+    assert len(i) == 2 * 42  # 6 spokes, 6 around the first ring, 6 · 3 to the second, 12 around it
+    assert ((indices[:, 0] - indices[:, 1])[i] % 3 != (indices[:, 0] - indices[:, 1])[j] % 3).all()
+    np.testing.assert_allclose(rings[[0, 1, 7]], [[0, 0], [1, 0], [2, 0]], atol=1e-15)  # centre, then ring by ring
+    assert lattice("single")[0].tolist() == [[0, 0]]
     points, indices = lattice("square", 1.0, 4, 3)
     i, j = np.nonzero(neighbours(points, 1.0))
     assert (indices.sum(axis=1)[i] % 2 != indices.sum(axis=1)[j] % 2).all()
@@ -59,7 +65,20 @@ def test_lattices_and_sheets_that_cannot_be():
         refused(GeometryError, "pitch must be positive and finite", lattice, "square", pitch, 2, 2)
     refused(GeometryError, "columns and rows must be at least 1; got 0 and 1", lattice, "linear", 1.0, 0)
     refused(GeometryError, "a linear lattice has one row; got 2", lattice, "linear", 1.0, 2, 2)
-    refused(GeometryError, "lattice must be linear, square or hexagonal; got 'round'", lattice, "round", 1.0, 2, 2)
+    refused(GeometryError, "more than one coil must have a pitch", lattice, "square", None, 2)
+    refused(GeometryError, "of the kind rings has no rows and columns; got 1 and 2", lattice, "rings", 1.0, 2, rings=1)
+    refused(
+        GeometryError, "at least one ring where its kind is rings, else none; got 0 of rings", lattice, "rings", 1.0
+    )
+    refused(
+        GeometryError,
+        "lattice must be single, linear, square, hexagonal or rings; got 'round'",
+        lattice,
+        "round",
+        1.0,
+        2,
+        2,
+    )
     for value in (0.0, -1e-3, math.nan, math.inf):
         refused(GeometryError, "thickness of sheet 'base' must be positive and finite", Sheet, "base", value)
     for mu in (0.5, math.nan, math.inf):
@@ -92,7 +111,7 @@ def test_placements_and_arrays_that_cannot_be():
     for key, value in product(("x", "y", "rotation"), (math.nan, math.inf)):
         place = {"x": 0.0, "y": 0.0, key: value}
         refused(GeometryError, "position of A must be finite", Placement, "A", COIL, ("L1", "L2"), **place)
-    message = "has 2 lines and must be given as many copper layers; got 1"
+    message = "layers of .* must be 2, as its shape has 2 lines_mm; got 1"
     refused(GeometryError, message, Placement, "A", COIL, ("L1",), 0, 0)
     message = "lines 0 and 1 of A are joined by a via and must lie on different copper layers; got L1"
     refused(GeometryError, message, Placement, "A", COIL, ("L1", "L1"), 0, 0)

@@ -70,7 +70,8 @@ def export_network(
     suffix = target.suffix.lower()
     if suffix not in (".cir", ".sub") and not re.fullmatch(r"\.s\d+p", suffix):
         raise OutputError(
-            f"a network of {len(names)} coils is written as .cir, .sub or .s{len(names)}p; got {target.name}."
+            f"a network of {len(names)} coil{'s' * (len(names) > 1)} is written as .cir, .sub or .s{len(names)}p; "
+            f"got {target.name}."
         )
     across, between = network.winding_capacitance, network.mutual_capacitance
     if suffix in (".cir", ".sub"):

@@ -138,7 +138,7 @@ def spice_subcircuit(
     heading = " ".join(title.split())
     subcircuit = plain_names([heading or "coilarray"])[0]
     lines = [
-        f"* {heading or 'coilarray'}: {len(L)} coils; H, ohm, F",
+        f"* {heading or 'coilarray'}: {len(L)} coil{'s' * (len(L) > 1)}; H, ohm, F",
         *(f"* {' '.join(comment.split())}" for comment in comments),
         " ".join([".subckt", subcircuit, *(f"{coil}_{pin}" for coil in coils for pin in (1, 2))]),
     ]
