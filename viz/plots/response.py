@@ -127,7 +127,7 @@ def plot_response_profile(
     delta = _delta(response, state=state, depth=depth)
     row = delta.isel({across: main_line(response, along, state)})
     if state is None:
-        size = np.nan_to_num(np.abs(row).transpose("state", ...).values).reshape(row.sizes["state"], -1).max(axis=1)
+        size = np.abs(np.nan_to_num(row.transpose("state", ...).values)).reshape(row.sizes["state"], -1).max(axis=1)
         row = row.isel(state=np.flatnonzero(size >= _FELT * size.max()))
     shown = style.axis_unit(row)
     ax = ax or style.new_axes(*_PROFILE)
