@@ -42,7 +42,8 @@ from coilarray.geometry.values import SIDES
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # a list of plain values as tomli-w writes it, one a line
 _FLAT_LIST = re.compile(r"\[\n\s*([^\[\]\n]+(?:,\n\s*[^\[\]\n]+)*),\n\s*\]")
-_LIST_OF_LISTS = re.compile(r"\[\n(?:\s*\[[^\[\]\n]*\],\n)+\s*\]")
+_HEADER = re.compile(r"^\[(?!\[)", re.MULTILINE)
+_LIST_OF_NAMES = re.compile(r'\[\n(?:\s*\["[^\[\]\n]*\],\n)+\s*\]')
 _LONGEST_LINE = 120
 _TURNED = 1e-12  # rad
 _PICOMETRE = 1e-12
@@ -137,10 +138,18 @@ def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str
 
 
 def document_text(document: Mapping[str, Any]) -> str:
-    """Return the TOML text of a document, lists of plain values on one line."""
+    """Return the TOML text of a document: lists of plain values on one line, a header for every table of a list."""
     import tomli_w
 
-    return _LIST_OF_LISTS.sub(_short, _FLAT_LIST.sub(_on_one_line, tomli_w.dumps(document)))
+    listed = {key for key, value in document.items() if isinstance(value, list) and isinstance(value[0], Mapping)}
+    tables = {key for key, value in document.items() if isinstance(value, Mapping)} | listed
+    parts = [tomli_w.dumps({key: value for key, value in document.items() if key not in tables})]
+    for key, value in document.items():
+        if key in listed:  # short ones would become inline tables, which cannot have comments
+            parts += [f"[[{key}]]\n" + _HEADER.sub(f"[{key}.", tomli_w.dumps(table)) for table in value]
+        elif key in tables:
+            parts.append(tomli_w.dumps({key: value}))
+    return _LIST_OF_NAMES.sub(_short, _FLAT_LIST.sub(_on_one_line, "\n".join(parts)))
 
 
 def shape_names(array: CoilArray) -> list[str]:

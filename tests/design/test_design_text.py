@@ -12,7 +12,7 @@ from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, reference_board
 from coilarray import load_design, load_design_file
 from coilarray.design.model import Design, parse_design, parse_design_file
 from coilarray.design.save import save_design, with_comments
-from coilarray.design.write import design_names, design_text, shape_names
+from coilarray.design.write import design_names, design_text, document_text, shape_names
 from coilarray.errors import DesignError
 from coilarray.geometry import CoilArray, Placement, PlatedHole, Spiral, Stackup, path_coil, spiral_coil
 
@@ -169,6 +169,8 @@ def test_a_saved_design_is_commented_and_the_same(tmp_path):
         ):
             assert saved.count(comment) == 1
         assert saved.count("# Sheets on top of the board") == 1  # above the first of two tables
+    short = {"name": "base", "thickness_mm": 3.0, "exceptions": {"coil1": "open"}}
+    assert tomllib.loads(document_text({"elastomer": [short, short]})) == {"elastomer": [short, short]}
 
 
 def test_a_comment_makes_no_line_too_long():
