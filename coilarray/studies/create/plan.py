@@ -163,7 +163,7 @@ class Plan:
         apart = max(_TERMINALS_APART, self.via_pad + 2 * self.winding.gap + self.winding.trace_width + _PAD_STEP)
         shape = _ROUGHLY.get(self.shape, self.shape) if self.rough else self.shape
         drill, terminal = max(_DRILL, self.rules.min_drill), max(_TERMINAL, self.rules.min_drill)
-        terminal_pad = terminal + 2 * max(_TERMINAL_RING, self.rules.min_annular_ring)
+        terminal_pad = max(terminal + 2 * max(_TERMINAL_RING, self.rules.min_annular_ring), self.winding.trace_width)
         return {
             **sizes[shape],
             "turns_per_layer": self.winding.turns,
