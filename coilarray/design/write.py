@@ -42,7 +42,7 @@ from coilarray.geometry.values import SIDES
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # a list of plain values as tomli-w writes it, one a line
 _FLAT_LIST = re.compile(r"\[\n\s*([^\[\]{}\n]+(?:,\n\s*[^\[\]{}\n]+)*),\n\s*\]")
-_LIST_OF_LISTS = re.compile(r"\[\n(?:\s*\[[^\[\]\n]*\],\n)+\s*\]")
+_LISTS_OF_NAMES = re.compile(r"\[\n(?:\s*\["[^\[\]\n]*\],\n)+\s*\]")
 _LONGEST_LINE = 120
 _TURNED = 1e-12  # rad
 _PICOMETRE = 1e-12
@@ -150,7 +150,7 @@ def document_text(document: Mapping[str, Any]) -> str:
             blocks += [f"[[{key}]]\n{tomli_w.dumps(table)}" for table in value]
         elif key not in plain:
             blocks.append(tomli_w.dumps({key: value}))
-    return _LIST_OF_LISTS.sub(_short, _FLAT_LIST.sub(_on_one_line, "\n".join(blocks)))
+    return _LISTS_OF_NAMES.sub(_short, _FLAT_LIST.sub(_on_one_line, "\n".join(blocks)))
 
 
 def shape_names(array: CoilArray) -> list[str]:
