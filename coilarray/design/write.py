@@ -42,7 +42,7 @@ from coilarray.geometry.values import SIDES
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # a list of plain values as tomli-w writes it, one a line
 _FLAT_LIST = re.compile(r"\[\n\s*([^\[\]{}\n]+(?:,\n\s*[^\[\]{}\n]+)*),\n\s*\]")
-_LISTS_OF_NAMES = re.compile(r"\[\n(?:\s*\["[^\[\]\n]*\],\n)+\s*\]")
+_LISTS_OF_NAMES = re.compile(r"""\[\n(?:\s*\["[^\[\]\n]*\],\n)+\s*\]""")
 _LONGEST_LINE = 120
 _TURNED = 1e-12  # rad
 _PICOMETRE = 1e-12
