@@ -186,7 +186,7 @@ class Connector:
     def __post_init__(self) -> None:
         if self.side not in SIDES:
             raise GeometryError(
-                f"side of the connector must be {', '.join(SIDES[:-1])} or {SIDES[-1]}; got {self.side}."
+                f"side of the connector must be {', '.join(SIDES[:-1])} or {SIDES[-1]}; got {self.side!r}."
             )
         for name in ("pitch", "distance", "trace_width", "gap"):
             value = getattr(self, name)
@@ -251,6 +251,12 @@ class CoilArray:
     def centres(self) -> FloatArray:
         """Centres of the coils in m, shape (coils, 2)."""
         return np.array([[placement.x, placement.y] for placement in self.placements])
+
+    @property
+    def least_distance(self) -> float:
+        """Distance in m of the two coils that are nearest to each other; infinite for a single one."""
+        gaps = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
+        return float(gaps[~np.eye(len(gaps), dtype=bool)].min(initial=np.inf))
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:

@@ -270,11 +270,11 @@ def spiral_coil(
 def _wound(of: Wound, name: str) -> Coil:
     try:
         return _wind(of, name)
-    except NoRoomBesideLeadsError as error:
+    except _NoRoomBesideLeadsError as error:
         raise GeometryError(f"{str(error)[:-1]}{_remedy(of)}.") from None
 
 
-class NoRoomBesideLeadsError(GeometryError):
+class _NoRoomBesideLeadsError(GeometryError):
     """A pad finds no place beside the leads, which more spacing may make."""
 
 
@@ -546,6 +546,6 @@ def _fan(
             else "outside the winding, beside the leads"
         )
         pads_mm = " and ".join(f"{pad * 1e3:g} mm" for pad in pads)
-        kind = GeometryError if inside else NoRoomBesideLeadsError
+        kind = GeometryError if inside else _NoRoomBesideLeadsError
         raise kind(f"there is no room for a pad of {pads_mm} {where}.")
     return found

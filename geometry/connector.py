@@ -28,6 +28,9 @@ from coilarray.geometry.values import SIDES, FloatArray, IntArray, Side
 
 _ACROSS = 4.0  # length of a way across a winding, over that beside it
 _MOST_NODES = 90_000  # of the grid: a larger board gets a coarser one
+_TRIES = 6  # orders of the coils, each time that which found no way first
+_LOOK_AHEAD = 10  # corners of a way that one may replace
+_NANOMETRE = 9  # digits of m: rounding errors of a design's lengths are to lead no other way
 _AROUND = 4.0  # room around coils and pads, in pitches of the pads
 
 
@@ -79,16 +82,18 @@ def _led(
         if place.coil.terminal is None:
             raise GeometryError(f"{place.name} has no leads to be led to a connector.")
     board = _turned(array, connector.side)
-    blocked: GeometryError | None = None
+    blocked: _NoWayError | None = None
     for near_first in (True, False):
         order = _along_the_edge(board, near_first=near_first)
-        pads = _pads(board, connector, order)
-        grid = _Grid(board, connector, pads)
-        for sequence in (order, order[::-1]):
+        grid = _Grid(board, connector, _pads(board, connector, order))
+        for _ in range(_TRIES):
             try:
-                ways = grid.ways(sequence)
-            except GeometryError as error:
+                ways = grid.ways(order)
+            except _NoWayError as error:
                 blocked = blocked or error
+                if order[0] == error.coil:
+                    break
+                order = [error.coil, *(coil for coil in order if coil != error.coil)]
                 continue
             back = _turn(-_to_bottom(connector.side))
             return tuple(
@@ -97,6 +102,14 @@ def _led(
             )
     assert blocked is not None  # the only way out of the loop
     raise blocked
+
+
+class _NoWayError(GeometryError):
+    """The lead of a coil, by its index, finds no way: it had better be the first."""
+
+    def __init__(self, coil: int, message: str) -> None:
+        super().__init__(message)
+        self.coil = coil
 
 
 def _to_bottom(side: Side) -> int:
@@ -128,7 +141,7 @@ def _along_the_edge(array: CoilArray, *, near_first: bool) -> list[int]:
     x, y = ends.T
     apart = min((place.coil.terminal.pad for place in array.placements if place.coil.terminal), default=1e-3)
     column = np.round(x / apart)  # coils less than a pad beside one another
-    return np.lexsort((y if near_first else -y, column)).tolist()
+    return [int(k) for k in np.lexsort((y if near_first else -y, column))]
 
 
 def _pads(array: CoilArray, connector: Connector, order: Sequence[int]) -> FloatArray:
@@ -161,16 +174,21 @@ class _Grid:
         self.array, self.connector, self.pads = array, connector, pads
         first = array.placements[0].coil
         self.width, self.gap = connector.trace_width or first.trace_width, connector.gap or first.gap
-        self.clearance = self.gap + self.width / 2
+        # from a lead's centre line to other copper; its corners of 45° stick out by 8 % of half its width
+        self.clearance = self.gap + 1.1 * self.width / 2
         x_min, _, x_max, y_max = replace(array, board_margin=0.0).bounds
         room = _AROUND * max(connector.pitch, 2 * (self.width + self.gap))
         x_min, x_max = min(x_min, pads[..., 0].min()) - room, max(x_max, pads[..., 0].max()) + room
         bottom = float(pads[0, 0, 1])
-        self.step = max(self.width + self.gap, math.sqrt((x_max - x_min) * (y_max + room - bottom) / _MOST_NODES))
+        self.step = max(
+            1.01 * (self.width / 2 + self.clearance), math.sqrt((x_max - x_min) * (y_max + room - bottom) / _MOST_NODES)
+        )
+        x_min, self.step = round(x_min, _NANOMETRE), round(self.step, _NANOMETRE)
         columns, rows = int((x_max - x_min) / self.step) + 1, int((y_max + room - bottom) / self.step) + 2
         i, j = np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
         # the row of the pads is a line of the grid
-        self.nodes = np.column_stack((x_min + self.step * i.ravel(), bottom + self.step * (j.ravel() - 1.0)))
+        nodes = np.column_stack((x_min + self.step * i.ravel(), bottom + self.step * (j.ravel() - 1.0)))
+        self.nodes = np.round(nodes, _NANOMETRE)
         number = np.arange(len(self.nodes)).reshape(i.shape)
         pairs = (
             (number[:-1], number[1:]),
@@ -179,13 +197,21 @@ class _Grid:
             (number[:-1, 1:], number[1:, :-1]),
         )
         self.start, self.stop = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
-        self.edges = shapely.linestrings(np.stack((self.nodes[self.start], self.nodes[self.stop]), axis=1))
+        self.edges = np.asarray(shapely.linestrings(np.stack((self.nodes[self.start], self.nodes[self.stop]), axis=1)))
         self.middles = (self.nodes[self.start] + self.nodes[self.stop]).T / 2
         self.length = np.hypot(*(self.nodes[self.start] - self.nodes[self.stop]).T)
-        windings = shapely.union_all(
+        self.windings = shapely.union_all(
             [shapely.Polygon(place.to_board(place.coil.outline)) for place in array.placements]
         )
-        self.length = np.where(self._meets(windings), _ACROSS, 1.0) * self.length
+        self.length = np.where(self._meets(self.windings), _ACROSS, 1.0) * self.length
+        self.around = self.clearance + 1.5 * self.step  # of a lead's beginning, where it may be near its own trace
+        for place in array.placements:
+            wound = place.coil.wound
+            if wound is not None and wound.leads is not None and wound.leads.length < self.around:
+                raise GeometryError(
+                    f"leads.length_mm of {place.name} must be at least {self.around * 1e3:.4g} for a connector; "
+                    f"got {wound.leads.length * 1e3:g}."
+                )
         # how many pieces of copper are too near to each edge, layer by layer, and the pieces
         self.near: dict[str, IntArray] = {}
         self.copper: dict[str, list[tuple[BaseGeometry, _Owner]]] = {}
@@ -198,7 +224,8 @@ class _Grid:
                     self._take(layer, outline, (k, line))
                 for end in (0, 1):
                     assert place.coil.terminal is not None  # refused before
-                    self._take(layer, disc(*pads[k, end].tolist(), place.coil.terminal.pad), (k, "pad", end))
+                    x, y = pads[k, end].tolist()
+                    self._take(layer, disc(x, y, place.coil.terminal.pad), (k, "pad", end))
             for hole in holes:
                 if hole.kind == "via" and layer in hole.layers:
                     self._take(layer, disc(hole.x, hole.y, hole.pad), None)
@@ -207,55 +234,99 @@ class _Grid:
         """Lead out the coils in an order: for each the ways of both ends, from the coil to its pad, in m."""
         before = {layer: (near.copy(), list(self.copper[layer])) for layer, near in self.near.items()}
         try:
-            return {coil: [self._way(coil, 0), self._way(coil, 1)] for coil in order}
-        except GeometryError:
+            found = {coil: [self._way(coil, end) for end in (0, 1)] for coil in order}
+        except _NoWayError:
             for layer, (near, copper) in before.items():
                 self.near[layer], self.copper[layer] = near, copper
             raise
+        for coil, ways in found.items():
+            for end in (0, 1):
+                layer, owner = self.array.placements[coil].layers[-end], (coil, "lead", end)
+                ways[end] = self._with_fewer_corners(ways[end], self._foreign(coil, end))
+                self.copper[layer] = [piece for piece in self.copper[layer] if piece[1] != owner]
+                self._take(layer, trace_outline(ways[end], self.width), owner)
+        return found
+
+    def _foreign(self, coil: int, end: int) -> list[BaseGeometry]:
+        """Copper on the layer of a lead, a clearance wider, that it must not meet.
+
+        It may meet its own pad, and its own trace near its end.
+        """
+        place = self.array.placements[coil]
+        line = (coil, len(place.coil.lines) - 1 if end else 0)
+        x, y = place.to_board(place.coil.terminal_points)[end].tolist()
+        shapes = []
+        for shape, owner in self.copper[place.layers[-end]]:
+            if owner == line:
+                shapes.append(shape.difference(disc(x, y, 2 * self.around)))
+            elif owner not in ((coil, "pad", end), (coil, "lead", end)):
+                shapes.append(shape)
+        return shapes
 
     def _way(self, coil: int, end: int) -> FloatArray:
-        place = self.array.placements[coil]
-        layer = place.layers[-end]
+        place, layer = self.array.placements[coil], self.array.placements[coil].layers[-end]
         begin, pad = place.to_board(place.coil.terminal_points)[end], self.pads[coil, end]
-        # the lead may touch its own pad, and its own trace near its end
+        foreign = self._foreign(coil, end)
         near = self.near[layer].copy()
-        own = {(coil, len(place.coil.lines) - 1 if end else 0), (coil, "pad", end)}
-        exempt = [shape for shape, owner in self.copper[layer] if owner in own]
-        for shape in exempt:
-            near -= self._meets(shape)
-        trace = exempt[0].difference(disc(*begin.tolist(), 2 * (self.clearance + 1.5 * self.step)))
-        near += self._meets(trace)
+        for shape, _ in self.copper[layer]:
+            if not any(shape is other for other in foreign):
+                near -= self._meets(shape)
+        for shape in foreign:
+            if not any(shape is other for other, _ in self.copper[layer]):
+                near += self._meets(shape)
         free = near == 0
-        graph = coo_array(
-            (self.length[free], (self.start[free], self.stop[free])), shape=(len(self.nodes),) * 2
-        ).tocsr()
-        others = [trace, *(shape for shape, owner in self.copper[layer] if owner not in own)]
-        first, last = self._node(begin, others), self._node(pad, others)
-        way_there = first is not None and last is not None
-        if way_there:
-            distance, before = dijkstra(graph, directed=False, indices=first, return_predecessors=True)
-            way_there = math.isfinite(distance[last])
-        if not way_there:
-            raise GeometryError(
-                f"the lead of {place.name} on {layer} finds no way to the {self.connector.side} edge with "
-                f"{self.width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap; give it room by array.pitch_mm, "
-                "connector.distance_mm or connector.trace_width_mm, or let the coils' leads leave at another side."
-            )
-        nodes = [last]
-        while nodes[-1] != first:
-            nodes.append(int(before[nodes[-1]]))
-        way = _straightened(np.vstack((begin, self.nodes[nodes[::-1]], pad)))
-        self._take(layer, trace_outline(way, self.width), (coil, "lead", end))
-        return way
+        line = place.to_board(place.coil.lines[-end])[:: 1 if end else -1]
+        first, last = len(self.nodes), len(self.nodes) + 1
+        hops = [self._hops(begin, foreign, line[-1] - line[-2]), self._hops(pad, foreign, np.zeros(2))]
+        start = np.concatenate((self.start[free], np.full(len(hops[0]), first), np.full(len(hops[1]), last)))
+        stop, places = np.concatenate((self.stop[free], *hops)), np.vstack((self.nodes, begin, pad))
+        length = np.round(
+            np.append(self.length[free], np.hypot(*(places[start] - places[stop])[free.sum() :].T)), _NANOMETRE
+        )
+        graph = coo_array((length, (start, stop)), shape=(len(places),) * 2).tocsr()
+        distance, before = dijkstra(graph, directed=False, indices=np.array(first), return_predecessors=True)
+        if math.isfinite(distance[last]):
+            nodes = [last]
+            while nodes[-1] != first:
+                nodes.append(int(before[nodes[-1]]))
+            way = _straightened(places[nodes[::-1]])
+            self._take(layer, trace_outline(way, self.width), (coil, "lead", end))
+            return way
+        raise _NoWayError(
+            coil,
+            f"the lead of {place.name} on {layer} finds no way to the {self.connector.side} edge with "
+            f"{self.width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap; give it room by array.pitch_mm, "
+            "connector.distance_mm or connector.trace_width_mm, or let the coils' leads leave at another side.",
+        )
 
-    def _node(self, place: FloatArray, others: Sequence[BaseGeometry]) -> int | None:
-        """Nearest node to a place in m that a straight piece reaches; None where other copper is around it."""
-        apart = np.hypot(*(self.nodes - place).T)
-        close = np.flatnonzero(apart <= 1.5 * self.step)
-        for node in close[np.argsort(apart[close])].tolist():
-            if not shapely.intersects(shapely.LineString((place, self.nodes[node])), others).any():
-                return node
-        return None
+    def _with_fewer_corners(self, way: FloatArray, others: Sequence[BaseGeometry]) -> FloatArray:
+        """Replace corners of a way, shape (n, 2), by one wherever a straight and a slanting piece are as free."""
+        short, k = [way[0]], 0
+        while k < len(way) - 1:
+            best, corner = k + 1, None
+            for j in range(min(k + _LOOK_AHEAD, len(way) - 1), k + 1, -1):
+                across = bool(shapely.intersects(self.windings, shapely.LineString(way[k : j + 1])))
+                apart = way[j] - way[k]
+                slanting = np.sign(apart) * np.abs(apart).min()
+                for knee in (way[k] + slanting, way[j] - slanting):
+                    line = shapely.LineString((way[k], knee, way[j]))
+                    if not np.any(shapely.intersects(others, line)) and across >= shapely.intersects(
+                        self.windings, line
+                    ):
+                        best, corner = j, knee
+                        break
+                if corner is not None:
+                    break
+            short += [way[best]] if corner is None else [corner, way[best]]
+            k = best
+        return _straightened(np.array(short))
+
+    def _hops(self, place: FloatArray, others: Sequence[BaseGeometry], ahead: FloatArray) -> IntArray:
+        """Nodes that a straight piece reaches from a place in m, but for those behind it."""
+        apart = self.nodes - place
+        close = np.flatnonzero((np.hypot(*apart.T) <= 1.5 * self.step) & (apart @ ahead >= 0))
+        hops = [shapely.LineString((place, self.nodes[node])) for node in close]
+        return close[[not np.any(shapely.intersects(hop, others)) for hop in hops]]
 
     def _take(self, layer: str, shape: BaseGeometry, owner: _Owner) -> None:
         """Keep what comes after off a piece of copper; the own leads of `owner` may touch it."""
@@ -270,7 +341,7 @@ class _Grid:
         close = (abs(x - (x_min + x_max) / 2) <= (x_max - x_min) / 2 + self.step) & (
             abs(y - (y_min + y_max) / 2) <= (y_max - y_min) / 2 + self.step
         )
-        found = np.zeros(len(self.edges), dtype=bool)
+        found = np.zeros(len(self.edges), dtype=np.bool_)
         shapely.prepare(shape)
         found[close] = shapely.intersects(shape, self.edges[close])
         return found

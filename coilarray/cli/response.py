@@ -76,6 +76,7 @@ def response(
     from coilarray.compute.store import open_store
     from coilarray.report.figures import map_outlines
     from coilarray.report.indentation_tables import response_table
+    from coilarray.response.answering import coils_outside
     from coilarray.response.coordinates import on_board
     from coilarray.response.map import Imperfections, response_map
 
@@ -110,6 +111,9 @@ def response(
             f"only coils up to {result.attrs['coil_cutoff_m'] * 1e3:.0f} mm from the indenter count: δ is within "
             f"{error:g} of its peak; --reach all counts every coil",
         )
+    outside = coils_outside(shown)
+    if outside:
+        lines.append(f"note: the positions leave out the centres of {', '.join(outside)}")
     data = {**shared.design_record(opened), "file": str(out), "error_of_peak": error, "response": table.records()}
     shared.print_result(data, as_json=as_json, tables=[table], lines=lines, files=[plot])
 

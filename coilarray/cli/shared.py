@@ -87,6 +87,14 @@ Force = Annotated[
 Accuracy = Annotated[
     Literal["full", "screen"], typer.Option("--accuracy", help="Accuracy of the inductances; screen is much faster.")
 ]
+Goals = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--goal",
+        help="worst_k, decouple, position_error or smallest (board), which fit any design; or minimize QUANTITY, "
+        "maximize QUANTITY or QUANTITY=VALUE; repeat for several.",
+    ),
+]
 Workers = Annotated[
     int | None, typer.Option("--workers", help="Number of local processes of one thread; one for each core by default.")
 ]

@@ -217,8 +217,6 @@ class Design:
                 setup = replace(setup, origin_point=(place.x, place.y))
         if (setup.x, setup.y) == setup.over_array:
             x, y = array_window(self.array, setup.origin_point, setup.step, _touchable(setup))
-            if not x or not y:
-                raise DesignError("indentation: the sample covers no place of the array; give x_mm and y_mm.")
             setup = replace(setup, x=x, y=y, over_array=(x, y))
         object.__setattr__(self, "indentation", setup)
 

@@ -33,7 +33,8 @@ def array_window(
         Distance of the positions in m; by default a twelfth of the narrowest coil, up to a sixth of it where there
         would be more than 1000 positions.
     within : tuple of float, optional
-        Edges (x_min, y_min, x_max, y_max) in m, from the origin, that no position leaves.
+        Edges (x_min, y_min, x_max, y_max) in m, from the origin, that no position leaves; their middle is the only one
+        where there is no other.
 
     Returns
     -------
@@ -52,9 +53,12 @@ def array_window(
     if within is not None:
         first = np.maximum(first, np.ceil(np.array(within[:2]) / step - 1e-9))
         last = np.minimum(last, np.floor(np.array(within[2:]) / step + 1e-9))
+        empty = last < first
+        middle = (np.array(within[:2]) + within[2:]) / 2 / step
+        first, last = np.where(empty, middle, first), np.where(empty, middle, last)
     x, y = (
         # divided by whole millimetres, not multiplied: positions are labels, and -26 mm is to be -0.026 m
-        tuple(round(k * step * 1e3, 9) / 1e3 for k in range(round(a), round(b) + 1))
-        for a, b in zip(first, last, strict=True)
+        tuple(round((a + k) * step * 1e3, 9) / 1e3 for k in range(round(b - a) + 1))
+        for a, b in zip(first.tolist(), last.tolist(), strict=True)
     )
     return x, y

@@ -267,7 +267,8 @@ def indent(
     xarray.Dataset
         Dimensions depth, interface ("board" and the upper face of each sheet, by its name) and r (undeformed radius).
         displacement_r and displacement_z (depth, interface, r) in m, upwards positive; force (depth) in N, in plane
-        strain N/m; contact_radius (depth) in m; pressure (depth, r) in Pa on the top; height (interface) in m, flat.
+        strain N/m; contact_radius (depth) in m, where the pressure ends on the deformed top; pressure (depth, r) in Pa
+        on the top; height (interface) in m, flat.
 
     Raises
     ------

@@ -68,7 +68,7 @@ def coupling_pictures(coupling: xr.Dataset) -> list[Picture]:
     return [
         draw(
             "inductance",
-            "Inductance matrix: self-inductance on the diagonal, mutual inductance off it.",
+            "Inductance matrix: mutual inductance of the pairs, and of few coils the self-inductance on the diagonal.",
             viz.plot_inductance(coupling),
         ),
         draw("coupling", "Coupling coefficients k = M/√(L L).", viz.plot_coupling(coupling)),

@@ -11,15 +11,17 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from coilarray.compute.display_units import PERCENT, DisplayUnit, display_unit
 from coilarray.design.model import Design, DesignFile
-from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.geometry import Margin
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Value = str | float | bool
 
@@ -148,12 +150,15 @@ def dataset_table(
 
     Examples
     --------
+    >>> import xarray as xr
     >>> R = ("coil", [14.2, 14.1], {"long_name": "DC resistance", "units": "ohm"})
     >>> coils = xr.Dataset({"resistance": R}, {"coil": ["a", "b"]})
     >>> table = dataset_table("coils", "Coils", coils, ["coil", "resistance"])
     >>> table.headers, table.cells(), table.csv().splitlines()[0]
     (['coil', 'DC resistance (Ω)'], [['a', '14.200'], ['b', '14.100']], 'coil,resistance_ohm')
     """
+    import xarray as xr
+
     arrays = [dataset[variable] for variable in variables]
     columns = tuple(
         Column(variable, str(one.attrs.get("long_name", "")), _unit(one), (shown or {}).get(variable))
@@ -196,6 +201,8 @@ def coil_table(design: Design, coupling: xr.Dataset) -> Table:
 
 def pair_table(coupling: xr.Dataset) -> Table:
     """Return one row for each active coil and other coil; the coupling also without the magnetic sheets."""
+    from coilarray.electromagnetics.inductance import coupling_matrix
+
     bare = coupling_matrix(coupling.inductance.values - coupling.sheet_inductance.values)
     described = {"long_name": "coupling coefficient without magnetic sheets", "units": "1"}
     both = coupling.assign(

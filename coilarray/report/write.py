@@ -31,6 +31,8 @@ from coilarray.localize.published import published_model
 from coilarray.report import circuit_tables, figures, indentation_tables, localize_tables, tables
 from coilarray.report.page import now, render_page
 from coilarray.report.position import MapPositions, map_position_table, map_positions
+from coilarray.report.words import array_words
+from coilarray.response.answering import coils_outside
 from coilarray.response.coordinates import on_board, origin_of
 from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at
@@ -40,7 +42,7 @@ T = TypeVar("T")
 # The line resolves the flanks of the bell to 1/200 of the board, the plane shows about a pixel a sample
 _LINE_POINTS = 401
 _PLANE_STEP = 0.5e-3
-_PLANE_POINTS = 400
+_PLANE_POINTS = (100, 400)
 # from a tenth of the resonance to beyond the self-resonance of common windings
 _SWEEP, _SWEEP_POINTS = (0.1, 4.0), 60
 # depths of the force curve, none nearer to one of the design's than this part of the deepest
@@ -194,6 +196,7 @@ def write_report(
         "schema": 1,
         "provenance": {**provenance(design), "date": now()},
         "title": design.title or design.name,
+        "board": array_words(design.array),
         "source": design.source,
         "capacitance_F": design.circuit.capacitance,
         "short_resistance_ohm": design.circuit.short_resistance,
@@ -205,6 +208,7 @@ def write_report(
             for a, b, distance in ([] if scan is None else close_channels(scan.state.values.tolist(), scan.frequency))
         ],
         "indentation_problem": indentation_problem or response_problem,
+        "coils_outside_map": [] if shown is None else coils_outside(shown),
         "position_problem": "" if design.indentation is None else position_problem,
         "position": None if positions is None else _position_summary(positions),
         "sheet_share": _sheet_share(coupling),
@@ -328,7 +332,8 @@ def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str
 
 
 def _samples(extent: float) -> int:
-    return min(_PLANE_POINTS, max(2, round(extent / _PLANE_STEP) + 1))
+    least, most = _PLANE_POINTS
+    return min(max(round(extent / _PLANE_STEP) + 1, least), most)
 
 
 def _both(plane: dict[str, xr.Dataset]) -> xr.Dataset:

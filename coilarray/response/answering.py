@@ -9,6 +9,7 @@ import xarray as xr
 
 NO_ANSWER = 1e-8
 """Largest |δ| that counts as none: the converter's last digits."""
+_ROUNDING = 1e-9  # m
 _ANSWERS = 0.25  # of the largest |δ| of all states: those with less come last
 
 
@@ -44,3 +45,13 @@ def main_line(response: xr.Dataset, along: Literal["x", "y"]) -> int:
     largest = np.flatnonzero(size >= size.max() * (1 - 1e-9))
     middle = (response.sizes[across] - 1) / 2
     return int(largest[np.abs(largest - middle).argmin()])
+
+
+def coils_outside(response: xr.Dataset) -> list[str]:
+    """Return the names of the coils whose centres lie outside the positions of a map."""
+    outside = np.zeros(response.sizes["coil"], dtype=np.bool_)
+    for axis in ("x", "y"):
+        at, centres = response[axis].values, response[f"coil_{axis}"].values
+        if len(at) > 1:
+            outside |= (centres < at.min() - _ROUNDING) | (centres > at.max() + _ROUNDING)
+    return [str(name) for name in response.coil.values[outside]]

@@ -250,9 +250,7 @@ def test_positions_of_the_ellipse_model_agree_with_the_library(made, page):
         response = saved.load()
     model = ellipse_model(fit_ellipses(response, -1)).with_semiaxis_addition(0.2e-3)
     errors = []
-    origin = (
-        BOARD.design.indentation.origin_point
-    )  # the centre of coil2, from which the paper counts; rows: the board's
+    origin = BOARD.design.indentation.origin_point  # of the paper, the centre of coil2; rows: the board
     for row in rows:
         x, y = float(row["x_m"]) - origin[0], float(row["y_m"]) - origin[1]
         delta = response.delta.isel(depth=-1).sel(x=x, y=y, method="nearest", tolerance=1e-9)
@@ -274,6 +272,8 @@ def test_positions_of_the_ellipse_model_agree_with_the_library(made, page):
     peaks = {row["state"]: row for row in table(made, "response")}
     assert float(peaks["coil3"]["peak_x_m"]) == pytest.approx(centre, abs=1.1e-3)  # half a step
     assert [peaks[f"coil{k}"]["remark"] for k in (3, 5)] == ["", "at the edge of the map"]
+    assert made.data["coils_outside_map"] == ["coil4", "coil5", "coil6"]  # of the paper's window
+    assert "leaves out the centres of coil4, coil5, coil6;" in text
 
 
 def test_the_example_of_two_ellipses_is_beside_the_axis():

@@ -48,6 +48,7 @@ def test_colours_hold_every_value_and_zero_is_drawn_where_there_is_something():
     assert ax.child_axes[0].get_ylabel() == "δ (10⁻⁶)"
     positive = plot_response(response(), "coil1")
     assert not contours(positive)[1]
+    assert contours(positive)[0][0].levels[0] > 0  # of one sign: all colours from what is nothing up
 
     # A bell whose tails waver about zero by 1e-4 of it: a line where the ring begins, none in the tails.
     def ringing(x, y, state, depth):

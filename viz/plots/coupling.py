@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 
 from coilarray.compute.display_units import PLAIN, number_text, true_minus
-from coilarray.viz.palette import BLUE, DIVERGING, PALE, SEQUENTIAL, UNKNOWN, VERMILLION
-from coilarray.viz.plots.style import axis_unit, colour_bar, faint_grid, largest, legend_above, new_axes, styled
+from coilarray.viz.palette import BLUE, PALE, SEQUENTIAL, UNKNOWN, VERMILLION, signed_colours
+from coilarray.viz.plots.style import axis_unit, colour_bar, faint_grid, legend_above, new_axes, styled
 
 _MOST_NUMBERED = 12  # coils whose matrix has room for its numbers
 _MOST_NAMED = 32  # coils with a name each along the edges of a matrix
@@ -49,6 +49,8 @@ def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
 def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the inductance matrix as `plot_matrix` does: L on the diagonal, M of the pairs off it.
 
+    Of more than 12 coils M alone, whose colours L would take.
+
     Parameters
     ----------
     coupling : xarray.Dataset
@@ -65,7 +67,9 @@ def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """
     L, names = coupling.inductance, coupling.coil.values.tolist()
     unit = str(L.attrs["units"])
-    return plot_matrix(L, names, title="Inductance", quantity="L, M", unit=unit, scale="diverging", ax=ax)
+    many = len(names) > _MOST_NUMBERED
+    text = {"title": "Mutual inductance" if many else "Inductance", "quantity": "M" if many else "L, M", "unit": unit}
+    return plot_matrix(L, names, **text, scale="diverging", mask_diagonal=many, ax=ax)
 
 
 @styled
@@ -95,7 +99,7 @@ def plot_matrix(
         SI unit of `values` without a prefix, such as ``"H"``; the prefix is chosen from the largest value shown.
         Empty for a pure number, which gets none.
     scale : {"sequential", "diverging"}
-        Diverging colours are symmetric about zero, for values of both signs.
+        Diverging colours are symmetric about zero, or from zero for values of one sign.
     digits, mask_diagonal : int, bool
         Number of digits after the decimal point; and whether to leave the diagonal out, so that the colours spread over
         the neighbours.
@@ -218,8 +222,8 @@ def _heat_map(
     ax = ax or new_axes(min(2.2 + 0.62 * n, _LARGEST), min(1.4 + 0.55 * n, _LARGEST - 0.8))
     shown = numbers.compressed() if numbers.count() else np.array([0.0, 1.0])  # a single coil has no neighbours
     if scale == "diverging":
-        limit = largest(shown)
-        colours, norm = DIVERGING, Normalize(-limit, limit)
+        colours, low, high = signed_colours(shown)
+        norm = Normalize(low, high)
     elif scale == "sequential":
         colours, norm = SEQUENTIAL, Normalize(float(shown.min()), float(shown.max()))
     else:

@@ -20,7 +20,7 @@ from scipy.ndimage import maximum_filter
 from coilarray.compute.display_units import MM, DisplayUnit, true_minus
 from coilarray.response.answering import answering_states, main_line, middle_state
 from coilarray.viz.datasets.overlays import at_depth, of_state
-from coilarray.viz.palette import DIVERGING, INK, PALE, curve_look
+from coilarray.viz.palette import INK, PALE, curve_look, signed_colours
 from coilarray.viz.plots import style
 
 MOST_MAPS = 16
@@ -40,8 +40,9 @@ def plot_response(
 ) -> Axes:
     """Draw δ of one state over the position of the indenter, with the outlines of the coils.
 
-    Colours are symmetric about zero, and white where |δ| is below 1 % of its maximum; a dashed line marks the change of
-    sign. Between the positions δ is interpolated linearly; nothing is drawn beside a position without a value.
+    Colours are symmetric about zero, or from zero for values of one sign, and white where |δ| is below 1 % of its
+    maximum; a dashed line marks the change of sign. Between the positions δ is interpolated linearly; nothing is drawn
+    beside a position without a value.
 
     Parameters
     ----------
@@ -127,11 +128,15 @@ def plot_response_profile(
     at = MM.of(row[along])
     row = row.expand_dims([axis for axis in ("depth", "state") if axis not in row.dims])
     states, depths = row.state.values.tolist(), row.depth.values.tolist()
+    colours = style.state_colours(response, states)
     curves = [(name, value, row.sel(state=name, depth=value).values) for value in depths for name in states]
     for k, (name, value, values) in enumerate(curves):
         deep = MM.text(value)
         label = name if len(depths) == 1 else deep if len(states) == 1 else f"{name}, {deep}"
-        ax.plot(at, shown.of(values), label=label, marker="o" if at.size == 1 else "", **curve_look(k))
+        look = curve_look(k)
+        if len(depths) == 1:
+            look["color"] = colours[name]
+        ax.plot(at, shown.of(values), label=label, marker="o" if at.size == 1 else "", **look)
     style.zero_line(ax)
     for centre in MM.of(response[f"coil_{along}"]).tolist():
         if at.min() <= centre <= at.max():
@@ -247,6 +252,7 @@ class _Look:
     x: tuple[float, float]
     y: tuple[float, float]
     unit: DisplayUnit
+    colours: str
     levels: npt.NDArray[np.float64]
     nothing: float
 
@@ -297,7 +303,7 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
     """Fill axes in mm with δ (y, x), its zero line, and the coils with their names."""
     x, y = MM.of(delta.x), MM.of(delta.y)
     values = look.unit.of(delta)
-    bands = ax.contourf(x, y, values, levels=look.levels, cmap=DIVERGING)
+    bands = ax.contourf(x, y, values, levels=look.levels, cmap=look.colours)
     # a change of sign among positions without a response means nothing
     felt = np.ma.array(values, mask=maximum_filter(np.abs(np.nan_to_num(values)), 3) < look.nothing)
     felt = np.ma.masked_invalid(felt)
@@ -313,19 +319,20 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
 
 
 def _look(response: xr.Dataset, delta: xr.DataArray, outlines: Sequence[npt.ArrayLike]) -> _Look:
-    """Show the whole map and, in height, the coils that it touches, in bands of colour symmetric about zero."""
+    """Show the whole map and, in height, the coils that it touches, in bands of colour about zero."""
     x, y = MM.of(response.x), MM.of(response.y)
     shapes = [MM.of(outline) for outline in outlines]
     touched = [s for s in shapes if s[:, 0].min() < x.max() and s[:, 0].max() > x.min()]
     edges = np.concatenate([y, *(shape[:, 1] for shape in touched)])
     rim = 0.02 * np.ptp(edges)
     unit = style.axis_unit(delta, "1")
-    limit = style.largest(unit.of(delta))
-    levels = np.asarray(MaxNLocator(_BANDS, symmetric=True, steps=_STEPS).tick_values(-limit, limit))
-    nothing = _NOTHING * limit
-    levels = np.sort(np.r_[levels[levels != 0], -nothing, nothing])
+    colours, low, high = signed_colours(unit.of(delta), share=_NOTHING)
+    levels = np.asarray(MaxNLocator(_BANDS, symmetric=low == -high, steps=_STEPS).tick_values(low, high))
+    nothing = _NOTHING * max(-low, high)
+    edges_of_white = [edge for edge, end in ((-nothing, low), (nothing, high)) if end]
+    levels = np.sort(np.r_[levels[levels != 0], edges_of_white])
     sides = (float(x.min()), float(x.max())), (float(edges.min() - rim), float(edges.max() + rim))
-    return _Look(outlines, *sides, unit, levels, nothing)
+    return _Look(outlines, *sides, unit, colours, levels, nothing)
 
 
 def _delta(response: xr.Dataset, *, state: str | None, depth: int | None) -> xr.DataArray:
