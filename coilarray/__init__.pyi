@@ -12,6 +12,7 @@ from .design.model import Indentation as Indentation
 from .design.model import load_design as load_design
 from .design.model import load_design_file as load_design_file
 from .design.model import parse_design as parse_design
+from .design.save import save_design as save_design
 from .design.scan_states import ScanState as ScanState
 from .design.scan_states import Switches as Switches
 from .design.vary import vary as vary
@@ -39,6 +40,7 @@ from .errors import NetworkError as NetworkError
 from .errors import OutputError as OutputError
 from .errors import RuleViolationError as RuleViolationError
 from .geometry.array import CoilArray as CoilArray
+from .geometry.array import Connector as Connector
 from .geometry.array import Lattice as Lattice
 from .geometry.array import Placement as Placement
 from .geometry.array import lattice_array as lattice_array
@@ -48,11 +50,13 @@ from .geometry.coil import PlatedHole as PlatedHole
 from .geometry.coil import path_coil as path_coil
 from .geometry.coil import spiral_coil as spiral_coil
 from .geometry.conductor import Conductor as Conductor
+from .geometry.connector import lead_out as lead_out
 from .geometry.indenter import Cone as Cone
 from .geometry.indenter import CylinderEdge as CylinderEdge
 from .geometry.indenter import FlatPunch as FlatPunch
 from .geometry.indenter import Hemisphere as Hemisphere
 from .geometry.indenter import Paraboloid as Paraboloid
+from .geometry.rounded_spiral import RoundedSpiral as RoundedSpiral
 from .geometry.rules import FabRules as FabRules
 from .geometry.rules import check_rules as check_rules
 from .geometry.sheet import Seat as Seat
@@ -70,4 +74,5 @@ from .response.setup import Imperfections as Imperfections
 from .response.two_dimensional import line_response as line_response
 from .studies.calibrate.calibration import calibrate as calibrate
 from .studies.calibrate.plan import load_plan as load_plan
+from .studies.create.new_design import new_design as new_design
 from .studies.sweep import sweep as sweep

@@ -9,14 +9,15 @@ from itertools import combinations, pairwise
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from coilarray.errors import GeometryError
-from coilarray.geometry.coil import Coil
+from coilarray.geometry.coil import CHORD, Coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.stackup import Stackup
-from coilarray.geometry.values import FloatArray, place_in_mm, require_positive
+from coilarray.geometry.values import SIDES, FloatArray, IntArray, Side, place_in_mm, require_positive
+
+_SAME_PLACE = 1e-9  # m; distances that differ by less are equal
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +55,11 @@ class Placement:
                 f"position of {self.name} must be finite; got x {self.x} m, y {self.y} m, rotation {self.rotation} rad."
             )
         if len(self.layers) != len(self.coil.lines):
+            needed, wound = len(self.coil.lines), self.coil.wound
+            why = f"{needed} lines_mm" if wound is None else f"winding_layers = {wound.winding_layers}"
+            why += " and return_lead = true" if wound is not None and wound.return_lead else ""
             raise GeometryError(
-                f"{self.name} has {len(self.coil.lines)} lines and must be given as many copper layers; "
+                f"layers of {self.name} must be {needed}, as its shape has {why}; "
                 f"got {len(self.layers)}: {', '.join(self.layers)}."
             )
         for k, (layer, following) in enumerate(pairwise(self.layers)):
@@ -87,8 +91,8 @@ class Placement:
             yield self.to_board(line), widths, layer
 
 
-LatticeKind = Literal["linear", "square", "hexagonal"]
-"""A row, rows one above the other, or rows shifted by half a pitch."""
+LatticeKind = Literal["single", "linear", "square", "hexagonal", "rings"]
+"""One coil, a row, rows one above the other, rows shifted by half a pitch, or rings of hexagons about one coil."""
 
 
 @dataclass(frozen=True)
@@ -97,13 +101,14 @@ class Lattice:
 
     Parameters
     ----------
-    kind : {"linear", "square", "hexagonal"}
-        Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, every second one shifted by
-        half a pitch, so that every inner point has six neighbours one pitch away.
-    pitch : float
-        Distance of neighbours in m.
+    kind : {"single", "linear", "square", "hexagonal", "rings"}
+        Single: one point. Linear: one row. Square: rows one pitch apart. Hexagonal: rows √3/2 pitch apart, every second
+        one shifted by half a pitch, so that every inner point has six neighbours one pitch away. Rings: such points,
+        one and its neighbours ring by ring, counter-clockwise from `direction`.
+    pitch : float or None
+        Distance of neighbours in m; None is for one coil.
     columns, rows : int
-        Coils a row and number of rows; a linear lattice has one row.
+        Coils a row and number of rows; a linear lattice has one row, a single point and rings one of both.
     layers : tuple of tuple of str
         Sets of copper layers that the coils take in turn along a row.
     direction : float
@@ -115,24 +120,29 @@ class Lattice:
         1, so that neighbours differ.
     names : tuple of str or None
         Names of the coils row by row; coil1, coil2, … by default.
+    rings : int
+        Rings about the middle: 1 makes seven coils, 2 nineteen.
     """
 
     kind: LatticeKind
-    pitch: float
-    columns: int
+    pitch: float | None = None
+    columns: int = 1
     rows: int = 1
     layers: tuple[tuple[str, ...], ...] = (("L1", "L2"),)
     direction: float = 0.0
     rotation: float = 0.0
     layer_shift: int | None = None
     names: tuple[str, ...] | None = None
+    rings: int = 0
 
     def placements(self, coil: Coil) -> tuple[Placement, ...]:
         """Return the coil placed on every point, row by row.
 
         GeometryError as `lattice` and `Placement`, for no layers, or where the names are not as many as the points.
         """
-        points, indices = lattice(self.kind, self.pitch, self.columns, self.rows, direction=self.direction)
+        points, indices = lattice(
+            self.kind, self.pitch, self.columns, self.rows, rings=self.rings, direction=self.direction
+        )
         names = tuple(f"coil{k + 1}" for k in range(len(points))) if self.names is None else self.names
         if len(names) != len(points):
             raise GeometryError(f"a lattice of {len(points)} points must have as many names; got {len(names)}.")
@@ -140,12 +150,56 @@ class Lattice:
             raise GeometryError("a lattice must have at least one set of layers; got none.")
         # (i − j) mod 3 differs between all neighbours of a hexagonal lattice, (i + j) mod 2 between those of a square
         # one, and (i + 2j) mod 4 between its diagonal neighbours too
-        default = -1 if self.kind == "hexagonal" else 2 if len(self.layers) == 4 else 1
+        default = -1 if self.kind in ("hexagonal", "rings") else 2 if len(self.layers) == 4 else 1
         shift = default if self.layer_shift is None else self.layer_shift
         return tuple(
             Placement(name, coil, self.layers[(i + shift * j) % len(self.layers)], x, y, self.rotation)
             for name, (x, y), (i, j) in zip(names, points.tolist(), indices.tolist(), strict=True)
         )
+
+
+@dataclass(frozen=True)
+class Connector:
+    """A row of plated holes along one edge of the board, two a coil in the order of the coils along the edge.
+
+    Parameters
+    ----------
+    side : {"right", "top", "left", "bottom"}
+        Edge at which it stands.
+    pitch : float
+        Distance of the holes in m.
+    distance : float
+        Distance in m of the holes' centres from the outermost point of the coils and their leads.
+    at : float or None
+        Middle of the row along the edge in m; None for the middle of the array.
+    trace_width, gap : float or None
+        Width of the leads and distance from other copper in m; None for those of the coils.
+    """
+
+    side: Side = "bottom"
+    pitch: float = 2.54e-3
+    distance: float = 5e-3
+    at: float | None = None
+    trace_width: float | None = None
+    gap: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.side not in SIDES:
+            raise GeometryError(
+                f"side of the connector must be {', '.join(SIDES[:-1])} or {SIDES[-1]}; got {self.side!r}."
+            )
+        for name in ("pitch", "distance", "trace_width", "gap"):
+            value = getattr(self, name)
+            if value is not None:
+                require_positive(f"{name} of the connector", value, " mm")
+
+
+@dataclass(frozen=True, eq=False)
+class LedOut:
+    """The array and connector that `coilarray.geometry.connector.lead_out` made another array from."""
+
+    array: CoilArray
+    connector: Connector
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +219,8 @@ class CoilArray:
     lattice : Lattice or None
         The lattice that `lattice_array` made the placements from: a hint for design files, which has no effect where
         the placements have been changed since.
+    led_out : LedOut or None
+        What `coilarray.geometry.connector.lead_out` made the placements from: such a hint, too.
     """
 
     stackup: Stackup
@@ -172,6 +228,7 @@ class CoilArray:
     board_margin: float = 2e-3
     through_holes: bool = True
     lattice: Lattice | None = None
+    led_out: LedOut | None = None
 
     def __post_init__(self) -> None:
         if not self.placements:
@@ -196,6 +253,12 @@ class CoilArray:
         return np.array([[placement.x, placement.y] for placement in self.placements])
 
     @property
+    def least_distance(self) -> float:
+        """Distance in m of the two coils that are nearest to each other; infinite for a single one."""
+        gaps = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
+        return float(gaps[~np.eye(len(gaps), dtype=bool)].min(initial=np.inf))
+
+    @property
     def bounds(self) -> tuple[float, float, float, float]:
         """Edges of the board in m: x_min, y_min, x_max, y_max."""
         points, reach = [], []
@@ -214,22 +277,43 @@ class CoilArray:
         x_max, y_max = (xy + r).max(axis=0).tolist()
         return x_min, y_min, x_max, y_max
 
+    @property
+    def outline_bounds(self) -> tuple[float, float, float, float]:
+        """Edges in m of the rectangle about the outlines of all coils, without leads: x_min, y_min, x_max, y_max."""
+        outlines = np.vstack([placement.to_board(placement.coil.outline) for placement in self.placements])
+        x_min, y_min, x_max, y_max = np.concatenate((outlines.min(axis=0), outlines.max(axis=0))).tolist()
+        return x_min, y_min, x_max, y_max
+
+    def nearest_coil(self, x: float, y: float) -> str:
+        """Return the name of the coil whose centre is nearest to a place in m, the first one of several."""
+        distance = np.hypot(*(self.centres - (x, y)).T)
+        return self.names[int(np.flatnonzero(distance <= distance.min() + _SAME_PLACE)[0])]
+
+    @property
+    def middle_coil(self) -> str:
+        """Name of the coil nearest to the middle of the rectangle about all centres, the first one of several."""
+        x, y = ((self.centres.min(axis=0) + self.centres.max(axis=0)) / 2).tolist()
+        return self.nearest_coil(x, y)
+
     def with_placements(self, placements: Sequence[Placement]) -> CoilArray:
         """Return the same board with other coils."""
         return replace(self, placements=tuple(placements))
 
-    def conductors(self) -> tuple[Conductor, ...]:
-        """Return the current path of every coil, vias included, from its first to its second terminal."""
-        return tuple(self._conductor(placement) for placement in self.placements)
+    def conductors(self, chord: float = CHORD) -> tuple[Conductor, ...]:
+        """Return the current path of every coil, vias included, from its first to its second terminal.
 
-    def _conductor(self, placement: Placement) -> Conductor:
+        `chord` is the resolution of arcs, see `Coil.current_lines`.
+        """
+        return tuple(self._conductor(placement, chord) for placement in self.placements)
+
+    def _conductor(self, placement: Placement, chord: float) -> Conductor:
         coil = placement.coil
         vertices: list[FloatArray] = []
         widths: list[float] = []
         thicknesses: list[float] = []
         areas: list[float] = []
-        for k, (xy, width, layer) in enumerate(placement.traces()):
-            vertices.append(np.column_stack((xy, np.full(len(xy), self.stackup.centre(layer)))))
+        for k, ((line, width), layer) in enumerate(zip(coil.current_lines(chord), placement.layers, strict=True)):
+            vertices.append(np.column_stack((placement.to_board(line), np.full(len(line), self.stackup.centre(layer)))))
             thickness = self.stackup.copper_thickness[self.stackup.index(layer)]
             widths += width.tolist()
             thicknesses += [thickness] * len(width)
@@ -270,43 +354,71 @@ def lattice_array(
 
 
 def lattice(
-    kind: LatticeKind, pitch: float, columns: int, rows: int = 1, *, direction: float = 0.0
-) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    kind: LatticeKind,
+    pitch: float | None = None,
+    columns: int = 1,
+    rows: int = 1,
+    *,
+    rings: int = 0,
+    direction: float = 0.0,
+) -> tuple[FloatArray, IntArray]:
     """Points of a regular lattice about the origin.
 
     Parameters
     ----------
-    kind, pitch, columns, rows, direction
+    kind, pitch, columns, rows, rings, direction
         As in `Lattice`.
 
     Returns
     -------
-    points : ndarray, shape (rows · columns, 2)
-        Lattice points in m, centred on the origin, row by row.
-    indices : ndarray of int, shape (rows · columns, 2)
+    points : ndarray, shape (n, 2)
+        Lattice points in m, centred on the origin, row by row or ring by ring.
+    indices : ndarray of int, shape (n, 2)
         Lattice coordinates (i, j). For the hexagonal lattice they are axial: the six neighbours are ±(1, 0),
         ±(0, 1) and ±(1, −1), so that (i − j) mod 3 differs between all neighbours.
 
     Raises
     ------
     GeometryError
-        A pitch that is not positive and finite, a count below 1, or several rows of a linear lattice.
+        A pitch that is not positive and finite, a count below 1, rows, columns or rings that the kind does not have.
     """
+    if pitch is None and (columns > 1 or rows > 1 or rings > 0):
+        raise GeometryError("a lattice of more than one coil must have a pitch; got none.")
+    pitch = 1.0 if pitch is None else pitch  # which one coil does not notice
     require_positive("pitch", pitch)
     if columns < 1 or rows < 1:
         raise GeometryError(f"columns and rows must be at least 1; got {columns} and {rows}.")
     if kind == "linear" and rows != 1:
         raise GeometryError(f"a linear lattice has one row; got {rows}.")
+    if kind in ("single", "rings") and (rows, columns) != (1, 1):
+        raise GeometryError(f"a lattice of the kind {kind} has no rows and columns; got {rows} and {columns}.")
+    if (kind == "rings") != (rings > 0):
+        raise GeometryError(
+            f"a lattice has at least one ring where its kind is rings, else none; got {rings} of {kind}."
+        )
     row, column = np.divmod(np.arange(rows * columns), columns)
-    if kind == "hexagonal":
+    if kind == "rings":
+        i, row = _rings(rings).T
+        x, y = pitch * (i + row / 2), pitch * math.sqrt(3) / 2 * row
+    elif kind == "hexagonal":
         i = column - row // 2
         x, y = pitch * (i + row / 2), pitch * math.sqrt(3) / 2 * row
-    elif kind in ("linear", "square"):
+    elif kind in ("single", "linear", "square"):
         i = column
         x, y = pitch * column.astype(np.float64), pitch * row.astype(np.float64)
     else:
-        raise GeometryError(f"lattice must be linear, square or hexagonal; got {kind!r}.")
+        raise GeometryError(f"lattice must be single, linear, square, hexagonal or rings; got {kind!r}.")
     points = np.column_stack((x, y))
     points -= 0.5 * (points.min(axis=0) + points.max(axis=0))
     c, s = math.cos(direction), math.sin(direction)
     return points @ np.array([[c, s], [-s, c]]), np.column_stack((i, row))
+
+
+def _rings(count: int) -> IntArray:
+    """Axial coordinates (i, j) of a point and so many rings of hexagons about it, each from its corner at angle 0."""
+    points = [np.zeros((1, 2), dtype=np.int64)]
+    corners = np.array([(1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1)])
+    for ring in range(1, count + 1):
+        along = np.arange(ring)[None, :, None] * (np.roll(corners, -1, axis=0) - corners)[:, None]
+        points.append((ring * corners[:, None] + along).reshape(-1, 2))
+    return np.vstack(points)

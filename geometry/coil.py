@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -13,8 +14,12 @@ import numpy.typing as npt
 import shapely
 
 from coilarray.errors import GeometryError
-from coilarray.geometry.spiral import Spiral
+from coilarray.geometry.arcs import Arc, arc_size, coarser_line
+from coilarray.geometry.spiral import Winding
 from coilarray.geometry.values import FloatArray, place_in_mm, require_positive
+
+CHORD = 1e-3
+"""How far straight pieces leave the largest arc of a coil by default, over half its size."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +100,7 @@ class Leads:
 class Wound:
     """What `spiral_coil` wound a coil from: its arguments."""
 
-    spiral: Spiral
+    spiral: Winding
     winding_layers: int
     via: PlatedHole
     leads: Leads | None = None
@@ -126,6 +131,9 @@ class Coil:
         Closed outline of the winding without leads, x and y in m, first point not repeated.
     name : str
         Name of the shape in a design file; may be empty.
+    arcs : tuple of tuple of Arc
+        Runs of pieces of every line that stand for arcs: they are made as arcs, and the field is computed with larger
+        pieces. Empty where all lines are straight.
 
     Attributes
     ----------
@@ -141,6 +149,7 @@ class Coil:
     terminal: PlatedHole | None
     outline: FloatArray
     name: str = ""
+    arcs: tuple[tuple[Arc, ...], ...] = ()
     wound: Wound | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -176,6 +185,23 @@ class Coil:
                 raise GeometryError(f"trace_width must be positive and finite; got {wrong[0]} m on line {k} of a coil.")
             widths.setflags(write=False)
 
+    def arcs_of(self, line: int) -> tuple[Arc, ...]:
+        """Return the arcs of a line by its index."""
+        return self.arcs[line] if self.arcs else ()
+
+    def current_lines(self, chord: float = CHORD) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Give each line, shape (n, 2), and its widths, shape (n − 1,), in m, with arcs in pieces fit for the field.
+
+        All arcs have pieces of the same angle, so that those of neighbouring turns are parallel: on the largest one
+        they leave the arc by `chord` times half the size of the outline.
+        """
+        radii = [arc_size(*arc.points(line))[0] for k, line in enumerate(self.lines) for arc in self.arcs_of(k)]
+        reach = float(np.ptp(self.outline, axis=0).max()) / 2 if radii else 0.0
+        step = math.sqrt(8 * chord * reach / max(radii, default=1.0))
+        for k, (line, widths) in enumerate(zip(self.lines, self.widths, strict=True)):
+            points, pieces = coarser_line(line, self.arcs_of(k), step)
+            yield points, widths[pieces]
+
     @cached_property
     def trace_width(self) -> float:
         """Width in m of most of the path's length."""
@@ -195,7 +221,7 @@ class Coil:
 
 
 def spiral_coil(
-    spiral: Spiral,
+    spiral: Winding,
     winding_layers: int,
     via: PlatedHole,
     leads: Leads | None = None,
@@ -211,7 +237,7 @@ def spiral_coil(
 
     Parameters
     ----------
-    spiral : Spiral
+    spiral : Spiral or RoundedSpiral
         The winding of each layer.
     winding_layers : int
         Number of layers, at least 1. With an odd number the path ends inside.
@@ -242,6 +268,17 @@ def spiral_coil(
 
 @lru_cache(maxsize=64)  # searches and sweeps change the array around one coil a thousand times
 def _wound(of: Wound, name: str) -> Coil:
+    try:
+        return _wind(of, name)
+    except _NoRoomBesideLeadsError as error:
+        raise GeometryError(f"{str(error)[:-1]}{_remedy(of)}.") from None
+
+
+class _NoRoomBesideLeadsError(GeometryError):
+    """A pad finds no place beside the leads, which more spacing may make."""
+
+
+def _wind(of: Wound, name: str) -> Coil:
     spiral, winding_layers, via, leads = of.spiral, of.winding_layers, of.via, of.leads
     if winding_layers < 1:
         raise GeometryError(f"a coil must have at least one winding layer; got {winding_layers}.")
@@ -258,8 +295,7 @@ def _wound(of: Wound, name: str) -> Coil:
     if leads is not None:
         first_lead = _lead(windings[0][0], leads, -sense)
         if of.return_lead:
-            inner_end = windings[last][-1]
-            corner = inner_end * float(np.hypot(*windings[0][0]) / np.hypot(*inner_end))
+            corner = spiral.rim(winding_layers * spiral.steps)
             last_lead = np.vstack((corner, _lead(corner, leads, sense)))
         elif not ends_inside:
             last_lead = _lead(windings[last][-1], leads, sense)
@@ -270,7 +306,7 @@ def _wound(of: Wound, name: str) -> Coil:
         pads.append(via.pad if of.return_lead else leads.terminal.pad)
     holes = _hole_points(spiral, windings, pads, leads, first_lead, last_lead)
 
-    lines = list(windings)
+    lines, begin = list(windings), [len(first_lead)] + [1] * last
     for layer, hole in enumerate(holes):
         lines[layer] = np.vstack((lines[layer], hole))
         if layer < last:
@@ -281,10 +317,35 @@ def _wound(of: Wound, name: str) -> Coil:
     else:
         lines[last] = np.vstack((lines[last], last_lead))
     widths = tuple(np.full(len(line) - 1, spiral.trace_width) for line in lines)
+    arcs = [tuple(arc.shifted(count) for arc in spiral.arcs(layer)) for layer, count in enumerate(begin)]
+    arcs += [()] * (len(lines) - len(arcs))
     terminal = None if leads is None else leads.terminal
-    coil = Coil(tuple(lines), widths, spiral.gap, via, terminal, spiral.outline(), name)
+    outline, arcs_if_any = spiral.outline(), tuple(arcs) if any(arcs) else ()
+    coil = Coil(tuple(lines), widths, spiral.gap, via, terminal, outline, name, arcs_if_any)
     object.__setattr__(coil, "wound", of)
     return coil
+
+
+def _remedy(of: Wound) -> str:
+    """Say which spacing of the leads makes room for a pad that finds none beside them, to 0.1 mm; else nothing."""
+    if of.leads is None:
+        return ""
+
+    def fits(tenths: int) -> bool:
+        assert of.leads is not None
+        spacing = tenths * 1e-4
+        wider = replace(of.leads, spacing=spacing, length=max(of.leads.length, spacing / 2))
+        try:
+            _wind(replace(of, leads=wider), "")
+        except GeometryError:
+            return False
+        return True
+
+    least = math.ceil(of.leads.spacing * 1e4)
+    widest = 2 * least + math.ceil(4e4 * of.via.pad)
+    if not fits(widest):
+        return ""
+    return f"; leads.spacing_mm of {bisect_left(range(widest), True, lo=least, key=fits) / 10:g} makes it"
 
 
 def path_coil(
@@ -396,7 +457,7 @@ def _lead(end: FloatArray, leads: Leads, side: float) -> FloatArray:
 
 
 def _hole_points(
-    spiral: Spiral,
+    spiral: Winding,
     windings: Sequence[FloatArray],
     pads: Sequence[float],
     leads: Leads | None,
@@ -432,7 +493,7 @@ def _hole_points(
 
 
 def _fan(
-    spiral: Spiral,
+    spiral: Winding,
     end: FloatArray,
     pads: FloatArray,
     lines: Sequence[FloatArray],
@@ -485,5 +546,6 @@ def _fan(
             else "outside the winding, beside the leads"
         )
         pads_mm = " and ".join(f"{pad * 1e3:g} mm" for pad in pads)
-        raise GeometryError(f"there is no room for a pad of {pads_mm} {where}.")
+        kind = GeometryError if inside else _NoRoomBesideLeadsError
+        raise kind(f"there is no room for a pad of {pads_mm} {where}.")
     return found

@@ -1,23 +1,26 @@
-"""Centre lines of polygonal and circular spirals, one layer at a time.
+"""Centre lines of polygonal spirals that start at a corner, one layer at a time.
 
 The vertex rule: with N sides a turn, vertex k lies at the angle 2πk/N from the first corner, on the polygon whose
 apothem is (outer edge apothem − w/2) − (w + s)·k/N. The winding therefore shrinks by one pitch w + s a turn, and its
-outer edge touches the enclosing polygon at the first corner. A circle is the same rule with the radius in place of
-the apothem and many sides.
+outer edge touches the enclosing polygon at the first corner.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from coilarray.errors import GeometryError
-from coilarray.geometry.values import FloatArray, require_positive
+from coilarray.geometry.arcs import Arc
+from coilarray.geometry.values import FloatArray, IntArray, require_positive
 
-Winding = Literal["ccw", "cw"]
+Sense = Literal["ccw", "cw"]
+"""Sense of rotation of the current seen from above (+z)."""
 
 
 def apothem_from_size(size: float, sides: int, *, across: Literal["flats", "corners"]) -> float:
@@ -53,8 +56,82 @@ def apothem_from_size(size: float, sides: int, *, across: Literal["flats", "corn
     return size / 2 * math.cos(math.pi / sides)
 
 
+class Winding(ABC):
+    """What spirals of every shape have in common: N steps a turn, each ending one N-th of a pitch further in."""
+
+    sides: int
+    turns: float
+    trace_width: float
+    gap: float
+    winding: Sense
+
+    @property
+    def pitch(self) -> float:
+        """Distance in m from turn to turn."""
+        return self.trace_width + self.gap
+
+    @property
+    def steps(self) -> int:
+        """Number of sides that one layer runs along."""
+        return round(self.turns * self.sides)
+
+    @property
+    @abstractmethod
+    def inner_apothem(self) -> float:
+        """Distance in m from the centre to the nearest side of the centre line at its inner end."""
+
+    @abstractmethod
+    def centre_line(self, layer: int = 0) -> FloatArray:
+        """Vertices of one layer in the direction of the current: even layers, from 0, run inwards, odd ones outwards.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            x, y in m, centre at the origin.
+        """
+
+    @abstractmethod
+    def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
+        """Return the arcs of the centre line of one layer."""
+
+    @abstractmethod
+    def outline(self) -> FloatArray:
+        """Corners of the enclosing shape (the nominal outer copper edge), shape (n, 2), x and y in m."""
+
+    @abstractmethod
+    def rim(self, step: int) -> FloatArray:
+        """Place in m, shape (2,), where the outermost turn would pass the ray on which step `step` ends."""
+
+    def _turned(self, steps: npt.ArrayLike) -> FloatArray:
+        """Angle in rad of so many steps in the sense of the winding."""
+        # the whole number of steps keeps corners of different turns and layers on the same rays
+        angle = 2 * math.pi * (np.asarray(steps) % self.sides) / self.sides
+        return np.asarray(angle if self.winding == "ccw" else -angle)
+
+    def _require_turns(self, outer: float, least: float, direction: str) -> None:
+        """Raise where turns cannot be: from the centre, the edge is at `outer`, their line beyond `least` (m)."""
+        if self.sides < 3:
+            raise GeometryError(f"sides must be at least 3; got {self.sides}.")
+        if not math.isfinite(getattr(self, direction)):
+            raise GeometryError(f"{direction} must be finite; got {getattr(self, direction)}.")
+        if self.winding not in ("ccw", "cw"):
+            raise GeometryError(f"winding must be 'ccw' or 'cw'; got {self.winding!r}.")
+        steps = self.turns * self.sides
+        if abs(steps - round(steps)) > 1e-9 * steps:
+            near = max(round(steps), 1)
+            raise GeometryError(
+                f"turns must be a multiple of 1/{self.sides}, for example {near / self.sides:.12g}; got {self.turns:g}."
+            )
+        if outer - self.trace_width / 2 - self.pitch * self.turns <= least:
+            fit = math.floor((outer - self.trace_width / 2 - least) / self.pitch * self.sides) / self.sides
+            raise GeometryError(
+                f"{self.turns:g} turns of {self.trace_width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap do not fit "
+                f"into {outer * 1e3:g} mm from edge to centre; at most {max(fit, 0):.4g} turns do."
+            )
+
+
 @dataclass(frozen=True)
-class Spiral:
+class Spiral(Winding):
     """A planar spiral, wound inwards on even layers and outwards on odd ones.
 
     Every layer starts at the angle where the one before ended, so that the current keeps its sense of rotation and
@@ -65,9 +142,9 @@ class Spiral:
     Parameters
     ----------
     sides : int
-        Straight segments a turn: the polygon's sides, or the resolution of a circle. At least 3.
+        The polygon's sides, at least 3.
     outer_apothem : float
-        Distance in m from the centre to the outer copper edge of the enclosing polygon's sides (circle: its radius).
+        Distance in m from the centre to the outer copper edge of the enclosing polygon's sides.
     turns : float
         Turns a layer, a positive multiple of 1/sides.
     trace_width, gap : float
@@ -76,8 +153,6 @@ class Spiral:
         Angle in rad of the corner where the outermost turn starts; 0 is the +x axis.
     winding : {"ccw", "cw"}
         Sense of rotation of the current seen from above (+z).
-    circular : bool
-        True: the vertices lie on a circular (Archimedean) spiral.
     """
 
     sides: int
@@ -86,40 +161,12 @@ class Spiral:
     trace_width: float
     gap: float
     first_corner: float = 0.0
-    winding: Winding = "ccw"
-    circular: bool = False
+    winding: Sense = "ccw"
 
     def __post_init__(self) -> None:
-        if self.sides < 3:
-            raise GeometryError(f"sides must be at least 3; got {self.sides}.")
         for name in ("outer_apothem", "turns", "trace_width", "gap"):
             require_positive(name, getattr(self, name), "")
-        if not math.isfinite(self.first_corner):
-            raise GeometryError(f"first_corner must be finite; got {self.first_corner}.")
-        if self.winding not in ("ccw", "cw"):
-            raise GeometryError(f"winding must be 'ccw' or 'cw'; got {self.winding!r}.")
-        steps = self.turns * self.sides
-        if abs(steps - round(steps)) > 1e-9 * steps:
-            near = max(round(steps), 1)
-            raise GeometryError(
-                f"turns must be a multiple of 1/{self.sides}, for example {near / self.sides:.12g}; got {self.turns:g}."
-            )
-        if self.inner_apothem - self.trace_width / 2 <= 0:
-            fit = math.floor((self.outer_apothem - self.trace_width) / self.pitch * self.sides) / self.sides
-            raise GeometryError(
-                f"{self.turns:g} turns of {self.trace_width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap do not fit "
-                f"into {self.outer_apothem * 1e3:g} mm from edge to centre; at most {max(fit, 0):.4g} turns do."
-            )
-
-    @property
-    def pitch(self) -> float:
-        """Distance in m from turn to turn."""
-        return self.trace_width + self.gap
-
-    @property
-    def steps(self) -> int:
-        """Number of straight segments of one layer."""
-        return round(self.turns * self.sides)
+        self._require_turns(self.outer_apothem, self.trace_width / 2, "first_corner")
 
     @property
     def inner_apothem(self) -> float:
@@ -127,25 +174,27 @@ class Spiral:
         return self.outer_apothem - self.trace_width / 2 - self.pitch * self.turns
 
     def centre_line(self, layer: int = 0) -> FloatArray:
-        """Vertices of one layer in the direction of the current: even layers, from 0, run inwards, odd ones outwards.
-
-        Returns
-        -------
-        ndarray, shape (steps + 1, 2)
-            x, y in m, centre at the origin.
-        """
+        """Vertices of one layer as `Winding.centre_line`, shape (steps + 1, 2)."""
         k = np.arange(self.steps + 1)
         inwards = k if layer % 2 == 0 else self.steps - k
         apothem = (self.outer_apothem - self.trace_width / 2) - self.pitch * inwards / self.sides
-        radius = apothem if self.circular else apothem / math.cos(math.pi / self.sides)
-        # the whole number of steps keeps corners of different turns and layers on the same rays
-        step = (layer * self.steps + k) % self.sides
-        turn = 2 * math.pi * step / self.sides
-        angle = self.first_corner + (turn if self.winding == "ccw" else -turn)
-        return np.column_stack((radius * np.cos(angle), radius * np.sin(angle)))
+        return self._corners(layer * self.steps + k, apothem)
+
+    def arcs(self, layer: int = 0) -> tuple[Arc, ...]:
+        """Return no arc: all corners are sharp."""
+        return ()
 
     def outline(self) -> FloatArray:
         """Corners of the enclosing polygon (the nominal outer copper edge), shape (sides, 2), x and y in m."""
-        radius = self.outer_apothem if self.circular else self.outer_apothem / math.cos(math.pi / self.sides)
-        angle = self.first_corner + 2 * math.pi * np.arange(self.sides) / self.sides
+        return self._corners(np.arange(self.sides), np.full(self.sides, self.outer_apothem))
+
+    def rim(self, step: int) -> FloatArray:
+        """Corner in m of the outermost turn, shape (2,)."""
+        apothem = self.outer_apothem - self.trace_width / 2
+        return np.asarray(self._corners(np.array([step]), np.array([apothem]))[0])
+
+    def _corners(self, steps: IntArray, apothem: FloatArray) -> FloatArray:
+        """Corners of polygons of several apothems in m, so many steps from the first one."""
+        radius = apothem / math.cos(math.pi / self.sides)
+        angle = self.first_corner + self._turned(steps)
         return np.column_stack((radius * np.cos(angle), radius * np.sin(angle)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,9 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Point = tuple[float, float]
 """x and y in m, where nothing else is said."""
+Side = Literal["right", "top", "left", "bottom"]
+SIDES: tuple[Side, ...] = get_args(Side)
+"""Sides by the quarter turns from +x to their outward normals."""
 
 
 def require_positive(what: str, value: float, unit: str = " m") -> None:

@@ -61,4 +61,5 @@ def _coil(coil: Coil) -> Any:
     """Return what a spiral was wound from, or the lines of another coil; its name does not count."""
     if coil.wound is not None:
         return coil.wound
-    return coil.lines, coil.widths, coil.gap, coil.via, coil.terminal, coil.outline
+    lines = (coil.lines, coil.arcs) if coil.arcs else (coil.lines,)
+    return *lines, coil.widths, coil.gap, coil.via, coil.terminal, coil.outline

@@ -6,7 +6,7 @@ Numbers stay in the units of their key names up to the `build` methods, which re
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Literal
 
@@ -43,6 +43,7 @@ from coilarray.geometry import (
     Paraboloid,
     Placement,
     PlatedHole,
+    RoundedSpiral,
     Seat,
     Sheet,
     Spiral,
@@ -53,7 +54,10 @@ from coilarray.geometry import (
     path_coil,
     spiral_coil,
 )
+from coilarray.geometry.array import Connector, LatticeKind
 from coilarray.geometry.sheet import KPA_PER_MM, Base, Strain
+from coilarray.geometry.spiral import Sense, Winding
+from coilarray.geometry.values import SIDES, Side
 
 SCHEMA = 1
 """Version of the design file format."""
@@ -90,6 +94,16 @@ class StackupTable(Table):
     dielectric_thickness_mm: list[Millimetres] = Field(default_factory=list)
     dielectric_epsilon_r: list[Relative] = Field(default_factory=list)
 
+    @model_validator(mode="after")
+    def _one_value_a_layer(self) -> StackupTable:
+        for key, less in (("copper_thickness_um", 0), ("dielectric_thickness_mm", 1), ("dielectric_epsilon_r", 1)):
+            count, expected = len(getattr(self, key)), len(self.layers) - less
+            if count != expected:
+                values = "1 value" if expected == 1 else f"{expected} values"
+                whose = "one less than the layers" if less else "one a layer"
+                raise ValueError(f"needs {values} in {key}, {whose}; got {count}")
+        return self
+
     def build(self) -> Stackup:
         """Return the stack-up in SI."""
         return Stackup(*in_si(self).values())  # the keys are in its order
@@ -123,31 +137,20 @@ class LeadsTable(Table):
         return Leads(self.length_mm * _MM, self.spacing_mm * _MM, terminal)
 
 
-class SpiralTable(Table):
-    """What polygonal and circular spirals share."""
+class WoundTable(Table):
+    """What coils of all wound shapes share."""
 
     turns_per_layer: Turns
     winding_layers: Annotated[int, Field(ge=1, le=64)] = 2
     trace_width_mm: Millimetres
     gap_mm: Millimetres
-    first_corner_deg: Degrees = 0.0
     winding: Literal["ccw", "cw"] = "ccw"
     return_lead: bool = False
     via: ViaTable = ViaTable()
     leads: LeadsTable | None = None
 
-    def spiral(self, name: str, sides: int, apothem: float, *, circular: bool) -> Coil:
-        """Return the coil in SI from its sides (segments a turn) and outer apothem in m."""
-        spiral = Spiral(
-            sides=sides,
-            outer_apothem=apothem,
-            turns=self.turns_per_layer,
-            trace_width=self.trace_width_mm * _MM,
-            gap=self.gap_mm * _MM,
-            first_corner=self.first_corner_deg * _DEG,
-            winding=self.winding,
-            circular=circular,
-        )
+    def wind(self, name: str, spiral: Winding) -> Coil:
+        """Return the coil in SI from the winding of each layer."""
         segments = spiral.steps * self.winding_layers
         if segments > _MOST_SEGMENTS:
             raise GeometryError(f"a coil may have {_MOST_SEGMENTS} segments; this one has {segments}.")
@@ -155,14 +158,24 @@ class SpiralTable(Table):
         leads = None if self.leads is None else self.leads.build(via.plating)
         return spiral_coil(spiral, self.winding_layers, via, leads, return_lead=self.return_lead, name=name)
 
+    def rounded(
+        self, name: str, extent: float, breadth: float, radius: float, direction: float, sides: int = 4
+    ) -> Coil:
+        """Return the coil in SI from its sizes (m) along the direction (rad) of its start and across, and radius."""
+        turns = (self.turns_per_layer, self.trace_width_mm * _MM, self.gap_mm * _MM)
+        spiral = RoundedSpiral(extent, breadth, *turns, radius, sides, direction, self.winding)
+        return self.wind(name, spiral)
 
-class PolygonCoil(SpiralTable):
-    """``[coils.NAME]`` with ``shape = "polygon"``."""
+
+class PolygonCoil(WoundTable):
+    """``[coils.NAME]`` with ``shape = "polygon"``; one with round corners starts in the middle of its first side."""
 
     shape: Literal["polygon"]
     sides: Annotated[int, Field(ge=3, le=1000)] = 6
     outer_across_flats_mm: Millimetres | None = None
     outer_across_corners_mm: Millimetres | None = None
+    corner_radius_mm: LimitMillimetres = 0.0
+    first_corner_deg: Degrees = 0.0
 
     @model_validator(mode="after")
     def _one_size(self) -> PolygonCoil:
@@ -177,19 +190,66 @@ class PolygonCoil(SpiralTable):
         else:
             assert self.outer_across_corners_mm is not None  # the validator has seen to it
             apothem = apothem_from_size(self.outer_across_corners_mm * _MM, self.sides, across="corners")
-        return self.spiral(name, self.sides, apothem, circular=False)
+        corner = self.first_corner_deg * _DEG
+        if self.corner_radius_mm:
+            first_side = corner + half_side(self.sides, self.winding)
+            return self.rounded(name, 2 * apothem, 2 * apothem, self.corner_radius_mm * _MM, first_side, self.sides)
+        turns = (self.turns_per_layer, self.trace_width_mm * _MM, self.gap_mm * _MM)
+        return self.wind(name, Spiral(self.sides, apothem, *turns, corner, self.winding))
 
 
-class CircleCoil(SpiralTable):
+class CircleCoil(WoundTable):
     """``[coils.NAME]`` with ``shape = "circle"``."""
 
     shape: Literal["circle"]
     outer_diameter_mm: Millimetres
-    segments_per_turn: Annotated[int, Field(ge=8, le=1000)] = 96
+    first_corner_deg: Degrees = 0.0  # where the winding starts
 
     def build(self, name: str) -> Coil:
         """Return the coil in SI."""
-        return self.spiral(name, self.segments_per_turn, self.outer_diameter_mm / 2 * _MM, circular=True)
+        size = self.outer_diameter_mm * _MM
+        return self.rounded(name, size, size, size / 2, self.first_corner_deg * _DEG)
+
+
+class OblongTable(WoundTable):
+    """What rectangles and racetracks share."""
+
+    outer_width_mm: Millimetres  # along x
+    outer_height_mm: Millimetres  # along y
+    first_side: Side = "right"  # where the winding starts and its leads leave
+
+    def oblong(self, name: str, radius_mm: float) -> Coil:
+        """Return the coil in SI from the radius of its corners."""
+        quarter = SIDES.index(self.first_side)
+        sizes = (self.outer_width_mm * _MM, self.outer_height_mm * _MM)
+        extent, breadth = sizes if quarter % 2 == 0 else sizes[::-1]
+        return self.rounded(name, extent, breadth, radius_mm * _MM, quarter * math.pi / 2)
+
+
+class RectangleCoil(OblongTable):
+    """``[coils.NAME]`` with ``shape = "rectangle"``."""
+
+    shape: Literal["rectangle"]
+    corner_radius_mm: LimitMillimetres = 0.0
+
+    def build(self, name: str) -> Coil:
+        """Return the coil in SI."""
+        return self.oblong(name, self.corner_radius_mm)
+
+
+class RacetrackCoil(OblongTable):
+    """``[coils.NAME]`` with ``shape = "racetrack"``: the shorter sides are half circles."""
+
+    shape: Literal["racetrack"]
+
+    def build(self, name: str) -> Coil:
+        """Return the coil in SI."""
+        return self.oblong(name, min(self.outer_width_mm, self.outer_height_mm) / 2)
+
+
+def half_side(sides: int, winding: Sense) -> float:
+    """Angle in rad from the corner of a polygon to the middle of the side that its winding follows then."""
+    return math.pi / sides if winding == "ccw" else -math.pi / sides
 
 
 def _number_or_list(value: object) -> Literal["number", "list"]:
@@ -233,6 +293,9 @@ class PathCoil(Table):
         return coil if self.outline_mm is None else replace(coil, outline=np.array(self.outline_mm) * _MM)
 
 
+AnyCoil = PolygonCoil | CircleCoil | RectangleCoil | RacetrackCoil | PathCoil
+
+
 class PlacementTable(Table):
     """``[[array.placements]]``: one coil of a free array."""
 
@@ -252,6 +315,8 @@ class FreeArray(Table):
 
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
         """Return the array in SI; DesignError for a coil that is not there."""
+        for index, place in enumerate(self.placements):
+            _check_layers(stackup, place.layers, f"array.placements.{index}.layers")
         placements = tuple(
             Placement(coil=_coil(coils, place.coil, f"array.placements.{index}.coil"), **in_si(place, "coil"))
             for index, place in enumerate(self.placements)
@@ -260,26 +325,58 @@ class FreeArray(Table):
 
 
 class LatticeArray(Table):
-    """``[array]`` with a regular lattice."""
+    """``[array]`` with a regular lattice or a single coil."""
 
-    lattice: Literal["linear", "square", "hexagonal"]
+    lattice: LatticeKind
     coil: str
-    columns: Annotated[int, Field(ge=1, le=1000)]
+    columns: Annotated[int, Field(ge=1, le=1000)] | None = None  # linear, square and hexagonal
     rows: Annotated[int, Field(ge=1, le=1000)] = 1
-    pitch_mm: Millimetres
+    rings: Annotated[int, Field(ge=1, le=100)] | None = None  # of hexagons about one coil
+    pitch_mm: Millimetres | None = None  # one coil has none
     direction_deg: Degrees = 0.0
     rotation_deg: Degrees = 0.0
     layers: list[list[str]] = Field(min_length=1)
     layer_shift_per_row: int | None = None
     names: list[Name] | None = None
 
+    @model_validator(mode="after")
+    def _wanted(self) -> LatticeArray:
+        in_rows = self.lattice in ("linear", "square", "hexagonal")
+        for key, wanted in (("columns", in_rows), ("rings", self.lattice == "rings")):
+            if (getattr(self, key) is not None) != wanted:
+                raise ValueError(f'{"needs" if wanted else "has no"} {key} for lattice = "{self.lattice}"')
+        if self.rows > 1 and not in_rows:
+            raise ValueError(f'has no rows for lattice = "{self.lattice}"')
+        coils = self.rows * (self.columns or 1)
+        if self.pitch_mm is None and (coils > 1 or self.rings):
+            raise ValueError("needs pitch_mm for more than one coil")
+        return self
+
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
         """Return the array in SI; DesignError for a coil that is not there."""
         coil, own = _coil(coils, self.coil, "array.coil"), in_si(self, "coil")
-        lattice = Lattice(own.pop("lattice"), layer_shift=own.pop("layer_shift_per_row"), **own)
+        _check_layers(stackup, (layer for layers in self.layers for layer in layers), "array.layers")
+        kind, shift = own.pop("lattice"), own.pop("layer_shift_per_row")
+        given = {key: value for key, value in own.items() if value is not None}
+        lattice = Lattice(kind, layer_shift=shift, **given)
         return lattice_array(
             stackup, coil, lattice, board_margin=board.margin_mm * _MM, through_holes=board.through_holes
         )
+
+
+class ConnectorTable(Table):
+    """``[connector]``: one row of holes at an edge of the board, to which the leads of all coils run."""
+
+    side: Side = "bottom"
+    pitch_mm: Millimetres = 2.54
+    distance_mm: Millimetres = 5.0  # from the coils and their own leads
+    at_mm: Position | None = None  # middle of the row along the edge; that of the array
+    trace_width_mm: Millimetres | None = None  # as that of the coils
+    gap_mm: Millimetres | None = None  # as that of the coils
+
+    def build(self) -> Connector:
+        """Return the connector in SI."""
+        return Connector(**in_si(self))
 
 
 class BoardTable(Table):
@@ -353,7 +450,7 @@ class IndentationTable(Table):
     seat_lifts: bool = False
     seat_weight_Pa: Annotated[float, Field(ge=0, le=1e6)] = 0.0  # noqa: N815 - the unit
     depths_mm: list[Millimetres] = Field(min_length=1)
-    x_mm: Range | None = None
+    x_mm: Range | None = None  # left out with y_mm: over all coils
     y_mm: Range | None = None
     step_mm: StepMillimetres | None = None
     x_positions_mm: Positions | None = None  # instead of a range and a step
@@ -379,8 +476,14 @@ class IndentationTable(Table):
             raise ValueError("needs one of origin and origin_mm, not both")
         ranges = (self.x_mm, self.y_mm, self.step_mm)
         lists = (self.x_positions_mm, self.y_positions_mm)
-        if None in (ranges if lists == (None, None) else lists) or (lists != (None, None) and ranges != (None,) * 3):
-            raise ValueError("needs x_mm, y_mm and step_mm, or else x_positions_mm and y_positions_mm")
+        over_array = lists == ranges[:2] == (None, None)
+        if not over_array and (
+            None in (ranges if lists == (None, None) else lists) or (lists != (None, None) and ranges != (None,) * 3)
+        ):
+            raise ValueError(
+                "needs x_mm, y_mm and step_mm, or else x_positions_mm and y_positions_mm; or none of them, for "
+                "positions over all coils"
+            )
         for key, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
             if values is not None and self.step_mm is not None:
                 low, high = values
@@ -410,7 +513,7 @@ class IndentationTable(Table):
             raise ValueError(f"may have {_MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
 
     def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return the x and the y of the map in m, ends included."""
+        """Return the x and the y of the map in m, ends included; none where they follow from the array."""
         if self.x_mm is None or self.y_mm is None or self.step_mm is None:
             x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
         else:
@@ -504,8 +607,9 @@ class Document(Table):
     title: str = ""
     source: str = ""
     stackup: StackupTable
-    coils: dict[Name, Annotated[PolygonCoil | CircleCoil | PathCoil, Field(discriminator="shape")]]
+    coils: dict[Name, Annotated[AnyCoil, Field(discriminator="shape")]]
     array: Annotated[LatticeArray | FreeArray, Field(discriminator="lattice")]
+    connector: ConnectorTable | None = None
     board: BoardTable = BoardTable()
     elastomer: list[SheetTable] = Field(default_factory=list)
     indenter: Annotated[RoundTable | ConeTable, Field(discriminator="shape")] | None = None
@@ -522,6 +626,13 @@ class Document(Table):
         if isinstance(document, Mapping) and "rules" in document:
             raise PydanticCustomError("unknown_key", "has a table [rules], which is now called [fab]")
         return document
+
+
+def _check_layers(stackup: Stackup, layers: Iterable[str], key: str) -> None:
+    for layer in layers:
+        if layer not in stackup.names:
+            known = ", ".join(stackup.names)
+            raise DesignError(f"{key} names no copper layer; the stack-up has {known}; got {layer!r}.")
 
 
 def _coil(coils: Mapping[str, Coil], name: str, key: str) -> Coil:

@@ -115,8 +115,8 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
     if kind in ("union_tag_not_found", "union_tag_invalid"):
         tag = str(details["ctx"]["discriminator"]).strip("'")
         allowed = {
-            "coils": "'polygon', 'circle' or 'path'",
-            "array": "'linear', 'square', 'hexagonal' or 'free'",
+            "coils": "'polygon', 'circle', 'rectangle', 'racetrack' or 'path'",
+            "array": "'single', 'linear', 'square', 'hexagonal', 'rings' or 'free'",
             "indenter": "'hemisphere', 'paraboloid', 'flat_punch', 'cone' or 'cylinder_edge'",
         }[str(where[0])]
         value = got.get(tag) if isinstance(got, Mapping) else None

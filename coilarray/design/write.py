@@ -13,7 +13,7 @@ import numpy as np
 
 from coilarray.design.fab_limits import FabTable
 from coilarray.design.model import Circuit, Design, DesignFile, Indentation, build_design_file
-from coilarray.design.tables import PASSIVE, SCHEMA, CircuitTable, map_positions
+from coilarray.design.tables import PASSIVE, SCHEMA, CircuitTable, ConnectorTable, half_side, map_positions
 from coilarray.design.units import SCALES, Table
 from coilarray.geometry import (
     Coil,
@@ -24,6 +24,7 @@ from coilarray.geometry import (
     Lattice,
     Leads,
     PlatedHole,
+    RoundedSpiral,
     Seat,
     Sheet,
     Spiral,
@@ -33,13 +34,17 @@ from coilarray.geometry import (
     apothem_from_size,
     hull_outline,
 )
+from coilarray.geometry.connector import lead_out
 from coilarray.geometry.sheet import KPA_PER_MM
+from coilarray.geometry.spiral import Winding
+from coilarray.geometry.values import SIDES
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # a list of plain values as tomli-w writes it, one a line
 _FLAT_LIST = re.compile(r"\[\n\s*([^\[\]\n]+(?:,\n\s*[^\[\]\n]+)*),\n\s*\]")
+_LIST_OF_LISTS = re.compile(r"\[\n(?:\s*\[[^\[\]\n]*\],\n)+\s*\]")
 _LONGEST_LINE = 120
-_LEAST_CIRCLE = 8  # segments of a turn that a file takes for a circle
+_TURNED = 1e-12  # rad
 _PICOMETRE = 1e-12
 _PLACES = ("lines_mm", "outline_mm", "x_mm", "y_mm")
 _VIA = ("drill_mm", "pad_mm", "plating_um")
@@ -60,7 +65,7 @@ def design_document(design: Design) -> dict[str, Any]:
     dict
         Plain tables, lists and values with all their digits; entries of the circuit and of the board house only where
         they are not the default. Placements are a lattice where `CoilArray.lattice` gives them, else free; coils are
-        polygons and circles where `Coil.wound` says so, else paths. Names that a file cannot have are changed as
+        wound shapes where `Coil.wound` says so, else paths. Names that a file cannot have are changed as
         `design_names` says.
 
     Examples
@@ -72,7 +77,7 @@ def design_document(design: Design) -> dict[str, Any]:
     >>> document["array"]["pitch_mm"], build_design(document).digest == design.digest
     (13.28, True)
     """
-    array = design.array
+    array, connector = _before_connector(design.array)
     names, layers = design_names(array.names), design_names(array.stackup.names)
     shapes = shape_names(array)
     coils = {shape: place.coil for shape, place in zip(shapes, array.placements, strict=True)}
@@ -81,6 +86,8 @@ def design_document(design: Design) -> dict[str, Any]:
         document["title"] = design.title
     if design.source:
         document["source"] = design.source
+    if connector is not None:
+        document["connector"] = connector
     document |= {
         "stackup": _stackup_table(array.stackup, layers),
         "coils": {shape: _coil_table(coil) for shape, coil in coils.items()},
@@ -100,6 +107,15 @@ def design_document(design: Design) -> dict[str, Any]:
     return {key: table for key, table in document.items() if table != {}}
 
 
+def _before_connector(array: CoilArray) -> tuple[CoilArray, dict[str, Any] | None]:
+    """Return an array whose leads have not been led out, and the connector's table; None where it has none."""
+    led = array.led_out
+    if led is None or lead_out(led.array, led.connector).placements != array.placements:
+        return array, None  # the placements have been changed since
+    table = {"side": led.connector.side} | _entries(led.connector, *list(ConnectorTable.model_fields)[1:])
+    return replace(led.array, stackup=array.stackup, board_margin=array.board_margin), table
+
+
 def as_file(design: Design | DesignFile) -> DesignFile:
     """Return a design with a document: a file as it is, else the design with its `design_document`."""
     if isinstance(design, DesignFile):
@@ -114,13 +130,17 @@ def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str
     values are assumed, with the reason: ``coils.*.KEY`` stands for every shape, ``coils.NAME.KEY`` for that of the coil
     NAME.
     """
-    import tomli_w
-
     document = _rounded(design_document(design))
     shapes = shape_names(design.array)
     reasons = _assumed_table(assumed or {}, dict(zip(design.array.names, shapes, strict=True)), list(document["coils"]))
-    text = tomli_w.dumps(document | ({"assumed": reasons} if reasons else {}))
-    return _FLAT_LIST.sub(_on_one_line, text)
+    return document_text(document | ({"assumed": reasons} if reasons else {}))
+
+
+def document_text(document: Mapping[str, Any]) -> str:
+    """Return the TOML text of a document, lists of plain values on one line."""
+    import tomli_w
+
+    return _LIST_OF_LISTS.sub(_short, _FLAT_LIST.sub(_on_one_line, tomli_w.dumps(document)))
 
 
 def shape_names(array: CoilArray) -> list[str]:
@@ -167,50 +187,63 @@ def _stackup_table(stackup: Stackup, layers: Mapping[str, str]) -> dict[str, Any
 
 
 def _coil_table(coil: Coil) -> dict[str, Any]:
-    of = coil.wound
-    return _path_table(coil) if of is None or _is_coarse_circle(of.spiral) else _spiral_table(of)
+    shape = None if coil.wound is None else _shape_table(coil.wound.spiral)
+    return _path_table(coil) if coil.wound is None or shape is None else shape | _wound_table(coil.wound)
 
 
-def _is_coarse_circle(spiral: Spiral) -> bool:
-    return spiral.circular and spiral.sides < _LEAST_CIRCLE
-
-
-def _spiral_table(of: Wound) -> dict[str, Any]:
-    spiral = of.spiral
-    table: dict[str, Any] = {"shape": "circle" if spiral.circular else "polygon"}
-    if spiral.circular:
-        table["segments_per_turn"] = spiral.sides
-        table["outer_diameter_mm"] = _number(
-            2e3 * spiral.outer_apothem, spiral.outer_apothem, lambda entry: entry / 2 * _MM
-        )
-    else:
-        table["sides"] = spiral.sides
-        table |= _polygon_size(spiral)
-    table |= {
-        "turns_per_layer": float(spiral.turns),
+def _wound_table(of: Wound) -> dict[str, Any]:
+    table: dict[str, Any] = {
+        "turns_per_layer": float(of.spiral.turns),
         "winding_layers": of.winding_layers,
-        **_entries(spiral, "trace_width_mm", "gap_mm", "first_corner_deg"),
-        "winding": spiral.winding,
+        **_entries(of.spiral, "trace_width_mm", "gap_mm"),
+        "winding": of.spiral.winding,
         "return_lead": of.return_lead,
         "via": _entries(of.via, *_VIA),
     }
     return table if of.leads is None else table | {"leads": _leads_table(of.leads, of.via)}
 
 
-def _polygon_size(spiral: Spiral) -> dict[str, float]:
-    """Across flats or across corners, whichever has fewer digits."""
+def _shape_table(spiral: Winding) -> dict[str, Any] | None:
+    """Shape and sizes of a winding; None for a rectangle that is not along x and y, which a file can only trace."""
+    if isinstance(spiral, Spiral):
+        return _polygon_table(spiral.sides, spiral.outer_apothem) | _entries(spiral, "first_corner_deg")
+    assert isinstance(spiral, RoundedSpiral)  # there is no other
+    start = _entry(spiral.direction, _DEG)
+    if spiral.is_circle:
+        return {
+            "shape": "circle",
+            "outer_diameter_mm": _entry(spiral.extent, _MM),
+            "first_corner_deg": start,
+        }
+    quarter = round(spiral.direction / (math.pi / 2)) % 4
+    if spiral.sides == 4 and abs(math.remainder(spiral.direction, math.pi / 2)) < _TURNED:
+        sizes = (spiral.extent, spiral.breadth) if quarter % 2 == 0 else (spiral.breadth, spiral.extent)
+        table = {
+            "shape": "racetrack" if spiral.is_racetrack else "rectangle",
+            "outer_width_mm": _entry(sizes[0], _MM),
+            "outer_height_mm": _entry(sizes[1], _MM),
+            "first_side": SIDES[quarter],
+        }
+        return table if spiral.is_racetrack else table | _entries(spiral, "corner_radius_mm")
+    if spiral.extent != spiral.breadth or not spiral.corner_radius:
+        return None
+    half = half_side(spiral.sides, spiral.winding)
+    corner = _number((spiral.direction - half) / _DEG, spiral.direction, lambda entry: entry * _DEG + half, places=True)
+    table = _polygon_table(spiral.sides, spiral.extent / 2) | _entries(spiral, "corner_radius_mm")
+    return table | {"first_corner_deg": corner}
+
+
+def _polygon_table(sides: int, apothem: float) -> dict[str, Any]:
+    """Sides and size of a polygon, across flats or across corners, whichever has fewer digits."""
     sizes = {}
-    for across, size in (
-        ("flats", 2 * spiral.outer_apothem),
-        ("corners", 2 * spiral.outer_apothem / math.cos(math.pi / spiral.sides)),
-    ):
+    for across, size in (("flats", 2 * apothem), ("corners", 2 * apothem / math.cos(math.pi / sides))):
         sizes[f"outer_across_{across}_mm"] = _number(
             size * 1e3,
-            spiral.outer_apothem,
-            lambda entry, across=across: apothem_from_size(entry * _MM, spiral.sides, across=across),  # type: ignore[misc]
+            apothem,
+            lambda entry, across=across: apothem_from_size(entry * _MM, sides, across=across),  # type: ignore[misc]
         )
     key = min(sizes, key=lambda key: len(repr(sizes[key])))
-    return {key: sizes[key]}
+    return {"shape": "polygon", "sides": sides, key: sizes[key]}
 
 
 def _leads_table(leads: Leads, via: PlatedHole) -> dict[str, float]:
@@ -251,9 +284,8 @@ def _array_table(
         table: dict[str, Any] = {
             "lattice": lattice.kind,
             "coil": shapes[0],
-            "columns": lattice.columns,
-            "rows": lattice.rows,
-            **_entries(lattice, "pitch_mm", "direction_deg", "rotation_deg"),
+            **_lattice_size(lattice),
+            **_entries(lattice, "direction_deg", "rotation_deg"),
             "layers": [[layers.get(layer, layer) for layer in each] for each in lattice.layers],
         }
         if lattice.layer_shift is not None:
@@ -275,15 +307,23 @@ def _array_table(
     }
 
 
+def _lattice_size(lattice: Lattice) -> dict[str, Any]:
+    if lattice.kind == "single":
+        return {}
+    count = {"rings": lattice.rings} if lattice.rings else {"columns": lattice.columns, "rows": lattice.rows}
+    return count | _entries(lattice, "pitch_mm")
+
+
 def _is_on(lattice: Lattice, array: CoilArray) -> bool:
     """Whether a lattice gives the placements of an array."""
     coil = array.placements[0].coil
-    if len(array.placements) != lattice.columns * lattice.rows or any(p.coil is not coil for p in array.placements):
+    points = lattice.placements(coil)
+    if len(array.placements) != len(points) or any(p.coil is not coil for p in array.placements):
         return False
     return all(
         (one.name, one.layers) == (other.name, other.layers)
         and max(abs(one.x - other.x), abs(one.y - other.y), abs(one.rotation - other.rotation)) < 1e-3 * _PICOMETRE
-        for one, other in zip(lattice.placements(coil), array.placements, strict=True)
+        for one, other in zip(points, array.placements, strict=True)
     )
 
 
@@ -336,7 +376,9 @@ def _indentation_table(setup: Indentation, names: Mapping[str, str]) -> dict[str
     table["depths_mm"] = [_entry(depth, _MM) for depth in setup.depths]
     x, y = ([_number(1e3 * v, v, lambda mm: mm / 1e3, places=True) for v in row] for row in (setup.x, setup.y))
     step = next((round(row[1] - row[0], 9) for row in (x, y) if len(row) > 1), 1.0)
-    if _is_regular(x, step) and _is_regular(y, step):
+    if (setup.x, setup.y) == setup.over_array:
+        table |= {} if setup.step is None else {"step_mm": _entry(setup.step, _MM)}
+    elif _is_regular(x, step) and _is_regular(y, step):
         table |= {"x_mm": [x[0], x[-1]], "y_mm": [y[0], y[-1]], "step_mm": step}
     else:
         table |= {"x_positions_mm": x, "y_positions_mm": y}
@@ -467,3 +509,8 @@ def _rounded(value: Any, key: str = "") -> Any:
 def _on_one_line(match: re.Match[str]) -> str:
     text = "[" + ", ".join(item.strip() for item in match[1].split(",\n")) + "]"
     return text if len(text) <= _LONGEST_LINE else "\n".join(textwrap.wrap(text, _LONGEST_LINE))
+
+
+def _short(match: re.Match[str]) -> str:
+    text = "[" + " ".join(line.strip() for line in match[0].splitlines()[1:-1]).rstrip(",") + "]"
+    return text if len(text) <= _LONGEST_LINE // 2 else match[0]

@@ -246,14 +246,19 @@ class _Cut:
 
 def _cuts(placement: Placement) -> list[_Cut]:
     coil = placement.coil
-    centre = shapely.get_coordinates(shapely.Polygon(coil.outline).centroid)[0]
+    outline = shapely.Polygon(coil.outline)
+    centre = shapely.get_coordinates(outline.centroid)[0]
+    beyond = float(np.hypot(*np.ptp(coil.outline, axis=0)))
     steps = np.vstack([np.diff(line, axis=0) for line in coil.lines])
     longest = steps[np.argmax(np.hypot(*steps.T))]
     azimuth = math.atan2(longest[1], longest[0]) - math.pi / 2
     cuts = []
     for ray in range(_RAYS):
         angle = azimuth + 2 * math.pi * ray / _RAYS
-        cut = _cut(coil, centre, np.array([math.cos(angle), math.sin(angle)]))
+        direction = np.array([math.cos(angle), math.sin(angle)])
+        # leads that run along the winding from further away are none of its turns
+        reach = outline.intersection(shapely.LineString((centre, centre + beyond * direction))).length
+        cut = _cut(coil, centre, direction, reach)
         if len(cut.line) < 2:
             raise GeometryError(
                 f"the winding of {placement.name} must run at least twice around the centre of its outline; "
@@ -263,7 +268,7 @@ def _cuts(placement: Placement) -> list[_Cut]:
     return cuts
 
 
-def _cut(coil: Coil, centre: FloatArray, ray: FloatArray) -> _Cut:
+def _cut(coil: Coil, centre: FloatArray, ray: FloatArray, reach: float) -> _Cut:
     normal = np.array([-ray[1], ray[0]])
     found = []  # line, distance from the centre, along the path, width, cosine
     start = 0.0
@@ -276,7 +281,7 @@ def _cut(coil: Coil, centre: FloatArray, ray: FloatArray) -> _Cut:
         u = distance[i] + part * (distance[i + 1] - distance[i])
         cosine = np.abs(side[i + 1] - side[i]) / lengths[i]
         along = start + np.cumsum(np.append(0.0, lengths))[i] + part * lengths[i]
-        keep = (u > 0) & (cosine > _CROSSING)
+        keep = (u > 0) & (u < reach) & (cosine > _CROSSING)
         found.append(np.column_stack((np.full(len(u), float(k)), u, along, widths[i], cosine))[keep])
         start += float(lengths.sum())
     which, u, along, width, cosine = np.vstack(found)[np.argsort(np.vstack(found)[:, 1], kind="stable")].T

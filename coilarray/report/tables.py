@@ -116,6 +116,29 @@ class Table:
         rows = tuple(tuple(row[k] for k in used) for row in self.rows)
         return replace(self, columns=tuple(self.columns[k] for k in used), rows=rows)
 
+    def telling(self) -> Table:
+        """Return the table for the page, without columns that say nothing.
+
+        Those are empty or zero in every row, or repeat the numbers of an earlier one in every row; the files have all.
+        """
+        columns = list(zip(*self.rows, strict=True))
+        kept = [
+            k
+            for k, values in enumerate(columns)
+            if not all(value == "" or (value == 0 and not isinstance(value, bool)) for value in values)
+            and not any(_same(values, columns[j]) for j in range(k))
+        ]
+        rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)
+
+
+def _same(values: Sequence[Value], others: Sequence[Value]) -> bool:
+    """Whether two columns of numbers agree to rounding."""
+    return all(
+        isinstance(a, float) and isinstance(b, float) and math.isclose(a, b, rel_tol=1e-12)
+        for a, b in zip(values, others, strict=True)
+    )
+
 
 def dataset_table(
     name: str, title: str, dataset: xr.Dataset, variables: Sequence[str], shown: Mapping[str, DisplayUnit] | None = None
@@ -228,15 +251,14 @@ def rules_table(margins: Sequence[Margin]) -> Table:
 _LENGTH, _NUMBER = DisplayUnit("mm", 1e3, 4), DisplayUnit(significant=True)
 
 
-def line_table(alone: xr.Dataset, operating: xr.Dataset) -> Table:
-    """Return B_z along a line, per ampere in the active coil."""
+def line_table(fields: Mapping[str, xr.Dataset]) -> Table:
+    """Return B_z along a line per ampere in the active coil: a column for each field, by what it says of the others."""
     columns = (
         Column("x", unit="m"),
-        Column("Bz_others_open", "B_z, other coils open", "T/A"),
-        Column("Bz_as_terminated", "B_z, other coils as terminated", "T/A"),
+        *(Column(f"Bz_{of.replace('others as', 'as').replace(' ', '_')}", f"B_z, {of}", "T/A") for of in fields),
     )
-    fields = (alone.B.sel(component="z").values.ravel(), operating.B.sel(component="z").values.ravel())
-    rows = tuple(zip(alone.x.values.tolist(), *(field.tolist() for field in fields), strict=True))
+    values = (field.B.sel(component="z").values.ravel().tolist() for field in fields.values())
+    rows = tuple(zip(next(iter(fields.values())).x.values.tolist(), *values, strict=True))
     return Table("field_line", "B_z along a line", columns, rows)
 
 

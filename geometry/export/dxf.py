@@ -11,6 +11,7 @@ import shapely
 
 from coilarray.compute.files import write_atomically
 from coilarray.errors import OutputError
+from coilarray.geometry.arcs import pieces_of
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, drills
 from coilarray.geometry.extras import import_extra
@@ -55,8 +56,8 @@ def write_dxf(array: CoilArray, path: Path) -> None:
     - ``copper_<layer>``: edges of the copper of each coil, traces and pads united, as closed polylines without width;
       one inside another is a hole. This is what cutters, field solvers and CAM programs take. Drilled holes are not
       cut out.
-    - ``path_<layer>``: centre lines of the traces as polylines with the width of each segment, for programs that
-      route. Switched off and not plotted, because it shows the same copper again.
+    - ``path_<layer>``: centre lines of the traces as polylines with the width of each segment, arcs as arcs, for
+      programs that route. Switched off and not plotted, because it shows the same copper again.
     - ``drill``: a circle a hole, with its diameter. Holes that are not through the whole board lie on layers of their
       own, named by the copper they pierce, as ``drill_L1_L2``.
     - ``outline``: edge of the board.
@@ -127,11 +128,14 @@ def _drill_layer(array: CoilArray, hole: Drill) -> str:
 
 def _add_paths(space: Modelspace, array: CoilArray) -> None:
     for placement in array.placements:
-        for line, widths, layer in placement.traces():
-            # a vertex carries the widths at both ends of the segment that begins there; none begins at the last
-            begun = np.append(widths, widths[-1]) * _MM
-            vertices = np.column_stack((_in_mm(line), begun, begun)).tolist()
-            space.add_lwpolyline(vertices, format="xyse", dxfattribs={"layer": f"path_{layer}"})
+        for k, (line, widths, layer) in enumerate(placement.traces()):
+            pieces = list(pieces_of(line, placement.coil.arcs_of(k)))
+            # a vertex carries widths and bulge of the piece that begins there; none begins at the last
+            begun = np.array([(widths[piece.first] * _MM, piece.bulge) for piece in pieces])
+            begun = np.vstack((begun, (begun[-1, 0], 0.0)))
+            places = _in_mm(line[[piece.first for piece in pieces] + [len(line) - 1]])
+            vertices = np.column_stack((places, begun[:, [0, 0, 1]])).tolist()
+            space.add_lwpolyline(vertices, format="xyseb", dxfattribs={"layer": f"path_{layer}"})
 
 
 def _add_ring(space: Modelspace, ring: shapely.LinearRing, layer: str) -> None:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from coilarray.compute.files import write_atomically
 from coilarray.errors import OutputError
+from coilarray.geometry.arcs import arc_centre, arc_size, pieces_of
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, drills
 from coilarray.geometry.export.silk import silk_labels
@@ -71,10 +72,10 @@ def write_gerbers(
       only is a pad without a hole.
     - a Gerber job file with the stack-up.
 
-    Strokes, not regions: board houses edit and check traces as strokes, and readers get the path back. Their ends and
-    corners are round. The outlines of `coilarray.geometry.copper` are mitred, so at a corner of the angle θ the strokes
-    have less copper by (w/2)² (tan θ/2 − θ/2), with w the width of the trace: 2e-4 of the copper of a hexagonal coil
-    of 30 turns with 0.1 mm traces.
+    Strokes and arcs, not regions: board houses edit and check traces as strokes, and readers get the path back. Their
+    ends and corners are round. The outlines of `coilarray.geometry.copper` are mitred, so at a corner of the angle θ
+    the strokes have less copper by (w/2)² (tan θ/2 − θ/2), with w the width of the trace: 2e-4 of the copper of a
+    hexagonal coil of 30 turns with 0.1 mm traces.
 
     No file carries a date: equal designs give equal bytes.
 
@@ -155,12 +156,23 @@ class _Layer:
         """Add a command of X2 between the objects, such as "TO.N,coil1" or "TD"."""
         self._body.append(f"%{command}*%")
 
-    def stroke(self, start: FloatArray, end: FloatArray, width: float, function: str = "") -> None:
-        """Draw from one point to another, both in mm; strokes that follow each other share the point between them."""
+    def stroke(
+        self, start: FloatArray, end: FloatArray, width: float, function: str = "", middle: FloatArray | None = None
+    ) -> None:
+        """Draw from one point to another, on an arc where it has a middle, all in mm.
+
+        Strokes that follow each other share the point between them.
+        """
         self._select(width, function)
         if self._at != _coordinates(start):
             self._operation(start, "D02")
-        self._operation(end, "D01")
+        centre = None if middle is None else arc_centre(start, middle, end)
+        if middle is None or centre is None:
+            self._operation(end, "D01")
+            return
+        self._body.append("G02*" if arc_size(start, middle, end)[1] < 0 else "G03*")
+        self._operation(end, "I{}J{}D01".format(*_coordinates(centre - start)))
+        self._body.append("G01*")
 
     def flash(self, x: float, y: float, diameter: float, function: str = "") -> None:
         """Put a disc of a diameter in mm at a place in m."""
@@ -217,9 +229,10 @@ def _copper(array: CoilArray, name: str) -> _Layer:
         own = [hole for hole in holes if hole.net == placement.name]
         layer.attribute(f"TO.N,{_field(placement.name)}")
         for k in placement.lines_on(name):
-            points, widths = _mm(placement.to_board(placement.coil.lines[k])), _mm(placement.coil.widths[k])
-            for (start, end), width in zip(pairwise(points), widths.tolist(), strict=True):
-                layer.stroke(start, end, width, "Conductor")
+            line, widths = placement.to_board(placement.coil.lines[k]), _mm(placement.coil.widths[k]).tolist()
+            for piece in pieces_of(line, placement.coil.arcs_of(k)):
+                start, middle, end = map(_mm, piece.points(line))
+                layer.stroke(start, end, widths[piece.first], "Conductor", middle if piece.bulge else None)
         for hole in own:
             if hole.kind == "via" and name in hole.layers:
                 layer.flash(hole.x, hole.y, float(_mm(hole.pad)), "ViaPad")

@@ -28,8 +28,8 @@ from coilarray.geometry.export.kicad_text import (
     node,
     on_layer,
     quoted,
-    segments,
     terminal_footprint,
+    tracks,
 )
 from coilarray.geometry.export.silk import silk_labels
 from coilarray.geometry.rules import FabRules
@@ -218,8 +218,9 @@ def _coils(array: CoilArray, drawing: Drawing) -> Iterator[str]:
         own = drawing.within(placement.name)
         net = node("net", str(number))
         yield terminal_footprint(array, placement, label, node("net", str(number), quoted(placement.name)), own)
-        for k, (start, end, width, layer) in enumerate(segments(placement, own)):
-            yield node("segment", at("start", start), at("end", end), width, layer, net, own.identifier("track", k))
+        for k, (ends, width, layer) in enumerate(tracks(placement, own)):
+            kind = "segment" if len(ends) == 2 else "arc"
+            yield node(kind, *ends, width, layer, net, own.identifier("track", k))
         yield from _vias(array, placement, net, own)
 
 

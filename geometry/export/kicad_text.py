@@ -8,13 +8,13 @@ from __future__ import annotations
 import uuid
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from coilarray.errors import OutputError
+from coilarray.geometry.arcs import pieces_of
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, drills
 from coilarray.geometry.export.silk import Label, silk_labels
@@ -207,8 +207,8 @@ def _winding(array: CoilArray, alike: Sequence[Placement]) -> str:
         _value(name, drawing),
         _outline(placement, drawing),
         *(
-            node("fp_line", at("start", start), at("end", end), layer, width, drawing.identifier("line", k))
-            for k, (start, end, width, layer) in enumerate(segments(placement, drawing))
+            node(f"fp_{'line' if len(ends) == 2 else 'arc'}", *ends, layer, width, drawing.identifier("line", k))
+            for k, (ends, width, layer) in enumerate(tracks(placement, drawing))
         ),
         *_via_pads(single, placement, drawing),
         *_terminal_pads(single, placement, (), drawing),
@@ -234,17 +234,20 @@ def terminal_footprint(array: CoilArray, placement: Placement, label: Label | No
     return block("footprint", (quoted("coil_terminals"), on_layer("F.Cu")), children)
 
 
-def segments(placement: Placement, drawing: Drawing) -> Iterator[tuple[IntArray, IntArray, str, str]]:
-    """Give the straight pieces of a coil's path in order: both ends on the sheet in nm, (width …) and (layer …)."""
+def tracks(placement: Placement, drawing: Drawing) -> Iterator[tuple[tuple[str, ...], str, str]]:
+    """Give a coil's path piece by piece: (start …), the (mid …) of an arc, (end …); (width …) and (layer …)."""
     last: IntArray | None = None
-    for line, widths, layer in placement.traces():
+    for k, (line, widths, layer) in enumerate(placement.traces()):
         points = drawing.points(line)
         if last is not None:
             points[0] = last  # a line begins where the one before ended, but to 1 nm only
         last = points[-1]
-        for (start, end), width in zip(pairwise(points), widths.tolist(), strict=True):
+        for piece in pieces_of(line, placement.coil.arcs_of(k)):
+            start, end = points[piece.first], points[piece.last]
             if (start != end).any():
-                yield start, end, node("width", length(width)), drawing.layer(layer)
+                middle = (at("mid", drawing.points(piece.points(line)[1])),) if piece.bulge else ()
+                ends = (at("start", start), *middle, at("end", end))
+                yield ends, node("width", length(widths[piece.first])), drawing.layer(layer)
 
 
 def holes_of(

@@ -13,8 +13,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import BoardError
+from coilarray.geometry.arcs import arc_points
 from coilarray.geometry.copper import disc
-from coilarray.geometry.readers.arcs import arc_points
 from coilarray.geometry.readers.gerber_files import DataFile, gerbonara
 from coilarray.geometry.values import Point
 

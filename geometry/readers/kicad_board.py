@@ -12,8 +12,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import BoardError
+from coilarray.geometry.arcs import arc_points
 from coilarray.geometry.copper import disc
-from coilarray.geometry.readers.arcs import arc_points
 from coilarray.geometry.readers.board_copper import BoardCopper, CopperArea, Hole, SurfacePad, Track
 from coilarray.geometry.readers.kicad_layers import KicadLayers, read_layers
 from coilarray.geometry.readers.kicad_shapes import (

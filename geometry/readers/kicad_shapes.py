@@ -11,7 +11,7 @@ from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import BoardError
-from coilarray.geometry.readers.arcs import arc_points
+from coilarray.geometry.arcs import arc_points
 from coilarray.geometry.readers.kicad_layers import KicadLayers
 from coilarray.geometry.readers.sexpr import Node
 from coilarray.geometry.values import FloatArray, Point

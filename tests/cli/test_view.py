@@ -59,7 +59,7 @@ def test_a_page_and_files_for_paraview_need_no_graphics_driver(capsys, monkeypat
     monkeypatch.setenv(NO_RENDERING, "1")
     items = ("--show", "board,coupling,currents", "--coil", "coil1")
     out = good(capsys, "starter", *items, "--html", "page.html", "--vtk", "parts")
-    assert "Orange: coil1 is measured, the others as terminated" in out
+    assert "Black: coil1 is measured, the others as terminated" in out
     assert Path("page.html").read_text(encoding="utf-8").count("<title>starter</title>") == 1
     copper = pyvista.read("parts/copper_L1.vtp")
     assert {"coil", "current in phase (A/A)"} <= set(copper.cell_data.keys())

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.boards import FOUR_LAYERS, LEADS
+from support.boards import FOUR_LAYERS, LEADS, round_spiral
 from support.boards import VIA as BOARD_VIA
 from support.refusals import refused
 
@@ -62,7 +62,7 @@ def awkward():
         ca.PlatedHole(0.5e-3, 1e-3, 30e-6),
     )
     circle = ca.spiral_coil(
-        ca.Spiral(48, 20e-3 / 3, 5, 0.1e-3, 0.1e-3, 0.1, "cw", circular=True), 3, VIA,
+        round_spiral(20e-3 / 3, 5, 0.1e-3, 0.1e-3, direction=0.1, winding="cw"), 3, VIA,
         ca.Leads(2e-3, 1.5e-3, ca.PlatedHole(0.5e-3, 1e-3, 30e-6)), return_lead=True,
     )  # fmt: skip
     square = ca.Coil(tapered.lines, tapered.widths, tapered.gap, VIA, None, np.array([[0, 0], [5e-3, 0], [5e-3, 4e-3]]))
@@ -127,23 +127,33 @@ lengths = st.floats(0.05e-3, 0.3e-3)
 @pytest.mark.slow
 @settings(max_examples=20)
 @given(
-    kind=st.sampled_from(["linear", "square", "hexagonal", "free"]),
+    kind=st.sampled_from(["single", "linear", "square", "hexagonal", "rings", "free"]),
     pitch=st.floats(5e-3, 40e-3),
     angles=st.tuples(st.floats(-7, 7), st.floats(-7, 7), st.floats(-7, 7)),
     sizes=st.tuples(lengths, lengths, st.floats(5e-3, 20e-3)),
-    sides=st.sampled_from([4, 6, 7, 64]),
+    shape=st.sampled_from(["4", "6", "7", "circle", "rounded", "rectangle", "racetrack"]),
     values=st.tuples(st.floats(1e-12, 1e-9), st.floats(0, 50), st.floats(1e-4, 1e-2), st.floats(1, 10)),
 )
-def test_all_digits_stand_in_the_document(kind, pitch, angles, sizes, sides, values):
+def test_all_digits_stand_in_the_document(kind, pitch, angles, sizes, shape, values):
     width, gap, apothem = sizes
     capacitance, resistance, thickness, permeability = values
-    coil = ca.spiral_coil(ca.Spiral(sides, apothem, 3, width, gap, angles[0], circular=sides == 64), 2, VIA)
+    turns = (3, width, gap)
+    if shape.isdecimal():
+        spiral = ca.Spiral(int(shape), apothem, *turns, angles[0])
+    elif shape in ("circle", "rounded"):
+        radius, sides = (apothem, 4) if shape == "circle" else (apothem / 3, 5)
+        spiral = ca.RoundedSpiral(2 * apothem, 2 * apothem, *turns, radius, sides, angles[0])
+    else:
+        radius = apothem if shape == "racetrack" else apothem / 7
+        spiral = ca.RoundedSpiral(3 * apothem, 2 * apothem, *turns, radius, direction=math.pi / 2)
+    coil = ca.spiral_coil(spiral, 2, VIA)
     if kind == "free":
         places = tuple(ca.Placement(f"c{k}", coil, ("L1", "L2"), k * pitch, -pitch / 3, angles[k]) for k in range(2))
         array = ca.CoilArray(TWO_LAYERS, places)
     else:
-        rows = 1 if kind == "linear" else 3
-        lattice = ca.Lattice(kind, pitch, 3, rows, (("L1", "L2"), ("L2", "L1")), angles[1], angles[2])
+        columns, rows = {"single": (1, 1), "rings": (1, 1), "linear": (3, 1)}.get(kind, (3, 3))
+        layers, rings = (("L1", "L2"), ("L2", "L1")), int(kind == "rings")
+        lattice = ca.Lattice(kind, pitch, columns, rows, layers, angles[1], angles[2], rings=rings)
         array = ca.lattice_array(TWO_LAYERS, coil, lattice)
     circuit = ca.Circuit(ca.Switches(resistance, tank_capacitance=capacitance))
     design = ca.Design(array, (ca.Sheet("s", thickness, permeability),), circuit=circuit)
@@ -208,6 +218,37 @@ def test_an_indentation_that_cannot_be():
     refused(ca.DesignError, "must rise from above zero", ca.Indentation, ball, (2e-3, 1e-3))
     pressed = ((ca.Sheet("s", 1e-2, 1.0, 1e4),), ca.Indentation(ball, (1e-3,), origin="x"))
     refused(ca.DesignError, "names no coil", ca.Design, ROW.array, *pressed)
+
+
+def test_a_map_covers_the_array_where_no_positions_are_given():
+    """Over the outlines of all coils, to less than a step; of another array over that one; written as not given."""
+    pressed = ca.Indentation(ca.Hemisphere(1e-3), (1e-3,), origin="coil2")
+    design = replace(ROW, sheets=(ca.Sheet("s", 1e-2, 1.0, 1e4),), indentation=pressed)
+    for array in (
+        design.array,
+        design.array.with_placements([replace(p, y=p.y + p.x / 3) for p in ROW.array.placements]),
+    ):
+        setup = replace(design, array=array).indentation
+        step = setup.x[1] - setup.x[0]
+        edges = np.reshape(array.outline_bounds, (2, 2)) - setup.origin_point
+        for k, axis in enumerate((setup.x, setup.y)):
+            assert -step < axis[0] - edges[0, k] <= 1e-9
+            assert -1e-9 <= axis[-1] - edges[1, k] < step
+            np.testing.assert_allclose(np.array(axis) / step, np.rint(np.array(axis) / step), atol=1e-9)
+        assert 3 <= 16e-3 / step <= 13  # of a coil's 16 mm
+    written = design_text(design)
+    assert not re.search(r"^(x|y|step)_(mm|positions_mm) =", written, re.MULTILINE)
+    assert same_text(design).indentation == design.indentation
+    coarse = ca.parse_design(written.replace('origin = "coil2"', 'origin = "coil2"\nstep_mm = 4'), "coarse").indentation
+    assert coarse.x[1] - coarse.x[0] == pytest.approx(4e-3)
+    chosen = replace(design, indentation=replace(design.indentation, x=(0.0,), y=(0.0,))).indentation
+    assert (chosen.x, chosen.y) == ((0.0,), (0.0,))
+    # the contact stays on a sample with sides
+    small = replace(pressed, sample_bounds=(-10e-3, -6e-3, 8e-3, 6e-3))
+    setup = replace(design, indentation=small).indentation
+    assert -10e-3 < setup.x[0] - 1e-3 < setup.x[-1] + 1e-3 < 8e-3
+    off = replace(design, indentation=replace(pressed, sample_bounds=(0.9, 0.9, 0.91, 0.93))).indentation
+    assert (off.x, off.y) == ((0.905,), (0.915,))  # its middle, which the response refuses
 
 
 def test_a_sweep_is_one_line():

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from support.boards import round_spiral
 from support.coil_paths import spiral_path
 from support.parallel_traces import parallel_traces
 from support.references import rows
@@ -267,7 +268,7 @@ def test_racetrack_against_its_two_sides():
     spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3)),
     spiral_path(Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3), (0.0, -0.2e-3)),
     spiral_path(Spiral(6, 6e-3, 10, 0.2e-3, 0.05e-3)),
-    spiral_path(Spiral(72, 9e-3, 6, 0.15e-3, 0.15e-3, circular=True)),
+    spiral_path(round_spiral(9e-3, 6, 0.15e-3, 0.15e-3)),
     spiral_path(Spiral(4, 15e-3, 6, 1e-3, 0.2e-3)),
 ], ids=["hexagon", "two layers", "tight", "circle", "wide"])  # fmt: skip
 def test_switch_between_models(path):

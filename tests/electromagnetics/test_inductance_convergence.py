@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.boards import round_spiral
 from support.coil_paths import spiral_path
 
 from coilarray import load_design
@@ -16,7 +17,7 @@ from coilarray.geometry import Conductor, Spiral
 SPIRALS = {
     "hexagon": Spiral(6, 10e-3, 20, 0.15e-3, 0.15e-3),
     "square": Spiral(4, 10e-3, 10, 0.15e-3, 0.15e-3),
-    "circle": Spiral(72, 9e-3, 6, 0.15e-3, 0.15e-3, circular=True),
+    "circle": round_spiral(9e-3, 6, 0.15e-3, 0.15e-3),
     "tight": Spiral(6, 6e-3, 10, 0.2e-3, 0.05e-3),
 }
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.boards import round_spiral
 
 from coilarray import Conductor, coupling_matrix, inductance_matrix, load_design, mutual_inductance
 from coilarray.circuit.coupling import design_inductance
@@ -20,7 +21,8 @@ BOARD = Stackup(("L1", "L2", "L3", "L4"), (35e-6,) * 4, (0.2e-3,) * 3, (4.5,) * 
 
 def overlapping(sides, turns, apart, angle=0.0, rotation=0.0):
     """Two equal spirals on different layers."""
-    coil = spiral_coil(Spiral(sides, 10e-3, turns, 0.12e-3, 0.12e-3, circular=sides > 8), 2, VIA)
+    turns = (turns, 0.12e-3, 0.12e-3)
+    coil = spiral_coil(round_spiral(10e-3, *turns) if sides > 8 else Spiral(sides, 10e-3, *turns), 2, VIA)
     shift = apart * np.array([np.cos(angle), np.sin(angle)])
     upper, lower = (0.0, 0.0), (*shift.tolist(), rotation)
     places = Placement("A", coil, ("L1", "L2"), *upper), Placement("B", coil, ("L3", "L4"), *lower)

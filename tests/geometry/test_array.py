@@ -40,6 +40,12 @@ def test_colours_keep_neighbours_apart():
     assert (colour[i] != colour[j]).all()
     steps = {tuple(step) for step in (indices[j] - indices[i]).tolist()}
     assert steps == {(1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1)}
+    rings, indices = lattice("rings", 1.0, rings=2)
+    i, j = np.nonzero(neighbours(rings, 1.0))
+    assert len(i) == 2 * 42  # 6 spokes, 6 around the first ring, 6 · 3 to the second, 12 around it
+    assert ((indices[:, 0] - indices[:, 1])[i] % 3 != (indices[:, 0] - indices[:, 1])[j] % 3).all()
+    np.testing.assert_allclose(rings[[0, 1, 7]], [[0, 0], [1, 0], [2, 0]], atol=1e-15)  # centre, then ring by ring
+    assert lattice("single")[0].tolist() == [[0, 0]]
     points, indices = lattice("square", 1.0, 4, 3)
     i, j = np.nonzero(neighbours(points, 1.0))
     assert (indices.sum(axis=1)[i] % 2 != indices.sum(axis=1)[j] % 2).all()
@@ -59,7 +65,20 @@ def test_lattices_and_sheets_that_cannot_be():
         refused(GeometryError, "pitch must be positive and finite", lattice, "square", pitch, 2, 2)
     refused(GeometryError, "columns and rows must be at least 1; got 0 and 1", lattice, "linear", 1.0, 0)
     refused(GeometryError, "a linear lattice has one row; got 2", lattice, "linear", 1.0, 2, 2)
-    refused(GeometryError, "lattice must be linear, square or hexagonal; got 'round'", lattice, "round", 1.0, 2, 2)
+    refused(GeometryError, "more than one coil must have a pitch", lattice, "square", None, 2)
+    refused(GeometryError, "of the kind rings has no rows and columns; got 1 and 2", lattice, "rings", 1.0, 2, rings=1)
+    refused(
+        GeometryError, "at least one ring where its kind is rings, else none; got 0 of rings", lattice, "rings", 1.0
+    )
+    refused(
+        GeometryError,
+        "lattice must be single, linear, square, hexagonal or rings; got 'round'",
+        lattice,
+        "round",
+        1.0,
+        2,
+        2,
+    )
     for value in (0.0, -1e-3, math.nan, math.inf):
         refused(GeometryError, "thickness of sheet 'base' must be positive and finite", Sheet, "base", value)
     for mu in (0.5, math.nan, math.inf):
@@ -92,7 +111,7 @@ def test_placements_and_arrays_that_cannot_be():
     for key, value in product(("x", "y", "rotation"), (math.nan, math.inf)):
         place = {"x": 0.0, "y": 0.0, key: value}
         refused(GeometryError, "position of A must be finite", Placement, "A", COIL, ("L1", "L2"), **place)
-    message = "has 2 lines and must be given as many copper layers; got 1"
+    message = "layers of .* must be 2, as its shape has 2 lines_mm; got 1"
     refused(GeometryError, message, Placement, "A", COIL, ("L1",), 0, 0)
     message = "lines 0 and 1 of A are joined by a via and must lie on different copper layers; got L1"
     refused(GeometryError, message, Placement, "A", COIL, ("L1", "L1"), 0, 0)
@@ -130,3 +149,18 @@ def test_stackups_that_cannot_be():
         good = {"names": ("L1", "L2"), "copper_thickness": (35e-6, 35e-6)}
         good |= {"dielectric_thickness": (0.2e-3,), "epsilon_r": (4.5,)}
         refused(GeometryError, message, Stackup, **{**good, **change})
+
+
+def test_the_middle_coil_is_that_of_the_board_not_of_the_list():
+    flower = [(0.0, 0.0), *((math.cos(k * math.pi / 3), math.sin(k * math.pi / 3)) for k in range(6))]
+    places = tuple(
+        Placement(f"coil{k}", COIL, ("L1", "L2"), 50e-3 * x, 50e-3 * y) for k, (x, y) in enumerate(flower, start=1)
+    )
+    array = CoilArray(FOUR_LAYERS, places)
+    assert array.middle_coil == "coil1"
+    assert array.nearest_coil(50e-3, 10e-3) == "coil2"
+    assert CoilArray(FOUR_LAYERS, places[1:]).middle_coil == "coil2"  # all as near: the first one
+    x_min, y_min, x_max, y_max = array.outline_bounds
+    outline = COIL.outline
+    np.testing.assert_allclose((x_min, x_max), (-50e-3 + outline[:, 0].min(), 50e-3 + outline[:, 0].max()))
+    assert array.bounds[1] <= y_min < y_max <= array.bounds[3]

@@ -4,6 +4,8 @@ Clearances of whole coils are measured in test_geometry_rules.py by an independe
 """
 
 import math
+import re
+from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -102,8 +104,13 @@ def test_windings_that_cannot_be():
     message = r"no room for a pad of 0\.45 mm inside the winding"
     refused(GeometryError, message, spiral_coil, Spiral(6, 3e-3, 13, 0.1e-3, 0.1e-3), 2, VIA)
     narrow, wide = Leads(2e-3, 0.6e-3, PlatedHole(0.2e-3, 0.45e-3)), PlatedHole(0.2e-3, 1.45e-3)
-    message = r"no room for a pad of 1\.45 mm outside the winding, beside the leads"
-    refused(GeometryError, message, spiral_coil, SPIRAL, 4, wide, narrow)
+    message = r"no room for a pad of 1\.45 mm outside the winding, beside the leads; leads\.spacing_mm of (.*) makes it"
+    with pytest.raises(GeometryError, match=message) as error:
+        spiral_coil(SPIRAL, 4, wide, narrow)
+    fitting = float(re.search(message, str(error.value))[1]) * 1e-3
+    assert spiral_coil(SPIRAL, 4, wide, replace(narrow, spacing=fitting)).via_points.shape == (3, 2)
+    message = message.replace("(.*)", f"{fitting * 1e3:g}")  # the least to 0.1 mm
+    refused(GeometryError, message, spiral_coil, SPIRAL, 4, wide, replace(narrow, spacing=fitting - 0.1e-3))
 
 
 LINE = [(0, 0), (1e-2, 0)]

@@ -23,6 +23,7 @@ from support.boards import (
     FOUR_LAYERS,
     SMALL,
     VIA,
+    WOUND,
     drawn_copper,
     many_layers,
     one_coil,
@@ -104,8 +105,9 @@ def test_every_statement_is_whole(tmp_path: Path) -> None:
     header = (r"%FSLAX46Y46\*%", r"%MOMM\*%", r"%LPD\*%", r"G75\*", r"G01\*")
     attributes = (r"G04 [^*%]*\*", rf"%T[FAO]{name}(,[^*%]*)*\*%", r"%TD\*%")
     objects = (r"%ADD[1-9]\d+C,\d+\.\d+\*%", r"D[1-9]\d+\*", rf"X{number}Y{number}D0[123]\*", r"M02\*")
-    statements = (*header, *attributes, *objects)
-    for entry, text in written(small_board(), tmp_path).items():
+    arcs = (r"G0[23]\*", rf"X{number}Y{number}I{number}J{number}D01\*")
+    statements = (*header, *attributes, *objects, *arcs)
+    for entry, text in written(WOUND["circle"], tmp_path).items():
         if not entry.endswith(".gbr"):
             continue
         lines = text.splitlines()

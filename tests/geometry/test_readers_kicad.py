@@ -24,7 +24,7 @@ from support.refusals import refused
 
 from coilarray.errors import BoardError
 from coilarray.geometry import Stackup
-from coilarray.geometry.readers.arcs import CHORD_ERROR, arc_points
+from coilarray.geometry.arcs import CHORD_ERROR, arc_points
 from coilarray.geometry.readers.kicad_board import read_kicad
 from coilarray.geometry.readers.sexpr import Quoted, parse_sexpr, read_sexpr
 

@@ -6,17 +6,18 @@ taken turn by turn with shapely.
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, one_coil, reference_board
+from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, one_coil, reference_board, round_spiral
 from support.refusals import refused
 
 from coilarray.errors import GeometryError, RuleViolationError
-from coilarray.geometry import CoilArray, Placement, PlatedHole, Spiral, path_coil, spiral_coil
+from coilarray.geometry import CoilArray, Placement, PlatedHole, RoundedSpiral, Spiral, path_coil, spiral_coil
 from coilarray.geometry.coil import Coil
 from coilarray.geometry.rules import KEPT_WITHIN, FabRules, check_rules, require_rules
 
@@ -68,18 +69,26 @@ def test_a_pad_without_a_hole_has_no_rule_of_holes():
     assert {"drill", "annular ring", "aspect ratio"} <= {margin.rule for margin in drilled}
 
 
-SHAPES = [(3, False), (4, False), (5, False), (6, False), (8, False), (48, True)]
+SHAPES = {
+    **{f"{sides} sides": partial(Spiral, sides, 6e-3 if sides == 3 else 8e-3) for sides in (3, 4, 5, 6, 8)},
+    "circle": partial(RoundedSpiral, 16e-3, 16e-3, corner_radius=8e-3),
+    "rectangle": partial(RoundedSpiral, 13e-3, 20e-3),
+    "racetrack": partial(RoundedSpiral, 20e-3, 14e-3, corner_radius=7e-3, direction=math.pi / 2),
+    "rounded triangle": partial(RoundedSpiral, 14e-3, 14e-3, corner_radius=3e-3, sides=3, direction=0.3),
+    "rounded hexagon": partial(RoundedSpiral, 14e-3, 14e-3, corner_radius=7e-3, sides=6),
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("sides", "circular"), SHAPES)
+@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize(("winding", "layers"), [("ccw", 1), ("cw", 2), ("cw", 3), ("ccw", 6)])
-def test_wound_coils_of_every_kind_are_free_of_violations(sides, circular, winding, layers):
+def test_wound_coils_of_every_kind_are_free_of_violations(shape, winding, layers):
     # nominal gap 10 µm above the limit: the turns of a triangle come up to 5 µm closer than nominal; with six layers
     # three vias lie at one corner
     rules = FabRules(min_gap=0.13e-3)
+    sides = SHAPES[shape](turns=1, trace_width=0.12e-3, gap=0.14e-3).sides
     for turns in (6, 5 + 1 / sides):
-        spiral = Spiral(sides, 6e-3 if sides == 3 else 8e-3, turns, 0.12e-3, 0.14e-3, 0.3, winding, circular)
+        spiral = SHAPES[shape](turns=turns, trace_width=0.12e-3, gap=0.14e-3, winding=winding)
         for return_lead in (False, True)[: 1 + layers % 2]:
             coil = spiral_coil(spiral, layers, VIA, LEADS, return_lead=return_lead)
             assert broken(one_coil(coil, rotation=1.234), rules) == []
@@ -87,11 +96,10 @@ def test_wound_coils_of_every_kind_are_free_of_violations(sides, circular, windi
 
 
 @pytest.mark.slow
-@given(rotation=st.floats(-7, 7), shape=st.sampled_from(SHAPES))
+@given(rotation=st.floats(-7, 7), shape=st.sampled_from(list(SHAPES)))
 @settings(max_examples=15)
 def test_margins_do_not_depend_on_rotation(rotation, shape):
-    sides, circular = shape
-    coil = spiral_coil(Spiral(sides, 6e-3, 3, 0.15e-3, 0.2e-3, circular=circular), 2, VIA, LEADS)
+    coil = spiral_coil(SHAPES[shape](turns=3, trace_width=0.15e-3, gap=0.2e-3), 2, VIA, LEADS)
     for rule in ("spacing within net", "annular ring", "hole spacing"):
         here = {key: m.margin for key, m in margins(one_coil(coil), rule).items()}
         turned = {key: m.margin for key, m in margins(one_coil(coil, rotation=rotation), rule).items()}
@@ -110,10 +118,9 @@ def test_turn_spacing_is_the_distance_of_consecutive_turns():
         value = spacing(one_coil(spiral_coil(spiral, 1, VIA))).value
         assert value == pytest.approx(turn_to_turn(spiral.centre_line(), sides), abs=ROUNDING)
     # turns too close are found
-    spiral = Spiral(96, 6e-3, 10, 0.1e-3, 0.08e-3, circular=True)
-    worst = spacing(one_coil(spiral_coil(spiral, 1, VIA)))
-    # a chord's end comes closest to the next chord: less than 1 µm below the nominal gap
-    assert worst.margin == pytest.approx(-0.02e-3, abs=1e-6)
+    worst = spacing(one_coil(spiral_coil(round_spiral(6e-3, 10, 0.1e-3, 0.08e-3), 1, VIA)))
+    # arcs about one centre keep their distance, parallel pieces of 2° but for 1.5e-4 of the pitch of 0.18 mm
+    assert worst.margin == pytest.approx(-0.02e-3, abs=1.5e-4 * 0.18e-3)
     assert 3.5e-3 < math.hypot(worst.x, worst.y) < 6e-3
 
 

@@ -22,7 +22,7 @@ from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import BoardError
 from coilarray.geometry import CoilArray, Placement, PlatedHole, Spiral, Stackup, path_coil, spiral_coil
-from coilarray.geometry.readers.arcs import CHORD_ERROR, arc_points
+from coilarray.geometry.arcs import CHORD_ERROR, arc_points
 from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad, Track
 from coilarray.geometry.readers.traced_array import traced_array, turn_gap
 from coilarray.geometry.readers.tracing import trace_coils

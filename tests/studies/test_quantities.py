@@ -52,7 +52,7 @@ def value(design, asked):
 def test_the_catalogue_says_what_everything_is():
     costs = ["geometry", "coupling", "circuit", "response", "table"]
     assert [q.cost for q in QUANTITIES.values()] == sorted((q.cost for q in QUANTITIES.values()), key=costs.index)
-    units = {"mm": "mm", "mm2": "mm²", "uH": "µH", "MHz": "MHz"}
+    units = {"mm": "mm", "mm2": "mm²", "uH": "µH", "MHz": "MHz", "ohm": "Ω"}
     for name, quantity in QUANTITIES.items():
         # the unit stands in the name
         assert (quantity.name, quantity.unit) == (name, units.get(name.rpartition("_")[2], "1"))

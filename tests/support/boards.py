@@ -15,6 +15,7 @@ from coilarray.geometry import (
     Leads,
     Placement,
     PlatedHole,
+    RoundedSpiral,
     Sheet,
     Spiral,
     Stackup,
@@ -54,15 +55,20 @@ def one_coil(coil: Coil, *, rotation: float = 0.0, through_holes: bool = True) -
 
 
 def wound_board(sides: int, layers: int, rotation: float = 0.0, *, through_holes: bool = True) -> CoilArray:
-    """Board of one coil of six turns with leads; a circle where it has more than eight sides."""
-    spiral = Spiral(sides, 6e-3, 6, 0.15e-3, 0.15e-3, circular=sides > 8)
+    """Board of one coil of six turns with leads."""
+    spiral = Spiral(sides, 6e-3, 6, 0.15e-3, 0.15e-3)
     return one_coil(spiral_coil(spiral, layers, VIA, LEADS), rotation=rotation, through_holes=through_holes)
+
+
+def round_spiral(radius: float, turns: float, trace_width: float, gap: float, **more: Any) -> RoundedSpiral:
+    """Winding of a circle."""
+    return RoundedSpiral(2 * radius, 2 * radius, turns, trace_width, gap, radius, **more)
 
 
 WOUND = {
     "triangle": wound_board(3, 2, 0.4),
     "four layers, blind holes": wound_board(4, 4, 1.0, through_holes=False),
-    "circle": wound_board(32, 2, -2.0),
+    "circle": one_coil(spiral_coil(round_spiral(6e-3, 6, 0.15e-3, 0.15e-3), 2, VIA, LEADS), rotation=-2.0),
 }
 SMALL = spiral_coil(Spiral(6, 3e-3, 4, 0.2e-3, 0.2e-3), 2, VIA, LEADS)
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from coilarray.geometry import Conductor
+from coilarray.geometry.arcs import coarser_line
 
 
 def random_matrix(n, seed, spread=0.15):
@@ -19,5 +20,6 @@ def at_height(line, z):
 
 def spiral_path(spiral, layers=(0.0,), thickness=35e-6):
     """A spiral as one path through layers at these heights, vias included."""
-    lines = [at_height(spiral.centre_line(k), z) for k, z in enumerate(layers)]
+    step = np.pi / 36
+    lines = [at_height(coarser_line(spiral.centre_line(k), spiral.arcs(k), step)[0], z) for k, z in enumerate(layers)]
     return Conductor(np.vstack(lines), spiral.trace_width, thickness)

@@ -13,16 +13,17 @@ from coilarray.errors import DesignError
 _UNITS = {
     "_kPa_per_mm": "kPa/mm", "_mm": "mm", "_um": "µm", "_deg": "°", "_pF": "pF", "_nH": "nH", "_ohm": "Ω", "_kPa": "kPa"
 }  # fmt: skip
-_WHOLE = ("columns", "rows", "sides", "winding_layers", "segments_per_turn")
+_WHOLE = ("columns", "rows", "sides", "winding_layers", "rings")
 _COIL = {
     "turns_per_layer": "turns a layer", "winding_layers": "layers in series",
     "outer_across_corners_mm": "outer size, corners", "outer_across_flats_mm": "outer size, flats",
-    "outer_diameter_mm": "outer diameter", "trace_width_mm": "trace width", "gap_mm": "gap", "sides": "sides",
+    "outer_diameter_mm": "outer diameter", "outer_width_mm": "outer width", "outer_height_mm": "outer height",
+    "corner_radius_mm": "corner radius", "trace_width_mm": "trace width", "gap_mm": "gap", "sides": "sides",
     "first_corner_deg": "first corner",
 }  # fmt: skip
 _ARRAY = {
-    "pitch_mm": "pitch", "columns": "columns", "rows": "rows", "direction_deg": "direction of the rows",
-    "rotation_deg": "rotation of each coil",
+    "pitch_mm": "pitch", "columns": "columns", "rows": "rows", "rings": "rings",
+    "direction_deg": "direction of the rows", "rotation_deg": "rotation of each coil",
 }  # fmt: skip
 _SHEET = {
     "thickness_mm": "thickness", "relative_permeability": "relative permeability",

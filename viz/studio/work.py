@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import tomli_w
-
 from coilarray.design.model import Design, DesignFile, build_design_file
+from coilarray.design.save import with_comments
 from coilarray.design.vary import vary_document
+from coilarray.design.write import document_text
 from coilarray.errors import DesignError
 from coilarray.viz.studio.entries import number_of
 
@@ -19,6 +19,8 @@ MOST_COILS = 64
 
 MOST_SEGMENTS = 400_000
 """Largest number of straight segments of all windings together."""
+
+_LATTICE_SIZES = {"columns": 1, "rows": 1, "rings": 0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +81,8 @@ class Work:
         return replace(self, file=file, kept=self.opened.document)
 
     def text(self) -> str:
-        """Return the design file, without comments."""
-        return tomli_w.dumps(dict(self.opened.document))
+        """Return the design file, with the comments that explain its keys and none of its own."""
+        return with_comments(document_text(self.opened.document))
 
 
 def work_on(opened: DesignFile, file: str) -> Work:
@@ -101,9 +103,9 @@ def require_small(design: Design) -> None:
 
 def _require_few_coils(values: Mapping[str, object], changes: Mapping[str, Any]) -> None:
     """Refuse a large lattice before it is built."""
-    columns, rows = ({**values, **changes}.get(f"array.{name}", 1) for name in ("columns", "rows"))
-    if isinstance(columns, int | float) and isinstance(rows, int | float) and columns * rows > MOST_COILS:
+    sizes = ({**values, **changes}.get(f"array.{name}", default) for name, default in _LATTICE_SIZES.items())
+    columns, rows, rings = (size if isinstance(size, int | float) else 1 for size in sizes)
+    coils = columns * rows + 3 * rings * (rings + 1)
+    if coils > MOST_COILS:
         key = next(iter(changes))
-        raise DesignError(
-            f"{key} must leave at most {MOST_COILS} coils for the studio to follow; got {columns * rows:g}."
-        )
+        raise DesignError(f"{key} must leave at most {MOST_COILS} coils for the studio to follow; got {coils:g}.")

@@ -1,0 +1,215 @@
+"""Circular arcs in lines: as straight pieces, and as the corners of a line that are rounded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from coilarray.geometry.values import FloatArray, IntArray, Point
+
+Place = Point | FloatArray
+CHORD_ERROR = 0.9e-6
+"""Largest distance in m of a straight piece from its arc."""
+
+_LEAST_PIECES = 3  # of which the inner points lie no further outside than the error
+
+
+def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERROR) -> FloatArray:
+    """Points in m, shape (n >= 2, 2), on the arc from `start` over `middle` to `end`, which are its first and last.
+
+    `middle` may lie anywhere between the ends. Where all three lie on a line the arc is that line; where start and end
+    are one point it is the whole circle, with `middle` opposite. The pieces are at most `error` (m) from the arc.
+
+    The inner points lie a little outside the arc, so that the pieces enclose the same area with its centre as the arc
+    does: with n pieces of angle φ, (n − 2) r² sin φ + 2 R r sin φ = n R² φ. Points on the arc would make every coil of
+    arcs too small.
+
+    Examples
+    --------
+    >>> points = arc_points((1e-3, 0.0), (0.0, 1e-3), (-1e-3, 0.0))
+    >>> len(points), bool((abs(np.hypot(*points.T) - 1e-3) < 0.9e-6).all())
+    (39, True)
+    >>> area = 0.5 * (points[:-1, 0] * points[1:, 1] - points[1:, 0] * points[:-1, 1]).sum()
+    >>> round(float(area / (0.5 * np.pi * 1e-6)), 12)
+    1.0
+    """
+    radius, turn = arc_size(start, middle, end)
+    if turn == 0:
+        return np.array([start, end])
+    return arc_pieces(start, middle, end, math.ceil(abs(turn) / chord_angle(radius, error)))
+
+
+def chord_angle(radius: float, error: float = CHORD_ERROR) -> float:
+    """Angle in rad of the chord that leaves its arc by an error in m, the sagitta."""
+    # the arc sine keeps it above 0 for the largest radius
+    return 4 * math.asin(math.sqrt(min(error / (2 * radius), 0.5)))
+
+
+def arc_pieces(start: Place, middle: Place, end: Place, count: int) -> FloatArray:
+    """Points as those of `arc_points`, for at least 3 straight pieces of equal angle instead of an error."""
+    a, c = np.array(start), np.array(end)
+    centre = arc_centre(start, middle, end)
+    if centre is None:
+        return np.array([a, c])
+    radius, turn = arc_size(start, middle, end)
+    pieces = max(_LEAST_PIECES, count)
+    angles = math.atan2(*(a - centre)[::-1]) + turn * np.linspace(0, 1, pieces + 1)
+    inner = radius * _inner_radius(pieces, abs(turn) / pieces)
+    points = centre + inner * np.column_stack((np.cos(angles), np.sin(angles)))
+    points[0], points[-1] = a, c
+    return np.asarray(points)
+
+
+def arc_size(start: Place, middle: Place, end: Place) -> tuple[float, float]:
+    """Radius in m and angle in rad of an arc, positive counter-clockwise; of a straight line inf and 0."""
+    centre = arc_centre(start, middle, end)
+    if centre is None:
+        return math.inf, 0.0
+    first, over, last = (math.atan2(y - centre[1], x - centre[0]) for x, y in (start, middle, end))
+    turn = (last - first) % (2 * math.pi) or 2 * math.pi
+    if (over - first) % (2 * math.pi) > turn:
+        turn -= 2 * math.pi
+    return float(np.hypot(*(np.array(start) - centre))), turn
+
+
+def _inner_radius(pieces: int, angle: float) -> float:
+    """Radius of the inner points over that of the arc: the positive root of the equation in `arc_points`."""
+    middle, area = pieces - 2, pieces * angle / math.sin(angle)
+    return (math.sqrt(1 + middle * area) - 1) / middle
+
+
+def arc_centre(start: Place, middle: Place, end: Place) -> FloatArray | None:
+    """Centre in m of an arc, shape (2,); None where the three points lie on a line."""
+    a, b, c = (np.array(point) for point in (start, middle, end))
+    if np.array_equal(a, c):
+        return None if np.array_equal(a, b) else (a + b) / 2
+    p, q = b - a, c - a
+    cross = float(p[0] * q[1] - p[1] * q[0])
+    # the sagitta of a flatter arc is below the resolution of any board file
+    if abs(cross) <= 1e-10 * float(np.hypot(*q)):
+        return None
+    u, v = float(p @ p), float(q @ q)
+    return np.asarray(a + np.array([q[1] * u - p[1] * v, p[0] * v - q[0] * u]) / (2 * cross))
+
+
+@dataclass(frozen=True)
+class Arc:
+    """A run of pieces of a line that stand for one arc.
+
+    Parameters
+    ----------
+    first, last : int
+        Vertices of the line where the arc begins and ends.
+    bulge : float
+        tan(θ/4) of the arc's angle θ, positive counter-clockwise, as in DXF files; no motion of the line changes it.
+    """
+
+    first: int
+    last: int
+    bulge: float
+
+    def shifted(self, count: int) -> Arc:
+        """Return the arc of the line with so many more vertices before it."""
+        return replace(self, first=self.first + count, last=self.last + count)
+
+    def points(self, line: FloatArray) -> tuple[Point, Point, Point]:
+        """Begin, middle and end in m of the arc on its line, whose vertices have the shape (n, 2)."""
+        (x0, y0), (x1, y1) = line[[self.first, self.last]].tolist()
+        middle = (x0 + x1 + self.bulge * (y1 - y0)) / 2, (y0 + y1 - self.bulge * (x1 - x0)) / 2
+        return (x0, y0), middle, (x1, y1)
+
+
+def pieces_of(line: FloatArray, arcs: Sequence[Arc]) -> Iterator[Arc]:
+    """Give a line, shape (n, 2), piece by piece in order: its arcs, and what is straight as arcs without a bulge."""
+    done = 0
+    for arc in (*arcs, Arc(len(line) - 1, len(line) - 1, 0.0)):
+        yield from (Arc(k, k + 1, 0.0) for k in range(done, arc.first))
+        if arc.last > arc.first:
+            yield arc
+        done = arc.last
+
+
+def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float) -> tuple[FloatArray, IntArray]:
+    """Take larger pieces for the arcs of a line.
+
+    Parameters
+    ----------
+    line : ndarray, shape (n, 2)
+        Vertices in m.
+    arcs : sequence of Arc
+        Its arcs in order.
+    step : float
+        Largest angle of a piece in rad.
+
+    Returns
+    -------
+    points : ndarray, shape (m, 2)
+        Vertices in m.
+    pieces : ndarray of int, shape (m − 1,)
+        For each piece, one of the line's pieces that it stands for.
+    """
+    points, pieces, done = [line[:1]], [np.zeros(0, dtype=np.int64)], 0
+    for arc in arcs:
+        count = max(_LEAST_PIECES, math.ceil(4 * abs(math.atan(arc.bulge)) / step))
+        points += [line[done + 1 : arc.first + 1], arc_pieces(*arc.points(line), count)[1:]]
+        pieces += [np.arange(done, arc.first), np.full(count, arc.first)]
+        done = arc.last
+    return np.vstack([*points, line[done + 1 :]]), np.concatenate([*pieces, np.arange(done, len(line) - 1)])
+
+
+def rounded_line(corners: FloatArray, radii: Sequence[float]) -> tuple[FloatArray, tuple[Arc, ...]]:
+    """Round the corners of a line.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (n, 2)
+        Ends and corners of the line in m.
+    radii : sequence of float, length n − 2
+        Radius in m of every inner corner, small enough that the arcs of neighbours do not overlap; 0 leaves it sharp.
+
+    Returns
+    -------
+    points : ndarray, shape (m, 2)
+        The line in m, with arcs as pieces like those of `arc_points`, all with the angle that the largest one needs: so
+        the pieces of arcs about one centre are parallel, and their distance is that of the arcs.
+    arcs : tuple of Arc
+        Which of the pieces stand for arcs.
+
+    Examples
+    --------
+    >>> points, (arc,) = rounded_line(np.array([[0, 0], [2e-3, 0], [2e-3, 2e-3]]), [1e-3])
+    >>> points[[0, arc.first, arc.last, -1]].tolist()
+    [[0.0, 0.0], [0.001, 0.0], [0.002, 0.001], [0.002, 0.002]]
+    """
+    along = np.diff(corners, axis=0)
+    along /= np.hypot(*along.T)[:, None]
+    step = chord_angle(max(radii, default=0.0) or 1.0)
+    near = 1e-12 * float(np.ptp(corners))  # where the straight piece between two arcs has no length
+    points = [corners[:1]]
+    arcs: list[Arc] = []
+    count = 1
+
+    def add(piece: FloatArray) -> None:
+        nonlocal count
+        if np.hypot(*(piece[0] - points[-1][-1])) <= near:
+            piece = piece[1:]
+        points.append(piece)
+        count += len(piece)
+
+    for corner, before, after, radius in zip(corners[1:-1], along[:-1], along[1:], radii, strict=True):
+        turn = math.atan2(before[0] * after[1] - before[1] * after[0], float(before @ after))
+        if radius == 0 or turn == 0:
+            add(corner[None])
+            continue
+        tangent = radius * math.tan(abs(turn) / 2)
+        inwards = (after - before) / float(np.hypot(*(after - before)))
+        middle = corner + radius * (1 / math.cos(turn / 2) - 1) * inwards
+        begin, end = corner - tangent * before, corner + tangent * after
+        piece = arc_pieces(begin, middle, end, math.ceil(abs(turn) / step - 1e-9))
+        add(piece)
+        arcs.append(Arc(count - len(piece), count - 1, math.tan(turn / 4)))
+    add(corners[-1:])
+    return np.vstack(points), tuple(arcs)

@@ -1,0 +1,376 @@
+"""Leads of all coils of an array, led to one row of pads at an edge of the board without crossing.
+
+The leads run on a grid of their own pitch, straight or at 45°, each on the layer on which its coil ends, along the
+shortest way that keeps the gap from all copper there and from the leads before it. A way across a coil's winding, on
+another layer, counts as longer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+from shapely.geometry.base import BaseGeometry
+
+from coilarray.errors import GeometryError
+from coilarray.geometry.array import CoilArray, Connector, LedOut, Placement
+from coilarray.geometry.coil import Coil
+from coilarray.geometry.copper import disc, drills, trace_outline
+from coilarray.geometry.stackup import Stackup
+from coilarray.geometry.values import SIDES, FloatArray, IntArray, Side
+
+_ACROSS = 4.0  # length of a way across a winding, over that beside it
+_MOST_NODES = 90_000  # of the grid: a larger board gets a coarser one
+_TRIES = 6  # orders of the coils, each time that which found no way first
+_LOOK_AHEAD = 10  # corners of a way that one may replace
+_NANOMETRE = 9  # digits of m: rounding errors of a design's lengths are to lead no other way
+_AROUND = 4.0  # room around coils and pads, in pitches of the pads
+
+
+def lead_out(array: CoilArray, connector: Connector) -> CoilArray:
+    """Lead both ends of every coil to a connector, whose holes take the place of the coils' own terminals.
+
+    Parameters
+    ----------
+    array : CoilArray
+        Coils with leads.
+    connector : Connector
+        Where the leads end.
+
+    Returns
+    -------
+    CoilArray
+        Each coil with a path of its own; `CoilArray.led_out` says from what it was made.
+
+    Raises
+    ------
+    GeometryError
+        A coil without leads, pads that overlap, or a lead that finds no way.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import Lattice, Leads, PlatedHole, RoundedSpiral, Stackup, lattice_array, spiral_coil
+    >>> via, leads = PlatedHole(0.25e-3, 0.5e-3), Leads(1e-3, 1e-3, PlatedHole(0.8e-3, 1.4e-3))
+    >>> coil = spiral_coil(RoundedSpiral(12e-3, 12e-3, 8, 0.2e-3, 0.2e-3, 2e-3), 2, via, leads)
+    >>> board = Stackup(("L1", "L2"), (35e-6, 35e-6), (0.2e-3,), (4.5,))
+    >>> led = lead_out(lattice_array(board, coil, Lattice("linear", 16e-3, 2)), Connector("bottom"))
+    >>> ends = [place.to_board(place.coil.terminal_points) for place in led.placements]
+    >>> sorted(round(float(x) * 1e3, 2) for end in ends for x in end[:, 0])
+    [-3.81, -1.27, 1.27, 3.81]
+    """
+    key = tuple((p.name, p.coil, p.layers, p.x, p.y, p.rotation) for p in array.placements)
+    placements = _led(array.stackup, array.through_holes, key, connector)
+    return replace(array, placements=placements, led_out=LedOut(array, connector))
+
+
+_Place = tuple[str, Coil, tuple[str, ...], float, float, float]
+
+
+@lru_cache(maxsize=16)  # a design is read several times, and what it leads out stays
+def _led(
+    stackup: Stackup, through_holes: bool, places: tuple[_Place, ...], connector: Connector
+) -> tuple[Placement, ...]:
+    array = CoilArray(stackup, tuple(Placement(*place) for place in places), through_holes=through_holes)
+    for place in array.placements:
+        if place.coil.terminal is None:
+            raise GeometryError(f"{place.name} has no leads to be led to a connector.")
+    board = _turned(array, connector.side)
+    blocked: _NoWayError | None = None
+    for near_first in (True, False):
+        order = _along_the_edge(board, near_first=near_first)
+        grid = _Grid(board, connector, _pads(board, connector, order))
+        for _ in range(_TRIES):
+            try:
+                ways = grid.ways(order)
+            except _NoWayError as error:
+                blocked = blocked or error
+                if order[0] == error.coil:
+                    break
+                order = [error.coil, *(coil for coil in order if coil != error.coil)]
+                continue
+            back = _turn(-_to_bottom(connector.side))
+            return tuple(
+                _with_ways(place, [way @ back for way in ways[k]], grid.width)
+                for k, place in enumerate(array.placements)
+            )
+    assert blocked is not None  # the only way out of the loop
+    raise blocked
+
+
+class _NoWayError(GeometryError):
+    """The lead of a coil, by its index, finds no way: it had better be the first."""
+
+    def __init__(self, coil: int, message: str) -> None:
+        super().__init__(message)
+        self.coil = coil
+
+
+def _to_bottom(side: Side) -> int:
+    """Quarter turns that bring a side to the bottom."""
+    return (SIDES.index("bottom") - SIDES.index(side)) % 4
+
+
+def _turn(quarters: int) -> FloatArray:
+    """Matrix that turns rows of points by quarter turns counter-clockwise, without rounding."""
+    c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters % 4]
+    return np.array([[c, s], [-s, c]], dtype=np.float64)
+
+
+def _turned(array: CoilArray, side: Side) -> CoilArray:
+    """Turn an array so that the connector's side is at the bottom."""
+    quarters = _to_bottom(side)
+    if not quarters:
+        return array
+    turned = []
+    for place in array.placements:
+        x, y = (np.array([place.x, place.y]) @ _turn(quarters)).tolist()
+        turned.append(replace(place, x=x, y=y, rotation=place.rotation + quarters * math.pi / 2))
+    return array.with_placements(turned)
+
+
+def _along_the_edge(array: CoilArray, *, near_first: bool) -> list[int]:
+    """Order of the coils along the edge at the bottom; of those above one another the nearest first, or last."""
+    ends = np.array([place.to_board(place.coil.terminal_points).mean(axis=0) for place in array.placements])
+    x, y = ends.T
+    apart = min((place.coil.terminal.pad for place in array.placements if place.coil.terminal), default=1e-3)
+    column = np.round(x / apart)  # coils less than a pad beside one another
+    return [int(k) for k in np.lexsort((y if near_first else -y, column))]
+
+
+def _pads(array: CoilArray, connector: Connector, order: Sequence[int]) -> FloatArray:
+    """Places of the pads of every coil's two ends in m, shape (coils, 2, 2)."""
+    largest = max(place.coil.terminal.pad for place in array.placements if place.coil.terminal)
+    if connector.pitch <= largest:
+        raise GeometryError(
+            f"pitch of the connector must be more than the pads of {largest * 1e3:g} mm; "
+            f"got {connector.pitch * 1e3:g} mm: pitch_mm, or leads.pad_mm of the coils."
+        )
+    margin = replace(array, board_margin=0.0)
+    x_min, y_min, x_max, _ = margin.bounds
+    sense = -1.0 if connector.side in ("left", "top") else 1.0  # of the edge, turned to the bottom
+    middle = (x_min + x_max) / 2 if connector.at is None else sense * connector.at
+    first = middle - connector.pitch * (2 * len(order) - 1) / 2
+    pads = np.empty((len(order), 2, 2))
+    pads[:, :, 1] = y_min - connector.distance
+    for k, coil in enumerate(order):
+        place = array.placements[coil]
+        own = first + connector.pitch * (2 * k + np.arange(2))
+        ends = place.to_board(place.coil.terminal_points)[:, 0]
+        pads[coil, :, 0] = own if ends[0] <= ends[1] else own[::-1]
+    return pads
+
+
+class _Grid:
+    """Nodes and edges on which leads may run, layer by layer, and what has been taken from them."""
+
+    def __init__(self, array: CoilArray, connector: Connector, pads: FloatArray) -> None:
+        self.array, self.connector, self.pads = array, connector, pads
+        first = array.placements[0].coil
+        self.width, self.gap = connector.trace_width or first.trace_width, connector.gap or first.gap
+        # from a lead's centre line to other copper; its corners of 45° stick out by 8 % of half its width
+        self.clearance = self.gap + 1.1 * self.width / 2
+        x_min, _, x_max, y_max = replace(array, board_margin=0.0).bounds
+        room = _AROUND * max(connector.pitch, 2 * (self.width + self.gap))
+        x_min, x_max = min(x_min, pads[..., 0].min()) - room, max(x_max, pads[..., 0].max()) + room
+        bottom = float(pads[0, 0, 1])
+        self.step = max(
+            1.01 * (self.width / 2 + self.clearance), math.sqrt((x_max - x_min) * (y_max + room - bottom) / _MOST_NODES)
+        )
+        x_min, self.step = round(x_min, _NANOMETRE), round(self.step, _NANOMETRE)
+        columns, rows = int((x_max - x_min) / self.step) + 1, int((y_max + room - bottom) / self.step) + 2
+        i, j = np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
+        # the row of the pads is a line of the grid
+        nodes = np.column_stack((x_min + self.step * i.ravel(), bottom + self.step * (j.ravel() - 1.0)))
+        self.nodes = np.round(nodes, _NANOMETRE)
+        number = np.arange(len(self.nodes)).reshape(i.shape)
+        pairs = (
+            (number[:-1], number[1:]),
+            (number[:, :-1], number[:, 1:]),
+            (number[:-1, :-1], number[1:, 1:]),
+            (number[:-1, 1:], number[1:, :-1]),
+        )
+        self.start, self.stop = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
+        self.edges = np.asarray(shapely.linestrings(np.stack((self.nodes[self.start], self.nodes[self.stop]), axis=1)))
+        self.middles = (self.nodes[self.start] + self.nodes[self.stop]).T / 2
+        self.length = np.hypot(*(self.nodes[self.start] - self.nodes[self.stop]).T)
+        self.windings = shapely.union_all(
+            [shapely.Polygon(place.to_board(place.coil.outline)) for place in array.placements]
+        )
+        self.length = np.where(self._meets(self.windings), _ACROSS, 1.0) * self.length
+        self.around = self.clearance + 1.5 * self.step  # of a lead's beginning, where it may be near its own trace
+        for place in array.placements:
+            wound = place.coil.wound
+            if wound is not None and wound.leads is not None and wound.leads.length < self.around:
+                raise GeometryError(
+                    f"leads.length_mm of {place.name} must be at least {self.around * 1e3:.4g} for a connector; "
+                    f"got {wound.leads.length * 1e3:g}."
+                )
+        # how many pieces of copper are too near to each edge, layer by layer, and the pieces
+        self.near: dict[str, IntArray] = {}
+        self.copper: dict[str, list[tuple[BaseGeometry, _Owner]]] = {}
+        holes = drills(array)
+        for layer in array.stackup.names:
+            self.near[layer] = np.zeros(len(self.edges), dtype=np.int64)
+            for k, place in enumerate(array.placements):
+                for line in place.lines_on(layer):
+                    outline = trace_outline(place.to_board(place.coil.lines[line]), place.coil.widths[line])
+                    self._take(layer, outline, (k, line))
+                for end in (0, 1):
+                    assert place.coil.terminal is not None  # refused before
+                    x, y = pads[k, end].tolist()
+                    self._take(layer, disc(x, y, place.coil.terminal.pad), (k, "pad", end))
+            for hole in holes:
+                if hole.kind == "via" and layer in hole.layers:
+                    self._take(layer, disc(hole.x, hole.y, hole.pad), None)
+
+    def ways(self, order: Sequence[int]) -> dict[int, list[FloatArray]]:
+        """Lead out the coils in an order: for each the ways of both ends, from the coil to its pad, in m."""
+        before = {layer: (near.copy(), list(self.copper[layer])) for layer, near in self.near.items()}
+        try:
+            found = {coil: [self._way(coil, end) for end in (0, 1)] for coil in order}
+        except _NoWayError:
+            for layer, (near, copper) in before.items():
+                self.near[layer], self.copper[layer] = near, copper
+            raise
+        for coil, ways in found.items():
+            for end in (0, 1):
+                layer, owner = self.array.placements[coil].layers[-end], (coil, "lead", end)
+                ways[end] = self._with_fewer_corners(ways[end], self._foreign(coil, end))
+                self.copper[layer] = [piece for piece in self.copper[layer] if piece[1] != owner]
+                self._take(layer, trace_outline(ways[end], self.width), owner)
+        return found
+
+    def _foreign(self, coil: int, end: int) -> list[BaseGeometry]:
+        """Copper on the layer of a lead, a clearance wider, that it must not meet.
+
+        It may meet its own pad, and its own trace near its end.
+        """
+        place = self.array.placements[coil]
+        line = (coil, len(place.coil.lines) - 1 if end else 0)
+        x, y = place.to_board(place.coil.terminal_points)[end].tolist()
+        shapes = []
+        for shape, owner in self.copper[place.layers[-end]]:
+            if owner == line:
+                shapes.append(shape.difference(disc(x, y, 2 * self.around)))
+            elif owner not in ((coil, "pad", end), (coil, "lead", end)):
+                shapes.append(shape)
+        return shapes
+
+    def _way(self, coil: int, end: int) -> FloatArray:
+        place, layer = self.array.placements[coil], self.array.placements[coil].layers[-end]
+        begin, pad = place.to_board(place.coil.terminal_points)[end], self.pads[coil, end]
+        foreign = self._foreign(coil, end)
+        near = self.near[layer].copy()
+        for shape, _ in self.copper[layer]:
+            if not any(shape is other for other in foreign):
+                near -= self._meets(shape)
+        for shape in foreign:
+            if not any(shape is other for other, _ in self.copper[layer]):
+                near += self._meets(shape)
+        free = near == 0
+        line = place.to_board(place.coil.lines[-end])[:: 1 if end else -1]
+        first, last = len(self.nodes), len(self.nodes) + 1
+        hops = [self._hops(begin, foreign, line[-1] - line[-2]), self._hops(pad, foreign, np.zeros(2))]
+        start = np.concatenate((self.start[free], np.full(len(hops[0]), first), np.full(len(hops[1]), last)))
+        stop, places = np.concatenate((self.stop[free], *hops)), np.vstack((self.nodes, begin, pad))
+        length = np.round(
+            np.append(self.length[free], np.hypot(*(places[start] - places[stop])[free.sum() :].T)), _NANOMETRE
+        )
+        graph = coo_array((length, (start, stop)), shape=(len(places),) * 2).tocsr()
+        distance, before = dijkstra(graph, directed=False, indices=np.array(first), return_predecessors=True)
+        if math.isfinite(distance[last]):
+            nodes = [last]
+            while nodes[-1] != first:
+                nodes.append(int(before[nodes[-1]]))
+            way = _straightened(places[nodes[::-1]])
+            self._take(layer, trace_outline(way, self.width), (coil, "lead", end))
+            return way
+        raise _NoWayError(
+            coil,
+            f"the lead of {place.name} on {layer} finds no way to the {self.connector.side} edge with "
+            f"{self.width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap; give it room by array.pitch_mm, "
+            "connector.distance_mm or connector.trace_width_mm, or let the coils' leads leave at another side.",
+        )
+
+    def _with_fewer_corners(self, way: FloatArray, others: Sequence[BaseGeometry]) -> FloatArray:
+        """Replace corners of a way, shape (n, 2), by one wherever a straight and a slanting piece are as free."""
+        short, k = [way[0]], 0
+        while k < len(way) - 1:
+            best, corner = k + 1, None
+            for j in range(min(k + _LOOK_AHEAD, len(way) - 1), k + 1, -1):
+                across = bool(shapely.intersects(self.windings, shapely.LineString(way[k : j + 1])))
+                apart = way[j] - way[k]
+                slanting = np.sign(apart) * np.abs(apart).min()
+                for knee in (way[k] + slanting, way[j] - slanting):
+                    line = shapely.LineString((way[k], knee, way[j]))
+                    if not np.any(shapely.intersects(others, line)) and across >= shapely.intersects(
+                        self.windings, line
+                    ):
+                        best, corner = j, knee
+                        break
+                if corner is not None:
+                    break
+            short += [way[best]] if corner is None else [corner, way[best]]
+            k = best
+        return _straightened(np.array(short))
+
+    def _hops(self, place: FloatArray, others: Sequence[BaseGeometry], ahead: FloatArray) -> IntArray:
+        """Nodes that a straight piece reaches from a place in m, but for those behind it."""
+        apart = self.nodes - place
+        close = np.flatnonzero((np.hypot(*apart.T) <= 1.5 * self.step) & (apart @ ahead >= 0))
+        hops = [shapely.LineString((place, self.nodes[node])) for node in close]
+        return close[[not np.any(shapely.intersects(hop, others)) for hop in hops]]
+
+    def _take(self, layer: str, shape: BaseGeometry, owner: _Owner) -> None:
+        """Keep what comes after off a piece of copper; the own leads of `owner` may touch it."""
+        near = shape.buffer(self.clearance).simplify(1e-3 * self.clearance)
+        self.copper.setdefault(layer, []).append((near, owner))
+        self.near[layer] += self._meets(near)
+
+    def _meets(self, shape: BaseGeometry) -> npt.NDArray[np.bool_]:
+        """Which edges of the grid meet a shape."""
+        x_min, y_min, x_max, y_max = shape.bounds
+        x, y = self.middles
+        close = (abs(x - (x_min + x_max) / 2) <= (x_max - x_min) / 2 + self.step) & (
+            abs(y - (y_min + y_max) / 2) <= (y_max - y_min) / 2 + self.step
+        )
+        found = np.zeros(len(self.edges), dtype=np.bool_)
+        shapely.prepare(shape)
+        found[close] = shapely.intersects(shape, self.edges[close])
+        return found
+
+
+_Owner = tuple[int, int] | tuple[int, str, int] | None
+
+
+def _straightened(way: FloatArray) -> FloatArray:
+    """Leave out the points of a way, shape (n, 2), at which it does not turn, and those that it repeats."""
+    step = np.diff(way, axis=0)
+    way = way[np.append(True, np.hypot(*step.T) > 1e-9 * np.ptp(way))]
+    along = np.diff(way, axis=0)
+    along /= np.hypot(*along.T)[:, None]
+    turns = np.hypot(*(along[1:] - along[:-1]).T) > 1e-9
+    return way[np.concatenate(([True], turns, [True]))]
+
+
+def _with_ways(place: Placement, ways: Sequence[FloatArray], width: float) -> Placement:
+    """Return a coil whose path begins and ends with the ways, in m on the board, from its ends to their pads."""
+    coil = place.coil
+    c, s = math.cos(place.rotation), math.sin(place.rotation)
+    first, last = ((way - (place.x, place.y)) @ np.array([[c, -s], [s, c]]) for way in ways)
+    lines, widths = list(coil.lines), list(coil.widths)
+    arcs = list(coil.arcs) or [()] * len(lines)
+    lines[0] = np.vstack((first[:0:-1], lines[0]))
+    widths[0] = np.concatenate((np.full(len(first) - 1, width), widths[0]))
+    arcs[0] = tuple(arc.shifted(len(first) - 1) for arc in arcs[0])
+    lines[-1] = np.vstack((lines[-1], last[1:]))
+    widths[-1] = np.concatenate((widths[-1], np.full(len(last) - 1, width)))
+    led = replace(coil, lines=tuple(lines), widths=tuple(widths), arcs=tuple(arcs) if any(arcs) else ())
+    return replace(place, coil=led)
