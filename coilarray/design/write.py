@@ -41,8 +41,9 @@ from coilarray.geometry.values import SIDES
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # a list of plain values as tomli-w writes it, one a line
-_FLAT_LIST = re.compile(r"\[\n\s*([^\[\]\n]+(?:,\n\s*[^\[\]\n]+)*),\n\s*\]")
-_LIST_OF_LISTS = re.compile(r"\[\n(?:\s*\[[^\[\]\n]*\],\n)+\s*\]")
+_FLAT_LIST = re.compile(r"\[\n\s*([^\[\]{}\n]+(?:,\n\s*[^\[\]{}\n]+)*),\n\s*\]")
+_HEADER = re.compile(r"^\[(?!\[)", re.MULTILINE)
+_LISTS_OF_NAMES = re.compile(r"""\[\n(?:\s*\["[^\[\]\n]*\],\n)+\s*\]""")
 _LONGEST_LINE = 120
 _TURNED = 1e-12  # rad
 _PICOMETRE = 1e-12
@@ -137,10 +138,20 @@ def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str
 
 
 def document_text(document: Mapping[str, Any]) -> str:
-    """Return the TOML text of a document, lists of plain values on one line."""
+    """Return the TOML text of a document: lists of plain values on one line, a header for every table of a list."""
     import tomli_w
 
-    return _LIST_OF_LISTS.sub(_short, _FLAT_LIST.sub(_on_one_line, tomli_w.dumps(document)))
+    def is_tables(value: object) -> bool:
+        return isinstance(value, list) and bool(value) and all(isinstance(item, dict) for item in value)
+
+    plain = {key: value for key, value in document.items() if not (isinstance(value, dict) or is_tables(value))}
+    blocks = [tomli_w.dumps(plain)] if plain else []
+    for key, value in document.items():
+        if is_tables(value):  # which tomli-w would write on one line where they are short
+            blocks += [f"[[{key}]]\n" + _HEADER.sub(f"[{key}.", tomli_w.dumps(table)) for table in value]
+        elif key not in plain:
+            blocks.append(tomli_w.dumps({key: value}))
+    return _LISTS_OF_NAMES.sub(_short, _FLAT_LIST.sub(_on_one_line, "\n".join(blocks)))
 
 
 def shape_names(array: CoilArray) -> list[str]:

@@ -19,7 +19,7 @@ Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
 
 _COPPER, _BOARD, _PREPREG = 35e-6, 1.6e-3, 0.2e-3
-_DRILL, _RING = 0.25e-3, 0.125e-3  # of vias, in m: coarser than most houses need
+_DRILL, _WIDEST_DRILL, _RING = 0.25e-3, 0.6e-3, 0.125e-3  # of vias, in m: coarser than most houses need
 _TERMINAL, _TERMINAL_RING, _TERMINALS_APART = 0.5e-3, 0.25e-3, 1.5e-3
 _PAD_STEP = 50e-6
 
@@ -144,9 +144,15 @@ class Plan:
         }
 
     @property
+    def via_drill(self) -> float:
+        """Diameter of the vias' holes in m: half a wide trace, up to a limit."""
+        wide = math.floor(min(self.winding.trace_width / 2, _WIDEST_DRILL) / _PAD_STEP) * _PAD_STEP
+        return max(_DRILL, wide, self.rules.min_drill)
+
+    @property
     def via_pad(self) -> float:
         """Diameter of the vias' pads, up to a twentieth of a millimetre."""
-        pad = max(_DRILL, self.rules.min_drill) + 2 * max(_RING, self.rules.min_annular_ring)
+        pad = self.via_drill + 2 * max(_RING, self.rules.min_annular_ring)
         return math.ceil(pad / _PAD_STEP * (1 - 1e-9)) * _PAD_STEP
 
     def _coil(self) -> dict[str, Any]:
@@ -162,8 +168,8 @@ class Plan:
         # the outer vias of four layers lie between the leads
         apart = max(_TERMINALS_APART, self.via_pad + 2 * self.winding.gap + self.winding.trace_width + _PAD_STEP)
         shape = _ROUGHLY.get(self.shape, self.shape) if self.rough else self.shape
-        drill, terminal = max(_DRILL, self.rules.min_drill), max(_TERMINAL, self.rules.min_drill)
-        terminal_pad = terminal + 2 * max(_TERMINAL_RING, self.rules.min_annular_ring)
+        terminal = max(_TERMINAL, self.rules.min_drill)
+        terminal_pad = max(terminal + 2 * max(_TERMINAL_RING, self.rules.min_annular_ring), self.winding.trace_width)
         return {
             **sizes[shape],
             "turns_per_layer": self.winding.turns,
@@ -171,7 +177,7 @@ class Plan:
             "trace_width_mm": _mm(self.winding.trace_width),
             "gap_mm": _mm(self.winding.gap),
             **self.starts[self.start],
-            "via": {"drill_mm": _mm(drill), "pad_mm": _mm(self.via_pad), "plating_um": 25},
+            "via": {"drill_mm": _mm(self.via_drill), "pad_mm": _mm(self.via_pad), "plating_um": 25},
             "leads": {
                 "length_mm": _mm(max(self.lead, apart)),
                 "spacing_mm": _mm(apart),

@@ -11,7 +11,7 @@ from coilarray.circuit.coupling import design_inductance
 from coilarray.circuit.impedance import scan_design
 from coilarray.design.model import Design
 from coilarray.errors import DesignError, NetworkError
-from coilarray.hardware.chips.ldc1614_limits import REFERENCE, Limit, check_channel, input_divider
+from coilarray.hardware.chips.ldc1614_limits import Limit, check_channel
 
 _SMALLEST, _DECADES = 100e-12, 5  # F, below which strays would weigh too much
 _SERIES = (1.0, 1.5, 2.2, 3.3, 4.7, 6.8)  # E6
@@ -64,7 +64,7 @@ def broken_limits(scan: xr.Dataset, share_of_self_resonance: float = 1.0) -> lis
     for state, *values in zip(scan.state.values.tolist(), *(scan[name].values.tolist() for name in names), strict=True):
         frequency, _, _, self_resonance = values
         share = Limit("frequency over self-resonance", frequency / self_resonance, 0, share_of_self_resonance)
-        limits = (share, *check_channel(*values, divider=input_divider(frequency, REFERENCE)))
+        limits = (share, *check_channel(*values))
         broken += [(state, limit) for limit in limits if not limit.kept]
     return broken
 
