@@ -326,7 +326,7 @@ class _Grid:
         return self._with_slanting_corners(_straightened(np.array(short)), others)
 
     def _with_slanting_corners(self, way: FloatArray, others: Sequence[BaseGeometry]) -> FloatArray:
-        """Cut corners of a way, shape (n, 2), of more than 60°, whose tips stick out far, where nothing is in the way."""
+        """Cut corners of a way, shape (n, 2), of more than 60°, whose tips stick out, where nothing is in the way."""
         points = [way[0]]
         for before, corner, after in zip(way[:-2], way[1:-1], way[2:], strict=True):
             ahead, back = after - corner, before - corner
