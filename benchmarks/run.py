@@ -1,22 +1,22 @@
 """Measure accuracy and speed, print two tables, keep the figures, and renew the README's tables on request.
 
-    python benchmarks/run.py [--readme]
-
 Figures go to benchmarks/results.json; the exit code is 1 where a goal is missed.
 Speeds are of this machine in this run; compare ratios, not seconds.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
 import re
-import sys
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
+from typing import TypeVar
 
 import accuracy
 import elastomer
@@ -54,12 +54,57 @@ def _renew(text: str, name: str, table: str) -> str:
     return renewed
 
 
+ACCURACIES: dict[str, Callable[[], Iterable[accuracy.Accuracy]]] = {
+    "accuracy": accuracy.measure,
+    "elastomer-accuracy": elastomer.accuracies,
+}
+SPEEDS: dict[str, Callable[[], Iterable[speed.Speed]]] = {
+    "speed": speed.measure,
+    "elastomer": elastomer.speeds,
+    "localize": localize.figures,
+    "sweep": sweep.figures,
+    "kernels": peers.kernels,
+    "large-arrays": peers.large_arrays,
+    "large-response": large_response.figures,
+    "first-compile": first_compile.figures,
+    "protocol": protocol.figures,
+    "studio": studio.figures,
+}
+
+
+_Figure = TypeVar("_Figure", accuracy.Accuracy, speed.Speed)
+
+
+def _renewed(
+    measures: dict[str, Callable[[], Iterable[_Figure]]],
+    chosen: list[str],
+    kept: list[_Figure],
+    key: Callable[[_Figure], object],
+) -> list[_Figure]:
+    """All figures: those of the chosen benchmarks measured now, the others as kept."""
+    now = [figure for name, measure in measures.items() if name in chosen for figure in measure()]
+    if set(measures) <= set(chosen):
+        return now
+    by_key = {key(figure): figure for figure in now}
+    figures = [by_key.pop(key(figure), figure) for figure in kept]
+    return [*figures, *by_key.values()]
+
+
 def main() -> None:
     """Measure, print, keep."""
-    accuracies = [*accuracy.measure(), *elastomer.accuracies()]
-    speeds = [*speed.measure(), *elastomer.speeds(), *localize.figures(), *sweep.figures()]
-    speeds += [*peers.kernels(), *peers.large_arrays(), *large_response.figures(), *first_compile.figures()]
-    speeds += [*protocol.figures(), *studio.figures()]
+    names = [*ACCURACIES, *SPEEDS]
+    parser = argparse.ArgumentParser(description=__doc__, epilog="python benchmarks/run.py --only kernels large-arrays")
+    parser.add_argument("--readme", action="store_true", help="renew the README's two tables")
+    parser.add_argument(
+        "--only", nargs="+", choices=names, default=names, metavar="NAME", help=f"of: {', '.join(names)}"
+    )
+    arguments = parser.parse_args()
+    kept_file = HERE / "results.json"
+    kept = json.loads(kept_file.read_text(encoding="utf-8"))
+    accuracies = _renewed(
+        ACCURACIES, arguments.only, [accuracy.Accuracy(**r) for r in kept["accuracy"]], lambda r: (r.quantity, r.table)
+    )
+    speeds = _renewed(SPEEDS, arguments.only, [speed.Speed(**r) for r in kept["speed"]], lambda r: r.what)
     tables = {"accuracy": _accuracy_table(accuracies), "speed": _speed_table(speeds)}
     for table in tables.values():
         print(table, end="\n\n")
@@ -71,8 +116,8 @@ def main() -> None:
         "accuracy": [asdict(result) for result in accuracies],
         "speed": [asdict(result) for result in speeds],
     }
-    (HERE / "results.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    if "--readme" in sys.argv[1:]:
+    kept_file.write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    if arguments.readme:
         text = README.read_text(encoding="utf-8")
         for name, table in tables.items():
             text = _renew(text, name, table)

@@ -12,6 +12,7 @@ from .design.model import Indentation as Indentation
 from .design.model import load_design as load_design
 from .design.model import load_design_file as load_design_file
 from .design.model import parse_design as parse_design
+from .design.save import save_design as save_design
 from .design.scan_states import ScanState as ScanState
 from .design.scan_states import Switches as Switches
 from .design.vary import vary as vary
@@ -73,4 +74,5 @@ from .response.setup import Imperfections as Imperfections
 from .response.two_dimensional import line_response as line_response
 from .studies.calibrate.calibration import calibrate as calibrate
 from .studies.calibrate.plan import load_plan as load_plan
+from .studies.create.new_design import new_design as new_design
 from .studies.sweep import sweep as sweep

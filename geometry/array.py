@@ -17,6 +17,8 @@ from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.values import SIDES, FloatArray, IntArray, Side, place_in_mm, require_positive
 
+_SAME_PLACE = 1e-9  # m; distances that differ by less are equal
+
 
 @dataclass(frozen=True, eq=False)
 class Placement:
@@ -251,6 +253,12 @@ class CoilArray:
         return np.array([[placement.x, placement.y] for placement in self.placements])
 
     @property
+    def least_distance(self) -> float:
+        """Distance in m of the two coils that are nearest to each other; infinite for a single one."""
+        gaps = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
+        return float(gaps[~np.eye(len(gaps), dtype=bool)].min(initial=np.inf))
+
+    @property
     def bounds(self) -> tuple[float, float, float, float]:
         """Edges of the board in m: x_min, y_min, x_max, y_max."""
         points, reach = [], []
@@ -268,6 +276,24 @@ class CoilArray:
         x_min, y_min = (xy - r).min(axis=0).tolist()
         x_max, y_max = (xy + r).max(axis=0).tolist()
         return x_min, y_min, x_max, y_max
+
+    @property
+    def outline_bounds(self) -> tuple[float, float, float, float]:
+        """Edges in m of the rectangle about the outlines of all coils, without leads: x_min, y_min, x_max, y_max."""
+        outlines = np.vstack([placement.to_board(placement.coil.outline) for placement in self.placements])
+        x_min, y_min, x_max, y_max = np.concatenate((outlines.min(axis=0), outlines.max(axis=0))).tolist()
+        return x_min, y_min, x_max, y_max
+
+    def nearest_coil(self, x: float, y: float) -> str:
+        """Return the name of the coil whose centre is nearest to a place in m, the first one of several."""
+        distance = np.hypot(*(self.centres - (x, y)).T)
+        return self.names[int(np.flatnonzero(distance <= distance.min() + _SAME_PLACE)[0])]
+
+    @property
+    def middle_coil(self) -> str:
+        """Name of the coil nearest to the middle of the rectangle about all centres, the first one of several."""
+        x, y = ((self.centres.min(axis=0) + self.centres.max(axis=0)) / 2).tolist()
+        return self.nearest_coil(x, y)
 
     def with_placements(self, placements: Sequence[Placement]) -> CoilArray:
         """Return the same board with other coils."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +14,10 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, disc, drills, groups, trace_outline
-from coilarray.geometry.readers.board_copper import BoardCopper
 from coilarray.geometry.values import FloatArray, Point
+
+if TYPE_CHECKING:
+    from coilarray.geometry.readers.board_copper import BoardCopper
 
 # Copper closer than this is one piece: files round to 1 nm, no board house separates 10 nm.
 _TOUCHING = 1e-8

@@ -15,8 +15,6 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import GeometryError
@@ -268,6 +266,9 @@ class _Grid:
         return shapes
 
     def _way(self, coil: int, end: int) -> FloatArray:
+        from scipy.sparse import coo_array  # loaded for boards with a connector only
+        from scipy.sparse.csgraph import dijkstra
+
         place, layer = self.array.placements[coil], self.array.placements[coil].layers[-end]
         begin, pad = place.to_board(place.coil.terminal_points)[end], self.pads[coil, end]
         foreign = self._foreign(coil, end)

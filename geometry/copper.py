@@ -10,8 +10,6 @@ from typing import Literal, cast
 import numpy as np
 import numpy.typing as npt
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.geometry.array import CoilArray, Placement
@@ -178,6 +176,9 @@ def uniform_runs(line: FloatArray, widths: FloatArray) -> list[tuple[FloatArray,
 
 def groups(count: int, pairs: Iterable[tuple[int, int]]) -> list[int]:
     """Lowest index with which each of `count` indices hangs together through the pairs."""
+    from scipy.sparse import coo_array  # loaded by who reads a board only
+    from scipy.sparse.csgraph import connected_components
+
     i, j = np.array(list(pairs), dtype=np.int64).reshape(-1, 2).T
     graph = coo_array((np.ones(len(i), dtype=bool), (i, j)), shape=(count, count))
     label = connected_components(graph, directed=False)[1]

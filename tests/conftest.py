@@ -1,6 +1,7 @@
 """What all tests share: one store of results, files in an order that ends well, and signals as on a terminal."""
 
 import os
+import re
 import signal
 
 # Tests run side by side, one on each core: threads of the linear algebra would only wait for each other.
@@ -12,7 +13,10 @@ import hypothesis  # noqa: E402
 import pytest  # noqa: E402
 from support.patience import PATIENCE  # noqa: E402
 
+from coilarray.compute.memory import collect_seldom  # noqa: E402
 from coilarray.compute.store import FOLDER_VARIABLE  # noqa: E402
+
+collect_seldom()  # thousands of collected tests last too
 
 # Under CI the parent is hypothesis' own profile for it, which tries the same examples every time.
 hypothesis.settings.register_profile(
@@ -23,8 +27,8 @@ hypothesis.settings.load_profile("shared machine")
 
 # Files that take longest, or wait for other processes: begun first, none of them is left for the end.
 LONGEST = (
-    "report/test_report", "studies/test_calibrate_campaigns", "viz/test_studio_page", "elastomer/test_finite_strain",
-    "compute/test_under_load", "cli/test_live", "compute/test_cluster", "elastomer/test_finite_sample",
+    "viz/test_studio_page", "report/test_report", "elastomer/test_finite_sample", "compute/test_under_load",
+    "studies/test_calibrate_campaigns", "elastomer/test_finite_strain", "compute/test_cluster", "cli/test_live",
     "response/test_response", "studies/test_tolerance_position", "hardware/test_fault_campaign", "cli/test_localize",
     "studies/test_optimize_search", "cli/test_measure_broken_off", "localize/test_inverse", "studies/test_quantities",
     "studies/test_tolerance_analysis", "hardware/test_emulator_world", "cli/test_compare", "test_examples",
@@ -38,6 +42,14 @@ LONGEST = (
 def pytest_configure(config):
     # else pytest-xdist begins with the files of many tests, which are the short ones
     config.option.loadscopereorder = False
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Leave files whose tests are all slow unread where slow tests are left out."""
+    if config.option.markexpr == "not slow" and re.fullmatch(r"test_.*\.py", collection_path.name):
+        slow = re.search(r"^pytestmark = .*\bmark\.slow\b", collection_path.read_text(encoding="utf-8"), re.MULTILINE)
+        return True if slow else None
+    return None
 
 
 def pytest_collection_modifyitems(items):
@@ -61,6 +73,15 @@ def _one_store(tmp_path_factory, request):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(FOLDER_VARIABLE, str(folder / "store"))
         yield
+
+
+@pytest.fixture(scope="session")
+def rendering():
+    """Skip a test where this machine cannot render; asking takes seconds, and only who renders asks."""
+    from coilarray.viz import rendering_problem
+
+    if (problem := rendering_problem()) is not None:
+        pytest.skip(problem)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from support.command_line import no_terminal
 
 import coilarray
 from coilarray.cli.main import main
-from coilarray.report import Report
+from coilarray.report.write import Report
 
 pytestmark = pytest.mark.slow
 
@@ -72,7 +72,7 @@ def test_readme_report(tmp_path, monkeypatch, capsys):
         return Report(where / "report.html", where / "report", coilarray.couple_design(file.design), {}, None)
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("coilarray.report.write_report", computed)
+    monkeypatch.setattr("coilarray.report.write.write_report", computed)
     with no_terminal():
         assert main(["report"]) == 0
     assert capsys.readouterr().out == _blocks("text")[0]

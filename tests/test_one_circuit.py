@@ -9,7 +9,7 @@ import pytest
 
 from coilarray import couple_design, load_design, response_map
 from coilarray.circuit.coupling import design_circuit
-from coilarray.circuit.impedance import scan_design
+from coilarray.circuit.impedance import scan_design, sweep_design
 from coilarray.circuit.network import resonate
 from coilarray.circuit.state_sensitivity import state_sensitivity
 from coilarray.compute.store import Store
@@ -46,3 +46,17 @@ def test_every_place_shows_the_same_coil(tmp_path):
     ideal = response_map(design, x=[0.0], y=[0.0], ideal=True).base_inductance
     assert first["ideal_effective_inductance_H"] == pytest.approx(float(ideal[0]), rel=1e-9)
     assert abs(L / float(ideal[0]) - 1) > 0.1
+
+
+@pytest.mark.parametrize("name", ["starter", "gast_fem"])
+def test_each_coil_has_one_resonance_and_one_quality_factor(name):
+    """Of three coils and of a single one: the table of coils, that of states, and the impedance over frequency."""
+    design = load_design(name)
+    coupling, scan = couple_design(design), scan_design(design, elastomer=False)
+    for quantity in ("frequency", "effective_inductance", "effective_resistance", "quality_factor"):
+        np.testing.assert_allclose(coupling[quantity], scan[quantity], rtol=1e-9)
+    f, coil = float(coupling.frequency[0]), design.array.names[0]
+    swept = sweep_design(design, f).sel(state=coil).isel(frequency=0)
+    # R at this frequency itself, and between nine; with the tank the quality factor has a name of its own
+    assert float(swept.quality_factor) == pytest.approx(float(coupling.quality_factor[0]), rel=2e-4)
+    assert abs(float(scan.loaded_quality_factor[0] / scan.quality_factor[0]) - 1) > 1e-3

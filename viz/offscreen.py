@@ -19,13 +19,27 @@ _WITHOUT_SCREEN = ("EGL", "OSOpenGL", "OSMesa")  # in the names of VTK's render 
 _TIMEOUT = 60.0  # s; a cold start from a slow disk takes ten
 _INSTEAD = "write a picture, film, page or VTK files instead"
 
+# what PyVista does, without loading it, which takes longer
 _PROBE = """
-import pyvista
-plotter = pyvista.Plotter(off_screen=True, window_size=(64, 64))
-plotter.add_mesh(pyvista.Sphere())
-if plotter.screenshot(return_img=True).std() == 0:
+import vtkmodules.vtkRenderingOpenGL2
+from vtkmodules.vtkFiltersSources import vtkSphereSource
+from vtkmodules.vtkRenderingCore import (
+    vtkActor, vtkPolyDataMapper, vtkRenderer, vtkRenderWindow, vtkWindowToImageFilter,
+)
+sphere, mapper, actor = vtkSphereSource(), vtkPolyDataMapper(), vtkActor()
+mapper.SetInputConnection(sphere.GetOutputPort())
+actor.SetMapper(mapper)
+renderer, window, picture = vtkRenderer(), vtkRenderWindow(), vtkWindowToImageFilter()
+renderer.AddActor(actor)
+window.SetOffScreenRendering(True)
+window.SetSize(64, 64)
+window.AddRenderer(renderer)
+picture.SetInput(window)
+picture.Update()
+low, high = picture.GetOutput().GetScalarRange()
+if low == high:
     raise SystemExit("the picture is blank")
-print(plotter.render_window.GetClassName())
+print(window.GetClassName())
 """
 
 _lock = threading.Lock()
@@ -34,7 +48,7 @@ _lock = threading.Lock()
 def rendering_problem() -> str | None:
     """Return one line that says why pictures in three dimensions cannot be made here, or None where they can.
 
-    The first call starts a child process that renders a sphere, which takes one to three seconds; later calls return
+    The first call starts a child process that renders a sphere, which takes about a second; later calls return
     the same result at once. It may be called from any thread. Where no screen answers and the user has not chosen
     otherwise, a successful test also sets ``VTK_DEFAULT_OPENGL_WINDOW`` in this process, so that VTK renders through
     EGL.

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypedDict
 
+import numpy as np
+import numpy.typing as npt
+
 # Okabe & Ito (2008), "Color Universal Design", https://jfly.uni-koeln.de/color/; yellow is left out, being too faint
 # for thin lines on white.
 BLUE = "#0072B2"
@@ -17,6 +20,17 @@ WINE, INDIGO, OLIVE = "#7A2E5A", "#3B2A6B", "#5A4A00"  # dark, for what lies on 
 INK = "#202020"  # text and rulers
 
 COILS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
+# after those of COILS each is as far as possible from all before it, in CIELAB and with any kind of cones missing
+MANY = (
+    *COILS,
+    "#8700F0", "#5A3C1E", "#C3C378", "#3C2DA5", "#870069", "#9687FF", "#F00F5A", "#F0B4B4", "#874B00", "#965AFF",
+    "#00E13C", "#D20FB4", "#960F4B", "#78A53C", "#F07887", "#69693C", "#875A78", "#A50FD2", "#694B87", "#691E87",
+    "#E1B4E1", "#A5D296", "#FF78E1", "#0F4B3C", "#D24BE1", "#5A00C3", "#FF5A3C", "#D20F1E", "#78B496", "#0000FF",
+    "#2DC35A", "#87D25A", "#C36969", "#C32D3C", "#C378C3", "#B41E96", "#782D00", "#C34B96", "#C3A578", "#E1871E",
+    "#FF96C3", "#1E4BC3", "#B40F69", "#3C4BFF", "#4BD2FF", "#3C87E1", "#B45A2D", "#A55AC3", "#3C875A", "#78C3C3",
+    "#78A5FF", "#4B690F", "#B496C3", "#E1C33C", "#8778A5", "#D2964B", "#2D0FD2", "#005A5A",
+)  # fmt: skip
+"""Colours for up to 64 coils; the first 16 are distinct for every eye."""
 LAYERS = (VERMILLION, ORANGE, BLUE, SKY, PURPLE, GREEN)  # neighbours alike, pairs of layers far apart
 KINDS = (*COILS, WINE, INDIGO, OLIVE)
 """Colours for areas of more than six kinds: those of the coils, then three dark ones."""
@@ -32,10 +46,13 @@ UNKNOWN = "#D0D0D0"  # parts of a map without a value
 
 SEQUENTIAL = "viridis"
 """Map of values of one sign: perceptually uniform, and as dark to light as it is to any eye."""
+POSITIVE, NEGATIVE = "YlOrRd", "YlGnBu_r"
+"""Maps of values of one sign from a pale zero, warm and cold as the two halves of `DIVERGING`."""
 DIVERGING = "RdBu_r"
 """Map of values of both signs about a white zero: Brewer's blue and red, which no colour blindness mixes up."""
 
 _LINES = ("-", "--", ":")
+_NEARNESS = 3  # power of the distance with which coils may look alike
 
 
 class CurveLook(TypedDict):
@@ -48,6 +65,57 @@ class CurveLook(TypedDict):
 def cycled(colours: Sequence[str], names: Sequence[str]) -> dict[str, str]:
     """Give each name a colour, starting over where there are more names than colours."""
     return {name: colours[k % len(colours)] for k, name in enumerate(names)}
+
+
+def signed_colours(values: npt.ArrayLike, both: str = DIVERGING, share: float = 0.02) -> tuple[str, float, float]:
+    """Return the map of colours that values about zero need, and its ends: the map `both` where they have both signs.
+
+    Values of one sign have all colours of a map from zero; up to this `share` of the largest the other sign is none.
+
+    Examples
+    --------
+    >>> signed_colours([0.1, -0.3]), signed_colours([-0.3, 0.001])
+    (('RdBu_r', -0.3, 0.3), ('YlGnBu_r', -0.3, 0.0))
+    """
+    numbers = np.asarray(values, dtype=np.float64)
+    finite = numbers[np.isfinite(numbers)]
+    low, high = float(finite.min(initial=0.0)), float(finite.max(initial=0.0))
+    largest = max(-low, high) or 1.0
+    if min(-low, high) > share * largest:
+        return both, -largest, largest
+    return (NEGATIVE, -largest, 0.0) if low < -high else (POSITIVE, 0.0, largest)
+
+
+def coil_colours(names: Sequence[str], centres: npt.ArrayLike | None = None) -> dict[str, str]:
+    """Give each coil a colour of its own, up to 64: up to six in order, more by place, so that neighbours differ most.
+
+    `centres`, shape (coils, 2), may have any unit; without them the coils are in a row.
+
+    Examples
+    --------
+    >>> coil_colours(["a", "b"])
+    {'a': '#0072B2', 'b': '#D55E00'}
+    """
+    if len(names) <= len(COILS):
+        return cycled(COILS, names)
+    places = np.column_stack((np.arange(len(names)), np.zeros(len(names)))) if centres is None else np.asarray(centres)
+    return cycled([MANY[k] for k in _by_place(places[: len(MANY)])], names)
+
+
+def _by_place(places: npt.NDArray[np.float64]) -> list[int]:
+    """Choose a different one of the first colours for each place, near ones far from each other."""
+    red, green, blue = np.array([[int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)] for colour in MANY]).T
+    # lightness, and each of the two differences of colour that are left where one kind of cones is missing
+    axes = (2 * (0.299 * red + 0.587 * green + 0.114 * blue), blue - (red + green) / 2, red - green)
+    light, cold, warm = (axis[:, None] - axis for axis in axes)
+    apart = np.minimum(np.hypot(light, cold), np.hypot(light, warm))
+    chosen = [0]
+    for k in range(1, len(places)):
+        near = np.linalg.norm(places[:k] - places[k], axis=1) ** _NEARNESS
+        score = (apart[: len(places), chosen] * near).min(axis=1)
+        score[chosen] = -1.0
+        chosen.append(int(score.argmax()))
+    return chosen
 
 
 def curve_look(k: int) -> CurveLook:

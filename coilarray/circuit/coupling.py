@@ -15,6 +15,7 @@ from coilarray.circuit.network import Network, Resonance, SampledResistance
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.netcdf import variables
 from coilarray.compute.recent import Recent
+from coilarray.compute.store import kept_dataset
 from coilarray.compute.threads import Progress, serial_algebra
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
@@ -141,7 +142,10 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
         above = permittivity_above(design)
         capacitance = _CAPACITANCES.get(
             digest_of(design.array, design.sheets, above),
-            lambda: coil_capacitance(design.array, design.sheets, relative_permittivity=above),
+            lambda: kept_dataset(
+                ("capacitance", digest_of(design.array, design.sheets, above)),
+                lambda: coil_capacitance(design.array, design.sheets, relative_permittivity=above),
+            ),
         )
     except GeometryError as error:
         problem = str(error)
@@ -168,12 +172,11 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
         if lowest < low or highest > high:  # coils by themselves far from the states of the plan
             low, high = min(low, (1 - _MARGIN) * lowest), max(high, (1 + _MARGIN) * highest)
     grid = np.geomspace(low, high, _RESISTANCE_POINTS)
-    every = len(names) <= _MOST_TOGETHER
-    resistance = (resistance_matrix if every else _own_resistance)(design.array, grid, circuit.resistivity)
+    resistance = _circuit_resistance(design, grid)
     if progress is not None:
         progress(2, 2)
     sampled = SampledResistance(grid, resistance.resistance.values)
-    left_out = () if every else (_OTHERS_COPPER,)
+    left_out = () if len(names) <= _MOST_TOGETHER else (_OTHERS_COPPER,)
     network = replace(direct, resistance=sampled, left_out=(*left_out, *direct.left_out[1:]))
     return CircuitParts(network, direct, capacitance, resistance, problem)
 
@@ -182,6 +185,21 @@ def _band(network: Network, states: Sequence[ScanState], margin: float = _MARGIN
     """Lowest and highest frequency in Hz at which states oscillate, and a margin."""
     found = [one.frequency for one in resonances(network, states)]
     return (1 - margin) * min(found), (1 + margin) * max(found)
+
+
+def swept_circuit(design: Design, frequencies: FloatArray) -> Network:
+    """Return the network of `design_circuit` with its resistance matrix at given frequencies (f,) in Hz, rising.
+
+    Between them it is linear, beyond them constant.
+    """
+    R = _circuit_resistance(design, frequencies).resistance.values
+    return replace(design_circuit(design), resistance=SampledResistance(frequencies, R))
+
+
+def _circuit_resistance(design: Design, frequencies: FloatArray) -> xr.Dataset:
+    """Resistance matrix of a design's coils; that of each alone in an array of more than `_MOST_TOGETHER`."""
+    every = len(design.array.names) <= _MOST_TOGETHER
+    return (resistance_matrix if every else _own_resistance)(design.array, frequencies, design.circuit.resistivity)
 
 
 def _own_resistance(array: CoilArray, grid: FloatArray, resistivity: float) -> xr.Dataset:

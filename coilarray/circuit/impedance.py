@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.circuit.coupling import circuit_parts, design_circuit, permittivity_above, provenance
+from coilarray.circuit.coupling import circuit_parts, permittivity_above, provenance, swept_circuit
 from coilarray.circuit.network import (
-    SampledResistance,
     impedances,
     loaded_quality,
     resonate,
@@ -22,9 +20,10 @@ from coilarray.circuit.network import (
 )
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
+from coilarray.compute.store import kept_dataset
 from coilarray.compute.threads import Progress
+from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
-from coilarray.electromagnetics.ac_resistance import resistance_matrix
 from coilarray.electromagnetics.capacitance import elastomer_effect, self_resonance
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GeometryError
@@ -116,8 +115,10 @@ def scan_design(
     ]  # fmt: skip
     if elastomer:
         below = sum(sheet.thickness for sheet in design.sheets[:-1])  # a dent reaches through the topmost sheet at most
-        effect = elastomer_effect(
-            design.array, permittivity_above(design), design.circuit.capacitance, design.sheets, undisturbed=below
+        above = permittivity_above(design)
+        effect = kept_dataset(
+            ("elastomer effect", digest_of(design.array, design.sheets, above, design.circuit.capacitance)),
+            lambda: elastomer_effect(design.array, above, design.circuit.capacitance, design.sheets, undisturbed=below),
         )
         rows += [
             ("bare_winding_capacitance", coil, effect.without.values, "F", "capacitance without elastomer"),
@@ -168,8 +169,7 @@ def sweep_design(design: Design, frequencies: npt.ArrayLike, *, progress: Progre
     require_memory(
         _BYTES_A_RESISTANCE * len(f) * coils**2, f"the impedance of {coils} coils at {len(f)} frequencies", "take fewer"
     )
-    R = resistance_matrix(design.array, f, design.circuit.resistivity).resistance.values
-    network = replace(design_circuit(design), resistance=SampledResistance(f, R))
+    network = swept_circuit(design, f)
     plan = design.plan
     Z = np.empty((len(f), len(plan)), dtype=np.complex128)
     for k, state in enumerate(plan):

@@ -112,7 +112,7 @@ def operating_field(
         attrs={
             **provenance(design),
             "active_coil": active,
-            "other_coils": "as terminated" if terminated else "open",
+            "other_coils": "none" if len(design.array.names) == 1 else "as terminated" if terminated else "open",
             "active_current_A": current,
         },
     )

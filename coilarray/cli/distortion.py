@@ -27,6 +27,7 @@ def distortion(
     draws: Annotated[int, typer.Option(min=2, help="Number of designs drawn from the posterior.")] = 16,
     out: Annotated[Path | None, shared.out_option("Also write every number: .nc or .csv.", ".nc", ".csv")] = None,
     plot: Annotated[Path | None, shared.plot_option("x0 and its causes over δ")] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:

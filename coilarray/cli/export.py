@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from coilarray.cli import shared
+from coilarray.cli.replacing import remember, require_own
 from coilarray.errors import OutputError
 
 Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]  # not imported: help must stay quick
@@ -46,11 +47,14 @@ def export(
         _check(target, to, force=force)
     exported = write(opened, target, to, sheets=not no_sheets, allow_faults=allow_violations)
     written, faults = exported.files, exported.net_faults
+    remember("export", written)
     sizes = [path.stat().st_size for path in written]
     lines = [f"wrote {path} ({_readable(size)})" for path, size in zip(written, sizes, strict=True)]
     lines += [f"warning: {fault}" for fault in faults]
     if to in ("kicad", "gerber") and not faults:
-        lines.append(f"net check of the copper as written: {len(opened.array.names)} coils, each whole and by itself")
+        count = len(opened.array.names)
+        coils = "1 coil, whole" if count == 1 else f"{count} coils, each whole and by itself"
+        lines.append(f"net check of the copper as written: {coils}")
     files = [{"path": str(path), "bytes": size} for path, size in zip(written, sizes, strict=True)]
     shared.print_result(
         {**shared.design_record(opened), "format": to, "files": files, "net_faults": list(faults)},
@@ -84,11 +88,10 @@ def _check(target: Path, to: Format, *, force: bool) -> None:
         folder = target if target.is_dir() else target.parent
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(f"cannot write {target}: nothing may be written in the folder {folder}.")
-        occupied = any(target.iterdir()) if target.is_dir() else target.exists()
+        present = [path for path in target.rglob("*") if path.is_file()] if target.is_dir() else [target]
     except OSError as error:
         raise OutputError(f"cannot write {target}: {error.strerror}.") from None
-    if occupied and not force:
-        raise OutputError(f"{target} exists; --force replaces {'the files in it' if to == 'kicad' else 'it'}.")
+    require_own("export", present, force=force)
 
 
 def _check_project_folder(target: Path) -> None:

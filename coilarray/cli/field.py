@@ -45,6 +45,7 @@ def field(
     out: Annotated[Path, shared.out_option("File to write: .nc (netCDF) or .vtr (ParaView).", ".nc", ".vtr")] = Path(
         "field.nc"
     ),
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -72,7 +73,7 @@ def field(
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     names = opened.array.names
-    active = names[(len(names) - 1) // 2] if coil is None else coil
+    active = opened.array.middle_coil if coil is None else coil
     if active not in names:
         raise GeometryError(f"--coil must be one of {', '.join(names)}; got {active}.")
     axes = _axes(opened, heights, spacing_mm, large=large)

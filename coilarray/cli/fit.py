@@ -27,6 +27,7 @@ def fit(
     ] = None,
     out: Annotated[Path | None, shared.out_option("Also write the model: .json.", ".json")] = None,
     plot: Annotated[Path | None, shared.plot_option("A, B and x0 over δ")] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:

@@ -21,7 +21,8 @@ def impedance(
         shared.number_option(("--points",), 2, 10_000, "Number of frequencies, evenly spaced on a logarithmic scale."),
     ] = 50,
     out: Annotated[Path | None, shared.out_option("Also write the sweep: .nc or .csv.", ".nc", ".csv")] = None,
-    plot: Annotated[Path | None, shared.plot_option("the apparent inductance over frequency")] = None,
+    plot: Annotated[Path | None, shared.plot_option("L, R and Q over frequency, with both resonances")] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -45,7 +46,7 @@ def impedance(
         sweep = sweep_design(opened, np.geomspace(from_mhz * 1e6, to_mhz * 1e6, points), progress=progress)
     of_sweep = circuit_tables.sweep_table(sweep)
     shared.write_numbers(out, sweep, of_sweep.csv)
-    shared.draw(plot, lambda: viz.plot_frequency_sweep(sweep))
+    shared.draw(plot, lambda: viz.frequency_figure(sweep, scan))
     states, windings = circuit_tables.state_table(scan), circuit_tables.winding_table(scan)
     drives, limits = circuit_tables.drive_table(scan), circuit_tables.limit_table(scan)
     close = close_channels(scan.state.values.tolist(), scan.frequency.values)

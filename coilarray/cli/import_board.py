@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coilarray.cli import shared
-from coilarray.errors import BoardError, OutputError
+from coilarray.errors import BoardError
 
 if TYPE_CHECKING:
     from coilarray.geometry.readers import BoardCopper, TracedArray, Tracing
@@ -44,8 +44,6 @@ def import_board(
     from coilarray.design.write import design_text
     from coilarray.geometry.readers import trace_coils, traced_array
 
-    if out.exists() and not force:
-        raise OutputError(f"{out} exists; --force replaces it.")
     copper = _read(board, stackup)
     wanted = None if nets is None else [net.strip() for net in nets.split(",") if net.strip()]
     if wanted == []:

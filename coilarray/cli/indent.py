@@ -34,6 +34,7 @@ def indent(
         Path | None, shared.out_option("Also write .nc (all interfaces) or .csv (the table).", ".nc", ".csv")
     ] = None,
     plot: Annotated[Path | None, shared.plot_option("the deepest dent and, of several depths, the force")] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
 ) -> None:
     """Press the indenter into the elastomer: force, contact and dent.

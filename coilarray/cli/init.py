@@ -2,32 +2,158 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
 from coilarray.cli import shared
+from coilarray.cli.questions import ask_for_choices, read_size
+from coilarray.cli.replacing import remember, require_own
 from coilarray.errors import DesignError, OutputError
+
+if TYPE_CHECKING:
+    from coilarray.design.model import DesignFile
+
+Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
+Overlap = Literal["none", "decoupled"]
+_UNITS = {"mm": 1e-3, "uH": 1e-6, "MHz": 1e6}
 
 
 def init(
-    file: Annotated[Path, typer.Argument(help="File to write.")] = Path("design.toml"),
-    copied: Annotated[str, typer.Option("--from", help="Bundled design to copy.")] = "starter",
+    file: Annotated[Path, typer.Argument(metavar="NAME", help="File to write, .toml.")] = Path("design.toml"),
+    coils: Annotated[str | None, typer.Option(help="1, 6 (a row), 4x4 (columns by rows), 7-hex or 19-hex.")] = None,
+    shape: Annotated[Shape | None, typer.Option(help="Shape of the coils.")] = None,
+    size_mm: Annotated[
+        str | None, typer.Option(help="Width of a coil's copper, of a hexagon across flats; 20x12 for a rectangle.")
+    ] = None,
+    inductance_uH: Annotated[
+        float | None, typer.Option("--inductance-uH", help="Inductance to find turns and trace for.")
+    ] = None,
+    layers: Annotated[
+        int | None, typer.Option(help="Copper layers of the board; as many as needed by default.")
+    ] = None,
+    fab: Annotated[
+        str | None, typer.Option(metavar="PROFILE", help="Board house to keep the limits of (check --list-fabs).")
+    ] = None,
+    pitch_mm: Annotated[
+        float | None, typer.Option(help="Distance of neighbours; side by side with room for terminals by default.")
+    ] = None,
+    overlap: Annotated[
+        Overlap | None, typer.Option(help="decoupled: neighbours overlap until they do not couple.")
+    ] = None,
+    frequency_MHz: Annotated[
+        float | None, typer.Option("--frequency-MHz", help="Frequency to choose the tank's capacitance for.")
+    ] = None,
+    elastomer: Annotated[
+        bool | None,
+        typer.Option("--elastomer/--no-elastomer", help="A magnetic elastomer on the board, and what presses on it."),
+    ] = None,
+    title: Annotated[str | None, typer.Option(help="Title in reports.")] = None,
+    copied: Annotated[str | None, typer.Option("--from", help="Copy this bundled design instead.")] = None,
     force: shared.Force = False,
 ) -> None:
-    """Write a commented design file to start from.
+    """Write a commented design file from a few choices.
 
-    Example: coilarray init my_board.toml
+    Turns, trace, layers, pitch, terminals and the tank's capacitance are found such that the board house can make the
+    board and an LDC1614 can read it. On a terminal, without any choice, the choices are asked for.
+
+    Example: coilarray init pad.toml --coils 4x4 --shape square --size-mm 12
+
+    Example: coilarray init flower.toml --coils 7-hex --overlap decoupled --inductance-uH 18
+
+    Example: coilarray init power.toml --coils 1 --shape circle --size-mm 40 --no-elastomer
+
+    Example: coilarray init starter.toml --from starter
     """
     from coilarray.compute.files import write_text
     from coilarray.design import bundled
+    from coilarray.design.save import save_design
 
-    if copied not in bundled.names():
-        raise DesignError(f"there is no bundled design {copied!r}; there are {', '.join(bundled.names())}.")
     if file.is_dir():
         raise OutputError(f"{file} is a folder; name a file in it.")
-    if file.exists() and not force:
-        raise OutputError(f"{file} exists; --force replaces it.")
-    write_text(file, bundled.read(copied))
-    typer.echo(f"wrote {file}; next: coilarray check {file}")
+    target = file if file.suffix else file.with_suffix(".toml")
+    shared.check_file("NAME", target, (".toml",))
+    require_own("init", [target], force=force)
+    given = {
+        "coils": coils, "shape": shape, "size_mm": size_mm, "inductance_uH": inductance_uH, "layers": layers,
+        "fab": fab, "pitch_mm": pitch_mm, "overlap": overlap, "frequency_MHz": frequency_MHz, "elastomer": elastomer,
+        "title": title,
+    }  # fmt: skip
+    chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+    if copied is not None:
+        if chosen:
+            raise DesignError("--from copies a design as it is; it cannot be given with other choices.")
+        if copied not in bundled.names():
+            raise DesignError(f"there is no bundled design {copied!r}; there are {', '.join(bundled.names())}.")
+        write_text(target, bundled.read(copied))
+        remember("init", [target])
+        typer.echo(f"wrote {target}; next: coilarray check {target}")
+        return
+    if not chosen:
+        asking = sys.stdin.isatty() and sys.stdout.isatty()
+        chosen = ask_for_choices(get_args(Shape)) if asking else {"overlap": "decoupled"}
+    made = _made(target.stem, chosen)
+    save_design(made, target)
+    remember("init", [target])
+    for line in (f"wrote {target}: {made.design.title}", *_described(made, chosen.get("inductance_uH"))):
+        typer.echo(line)
+    typer.echo(f"next: coilarray check {target}, coilarray report {target}")
+
+
+def _made(name: str, chosen: Mapping[str, Any]) -> DesignFile:
+    """Make the design of the choices, by the names of their options."""
+    from coilarray.design.write import design_names
+    from coilarray.studies.create import new_design
+
+    choices = {key: value for key, value in chosen.items() if not key.endswith(tuple(_UNITS))}
+    for key, value in chosen.items():
+        name_of, _, unit = key.rpartition("_")
+        if unit in _UNITS:
+            choices[name_of] = read_size(value) if key == "size_mm" else value * _UNITS[unit]
+    return new_design(design_names([name])[name], **choices)
+
+
+def _described(file: DesignFile, wanted: float | None) -> list[str]:
+    """Say what has been found."""
+    import numpy as np
+
+    from coilarray.studies.create import broken_limits, neighbour_coupling
+    from coilarray.studies.quantities import Evaluation
+
+    design, values = file.design, file.values
+    evaluation = Evaluation(design, "screen")
+    coil = f"coils.{next(iter(file.document['coils']))}"
+    turns, trace, gap, on = (
+        values[f"{coil}.{key}"] for key in ("turns_per_layer", "trace_width_mm", "gap_mm", "winding_layers")
+    )
+    L = np.diag(evaluation.inductance) * 1e6
+    span = f"{L.min():.4g}" if L.max() - L.min() < 5e-4 * L.max() else f"{L.min():.4g} to {L.max():.4g}"
+    asked = "" if wanted is None else f" ({wanted:g} wanted)"
+    lines = [
+        f"coil: {turns:g} turns on each of {on} layers, trace {trace:g} mm, gap {gap:g} mm",
+        f"inductance: {span} µH{asked}",
+    ]
+    if len(design.array.names) > 1:
+        near = neighbour_coupling(design)
+        worst = near[np.abs(near).argmax()]
+        lines.append(f"pitch: {values['array.pitch_mm']:g} mm; coupling of neighbours at most {worst:+.4f}")
+    scan = evaluation.scan
+    low, high = (f"{float(f) * 1e-6:.4g}" for f in (scan.frequency.min(), scan.frequency.max()))
+    f = low if low == high else f"{low} to {high}"
+    lines.append(f"tank: {values['circuit.capacitance_pF']:g} pF, {f} MHz, Q {float(scan.quality_factor.min()):.3g}")
+    broken = broken_limits(scan)
+    lines.append(
+        "converter: every limit of an LDC1614 is kept"
+        if not broken
+        else f"converter: an LDC1614 cannot read {broken[0][0]}: {broken[0][1].name} is {broken[0][1].value:.4g}, "
+        f"allowed are {broken[0][1].low:.4g} to {broken[0][1].high:.4g}"
+    )
+    x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
+    lines.append(
+        f"board: {x_max - x_min:.1f} × {y_max - y_min:.1f} mm, {len(design.array.stackup.names)} copper layers; "
+        f"every limit of {values['fab.profile']} is kept"
+    )
+    return lines

@@ -225,19 +225,9 @@ def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Desi
 
 def _model(design: Design, table: Path | None) -> ForwardModel:
     """Return the forward model of a design; its table is kept for the next time."""
-    from coilarray.compute.store import open_store
-    from coilarray.hardware.scan.board_network import board_network
-    from coilarray.localize.forward import forward_model, table_for
+    from coilarray.localize.forward import forward_model
 
-    if table is not None:
-        return forward_model(kept_table(design, table))
-    store = open_store()
-    with progress_bar(f"table of {design.name}") as progress:
-        found = store.dataset(
-            ["positions", design.digest],
-            lambda: table_for(design, network=board_network(design, store), progress=progress),
-        )
-    return forward_model(found)
+    return forward_model(kept_table(design, table))
 
 
 def _tour(setup: Indentation, start: float) -> list[tuple[float, float, float, float]]:

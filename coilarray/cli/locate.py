@@ -7,6 +7,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,8 +19,9 @@ from coilarray.cli.readings import Reading, line_readings, read_readings
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from coilarray.localize.ellipse_model import EllipseModel
-    from coilarray.localize.forward import ForwardModel
 
 Record = dict[str, Any]
 Solver = Callable[[Sequence[Reading]], list[Record]]
@@ -64,12 +66,15 @@ def locate(
     """Find where, and how deep, an indentation is from the δ of the coils.
 
     Maximum likelihood over all coils; every position that explains a reading is listed, both signs of y on a board that
-    is symmetric. Positions count from the map's origin. A stream gives one JSON line out for each line in, with "error"
-    for a bad one; the exit code is 2 only where no line was a reading.
+    is symmetric. Positions are those on the board; with --ellipse they count from the map's origin. The table of a
+    design is computed once and kept. A stream gives one JSON line out for each line in, with "error" for a bad one; the
+    exit code is 2 only where no line was a reading.
 
-    Example: coilarray locate --model map.nc coil1=7.1e-4,coil2=3.2e-4,coil3=1e-5
+    Example: coilarray locate --model gast2020 coil1=1e-6,coil2=1.2e-5,coil3=3.4e-4,coil4=1.2e-4,coil5=0,coil6=0
 
-    Example: read_sensor | coilarray locate --model gast2020 --table table.nc -
+    Example: coilarray locate --model map.nc --coil coil1 --coil coil2 --coil coil3 coil1=7e-4,coil2=3e-4,coil3=1e-5
+
+    Example: read_sensor | coilarray locate --model gast2020 -
     """
     stream = "-" in readings
     if stream and len(readings) > 1:
@@ -88,7 +93,7 @@ def locate(
     if ellipse:
         solve = _with_ellipses(_ellipse_model(model, depth, allow_violations), coil, addition_mm * 1e-3)
     else:
-        solve = _with_all_coils(_forward_model(model, table, allow_violations), coil, noise)
+        solve = _with_all_coils(_response(model, table, allow_violations), coil, noise, given, readings)
     if stream:
         _stream(solve)
         return
@@ -96,7 +101,7 @@ def locate(
 
     records = _answers(solve, given)
     if all("error" in record for record in records):
-        raise LocalizeError(f"there is no reading in {' '.join(readings)}: {records[0]['error']}")
+        raise LocalizeError(f"{_none_in(readings)}: {records[0]['error']}")
     texts = [record.get("error") or record.get("reason") for record in records]
     lines = [f"reading {k}: {text}" for k, text in enumerate(texts, start=1) if text]
     shared.print_result({"positions": records}, as_json=as_json, tables=[position_table(records)], lines=lines)
@@ -125,12 +130,22 @@ def _stream(solve: Solver) -> None:
         raise LocalizeError(f"there is no reading in the stream: {first or 'it is empty'}")
 
 
-def _forward_model(source: str | None, table: Path | None, allow_violations: bool) -> ForwardModel:
-    from coilarray.localize.forward import forward_model
+@dataclass(frozen=True)
+class _Response:
+    """The response that readings are compared with: its states and unknowns are known before it is computed."""
 
+    states: tuple[str, ...]
+    unknowns: int
+    compute: Callable[[], xr.Dataset]
+
+
+def _response(source: str | None, table: Path | None, allow_violations: bool) -> _Response:
     if is_map(source):
-        return forward_model(read_map(Path(str(source))))
-    return forward_model(kept_table(shared.open_design(source, allow_violations=allow_violations), table))
+        response = read_map(Path(str(source)))
+        states = tuple(str(name) for name in response.state.values)
+        return _Response(states, 0, lambda: response)  # the map itself shows what is unknown
+    design = shared.open_design(source, allow_violations=allow_violations)
+    return _Response(tuple(state.name for state in design.plan), 3, lambda: kept_table(design, table))
 
 
 def _ellipse_model(source: str | None, depth: float | None, allow_violations: bool) -> EllipseModel:
@@ -146,19 +161,46 @@ def _ellipse_model(source: str | None, depth: float | None, allow_violations: bo
     return ellipse_model(fit_ellipses(response, at))
 
 
-def _with_all_coils(model: ForwardModel, coils: Sequence[str] | None, noise: float) -> Solver:
-    """Solve with maximum likelihood."""
-    from coilarray.localize.forward import checked_noise
-    from coilarray.localize.inverse import locate_all
-    from coilarray.report.localize_tables import location_record
+def _none_in(readings: Sequence[str]) -> str:
+    return f"there is no reading in {' '.join(readings)}"
 
-    used = model.select(coils) if coils else model
+
+def _with_all_coils(
+    response: _Response,
+    coils: Sequence[str] | None,
+    noise: float,
+    given: Sequence[Reading | LocalizeError],
+    readings: Sequence[str],
+) -> Solver:
+    """Solve with maximum likelihood; refuse what no response could answer before it is computed.
+
+    The readings are `given`, and the texts of the command line from which they are; none of a stream.
+    """
+    from coilarray.localize.forward import checked_noise, chosen_states, forward_model, require_states
+    from coilarray.localize.inverse import checked_reading, locate_all
+    from coilarray.report.localize_tables import location_record
+    from coilarray.response.coordinates import on_board
+
+    every = response.states
+    used = chosen_states(every, coils or every)
     checked_noise(used, noise)
-    locate_all(used, [], noise=noise)  # a model that no reading fits is refused here, not at the first reading
+    require_states(used, response.unknowns)
+    wrong = []
+    for one in given:
+        try:
+            if isinstance(one, LocalizeError):
+                raise one
+            checked_reading(used, _of_states(one, used, every))
+        except LocalizeError as error:
+            wrong.append(error)
+    if given and len(wrong) == len(given):
+        raise LocalizeError(f"{_none_in(readings)}: {wrong[0]}")
+    model = forward_model(on_board(response.compute())).select(used)
+    locate_all(model, [], noise=noise)  # a model that no reading fits is refused here, not at the first reading
 
     def solve(readings: Sequence[Reading]) -> list[Record]:
-        good = [_of_states(one, used.states, model.states) for one in readings]
-        return [location_record(found) for found in locate_all(used, good, noise=noise)]
+        good = [_of_states(one, used, every) for one in readings]
+        return [location_record(found) for found in locate_all(model, good, noise=noise)]
 
     return solve
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import gc
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -39,6 +38,7 @@ from coilarray.cli import (
     tolerance,
     view,
 )
+from coilarray.compute.memory import collect_seldom
 from coilarray.errors import CoilarrayError
 
 _BAD_INPUT = 2
@@ -46,9 +46,6 @@ _INTERRUPTED = 130
 # Our matrices are small and our own threads use the cores: more threads of the linear algebra only wait for each other.
 # It reads these when NumPy is first imported, which no module here does before a command runs.
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-# Importing libraries, compiling kernels and drawing make very many objects that last: looking through them for cycles
-# as often as Python does by default takes a tenth of a command's time, and a fifth of the compilation.
-_OBJECTS_A_COLLECTION = 100_000
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "import" if command is import_board.import_board else command.__name__.replace("_", "-"): command
@@ -98,7 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     for variable in _BLAS_THREADS:
         os.environ.setdefault(variable, "1")
-    gc.set_threshold(_OBJECTS_A_COLLECTION, 20, 20)
+    collect_seldom()
     arguments = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     try:
         code = _program(arguments[0])(arguments, prog_name="coilarray", standalone_mode=False)

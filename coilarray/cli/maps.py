@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     import xarray as xr
 
+    from coilarray.compute.threads import Progress
     from coilarray.design.model import Design
     from coilarray.localize.ellipse_model import EllipseModel
 
@@ -128,12 +129,11 @@ def one_map(source: str | None, depth: float | None, *, allow_violations: bool) 
 
 
 def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
-    """Read the table of a design for positions where it has been kept, else compute it, and keep it where wanted.
+    """Read the table of a design for positions from a file, else from the store; compute and keep it where it is new.
 
     LocalizeError where the file is the table of another design.
     """
     from coilarray.compute.netcdf import save_dataset
-    from coilarray.localize.forward import table_for
 
     if kept is not None and kept.exists():
         response = read_map(kept)
@@ -141,7 +141,20 @@ def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
             raise LocalizeError(f"{kept} is the table of another design than {design.name}; remove it or name another.")
         return response
     with shared.progress_bar(f"table of {design.name}") as progress:
-        response = table_for(design, progress=progress)
+        response = stored_table(design, progress)
     if kept is not None:
         save_dataset(response, kept)
     return response
+
+
+def stored_table(design: Design, progress: Progress) -> xr.Dataset:
+    """Return the table of a design from the store, computed where it is new; OutputError as `open_store`."""
+    from coilarray.compute.store import open_store
+    from coilarray.hardware.scan.board_network import board_network
+    from coilarray.localize.forward import table_for
+
+    store = open_store()
+    return store.dataset(
+        ("positions", design.digest),
+        lambda: table_for(design, network=board_network(design, store), progress=progress),
+    )

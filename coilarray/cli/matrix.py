@@ -18,6 +18,7 @@ def matrix(
             "Also write the network: .nc (all), .csv (pairs), .cir or .sub (SPICE), .sNp or .inp (FastHenry)."
         ),
     ] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -28,8 +29,8 @@ def matrix(
     if out is not None and not re.fullmatch(r"\.(nc|csv|cir|sub|inp|s\d+p)", out.suffix.lower()):
         raise OutputError(f"--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got {out}.")
     from coilarray.circuit.active_coil import checked_network
-    from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance
-    from coilarray.circuit.exchange import export_network, fasthenry_input
+    from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance, swept_circuit
+    from coilarray.circuit.exchange import exchange_frequencies, export_network, fasthenry_input
     from coilarray.compute.display_units import DisplayUnit, display_unit
     from coilarray.compute.files import write_text
     from coilarray.electromagnetics.inductance import coupling_matrix
@@ -55,7 +56,8 @@ def matrix(
         elif suffix in (".nc", ".csv"):
             shared.write_numbers(out, coupling, pair_table(coupling).csv)
     if out is not None and suffix not in (".nc", ".csv", ".inp"):
-        export_network(design_circuit(opened), out, title=opened.name)
+        network = swept_circuit(opened, exchange_frequencies(design_circuit(opened)))
+        export_network(network, out, title=opened.name)
     if not as_json:
         for title, values, unit in (
             ("L and M", inductance, display_unit("H")),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +14,9 @@ from coilarray.cli import shared
 from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
+    from coilarray.design.model import DesignFile
     from coilarray.studies.optimize.goal import Goal
+    from coilarray.studies.optimize.goals import DerivedGoal
     from coilarray.studies.optimize.run import Optimization, SearchProgress
     from coilarray.studies.optimize.trials import Trial
 
@@ -24,9 +26,30 @@ def optimize(
         str | None, typer.Argument(metavar="DESIGN", help="Design file (TOML) or name of a bundled design.")
     ] = None,
     goal: Annotated[
-        str | None, typer.Argument(metavar="GOAL", help="Goal file (TOML) or name of a bundled goal.")
+        str | None,
+        typer.Argument(metavar="GOAL", help="Goal file (TOML), or a name as for --goal.", show_default=False),
     ] = None,
-    out: Annotated[Path, shared.out_option("Folder for the results and the study.")] = Path("optimization"),
+    wish: shared.Goals = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--vary", help="KEY=START:STOP, KEY=START:STOP:COUNT or KEY=A,B,…, instead of what the goal varies."
+        ),
+    ] = None,
+    keep: Annotated[
+        list[str] | None,
+        typer.Option("--keep", help="QUANTITY>=VALUE or QUANTITY<=VALUE, a bound beside those of the goal."),
+    ] = None,
+    template: Annotated[
+        Path | None,
+        shared.file_option(
+            ("--template",), "Write the goal for this design as a commented file, and stop.", (".toml",)
+        ),
+    ] = None,
+    force: shared.Force = False,
+    out: Annotated[
+        Path, shared.file_option(("--out", "-o"), "Folder for the results and the study.", kept=True)
+    ] = Path("optimization"),
     trials: Annotated[
         int | None, shared.number_option(("--trials",), 1, 1_000_000, "Number of points to try; the goal's by default.")
     ] = None,
@@ -42,32 +65,42 @@ def optimize(
 ) -> None:
     """Change a design until it is the best by a goal.
 
-    The goal names entries of the design that may change, quantities to minimise or maximise, and bounds to keep. Every
-    point is stored in the folder as soon as it is computed: the same command resumes a run that was stopped, and one
-    with a larger --trials continues it. Writes trials.csv, result.json, report.html and the best designs as files.
+    A goal says which entries of the design may change, which quantities to minimise or maximise, and which bounds to
+    keep. Those with a name fit any design, as their ranges follow from it; --template writes one as a file to edit.
+    Every point is stored in the folder as soon as it is computed: the same command resumes a run that was stopped, and
+    one with a larger --trials continues it. Writes trials.csv, result.json, report.html and the best designs as files.
+    Where no design is better than the one at hand none is written, and the exit code is 1.
 
     Example: coilarray optimize gast2020 worst_k --trials 100 --out better
+
+    Example: coilarray optimize my_board.toml --vary array.pitch_mm=12:16 --goal worst_k
+
+    Example: coilarray optimize my_board.toml smallest --keep "inductance_uH[coil1]>=18" --template goal.toml
     """
     if list_quantities:
         _print_quantities(as_json=as_json)
         return
-    if design is None or goal is None:
+    if design is None or not (goal or wish):
         raise GoalError("a design and a goal must be given, as in: coilarray optimize gast2020 worst_k.")
     shared.check_workers(workers, cluster)
-    from coilarray.compute.store import open_store
     from coilarray.design.model import load_design_file
-    from coilarray.report.optimization import write_optimization_report
-    from coilarray.studies.optimize.goal import load_goal
-    from coilarray.studies.optimize.run import optimize_design, require_coils
     from coilarray.studies.optimize.space import axes_of
+
+    opened = load_design_file(design)
+    derived = _goal(opened, goal, wish or (), vary or (), keep or ())
+    axes_of(derived.goal, opened)  # mistakes before anything is made and any process is started
+    if template is not None:
+        _write_template(template, derived, design)
+        return
+    from coilarray.compute.store import open_store
+    from coilarray.report.optimization import write_optimization_report
+    from coilarray.studies.optimize.run import optimize_design, require_coils
     from coilarray.studies.optimize.study_file import points_found
     from coilarray.studies.optimize.write import result_data, write_optimization
 
-    opened = load_design_file(design)
-    wanted = load_goal(goal)
+    wanted = derived.goal
     if trials is not None:
         wanted = wanted.model_copy(update={"search": wanted.search.model_copy(update={"trials": trials})})
-    axes_of(wanted, opened)  # mistakes before anything is made and any process is started
     require_coils(opened.design, wanted)
     kept = open_store(cache)
     found = points_found(out, opened.design, wanted)
@@ -89,6 +122,37 @@ def optimize(
     if not as_json:
         _print_result(result)
     shared.print_result({**result_data(result), "files": [str(path) for path in files]}, as_json=as_json, files=files)
+    if not result.front:
+        raise typer.Exit(1)
+
+
+def _goal(
+    file: DesignFile, named: str | None, wishes: Sequence[str], vary: Sequence[str], keep: Sequence[str]
+) -> DerivedGoal:
+    """Read or derive the goal of the command line."""
+    from coilarray.studies.optimize.goals import DerivedGoal, adjusted, derive_goal, is_named, load_goal
+    from coilarray.studies.optimize.goals.wishes import parse_bound
+    from coilarray.studies.sweep import parse_axis
+
+    axes, bounds = [parse_axis(text) for text in vary], [parse_bound(text) for text in keep]
+    if named is None or is_named(named):
+        return adjusted(derive_goal([*([named] if named else []), *wishes], file, axes), (), bounds)
+    if wishes:
+        raise GoalError(f"{named} is a goal file, which says what is wanted; --goal cannot be given with it.")
+    return adjusted(DerivedGoal(load_goal(named, file), {}), axes, bounds)
+
+
+def _write_template(path: Path, derived: DerivedGoal, design: str) -> None:
+    from coilarray.compute.files import write_text
+
+    head = (
+        f"A goal for {design}; every range and bound follows from that design, and can be changed here:\n"
+        f"    coilarray optimize {design} {path}\n"
+        "Quantities: coilarray optimize --list-quantities. An entry is a dotted key of the design file, with low and\n"
+        "high (step = 0.1 and log = true are possible too) or choices."
+    )
+    write_text(path, derived.text(head))
+    typer.echo(f"wrote {path}; next: coilarray optimize {design} {path}")
 
 
 def _print_quantities(*, as_json: bool) -> None:
@@ -108,14 +172,11 @@ def _print_quantities(*, as_json: bool) -> None:
 def _print_result(result: Optimization) -> None:
     """Print the start and what was found side by side, a quantity or entry a line."""
     from coilarray.geometry import check_rules
-    from coilarray.report.optimization import chosen_designs, reason_table
+    from coilarray.report.optimization import chosen_designs, none_better, reason_table
 
     tried = f"{len(result.trials)} points, {sum(trial.feasible for trial in result.trials)} keep all bounds"
     if not result.front:
-        typer.echo(f"{tried}: no design is found")
-        if result.start.feasible:
-            outside = "" if result.start_inside else ", but lies outside of what the variables may be"
-            typer.echo(f"the design as it was keeps all bounds{outside}")
+        typer.echo(f"{tried}: {none_better(result)}")
         for reason, *_ in reason_table(result).rows[:1]:
             typer.echo(f"the most frequent reason why points cannot be: {reason}")
         return

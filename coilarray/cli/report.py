@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli import shared
+from coilarray.cli.compiling import compiling_beside
 from coilarray.cli.maps import read_dataset
+from coilarray.cli.replacing import remember, require_own
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
@@ -24,6 +26,7 @@ def report(
     distortion: Annotated[
         Path | None, typer.Option(help="Result of `coilarray distortion --out` (.nc): adds what moves x0.")
     ] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -33,14 +36,17 @@ def report(
 
     Example: coilarray report gast2020 --out results
     """
-    from coilarray.report import write_report
+    require_own("report", (out / "report.html", out / "report" / "report.json"), force=force)
+    with compiling_beside():
+        from coilarray.report.write import write_report
 
-    opened = shared.open_design_file(design, allow_violations=allow_violations)
-    causes = None if distortion is None else read_dataset(distortion)
-    if causes is not None and "effect" not in causes:
-        raise LocalizeError(f"{distortion} is no result of `coilarray distortion`: it has no effects.")
-    with shared.progress_bar(f"report of {opened.design.name}") as progress:
-        made = write_report(opened, out, distortion=causes, progress=progress)
+        opened = shared.open_design_file(design, allow_violations=allow_violations)
+        causes = None if distortion is None else read_dataset(distortion)
+        if causes is not None and "effect" not in causes:
+            raise LocalizeError(f"{distortion} is no result of `coilarray distortion`: it has no effects.")
+        with shared.progress_bar(f"report of {opened.design.name}") as progress:
+            made = write_report(opened, out, distortion=causes, progress=progress)
+    remember("report", (made.page, made.folder / "report.json"))
     if made.rendering_problem is not None:
         typer.echo(f"coilarray: note: {made.rendering_problem}", err=True)
     if as_json:

@@ -53,13 +53,15 @@ def response(
     ] = "auto",
     out: shared.NumbersFile = Path("response.nc"),
     plot: Annotated[Path | None, shared.plot_option("the maps of the deepest dent")] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Map what an indentation does to every coil.
 
     δ = (L_peak − L_0)/L_0 of every state of the scan, for every position and depth of the indenter, with the other
-    coils as the scan terminates them. The table shows the peak of every map. An interrupted map goes on from the folder
+    coils as the scan terminates them. The table shows the peak of every map; it, the picture and a .csv have places on
+    the board, a .nc those from the map's origin, and where that is. An interrupted map goes on from the folder
     FILE.parts when the same command runs again. On large boards only the coils near the indenter are counted, and a
     line says so; --reach all counts every coil.
 
@@ -74,6 +76,8 @@ def response(
     from coilarray.compute.store import open_store
     from coilarray.report.figures import map_outlines
     from coilarray.report.indentation_tables import response_table
+    from coilarray.response.answering import coils_outside
+    from coilarray.response.coordinates import on_board
     from coilarray.response.map import Imperfections, response_map
 
     opened = shared.open_design(design, allow_violations=allow_violations)
@@ -93,11 +97,12 @@ def response(
         raise
     finally:
         store.discard(())  # the folder, where nothing was computed
-    table = response_table(result)
-    in_metres = result.delta.rename(depth="depth_m", y="y_m", x="x_m")
+    shown = on_board(result)
+    table = response_table(shown)
+    in_metres = shown.delta.rename(depth="depth_m", y="y_m", x="x_m")
     shared.write_numbers(out, result, lambda: in_metres.to_dataframe().to_csv(lineterminator="\n"))
     store.discard(store.keys())
-    shared.draw(plot, lambda: viz.response_figure(result, map_outlines(opened, result)))
+    shared.draw(plot, lambda: viz.response_figure(shown, map_outlines(opened, shown)))
     error = result.attrs["error_of_peak"]
     lines = [f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}"]
     if error:
@@ -106,6 +111,9 @@ def response(
             f"only coils up to {result.attrs['coil_cutoff_m'] * 1e3:.0f} mm from the indenter count: δ is within "
             f"{error:g} of its peak; --reach all counts every coil",
         )
+    outside = coils_outside(shown) if x is None and y is None else []
+    if outside:
+        lines.append(f"note: the positions of the design leave out the centres of {', '.join(outside)}")
     data = {**shared.design_record(opened), "file": str(out), "error_of_peak": error, "response": table.records()}
     shared.print_result(data, as_json=as_json, tables=[table], lines=lines, files=[plot])
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from coilarray.cli.replacing import replacing
 from coilarray.errors import ClusterError, CoilarrayError, ElastomerError, OutputError
 
 if TYPE_CHECKING:
@@ -34,12 +35,18 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".svg", ".pdf")
 
 
-def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = ()) -> Any:
-    """Return an option for a file to write; where it has suffixes, `check_file` refuses it before any work."""
+def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = (), *, kept: bool = False) -> Any:
+    """Return an option for a file to write, refused before any work: by `check_file`, where it has suffixes.
 
-    def check(path: Path | None) -> Path | None:
+    Of a command with the option --force, `replacing` refuses too, unless a file that exists is `kept` and read.
+    """
+
+    def check(context: typer.Context, path: Path | None) -> Path | None:
         if suffixes:
             check_file(names[0], path, suffixes)
+        if path is not None and not kept and "force" in context.params:
+            command = str(context.info_name)
+            context.with_resource(replacing(command, path, force=context.params["force"]))
         return path
 
     return typer.Option(*names, help=text, callback=check)
@@ -74,9 +81,19 @@ AllowViolations = Annotated[
     bool, typer.Option("--allow-violations", help="Go on with a design that breaks a fabrication rule.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON in SI units, and nothing else.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace files that the command did not write itself.", is_eager=True)
+]
 Accuracy = Annotated[
     Literal["full", "screen"], typer.Option("--accuracy", help="Accuracy of the inductances; screen is much faster.")
+]
+Goals = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--goal",
+        help="worst_k, decouple, position_error or smallest (board), which fit any design; or minimize QUANTITY, "
+        "maximize QUANTITY or QUANTITY=VALUE; repeat for several.",
+    ),
 ]
 Workers = Annotated[
     int | None, typer.Option("--workers", help="Number of local processes of one thread; one for each core by default.")
@@ -97,7 +114,9 @@ NumbersFile = Annotated[Path, out_option("File to write: .nc (netCDF) or .csv.",
 OthersOpen = Annotated[bool, typer.Option("--others-open", help="All other coils open.")]
 TableFile = Annotated[
     Path | None,
-    file_option(("--table",), "File of the design's response table (.nc); computed if it does not exist.", (".nc",)),
+    file_option(
+        ("--table",), "File of the design's response table (.nc); computed if it does not exist.", (".nc",), kept=True
+    ),
 ]
 
 SMALLEST_MM, LONGEST_MM = 1e-6, 100_000.0

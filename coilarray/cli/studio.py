@@ -98,24 +98,17 @@ def _folder(design: str | None, folder: Path | None) -> Path:
 def write_report(document: Document, name: str, folder: Path, progress: Progress) -> Path:
     """See `coilarray.viz.studio.services.WriteReport`."""
     from coilarray.design.model import build_design_file
-    from coilarray.report import write_report as write
+    from coilarray.report.write import write_report as write
 
     return write(build_design_file(document, name), folder, progress=progress).page
 
 
 def kept_response(document: Document, name: str, progress: Progress) -> xr.Dataset:
-    """See `coilarray.viz.studio.services.ResponseTable`; stored like that of ``coilarray live``."""
-    from coilarray.compute.store import open_store
+    """See `coilarray.viz.studio.services.ResponseTable`; stored like that of ``coilarray locate``."""
+    from coilarray.cli.maps import stored_table
     from coilarray.design.model import build_design
-    from coilarray.hardware.scan.board_network import board_network
-    from coilarray.localize.forward import table_for
 
-    design, store = build_design(document, name), open_store()
-
-    def make() -> xr.Dataset:
-        return table_for(design, network=board_network(design, store), progress=progress)
-
-    return store.dataset(["positions", design.digest], make)
+    return stored_table(build_design(document, name), progress)
 
 
 def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopped: Callable[[], bool]) -> None:
@@ -127,6 +120,7 @@ def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopp
     from coilarray.hardware.record.live_tracking import LiveTracker
     from coilarray.hardware.scan.readings import read_scan
     from coilarray.localize.forward import forward_model
+    from coilarray.response.coordinates import on_board
     from coilarray.viz.studio.services import BoardFrame
 
     design = build_design(request.document, request.name)
@@ -141,7 +135,7 @@ def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopp
         line = marked(board.line, emulated=board.emulated)
         model = None
         if design.indentation is not None:
-            model = forward_model(kept_response(request.document, request.name, wait))
+            model = forward_model(on_board(kept_response(request.document, request.name, wait)))
         tracker, going = LiveTracker(model), False
         capacitance = design.circuit.switches.tank_capacitance
         with closing(board.reader.scans()) as scans:

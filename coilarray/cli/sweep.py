@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,17 +15,26 @@ from coilarray.cli import shared
 if TYPE_CHECKING:
     import xarray as xr
 
+    from coilarray.studies.optimize.goal import Goal
+    from coilarray.studies.optimize.trials import Trial
+
+_MOST_BEST = 5  # points of a front that are printed
+
 
 def sweep(
     design: shared.DesignArgument = None,
     vary: Annotated[
         list[str] | None,
-        typer.Option("--vary", help="KEY=START:STOP:COUNT or KEY=A,B,…, an entry of the design file; repeat for more."),
+        typer.Option(
+            "--vary",
+            help="KEY=START:STOP, KEY=START:STOP:COUNT or KEY=A,B,…, an entry of the design; repeat for more.",
+        ),
     ] = None,
     quantity: Annotated[
         list[str] | None,
         typer.Option("--quantity", "-q", help='What to compute, as worst_k or "k[coil1,coil2]"; repeat for more.'),
     ] = None,
+    goal: shared.Goals = None,
     samples: Annotated[
         int | None,
         typer.Option(help="Number of sampled points, instead of all combinations; then give KEY=START:STOP."),
@@ -36,24 +46,38 @@ def sweep(
     cache: shared.Cache = None,
     out: shared.NumbersFile = Path("sweep.nc"),
     plot: Annotated[Path | None, shared.plot_option("the quantities")] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
 ) -> None:
     """Compute quantities of a design over a grid of its entries, or over samples.
 
     Every point is stored as soon as it is computed: an interrupted sweep goes on when the same command runs again, and
     no point is computed twice. A point that gives no design is empty in the file, with the reason. Values are in the
-    unit of their name.
+    unit of their name. With --goal the quantities of the goal are computed too, and the best points are printed; what
+    the goal varies is the default of --vary.
 
     Example: coilarray sweep gast2020 --vary array.pitch_mm=12:15:7 --quantity worst_k --out sweep.nc --plot sweep.png
+
+    Example: coilarray sweep my_board.toml --vary array.pitch_mm=12:16 --goal worst_k
     """
     shared.check_workers(workers, cluster)
     from coilarray.compute.store import open_store
     from coilarray.design.model import load_design_file
+    from coilarray.studies.optimize.sweep_points import best_points
     from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
 
     file = load_design_file(design)
     opened = file.design
-    plan = plan_sweep(file, [parse_axis(text) for text in vary or ()], quantity or (), samples, seed, accuracy)
+    axes, wanted = [parse_axis(text) for text in vary or ()], None
+    asked = list(quantity or ())
+    if goal:
+        from coilarray.studies.optimize.goals import derive_goal
+        from coilarray.studies.optimize.goals.wishes import axis_of
+
+        wanted = derive_goal(goal, file, axes).goal
+        axes = axes or [axis_of(variable) for variable in wanted.variables]
+        asked += wanted.quantities
+    plan = plan_sweep(file, axes, asked, samples, seed, accuracy)
     kept = open_store(cache)
     points = len(plan.points)
     with (
@@ -73,6 +97,10 @@ def sweep(
         "points": _records(result),
     }
     lines = []
+    if wanted is not None:
+        best = best_points(plan, result, wanted)
+        data["best"] = [{"entries": dict(point.changes), "quantities": dict(point.quantities)} for point in best]
+        lines += _best_lines(best, wanted)
     if not as_json:
         rows = [_extremes(result, one.key, one.quantity.unit) for one in plan.requests]
         shared.print_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
@@ -80,6 +108,19 @@ def sweep(
             lines.append(f"{len(reasons)} of {points} points have no result; the first: {reasons[0]}")
         lines.append(f"wrote {out}: {points} points over {', '.join(map(str, result.reason.dims))}")
     shared.print_result(data, as_json=as_json, lines=lines, files=[plot])
+
+
+def _best_lines(best: Sequence[Trial], goal: Goal) -> list[str]:
+    """Say which points are best by a goal."""
+    wishes = " and ".join(objective.wish for objective in goal.objectives)
+    if not best:
+        return [f"{wishes}: no point keeps all bounds: {', '.join(bound.wish for bound in goal.constraints)}"]
+    names = [objective.quantity for objective in goal.objectives]
+    return [
+        f"{wishes}: {', '.join(f'{name} = {point.quantities[name]:.6g}' for name in names)} at "
+        + ", ".join(f"{entry} = {_shown(value)}" for entry, value in point.changes.items())
+        for point in best[:_MOST_BEST]
+    ]
 
 
 def _records(result: xr.Dataset) -> list[dict[str, Any]]:

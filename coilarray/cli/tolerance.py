@@ -66,6 +66,7 @@ def tolerance(
             ("--template",), "Write the typical values as a tolerance file to edit (.toml), and exit.", (".toml",)
         ),
     ] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:

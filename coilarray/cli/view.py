@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from coilarray.viz.scenes.of_design import Item, View
     from coilarray.viz.scenes.scene import Scene
 
-_SHOWN = "board,elastomer"
+_SHOWN = "board"
 _LARGEST_MA = 1e9
 _SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
 
@@ -43,8 +43,9 @@ def view(
     show: Annotated[
         str,
         typer.Option(
-            help="Items to show, separated by commas: board, elastomer, dent, field (B on planes with arrows), lines "
-            "(of B), surfaces (of equal B), currents (of the passive coils), coupling, response, location."
+            help="Items to show, separated by commas: board, elastomer (sheets, lifted off the board), dent, field (B "
+            "on planes with arrows), lines (of B), surfaces (of equal B), currents (of the passive coils), coupling, "
+            "response, location."
         ),
     ] = _SHOWN,
     screenshot: Annotated[Path | None, _file("screenshot", "Write a picture: .png.", ".png")] = None,
@@ -74,7 +75,7 @@ def view(
     ] = None,
     at_mm: Annotated[
         tuple[float, float] | None,
-        typer.Option(help="x and y of the indenter from the map's origin; off the middle by default."),
+        typer.Option(help="x and y of the indenter on the board; off the middle of the map by default."),
     ] = None,
     depth_mm: Annotated[
         float | None, _length("--depth-mm", "Depth of the dent; the deepest of the design by default.")
@@ -86,10 +87,11 @@ def view(
     noise: shared.Noise = 1e-5,
     table: shared.TableFile = None,
     path_mm: Annotated[
-        str | None, typer.Option(help='Path of the film, as "X,Y X,Y ..." from the map\'s origin; along x by default.')
+        str | None, typer.Option(help='Path of the film on the board, as "X,Y X,Y ..."; along x by default.')
     ] = None,
     frames: Annotated[int, shared.number_option(("--frames",), 2, 1000, "Number of pictures of the film.")] = 48,
     rate: Annotated[float, typer.Option(help="Pictures of the film per second.")] = 12.0,
+    force: shared.Force = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
     """Show a design in three dimensions.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
@@ -46,6 +47,7 @@ class FabProfile:
         return FabTable.model_validate({"profile": self.name}).build()
 
 
+@functools.cache
 def load_profile(name: str) -> FabProfile:
     """Read a bundled profile; DesignError for a name that is not in `coilarray.design.fabs.names`.
 

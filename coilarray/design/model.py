@@ -19,6 +19,7 @@ from coilarray.design.digest import digest_of
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state, terminated_state
 from coilarray.design.tables import PASSIVE, Document
+from coilarray.design.window import Positions, array_window
 from coilarray.errors import DesignError, GeometryError, NetworkError
 from coilarray.geometry import EVEN, Coil, CoilArray, FabRules, Indenter, Sheet, Unevenness
 from coilarray.geometry.connector import lead_out
@@ -74,7 +75,8 @@ class Indentation:
     depths : tuple of float
         Depths of the indentation in m, rising.
     x, y : tuple of float
-        Positions of the map in m, relative to `origin_point`.
+        Positions of the map in m, relative to `origin_point`. Where both are empty, `Design` sets them: an even grid
+        over all coils (`coilarray.design.window.array_window`).
     base : {"bonded", "frictionless"} or Seat
         How the lowest sheet lies on the board, or the soft seat between them.
     origin : str or None
@@ -91,17 +93,21 @@ class Indentation:
         down only.
     unevenness : Unevenness
         How the seat under a rectangular sample differs from an even one that holds it down.
+    step : float or None
+        Distance in m of the positions that `Design` sets; it follows from the coils by default.
+    over_array : tuple of tuple of float
+        The x and y that `Design` has set; another array gives others.
 
     Raises
     ------
     DesignError
-        No depth or position, or depths that do not rise from above zero.
+        No depth, x without y, or depths that do not rise from above zero.
     """
 
     indenter: Indenter
     depths: tuple[float, ...]
-    x: tuple[float, ...] = (0.0,)
-    y: tuple[float, ...] = (0.0,)
+    x: tuple[float, ...] = ()
+    y: tuple[float, ...] = ()
     base: Base = "bonded"
     origin: str | None = None
     origin_point: tuple[float, float] = (0.0, 0.0)
@@ -109,12 +115,17 @@ class Indentation:
     sample_bounds: tuple[float, float, float, float] | None = None
     strain: Strain = "finite"
     unevenness: Unevenness = EVEN
+    step: float | None = None
+    over_array: Positions = ((), ())
 
     def __post_init__(self) -> None:
-        if not (self.depths and self.x and self.y):
-            raise DesignError("an indentation must have at least one depth, one x and one y.")
+        if not self.depths or bool(self.x) != bool(self.y):
+            raise DesignError("an indentation must have at least one depth, and one x and one y or none of both.")
         if not all(shallow < deep for shallow, deep in pairwise((0.0, *self.depths))):
-            raise DesignError(f"depths of an indentation must rise from above zero; got {self.depths} m.")
+            raise DesignError(
+                f"depths of an indentation must rise from above zero; "
+                f"got {', '.join(f'{depth * 1e3:g}' for depth in self.depths)} mm."
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +195,7 @@ class Design:
             self._check_indentation(self.indentation)
 
     def _check_indentation(self, setup: Indentation) -> None:
-        """Refuse what the sheets do not allow, and find the origin on the board."""
+        """Refuse what the sheets do not allow, and find the origin on the board and the positions over the array."""
         for k, sheet in enumerate(self.sheets):
             if sheet.youngs_modulus is None:
                 raise DesignError(
@@ -203,7 +214,11 @@ class Design:
                 )
             place = self.array.placements[self.array.names.index(setup.origin)]
             if setup.origin_point != (place.x, place.y):
-                object.__setattr__(self, "indentation", replace(setup, origin_point=(place.x, place.y)))
+                setup = replace(setup, origin_point=(place.x, place.y))
+        if (setup.x, setup.y) == setup.over_array:
+            x, y = array_window(self.array, setup.origin_point, setup.step, _touchable(setup))
+            setup = replace(setup, x=x, y=y, over_array=(x, y))
+        object.__setattr__(self, "indentation", setup)
 
     @cached_property
     def terminations(self) -> Mapping[str, Passive]:
@@ -238,6 +253,15 @@ class Design:
             self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,
             self.terminations, self.plan, self.rules, self.field_height,
         )  # fmt: skip
+
+
+def _touchable(setup: Indentation) -> tuple[float, float, float, float] | None:
+    """Edges in m from the origin between which the contact stays on the sample; None for a wide one."""
+    if setup.sample_bounds is None:
+        return None
+    x_min, y_min, x_max, y_max = setup.sample_bounds
+    rim = setup.indenter.radius_at(setup.depths[-1])
+    return x_min + rim, y_min + rim, x_max - rim, y_max - rim
 
 
 @dataclass(frozen=True, eq=False)
@@ -402,6 +426,7 @@ def _indentation(parsed: Document) -> Indentation | None:
         sample_bounds=table.sample_bounds(),
         strain=table.strain,
         unevenness=table.unevenness(),
+        step=None if table.step_mm is None or x else table.step_mm * 1e-3,
     )
 
 

@@ -6,7 +6,7 @@ Numbers stay in the units of their key names up to the `build` methods, which re
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Literal
 
@@ -93,6 +93,16 @@ class StackupTable(Table):
     copper_thickness_um: list[Micrometres]
     dielectric_thickness_mm: list[Millimetres] = Field(default_factory=list)
     dielectric_epsilon_r: list[Relative] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _one_value_a_layer(self) -> StackupTable:
+        for key, less in (("copper_thickness_um", 0), ("dielectric_thickness_mm", 1), ("dielectric_epsilon_r", 1)):
+            count, expected = len(getattr(self, key)), len(self.layers) - less
+            if count != expected:
+                values = "1 value" if expected == 1 else f"{expected} values"
+                whose = "one less than the layers" if less else "one a layer"
+                raise ValueError(f"needs {values} in {key}, {whose}; got {count}")
+        return self
 
     def build(self) -> Stackup:
         """Return the stack-up in SI."""
@@ -305,6 +315,8 @@ class FreeArray(Table):
 
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
         """Return the array in SI; DesignError for a coil that is not there."""
+        for index, place in enumerate(self.placements):
+            _check_layers(stackup, place.layers, f"array.placements.{index}.layers")
         placements = tuple(
             Placement(coil=_coil(coils, place.coil, f"array.placements.{index}.coil"), **in_si(place, "coil"))
             for index, place in enumerate(self.placements)
@@ -343,6 +355,7 @@ class LatticeArray(Table):
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
         """Return the array in SI; DesignError for a coil that is not there."""
         coil, own = _coil(coils, self.coil, "array.coil"), in_si(self, "coil")
+        _check_layers(stackup, (layer for layers in self.layers for layer in layers), "array.layers")
         kind, shift = own.pop("lattice"), own.pop("layer_shift_per_row")
         given = {key: value for key, value in own.items() if value is not None}
         lattice = Lattice(kind, layer_shift=shift, **given)
@@ -437,7 +450,7 @@ class IndentationTable(Table):
     seat_lifts: bool = False
     seat_weight_Pa: Annotated[float, Field(ge=0, le=1e6)] = 0.0  # noqa: N815 - the unit
     depths_mm: list[Millimetres] = Field(min_length=1)
-    x_mm: Range | None = None
+    x_mm: Range | None = None  # left out with y_mm: over all coils
     y_mm: Range | None = None
     step_mm: StepMillimetres | None = None
     x_positions_mm: Positions | None = None  # instead of a range and a step
@@ -463,8 +476,14 @@ class IndentationTable(Table):
             raise ValueError("needs one of origin and origin_mm, not both")
         ranges = (self.x_mm, self.y_mm, self.step_mm)
         lists = (self.x_positions_mm, self.y_positions_mm)
-        if None in (ranges if lists == (None, None) else lists) or (lists != (None, None) and ranges != (None,) * 3):
-            raise ValueError("needs x_mm, y_mm and step_mm, or else x_positions_mm and y_positions_mm")
+        over_array = lists == ranges[:2] == (None, None)
+        if not over_array and (
+            None in (ranges if lists == (None, None) else lists) or (lists != (None, None) and ranges != (None,) * 3)
+        ):
+            raise ValueError(
+                "needs x_mm, y_mm and step_mm, or else x_positions_mm and y_positions_mm; or none of them, for "
+                "positions over all coils"
+            )
         for key, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
             if values is not None and self.step_mm is not None:
                 low, high = values
@@ -494,7 +513,7 @@ class IndentationTable(Table):
             raise ValueError(f"may have {_MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
 
     def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return the x and the y of the map in m, ends included."""
+        """Return the x and the y of the map in m, ends included; none where they follow from the array."""
         if self.x_mm is None or self.y_mm is None or self.step_mm is None:
             x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
         else:
@@ -607,6 +626,13 @@ class Document(Table):
         if isinstance(document, Mapping) and "rules" in document:
             raise PydanticCustomError("unknown_key", "has a table [rules], which is now called [fab]")
         return document
+
+
+def _check_layers(stackup: Stackup, layers: Iterable[str], key: str) -> None:
+    for layer in layers:
+        if layer not in stackup.names:
+            known = ", ".join(stackup.names)
+            raise DesignError(f"{key} names no copper layer; the stack-up has {known}; got {layer!r}.")
 
 
 def _coil(coils: Mapping[str, Coil], name: str, key: str) -> Coil:

@@ -41,7 +41,9 @@ from coilarray.geometry.values import SIDES
 
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_.+-]+")
 # a list of plain values as tomli-w writes it, one a line
-_FLAT_LIST = re.compile(r"\[\n\s*([^\[\]\n]+(?:,\n\s*[^\[\]\n]+)*),\n\s*\]")
+_FLAT_LIST = re.compile(r"\[\n\s*([^\[\]{}\n]+(?:,\n\s*[^\[\]{}\n]+)*),\n\s*\]")
+_HEADER = re.compile(r"^\[(?!\[)", re.MULTILINE)
+_LISTS_OF_NAMES = re.compile(r"""\[\n(?:\s*\["[^\[\]\n]*\],\n)+\s*\]""")
 _LONGEST_LINE = 120
 _TURNED = 1e-12  # rad
 _PICOMETRE = 1e-12
@@ -129,13 +131,27 @@ def design_text(design: Design, assumed: Mapping[str, str] | None = None) -> str
     values are assumed, with the reason: ``coils.*.KEY`` stands for every shape, ``coils.NAME.KEY`` for that of the coil
     NAME.
     """
-    import tomli_w
-
     document = _rounded(design_document(design))
     shapes = shape_names(design.array)
     reasons = _assumed_table(assumed or {}, dict(zip(design.array.names, shapes, strict=True)), list(document["coils"]))
-    text = tomli_w.dumps(document | ({"assumed": reasons} if reasons else {}))
-    return _FLAT_LIST.sub(_on_one_line, text)
+    return document_text(document | ({"assumed": reasons} if reasons else {}))
+
+
+def document_text(document: Mapping[str, Any]) -> str:
+    """Return the TOML text of a document: lists of plain values on one line, a header for every table of a list."""
+    import tomli_w
+
+    def is_tables(value: object) -> bool:
+        return isinstance(value, list) and bool(value) and all(isinstance(item, dict) for item in value)
+
+    plain = {key: value for key, value in document.items() if not (isinstance(value, dict) or is_tables(value))}
+    blocks = [tomli_w.dumps(plain)] if plain else []
+    for key, value in document.items():
+        if is_tables(value):  # which tomli-w would write on one line where they are short
+            blocks += [f"[[{key}]]\n" + _HEADER.sub(f"[{key}.", tomli_w.dumps(table)) for table in value]
+        elif key not in plain:
+            blocks.append(tomli_w.dumps({key: value}))
+    return _LISTS_OF_NAMES.sub(_short, _FLAT_LIST.sub(_on_one_line, "\n".join(blocks)))
 
 
 def shape_names(array: CoilArray) -> list[str]:
@@ -371,7 +387,9 @@ def _indentation_table(setup: Indentation, names: Mapping[str, str]) -> dict[str
     table["depths_mm"] = [_entry(depth, _MM) for depth in setup.depths]
     x, y = ([_number(1e3 * v, v, lambda mm: mm / 1e3, places=True) for v in row] for row in (setup.x, setup.y))
     step = next((round(row[1] - row[0], 9) for row in (x, y) if len(row) > 1), 1.0)
-    if _is_regular(x, step) and _is_regular(y, step):
+    if (setup.x, setup.y) == setup.over_array:
+        table |= {} if setup.step is None else {"step_mm": _entry(setup.step, _MM)}
+    elif _is_regular(x, step) and _is_regular(y, step):
         table |= {"x_mm": [x[0], x[-1]], "y_mm": [y[0], y[-1]], "step_mm": step}
     else:
         table |= {"x_positions_mm": x, "y_positions_mm": y}
@@ -502,3 +520,8 @@ def _rounded(value: Any, key: str = "") -> Any:
 def _on_one_line(match: re.Match[str]) -> str:
     text = "[" + ", ".join(item.strip() for item in match[1].split(",\n")) + "]"
     return text if len(text) <= _LONGEST_LINE else "\n".join(textwrap.wrap(text, _LONGEST_LINE))
+
+
+def _short(match: re.Match[str]) -> str:
+    text = "[" + " ".join(line.strip() for line in match[0].splitlines()[1:-1]).rstrip(",") + "]"
+    return text if len(text) <= _LONGEST_LINE // 2 else match[0]

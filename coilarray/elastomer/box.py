@@ -22,11 +22,14 @@ import numpy.typing as npt
 from numpy.polynomial import legendre
 from scipy.linalg import cholesky, solve_triangular
 
+from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import serial_algebra
 
 FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
+
+_COPIES = 3  # of a slab's matrix at a time, beside those of all widths
 
 SOFTEST = 1e-5
 """Least 1/K in units of the stack: an incompressible sheet counts as one of ν = 0.499998."""
@@ -134,7 +137,8 @@ def element_stiffness(parts: tuple[ElementMatrices, ...], shear: float, squash: 
 
     def product(test: int, trial: int) -> FloatArray:
         x, y, z = (part.product(test == axis, trial == axis) for axis, part in enumerate(parts))
-        return np.kron(np.kron(x, y), z)
+        size = len(x) * len(y) * len(z)
+        return np.einsum("ai,bj,ck->abcijk", x, y, z).reshape(size, size)
 
     gradients = [[product(i, j) for j in range(3)] for i in range(3)]  # ∫ ∂_i φ ∂_j φ
     laplace = sum(gradients[i][i] for i in range(3))
@@ -146,18 +150,24 @@ def element_stiffness(parts: tuple[ElementMatrices, ...], shear: float, squash: 
         for i in range(3)
     ]
     degree = len(parts[0].mean)
-    modes = [mode for mode in itertools.product(range(degree), repeat=3) if sum(mode) < degree]
-    swelling = np.array([_divergence(parts, mode) for mode in modes])
+    modes = np.array([mode for mode in itertools.product(range(degree), repeat=3) if sum(mode) < degree])
+    swelling = _divergence(parts, modes)
     return np.asarray(np.block(blocks) + swelling.T @ swelling / max(squash, SOFTEST))
 
 
-def _divergence(parts: tuple[ElementMatrices, ...], mode: tuple[int, ...]) -> FloatArray:
-    """∫ L div φ over an element for a product L of Legendre polynomials, order (component, x node, y node, z node)."""
-    rows = []
+def _divergence(parts: tuple[ElementMatrices, ...], modes: IndexArray) -> FloatArray:
+    """∫ L div φ over an element for products L of Legendre polynomials of degrees `modes` (n, 3).
+
+    One row each, in the order (component, x node, y node, z node).
+    """
+    columns = []
     for component in range(3):
-        x, y, z = ((part.slope if axis == component else part.mean)[mode[axis]] for axis, part in enumerate(parts))
-        rows.append(np.kron(np.kron(x, y), z))
-    return np.concatenate(rows)
+        rows = [
+            (part.slope if axis == component else part.mean)[mode]
+            for axis, (part, mode) in enumerate(zip(parts, modes.T, strict=True))
+        ]
+        columns.append(np.einsum("mx,my,mz->mxyz", *rows).reshape(len(modes), -1))
+    return np.hstack(columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,6 +212,22 @@ class Box:
         return solution.reshape(loads.shape)
 
 
+def require_box_memory(axes: tuple[Axis, Axis, Axis]) -> None:
+    """Refuse a box whose factors need more memory than is allowed, with MemoryLimitError."""
+    x, y, z = axes
+    plane = 3 * len(y.nodes) * len(z.nodes)
+    inner = x.degree * plane
+    widths = np.diff(x.edges)
+    shapes = len(np.unique(widths.round(9)))
+    kept = len(widths) * inner * (inner + plane) + plane**2
+    across, along = (float(np.ptp(axis.edges)) for axis in (y, x))
+    require_memory(
+        8.0 * (kept + (shapes + _COPIES) * (inner + plane) ** 2),
+        f"a sample of {along:.3g} by {across:.3g} of its thicknesses",
+        "take smaller sample_x_mm and sample_y_mm, or leave them out for a wide sample",
+    )
+
+
 @serial_algebra()
 def factorised(
     axes: tuple[Axis, Axis, Axis], shear: FloatArray, squash: FloatArray, springs: FloatArray, held: BoolArray
@@ -211,6 +237,7 @@ def factorised(
     `shear` and `squash`, shape (elements along z,), are μ and 1/K; `springs`, shape (3, nx, ny), are those at the nodes
     of the bottom, and `held` (3,) the components of the displacement that are zero there.
     """
+    require_box_memory(axes)
     x, y, z = axes
     p, ny, nz = x.degree, len(y.nodes), len(z.nodes)
     plane = np.zeros((3, ny, nz), dtype=bool)

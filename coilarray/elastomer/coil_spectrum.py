@@ -79,8 +79,13 @@ def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
     return centres, radius
 
 
-def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilSpectra:
-    """Compute the spectra of coils at z ≤ 0 at positive wavenumbers in 1/m, each distinct shape once."""
+def segment_spectra(
+    coils: Sequence[Segments], wavenumbers: FloatArray, slope: tuple[float, float] = (0.0, 0.0)
+) -> CoilSpectra:
+    """Compute the spectra of coils at z ≤ 0 at positive wavenumbers in 1/m, each distinct shape once.
+
+    Every coil is turned about its centre so that it falls by a small `slope` along x and y.
+    """
     centres, radius = segment_centres(coils)
     known: dict[bytes, int] = {}
     shapes: list[Segments] = []
@@ -94,8 +99,14 @@ def segment_spectra(coils: Sequence[Segments], wavenumbers: FloatArray) -> CoilS
             known[key] = len(shapes)
             shapes.append(shape)
         shape_of.append(known[key])
+    shapes = [replace(shape, start=_turned(shape.start, slope), stop=_turned(shape.stop, slope)) for shape in shapes]
     series = [run_blocks(lambda k, shape=shape: _series(shape, k, radius), wavenumbers.tolist()) for shape in shapes]  # type: ignore[misc]
     return CoilSpectra(wavenumbers, centres, radius, tuple(shape_of), tuple(tuple(rows) for rows in series))
+
+
+def _turned(points: FloatArray, slope: tuple[float, float]) -> FloatArray:
+    """Turn points (n, 3) about the origin by a small angle."""
+    return np.column_stack((points[:, :2] + points[:, 2:] * np.array(slope), points[:, 2] - points[:, :2] @ slope))
 
 
 def harmonics_about(spectra: CoilSpectra, points: FloatArray, highest: int) -> ComplexArray:

@@ -188,8 +188,8 @@ def _checked_depths(depths: npt.ArrayLike, stack: Stack) -> FloatArray:
     for depth in values:
         if not (math.isfinite(depth) and 0 <= depth < stack.length):
             raise ElastomerError(
-                f"depth of an indentation must be from 0 to below the thickness of all sheets, {stack.length:.4g} m; "
-                f"got {depth:.4g} m."
+                "depth of an indentation must be from 0 to below the thickness of all sheets, "
+                f"{stack.length * 1e3:.4g} mm; got {depth * 1e3:.4g} mm."
             )
     return values
 
@@ -204,7 +204,7 @@ def _check_arguments(sheets: Sequence[Sheet], base: Base, radius: float | None, 
     if strain not in get_args(Strain):
         raise ElastomerError(f"strain must be {' or '.join(map(repr, get_args(Strain)))}; got {strain!r}.")
     if radius is not None and not (math.isfinite(radius) and radius > 0):
-        raise ElastomerError(f"radius of a sample must be positive and finite; got {radius} m.")
+        raise ElastomerError(f"radius of a sample must be positive and finite; got {radius * 1e3:g} mm.")
 
 
 def _check_inside(case: _Case, zone: ContactZone, solution: _Solution, depths: FloatArray) -> None:
@@ -213,8 +213,8 @@ def _check_inside(case: _Case, zone: ContactZone, solution: _Solution, depths: F
     beyond = (solution.force[:, -1] > 0) & (depths > 0)
     if beyond.any() and zone.search < case.indenter.reach / unit:
         raise ElastomerError(
-            f"the contact must end inside the sample, within a radius of {zone.search * unit:.4g} m; "
-            f"at a depth of {depths[beyond][0] * unit:.4g} m it does not."
+            f"the contact must end inside the sample, within a radius of {zone.search * unit * 1e3:.4g} mm; "
+            f"at a depth of {depths[beyond][0] * unit * 1e3:.4g} mm it does not."
         )
 
 
@@ -226,7 +226,7 @@ def _check_unfolded(solution: _Solution, heights: FloatArray, depths: FloatArray
             folded = (np.diff(r[k]) <= 0).any()
             if folded or (k and (z[k] <= np.interp(r[k], r[k - 1], z[k - 1])).any()):
                 raise ElastomerError(
-                    f"depth of an indentation must leave every interface unfolded; at {depth:.4g} m that of "
+                    f"depth of an indentation must leave every interface unfolded; at {depth * 1e3:.4g} mm that of "
                     f"{name!r} folds."
                 )
 
@@ -267,7 +267,8 @@ def indent(
     xarray.Dataset
         Dimensions depth, interface ("board" and the upper face of each sheet, by its name) and r (undeformed radius).
         displacement_r and displacement_z (depth, interface, r) in m, upwards positive; force (depth) in N, in plane
-        strain N/m; contact_radius (depth) in m; pressure (depth, r) in Pa on the top; height (interface) in m, flat.
+        strain N/m; contact_radius (depth) in m, where the pressure ends on the deformed top; pressure (depth, r) in Pa
+        on the top; height (interface) in m, flat.
 
     Raises
     ------

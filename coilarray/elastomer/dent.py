@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,6 +19,22 @@ FloatArray = npt.NDArray[np.float64]
 _STILL = 1e-3  # of the deepest displacement: where no face moves by more, the dent is over
 _FADE = 8  # points beyond the edge of what is known
 _ZONE = 4.0  # extent of the moved air below and above, in depths of the dent
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A small rigid motion of all sheets together with their dent.
+
+    They are lifted by `lift` in m and turned about a point of the indenter's axis at the height `pivot` in m above
+    z = 0, so that they rise along x and y by `slope`.
+    """
+
+    lift: float = 0.0
+    slope: tuple[float, float] = (0.0, 0.0)
+    pivot: float = 0.0
+
+
+STILL = Motion()
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +53,9 @@ class Dent:
         Shape of the dent: a body of revolution, or the same all along y.
     below : float
         1 for air under z = 0; the lowest permeability where electrodes at z = 0 leave no contrast there.
+    motion : Motion
+        How the sheets have moved with the dent: what it changes is against flat sheets that have moved alike. Nothing
+        of it is in the other values.
 
     Raises
     ------
@@ -50,6 +69,7 @@ class Dent:
     displacement: FloatArray
     symmetry: Literal["axial", "plane"] = "axial"
     below: float = 1.0
+    motion: Motion = STILL
 
     def __post_init__(self) -> None:
         if self.displacement.shape != (len(self.radius), len(self.thicknesses) + 1):
@@ -78,6 +98,10 @@ class Dent:
         """Heights of the flat faces in m, shape (sheets + 1,), from 0."""
         return np.concatenate(([0.0], np.cumsum(self.thicknesses)))
 
+    def moved(self, motion: Motion) -> Dent:
+        """Return the dent in sheets that have moved with it."""
+        return replace(self, motion=motion)
+
     def faces(self, radius: FloatArray, derivative: int = 0) -> FloatArray:
         """Upward displacement of every face in m, or a derivative by the radius, shape (…, sheets + 1).
 
@@ -87,6 +111,11 @@ class Dent:
         spline = CubicSpline(self.radius, self.displacement, bc_type=((1, level), (2, straight)))
         values = spline(np.minimum(radius, self.extent), derivative)
         return np.where((radius < self.extent)[..., None], values, 0.0)
+
+    @property
+    def shape(self) -> tuple[object, ...]:
+        """What decides its field but for the motion; equal for equal dents."""
+        return self.thicknesses, self.permeabilities, self.radius.tobytes(), self.displacement.tobytes(), self.below
 
     @property
     def extent(self) -> float:

@@ -23,6 +23,7 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import run_blocks
 from coilarray.constants import MU_0
 from coilarray.elastomer.coil_spectrum import CoilSpectra
+from coilarray.elastomer.dent import STILL, Motion
 from coilarray.elastomer.scattering import Scattering
 
 FloatArray = npt.NDArray[np.float64]
@@ -42,19 +43,23 @@ class DentAmplitudes:
 
 
 def dent_amplitudes(
-    scattering: Scattering, spectra: CoilSpectra, offsets: Sequence[FloatArray], tolerance: float
+    scattering: Scattering,
+    spectra: CoilSpectra,
+    offsets: Sequence[FloatArray],
+    tolerance: float,
+    motion: Motion = STILL,
 ) -> DentAmplitudes:
     """Compute the amplitudes of coils at offsets from the indenter's axis.
 
-    The spectra are at the wavenumbers of the dent. Offsets, shape (offsets, 2) for each shape of coil, are the position
-    of the indenter minus the centre of the coil in m, within the extent that the wavenumbers resolve. Amplitudes below
-    the `tolerance`, a part of the largest, are left out; the energies err by about a tenth of it. MemoryLimitError for
-    more offsets than there is memory for.
+    The spectra are at the wavenumbers of the dent, of coils turned by the slope of its `motion`. Offsets, shape
+    (offsets, 2) for each shape of coil, are the position of the indenter minus the centre of the coil in m, within the
+    extent that the wavenumbers resolve. Amplitudes below the `tolerance`, a part of the largest, are left out; the
+    energies err by about a tenth of it. MemoryLimitError for more offsets than there is memory for.
     """
     orders = len(scattering.energies)
     count = sum(len(points) for points in offsets)
     require_memory(24.0 * count * len(spectra.wavenumbers) * orders, f"the field of coils at {count} offsets")
-    incident = [_incident(spectra, shape, points, orders) for shape, points in enumerate(offsets)]
+    incident = [_incident(spectra, shape, points, orders, motion) for shape, points in enumerate(offsets)]
     weighted = [patterns * scattering.weights for patterns in scattering.patterns]
     axes, strengths = [], []
     largest = 0.0
@@ -89,12 +94,14 @@ def amplitude_table(axis: FloatArray, amplitudes: FloatArray) -> NdBSpline:
     return NdBSpline((along.t, across.t), np.ascontiguousarray(np.moveaxis(across.c, 0, 1)), _DEGREE)
 
 
-def _incident(spectra: CoilSpectra, shape: int, offsets: FloatArray, orders: int) -> FloatArray:
+def _incident(spectra: CoilSpectra, shape: int, offsets: FloatArray, orders: int, motion: Motion) -> FloatArray:
     """Harmonics c_m k/2π of one coil's potential about offsets from it, (harmonics, real or imaginary, k, offsets).
 
     As `coilarray.elastomer.coil_spectrum.harmonics_about`, with the waves of distinct x and of distinct y multiplied.
     In opposite directions S e^{ik·p} are conjugates, so half a circle does: 2 Re for even m and 2i Im for odd m.
     """
+    up = motion.lift - offsets @ motion.slope
+    offsets = offsets + np.array(motion.slope) * motion.pivot
     (x, of_x), (y, of_y) = (np.unique(np.round(values, 12), return_inverse=True) for values in offsets.T)  # to 1 pm
     distance = float(np.hypot(*offsets.T).max(initial=0.0))
     harmonics = np.empty((orders, 2, len(spectra.wavenumbers), len(offsets)))
@@ -107,6 +114,8 @@ def _incident(spectra: CoilSpectra, shape: int, offsets: FloatArray, orders: int
         spectrum = np.exp(1j * np.outer(alpha, np.fft.fftfreq(len(series), 1 / len(series)))) @ series
         along_x = spectrum * np.exp(1j * np.outer(x, k * np.cos(alpha)))
         wave = along_x[of_x] * np.exp(1j * np.outer(y, k * np.sin(alpha)))[of_y]
+        if motion != STILL:
+            wave *= np.exp(-k * up)[:, None]
         for odd, part in enumerate((wave.real, wave.imag)):
             m = np.arange(odd, orders, 2)
             factor = (-1.0) ** ((m + odd) // 2) * k / (2 * np.pi * half)  # of them i^m, or i^(m+1)

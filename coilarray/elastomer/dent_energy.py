@@ -10,11 +10,12 @@ import numpy.typing as npt
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges
 from coilarray.elastomer.coil_spectrum import Segments, harmonics_about, segment_centres, segment_spectra
-from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.dent import Dent, Motion
 from coilarray.elastomer.scattering import LayerMesh, Scattering, wavenumber_rule
 from coilarray.errors import ElastomerError
 
 FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
 
 Solver = Callable[[Dent, FloatArray, FloatArray, float], Scattering]
 """Solves a dent for wavenumbers, their weights, and the largest displacement of the series of dents in m."""
@@ -64,16 +65,35 @@ def dent_energies(
     total = len(moving) + len(blocks)
     deepest = max(float(np.abs(dent.displacement).max()) for dent in dents)
     report = progress or (lambda done, total: None)
+    shapes: dict[tuple[object, ...], Scattering] = {}  # dents that differ by a motion alone share it
     solved = []
     for index in moving:
-        solved.append(solve(dents[index], wavenumbers, weights, deepest))
+        shape = dents[index].shape
+        if shape not in shapes:
+            shapes[shape] = solve(dents[index], wavenumbers, weights, deepest)
+        solved.append(shapes[shape])
         report(len(solved), total)
-    spectra = segment_spectra(coils, wavenumbers)
+    motions: dict[Motion, list[tuple[int, Scattering]]] = {
+        motion: [] for motion in dict.fromkeys(dents[index].motion for index in moving)
+    }
+    for index, one in zip(moving, solved, strict=True):
+        motions[dents[index].motion].append((index, one))
+    spectra = {
+        slope: segment_spectra(coils, wavenumbers, slope) for slope in dict.fromkeys(one.slope for one in motions)
+    }
     factors = 2 * np.pi * np.array([1.0, *[2.0] * mesh.harmonics])
     for done, (start, stop) in enumerate(blocks, start=1):
-        incident = harmonics_about(spectra, points[start:stop], mesh.harmonics)
-        incident *= wavenumbers[:, None, None, None] / (2 * np.pi)
-        for index, one in zip(moving, solved, strict=True):
-            change[index, start:stop] = one.change(incident, factors)
+        at = points[start:stop]
+        turned: tuple[tuple[float, float], float] | None = None
+        for motion, those in motions.items():
+            if turned != (motion.slope, motion.pivot):
+                turned = motion.slope, motion.pivot
+                axis = at + np.array(motion.slope) * motion.pivot
+                waves = harmonics_about(spectra[motion.slope], axis, mesh.harmonics)
+                level = np.moveaxis(waves, -1, 0) * (wavenumbers[:, None, None] / (2 * np.pi))
+            up = motion.lift + (centres - at[:, None]) @ motion.slope
+            incident = np.ascontiguousarray(level * np.exp(-wavenumbers[:, None, None] * up))
+            for index, one in those:
+                change[index, start:stop] = one.change(incident, factors)
         report(len(moving) + done, total)
     return change

@@ -17,7 +17,7 @@ from shapely.geometry.polygon import orient
 
 from coilarray.constants import EPSILON_0
 from coilarray.elastomer.coil_spectrum import Segments
-from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.dent import STILL, Dent
 from coilarray.elastomer.dent_energy import dent_energies
 from coilarray.elastomer.scattering import LayerMesh, scatter
 from coilarray.errors import ElastomerError
@@ -140,7 +140,7 @@ def outlined(outlines: Sequence[FloatArray], potentials: Sequence[float], z: flo
 
 
 def _filled(dent: Dent, permittivity: float) -> Dent:
-    """Sheets of one permittivity on electrodes: of their faces the electric field sees the top alone."""
+    """Sheets of one permittivity on electrodes, at rest: of their faces the electric field sees the top alone."""
     faces = dent.displacement[:, [0, -1]]
     return replace(
         dent,
@@ -148,6 +148,7 @@ def _filled(dent: Dent, permittivity: float) -> Dent:
         permeabilities=(permittivity,),
         displacement=faces,
         below=permittivity,
+        motion=STILL,
     )
 
 

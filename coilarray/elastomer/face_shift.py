@@ -30,7 +30,7 @@ FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
 _STEP = 1e-6  # of a difference in heights, over the shortest wavelength
-_SPACING = 0.35  # of the points of the integral, in heights of the lowest magnetic face
+_SPACING = 0.5  # of the points of the integral, in heights of the lowest magnetic face
 _FADED = 2.5  # thicknesses of the stack beyond the sample where the wide one is still taken away
 _PLACES = 64  # at a time, which bounds the memory
 
@@ -88,7 +88,7 @@ def shift_energy(
     centres, radius = segment_centres(coils)
     centres = centres - origin
     extent = float(np.hypot(*(np.array([x[[0, -1]], y[[0, -1]]])[:, None] - centres.T[..., None])).max()) + radius
-    wavenumbers, weights = wavenumber_rule(float(heights[0]), extent, mesh)
+    wavenumbers, weights = wavenumber_rule(float(heights[0]), extent, mesh.coarser())
     step = _STEP / wavenumbers[-1]
     at, above = (flat_profile(wavenumbers, heights + up, thicknesses, mu[1:-1]) for up in (0.0, step))
     spectra = segment_spectra(coils, wavenumbers)
@@ -109,7 +109,7 @@ def shift_energy(
         for start in range(0, count, _PLACES):
             some = slice(start, start + _PLACES)
             r = np.hypot(at_x - places[some, 0, None], at_y - places[some, 1, None])
-            change[:, some] -= np.moveaxis(correction.beyond(r)[..., face], -1, 0) @ lost
+            change[:, some] -= np.moveaxis(correction.beyond(r, face), -1, 0) @ lost
     return change
 
 

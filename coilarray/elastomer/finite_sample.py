@@ -13,7 +13,7 @@ bottom by a semi-smooth Newton method. What counts is the difference from the sa
 
 The indenter keeps its depth h. Where w lifts the contact by w̄ on average, the contact is that of a wide sample at the
 depth h + s with s = w̄ (1 + s F'/F), since far from the contact w depends on its force F alone (Saint-Venant). The
-slope of w under the indenter is left out: it shifts the dent by no more than the contact's radius times that slope.
+dent is lifted and turned with the sample under it, which `coilarray.response.setup` sees to.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PPoly
 
+from coilarray.compute.memory import require_memory
 from coilarray.elastomer.box import Axis, Box, factorised
 from coilarray.elastomer.contact_grid import Stack, stack_of
 from coilarray.elastomer.contact_mesh import graded
@@ -37,7 +38,8 @@ FloatArray = npt.NDArray[np.float64]
 
 _ANCHOR = 1e-6  # stress per displacement, in units of the stack, that keeps a sliding sample from drifting
 _POINTS = 0.1  # thicknesses between the points of integrals over a side
-_PLACES = 64  # at a time, which bounds the memory
+_PLACES = 400  # at a time, which bounds the memory
+_RANK = 1e-5  # of the strongest pattern of the loads of all places: weaker ones are left out
 _NEWTON_STEPS = 60
 _STEADY = 1e-9  # of a thickness: the last change of the depth
 
@@ -77,7 +79,7 @@ class BoxMesh:
 
 
 DEFAULT_BOX_MESH = BoxMesh()
-"""Displacements to about 1 % of the largest: the study is in tests/elastomer/test_finite_sample.py."""
+"""Faces of the sheets to 1 % of the largest displacement, the edge of the bottom to 3 %: the study is in the tests."""
 
 
 @dataclass(frozen=True)
@@ -111,14 +113,24 @@ class SampleCorrection:
     wide: PPoly
     length: float
 
-    def at_indenter(self, places: FloatArray) -> FloatArray:
-        """w_z of every level under the indenter in m, shape (depths, places, levels), for places (places, 2) in m."""
-        bx, by = (axis.basis(places[:, k]) for k, axis in enumerate((self.x, self.y)))
-        return np.asarray(np.einsum("dplxy,px,py->dpl", self.moved, bx, by, optimize=True))
+    def at_indenter(self, places: FloatArray, levels: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """w_z in m and its slopes along x and y under the indenter, in the mean over some levels.
 
-    def beyond(self, radii: FloatArray) -> FloatArray:
-        """u_z of the wide sample in m at radii in m, shape (…, depths, levels)."""
-        return self.length * np.asarray(self.wide(radii / self.length))
+        Shapes (depths, places) and (depths, places, 2), for places (places, 2) in m.
+        """
+        mean = self.moved[:, :, list(levels)].mean(axis=2) if len(levels) else 0 * self.moved[:, :, 0]
+        (x, dx), (y, dy) = (
+            (axis.basis(at), axis.basis(at, 1)) for axis, at in zip((self.x, self.y), places.T, strict=True)
+        )
+        rise, *slopes = (
+            np.einsum("dpxy,px,py->dp", mean, *shapes, optimize=True) for shapes in ((x, y), (dx, y), (x, dy))
+        )
+        return rise, np.stack(slopes, axis=-1)
+
+    def beyond(self, radii: FloatArray, level: int) -> FloatArray:
+        """u_z of the wide sample at a level in m at radii in m, shape (…, depths)."""
+        wide = PPoly(np.ascontiguousarray(self.wide.c[..., level]), self.wide.x)
+        return self.length * np.asarray(wide(radii / self.length))
 
 
 def sample_correction(
@@ -159,15 +171,19 @@ def sample_correction(
     problem = _Problem(sheets, base, sample, places, r, pressure)
     depths, count = len(pressure), len(places)
     shape = (depths, count, len(problem.levels_at), *problem.plan)
+    require_memory(
+        16.0 * float(np.prod(shape)),
+        f"a finite sample with {count} positions at {depths} depths",
+        "take fewer of them, or leave sample_x_mm and sample_y_mm out for a wide sample",
+    )
     depth, moved, lifted = np.zeros((depths, count)), np.zeros(shape), np.zeros((depths, count, *problem.plan))
     slope = force_slope * problem.stack.length
     lift = _Lift(problem) if sample.unevenness.lifts else None
     for start in range(0, count, _PLACES):
         some = slice(start, min(start + _PLACES, count))
         for case in range(depths):
-            w = problem.box.displacements(problem.loads(places[some] / problem.stack.length, case))
-            faces = problem.faces(w)
-            mean = np.einsum("xyp,px,py->p", w[:, 2, :, -1], *problem.ring(places[some], case), optimize=True)
+            faces = problem.moved(places[some] / problem.stack.length, case)
+            mean = np.einsum("xyp,px,py->p", faces[-1], *problem.ring(places[some], case), optimize=True)
             if lift is None:
                 shift = _shift(mean, slope[case])
                 moved[case, some] = np.moveaxis(faces * (1 + shift * slope[case]), -1, 0)
@@ -178,7 +194,7 @@ def sample_correction(
             depth[case, some] = shift
     length = problem.stack.length
     x, y = (Axis(axis.edges * length, axis.degree) for axis in problem.box.axes[:2])
-    return SampleCorrection(x, y, depth * length, moved * length, lifted * length, problem.upwards(), length)
+    return SampleCorrection(x, y, depth * length, moved * length, lifted * length, problem.upwards, length)
 
 
 def _shift(mean: FloatArray, slope: float) -> FloatArray:
@@ -222,12 +238,14 @@ class _Problem:
         self.levels_at = np.arange(len(stack.levels)) * mesh.rows * mesh.degree
         z_points, z_rule = z.rule(_POINTS)
         self._z = (z_rule[:, None] * z.basis(z_points)).T
-        heights = np.concatenate((z_points, stack.levels))
-        self.inside, self.level_heights = slice(0, len(z_points)), slice(len(z_points), None)
+        heights, inside = np.concatenate((z_points, stack.levels)), len(z_points)
         corners = np.array([[x_min, y_min], [x_max, y_max]])
         extent = np.hypot(*np.abs(places[:, None] / stack.length - corners).max(axis=(0, 1)))
         radii, scaled = r / stack.length, pressure / stack.stress
-        self.wide = wide_field(stack, base, radii, scaled, heights, float(extent) * 1.01 + 1)
+        wide = wide_field(stack, base, radii, scaled, heights, float(extent) * 1.01 + 1)
+        self.upwards = _part(wide.moved, np.s_[1, :, inside:])
+        self._stress = [_part(wide.stress, np.s_[:, case, :inside]) for case in range(len(scaled))]
+        self._bottom = [_part(wide.moved, np.s_[:, case, inside]) for case in range(len(scaled))]
         first, third = (np.trapezoid(scaled * radii**power, radii, axis=1) for power in (1, 3))
         self._ring = np.sqrt(third / np.where(first > 0, first, 1.0))
 
@@ -248,14 +266,22 @@ class _Problem:
         unit = length / self.stack.stress
         return np.array([base.shear, base.shear, base.stiffness]) * unit, factor
 
-    def upwards(self) -> PPoly:
-        """Return u_z of the wide sample at every level over the radius."""
-        moved = self.wide.moved
-        return PPoly(np.ascontiguousarray(moved.c[:, :, 1, :, self.level_heights]), moved.x)
-
     def faces(self, displacement: FloatArray) -> FloatArray:
         """w_z at every level, shape (levels, nx, ny, cases)."""
         return np.moveaxis(displacement[:, 2][:, :, self.levels_at], 2, 0)
+
+    def moved(self, places: FloatArray, case: int) -> FloatArray:
+        """w_z at every level under one pressure at places in thicknesses, shape (levels, nx, ny, places).
+
+        The loads of many places are sums of few patterns, and only those are solved.
+        """
+        loads = self.loads(places, case).reshape(-1, len(places))
+        loaded = np.flatnonzero(loads.any(axis=1))
+        sizes, patterns = np.linalg.eigh(loads[loaded].T @ loads[loaded])
+        patterns = patterns[:, sizes > _RANK**2 * max(sizes[-1], np.finfo(float).tiny)]
+        few = np.zeros((len(loads), patterns.shape[1]))
+        few[loaded] = loads[loaded] @ patterns
+        return self.faces(self.box.displacements(few.reshape(*self.box.shape, -1))) @ patterns.T
 
     def ring(self, places: FloatArray, case: int) -> tuple[FloatArray, FloatArray]:
         """Weights along x and y, (places, nodes), of the mean over the contact of a function that is smooth there.
@@ -293,8 +319,7 @@ class _Problem:
         """σ∞ on a plane across an axis, its three components: (3, places, points, heights)."""
         dx, dy = np.broadcast_arrays(dx[:, None] if dx.ndim == 1 else dx, dy[:, None] if dy.ndim == 1 else dy)
         r = np.hypot(dx, dy)
-        stress = np.asarray(self.wide.stress(r))[:, :, :, case, self.inside]
-        radial, hoop, shear = np.moveaxis(stress, 2, 0)
+        radial, hoop, shear = np.moveaxis(np.asarray(self._stress[case](r)), 2, 0)
         cos, sin = (dx / r)[..., None], (dy / r)[..., None]
         mixed = (radial - hoop) * cos * sin
         if across == 0:
@@ -307,9 +332,14 @@ class _Problem:
         dx = x.nodes[:, None, None] - places[:, 0]
         dy = y.nodes[None, :, None] - places[:, 1]
         r = np.hypot(dx, dy)
-        along, up = np.moveaxis(np.asarray(self.wide.moved(r))[..., case, self.level_heights.start], -1, 0)
+        along, up = np.moveaxis(np.asarray(self._bottom[case](r)), -1, 0)
         safe = np.where(r > 0, r, 1.0)
         return np.stack([along * dx / safe, along * dy / safe, up], axis=1)
+
+
+def _part(spline: PPoly, which: tuple[int | slice, ...]) -> PPoly:
+    """Return a part of the values of a spline."""
+    return PPoly(np.ascontiguousarray(spline.c[:, :, *which]), spline.x)
 
 
 def _rows(stack: Stack, rows: int) -> FloatArray:
@@ -326,6 +356,11 @@ class _Lift:
     def __init__(self, problem: _Problem) -> None:
         self._problem = problem
         nx, ny = problem.plan
+        require_memory(
+            16.0 * len(problem.levels_at) * (nx * ny) ** 2,
+            f"a seat that can lift under a sample of {nx} by {ny} nodes",
+            "take smaller sample_x_mm and sample_y_mm",
+        )
         x, y, _ = problem.box.axes
         along_x, along_y = problem.unevenness.gap_slope
         self._gap = np.maximum(along_x * x.nodes[:, None] + along_y * y.nodes, 0.0).ravel()

@@ -102,7 +102,7 @@ def line_dent_inductance(
     k, weights = wavenumber_rule(min(dents[index].clearance for index in moving), extent, mesh)
     amplitude = _spectrum(wires, k)[:, None] * np.exp(1j * np.outer(k, x)) / np.pi
     # Ψ = ∫ (Re c cos kx − Im c sin kx) g dk/π about the indenter: an even and an odd part
-    incident = np.stack((amplitude.real, -amplitude.imag), axis=-1)[:, :, None, :].astype(np.complex128)
+    incident = np.stack((amplitude.real, -amplitude.imag))[..., None].astype(np.complex128)
     deepest = max(float(np.abs(dent.displacement).max()) for dent in dents)
     for index in moving:
         scattering = scatter(dents[index], k, weights, mesh, deepest)

@@ -31,6 +31,7 @@ _DEGREE = 8  # of the profiles in an element
 _SMOOTH = 1 / 3  # of the contact radius: a pressure is smoothed by so much, which decides the highest wavenumber
 _CUT = 5.0  # highest wavenumber times that radius, where 5e-5 of the pressure is left
 _SPARE = 40  # wavenumbers above two a period
+_RATIO = 0.1  # of the distance of wavenumbers to themselves in tables of the profiles: good to 1e-5
 _FINEST, _GROWTH = 0.03, 0.03  # distance of the radii of the tables, and its growth with the radius
 
 
@@ -74,7 +75,8 @@ def wide_field(
     spread = (k * _SMOOTH * contact) ** 2 / 2
     smooth = (1 + spread) * np.exp(-spread)  # leaves the force and its second moments as they are
     strength = transform(r, pressure, k) * smooth * rule * k
-    profiles = _profiles(stack, base, k, heights)
+    few = graded(float(k[0]), float(k[-1]), lambda k: _RATIO * k)
+    profiles = (CubicSpline(few, profile)(k) for profile in _profiles(stack, base, few, heights))
     radii = graded(0.0, extent, lambda r: _FINEST + _GROWTH * r)
     kr = np.outer(k, radii)
     even, odd = j0(kr), j1(kr)

@@ -51,14 +51,9 @@ class ForwardModel(ResponseSpline):
     def select(self, states: Sequence[str]) -> ForwardModel:
         """Return the model of some of the states, in the given order; for example without a broken coil.
 
-        LocalizeError for a name that the model does not have, or one that is given twice.
+        LocalizeError as `chosen_states`.
         """
-        for name in states:
-            if name not in self.states:
-                raise LocalizeError(f"the model has no state {name!r}; there are {', '.join(self.states)}.")
-        if not states or len(set(states)) < len(states):
-            raise LocalizeError(f"states must be named once each, at least one; got {list(states)}.")
-        kept = [self.states.index(name) for name in states]
+        kept = [self.states.index(name) for name in chosen_states(self.states, states)]
         coefficients = np.ascontiguousarray(self.spline.c[..., kept])
         return replace(self, states=tuple(states), spline=NdBSpline(self.spline.t, coefficients, self.spline.k))
 
@@ -92,19 +87,35 @@ class ForwardModel(ResponseSpline):
         return array
 
 
-def checked_noise(model: ForwardModel, noise: npt.ArrayLike) -> FloatArray:
+def chosen_states(known: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
+    """Return the wanted states; LocalizeError for none, a name that is not known, or one that is given twice."""
+    for name in wanted:
+        if name not in known:
+            raise LocalizeError(f"the model has no state {name!r}; there are {', '.join(known)}.")
+    if not wanted or len(set(wanted)) < len(wanted):
+        raise LocalizeError(f"states must be named once each, at least one; got {list(wanted)}.")
+    return tuple(wanted)
+
+
+def require_states(states: Sequence[str], unknowns: int) -> None:
+    """Refuse fewer states than there are unknowns: LocalizeError."""
+    if len(states) < unknowns:
+        raise LocalizeError(f"{unknowns} unknowns need at least as many states; the model has {', '.join(states)}.")
+
+
+def checked_noise(states: Sequence[str], noise: npt.ArrayLike) -> FloatArray:
     """Return the standard deviation of δ of every state, shape (states,).
 
     LocalizeError for values that are not positive and finite, or neither one number nor one for each state.
     """
     values = np.asarray(noise, dtype=np.float64)
-    if values.shape not in ((), (len(model.states),)):
+    if values.shape not in ((), (len(states),)):
         raise LocalizeError(
-            f"noise must be one number or one for each of the {len(model.states)} states; got shape {values.shape}."
+            f"noise must be one number or one for each of the {len(states)} states; got shape {values.shape}."
         )
     if not (np.isfinite(values) & (values > 0)).all():
         raise LocalizeError(f"noise must be positive and finite; got {values.tolist()}.")
-    return np.broadcast_to(values, (len(model.states),)).copy()
+    return np.broadcast_to(values, (len(states),)).copy()
 
 
 def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardModel:

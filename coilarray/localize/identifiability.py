@@ -29,7 +29,7 @@ def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.Ar
     Shape (…, unknowns, unknowns), for points (…, 3) and the standard deviation of δ, one or one for each state.
     LocalizeError for what `ForwardModel.jacobian` and `checked_noise` refuse.
     """
-    scaled = model.jacobian(points) / checked_noise(model, noise)[:, None]
+    scaled = model.jacobian(points) / checked_noise(model.states, noise)[:, None]
     return np.asarray(scaled.swapaxes(-1, -2) @ scaled)
 
 
@@ -94,7 +94,7 @@ def identifiability(
     if along.ndim != 1 or across.ndim != 1:
         raise LocalizeError(f"x and y must be rows of positions; got shapes {along.shape} and {across.shape}.")
     X, Y = np.meshgrid(along, across)
-    sigma = checked_noise(model, noise)
+    sigma = checked_noise(model.states, noise)
     information = fisher_information(model, np.stack([X, Y, np.full_like(X, depth)], axis=-1), sigma)
     deviations = np.sqrt(np.diagonal(covariance_of(information), axis1=-2, axis2=-1))
     values, _, _ = _scaled_eigen(information)

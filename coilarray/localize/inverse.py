@@ -18,7 +18,7 @@ from scipy.special import chdtrc, chdtri
 
 from coilarray.compute.threads import ranges
 from coilarray.errors import LocalizeError
-from coilarray.localize.forward import ForwardModel, checked_noise
+from coilarray.localize.forward import ForwardModel, checked_noise, require_states
 from coilarray.localize.identifiability import covariance_of
 from coilarray.localize.search import refine, scan_of, starts
 from coilarray.response.interpolation import PARAMETERS
@@ -191,7 +191,7 @@ def locate(
     >>> found.verdict, len(found.modes), round(found.best.x * 1e3, 3), found.best.deviations.round(5)
     ('found', 1, 2.0, array([1.5e-04, 1.1e-04, 2.0e-05]))
     """
-    return _solve(model, [_values(model, reading)], noise, confidence, alarm)[0]
+    return _solve(model, [checked_reading(model.states, reading)], noise, confidence, alarm)[0]
 
 
 def locate_all(
@@ -211,7 +211,7 @@ def locate_all(
     good = []
     for reading in readings:
         try:
-            good.append(_values(model, reading))
+            good.append(checked_reading(model.states, reading))
             results.append(None)
         except LocalizeError as error:
             results.append(Location("refused", str(error)))
@@ -250,7 +250,7 @@ def deviance(
     LocalizeError
         What `locate` and `ForwardModel.delta` refuse, and a location without a mode.
     """
-    residuals = (_values(model, reading) - model.delta(points)) / checked_noise(model, noise)
+    residuals = (checked_reading(model.states, reading) - model.delta(points)) / checked_noise(model.states, noise)
     return np.asarray((residuals**2).sum(axis=-1) - location.best.chi_square)
 
 
@@ -258,14 +258,11 @@ def _solve(
     model: ForwardModel, rows: Sequence[FloatArray], noise: npt.ArrayLike, confidence: float, alarm: float
 ) -> list[Location]:
     """Locate checked readings."""
-    sigma = checked_noise(model, noise)
+    sigma = checked_noise(model.states, noise)
     for name, value in (("confidence", confidence), ("alarm", alarm)):
         if not 0 < value < 1:
             raise LocalizeError(f"{name} must be between 0 and 1; got {value}.")
-    if len(model.states) < model.unknowns:
-        raise LocalizeError(
-            f"{model.unknowns} unknowns need at least as many states; the model has {', '.join(model.states)}."
-        )
+    require_states(model.states, model.unknowns)
     result: list[Location] = []
     for first, last in ranges(len(rows), _BLOCK):
         result += _solve_block(model, np.array(rows[first:last]), sigma, confidence, alarm)
@@ -390,26 +387,24 @@ def _quantile(freedom: int, confidence: float) -> float:
     return float(chdtri(freedom, 1 - confidence))
 
 
-def _values(model: ForwardModel, reading: Reading) -> FloatArray:
-    """δ in the model's order, shape (states,), or one line about what is wrong with a reading."""
+def checked_reading(states: Sequence[str], reading: Reading) -> FloatArray:
+    """Return the δ of a reading in the order of the states, shape (states,); LocalizeError as `locate`."""
     if isinstance(reading, Mapping):
         for name in reading:
-            if name not in model.states:
-                raise LocalizeError(f"the model has no state {name!r}; there are {', '.join(model.states)}.")
-        for name in model.states:
+            if name not in states:
+                raise LocalizeError(f"the model has no state {name!r}; there are {', '.join(states)}.")
+        for name in states:
             if name not in reading:
                 raise LocalizeError(f"a reading must have δ of every state; that of {name} is missing.")
-        reading = [reading[name] for name in model.states]
+        reading = [reading[name] for name in states]
     try:
         values = np.asarray(reading, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise LocalizeError(f"δ must be numbers; got {reading!r}.") from error
-    if values.shape != (len(model.states),):
-        raise LocalizeError(
-            f"a reading must have one δ for each of {len(model.states)} states; got shape {values.shape}."
-        )
+    if values.shape != (len(states),):
+        raise LocalizeError(f"a reading must have one δ for each of {len(states)} states; got shape {values.shape}.")
     bad = ~(np.abs(values) < 1)
     if bad.any():
         k = int(np.flatnonzero(bad)[0])
-        raise LocalizeError(f"δ must be a number between -1 and 1; that of {model.states[k]} is {values[k]}.")
+        raise LocalizeError(f"δ must be a number between -1 and 1; that of {states[k]} is {values[k]}.")
     return values

@@ -17,18 +17,23 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imsave
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from coilarray import viz
 from coilarray.design.model import Design
 from coilarray.geometry import Indenter
 from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.report.position import MapPositions
+from coilarray.response.answering import middle_state
 
 FloatArray = npt.NDArray[np.float64]
 
 _DPI = 130
 _RIM = 0.1  # inches of white around a picture
-_DENT_SIZE = (1280, 720)  # pixels; the page is 1100 wide
+_SIZE = (1280, 720)  # pixels of what is rendered; the page is 1100 wide
+_WHITE = 0xFFFFFFFF  # a pixel of four bytes
+_BESIDE = (1.5, 4.0, 1.2, 1.0)  # inches at the left, at the right, below and above single axes
+_AXES_PART = 0.84  # of a figure's width and height
 
 
 @dataclass(frozen=True)
@@ -45,7 +50,7 @@ def board_picture(design: Design) -> Picture:
     problem = viz.rendering_problem()
     if problem is None:
         caption = "The board; lengths in mm."
-        return _render("board", caption, lambda path: viz.save_board_picture(design.array, path, design.sheets))
+        return _render("board", caption, lambda path: viz.save_board_picture(design.array, path, size=_SIZE))
     return draw("board", f"The board from above; lengths in mm. {problem}", viz.plot_board(design.array))
 
 
@@ -61,7 +66,7 @@ def coupling_pictures(coupling: xr.Dataset) -> list[Picture]:
     return [
         draw(
             "inductance",
-            "Inductance matrix: self-inductance on the diagonal, mutual inductance off it.",
+            "Inductance matrix: mutual inductance of the pairs, and of few coils the self-inductance on the diagonal.",
             viz.plot_inductance(coupling),
         ),
         draw("coupling", "Coupling coefficients k = M/√(L L).", viz.plot_coupling(coupling)),
@@ -90,7 +95,7 @@ def field_pictures(
         *(
             draw(
                 f"field_map_{k}",
-                f"B_z of {active} {height}, in free space, per ampere: {label}.",
+                f"B_z of {active} {height}, in free space, per ampere{'' if len(plane) == 1 else f': {label}'}.",
                 viz.plot_field_map(field, outlines=outlines),
             )
             for k, (label, field) in enumerate(plane.items())
@@ -127,7 +132,7 @@ def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dat
             "dent",
             f"The deformed sheets over {coil}, {deepest}; a quarter is cut out.",
             lambda path: viz.save_dent_picture(
-                design.array, path, design.sheets, indentation, indenter, centre=(x, y), size=_DENT_SIZE
+                design.array, path, design.sheets, indentation, indenter, centre=(x, y), size=_SIZE
             ),
         )
 
@@ -139,40 +144,43 @@ def response_pictures(design: Design, response: xr.Dataset) -> Iterator[Picture]
         caption = f"δ of each state over the position of the indenter, {deepest}, with the outlines of the coils."
         yield draw("response_maps", caption, viz.response_figure(response, map_outlines(design, response)))
     along: Literal["x", "y"] = "y" if response.sizes["x"] == 1 else "x"
-    caption = f"δ of each state along {along}, {deepest}; dotted lines are the centres of the coils."
+    caption = f"δ along {along}, {deepest}; dotted lines are the centres of the coils."
     yield draw("response_profile", caption, viz.plot_response_profile(response, depth=-1, along=along))
+    state = middle_state(response)
     if response.sizes[along] > 1:
-        caption = f"δ of the coil in the middle along {along} for each depth, with its width at half the peak."
-        yield draw("response_depths", caption, viz.plot_bell_curve(response, along=along))
+        caption = f"δ of {state} along {along} for each depth, with its width at half the peak."
+        yield draw("response_depths", caption, viz.plot_bell_curve(response, state, along=along))
     elif response.sizes["depth"] > 1:
-        state = response.state.values.tolist()[(response.sizes["state"] - 1) // 2]
         depths = viz.plot_response_profile(response, state, None, along=along)
         yield draw("response_depths", f"δ of {state} along {along} for each depth.", depths)
 
 
-def position_pictures(
-    design: Design, response: xr.Dataset, positions: MapPositions, published: EllipseModel | None
-) -> list[Picture]:
+def position_pictures(design: Design, positions: MapPositions, published: EllipseModel | None) -> list[Picture]:
     """Draw A, B and x0 of the middle coil over δ, two ellipses that meet, and the error of x over the map."""
-    coil = positions.model.names[(len(positions.model.names) - 1) // 2]
+    names = positions.model.names
+    coil = design.array.middle_coil if design.array.middle_coil in names else names[0]
     beside = "" if published is None or coil not in published.names else "; grey: Table A1 of the paper"
     place = positions.example()
-    at = f"({place[0] * 1e3:.4g}, {place[1] * 1e3:.4g}) mm"
+    at = f"({place[0] * 1e3:.4g}, {place[1] * 1e3:.4g}) mm{positions.axis.removeprefix('x').removesuffix(' (mm)')}"
+    parameters = viz.plot_ellipse_parameters(positions.fits, positions.model, coil, published=published)
+    parameters.set_ylabel(f"A, B, $x_0$: {positions.axis}")
+    ellipses = viz.plot_ellipses(positions.ellipses(place), positions.found[place], place)
+    ellipses.set_xlabel(positions.axis)
     return [
         draw(
             "ellipse_parameters",
             f"Semi-axes and centre of the ellipses of {coil} over δ, and the polynomials fitted to them{beside}.",
-            viz.plot_ellipse_parameters(positions.fits, positions.model, coil, published=published),
+            parameters,
         ),
         draw(
             "ellipses",
             f"Ellipses for the readings at {at}, which meet where the indenter may be; their x is its position.",
-            viz.plot_ellipses(positions.ellipses(place), positions.found[place], place),
+            ellipses,
         ),
         draw(
             "x_error",
             "Determined less real x over the map; grey where the model has no position.",
-            viz.plot_x_error(positions.error, outlines=map_outlines(design, response)),
+            viz.plot_x_error(positions.error, outlines=[_outline(design, name) for name in design.array.names]),
         ),
     ]
 
@@ -230,18 +238,35 @@ def _png(figure: Figure) -> bytes:
     """Draw a figure and cut its white rim off; Matplotlib's own tight box draws it twice."""
     buffer = io.BytesIO()
     figure.set_dpi(_DPI)
+    _lay_out(figure)
     canvas: Any = FigureCanvasAgg(figure)  # its methods have no types
     canvas.draw()
     pixels = np.asarray(canvas.buffer_rgba())
-    inked = (pixels[..., :3] != 255).any(axis=2)
+    inked = pixels.view(np.uint32)[..., 0] != _WHITE
     if any(edge.any() for edge in (inked[0], inked[-1], inked[:, 0], inked[:, -1])):  # it may go on beyond the figure
         figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight")
         return buffer.getvalue()
     rim = round(_RIM * _DPI)
     rows, columns = (np.flatnonzero(inked.any(axis=k)) for k in (1, 0))
     cut = tuple(slice(max(0, at[0] - rim), at[-1] + 1 + rim) for at in (rows, columns))
-    imsave(buffer, pixels[cut], format="png", dpi=_DPI)
+    imsave(buffer, np.ascontiguousarray(pixels[cut][..., :3]), format="png", dpi=_DPI, pil_kwargs={"compress_level": 3})
     return buffer.getvalue()
+
+
+def _lay_out(figure: Figure) -> None:
+    """Give single axes their part of the figure, and the figure a rim for what stands beside them.
+
+    Matplotlib's layout measures every text first, which takes as long as drawing; several axes need it.
+    """
+    if len(figure.axes) != 1 or not isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine):
+        return
+    (axes,), (width, height) = figure.axes, figure.get_size_inches().tolist()
+    left, right, low, high = _BESIDE
+    share = _AXES_PART
+    figure.set_layout_engine("none")
+    figure.set_size_inches(width + left + right, height + low + high)
+    whole = figure.get_size_inches()
+    axes.set_position((left / whole[0], low / whole[1], share * width / whole[0], share * height / whole[1]))
 
 
 def _uri(png: bytes) -> str:

@@ -7,6 +7,7 @@ import xarray as xr
 
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.report.tables import Column, Table, Value, dataset_table
+from coilarray.response.answering import NO_ANSWER
 
 _NO_RING = 1e-6  # of the depth: a rise below it is rounding
 
@@ -32,7 +33,11 @@ def indentation_table(indentation: xr.Dataset) -> Table:
 
 
 def response_table(response: xr.Dataset) -> Table:
-    """Return one row for each depth and state: the largest δ of the map and where it is, and the lowest δ."""
+    """Return one row for each depth and state: the largest δ of the map and where it is, and the lowest δ.
+
+    Positions count from where those of the response do. A largest δ at the edge of the map, beyond which it may be
+    larger, and one of zero are remarked; the latter has no place.
+    """
     columns = (
         Column("depth", unit="m"),
         Column("state"),
@@ -40,15 +45,22 @@ def response_table(response: xr.Dataset) -> Table:
         Column("peak_x", "at x", "m"),
         Column("peak_y", "at y", "m"),
         Column("lowest_delta", "lowest δ", "1", PER_MILLION),
+        Column("remark"),
     )
     rows: list[tuple[Value, ...]] = []
     for k, depth in enumerate(response.depth.values.tolist()):
         for j, state in enumerate(response.state.values.tolist()):
             delta = response.delta.isel(depth=k, state=j).transpose("y", "x")
-            row, column = np.unravel_index(int(delta.values.argmax()), delta.shape)
-            x, y = float(delta.x[column]), float(delta.y[row])
-            rows.append((depth, state, float(delta[row, column]), x, y, float(delta.min())))
-    return Table("response", "Response", columns, tuple(rows))
+            row, column = (int(n) for n in np.unravel_index(int(delta.values.argmax()), delta.shape))
+            peak, lowest = float(delta[row, column]), float(delta.min())
+            if max(peak, -lowest) <= NO_ANSWER:
+                rows.append((depth, state, peak, "", "", lowest, "no response"))
+                continue
+            ends = ((row, delta.sizes["y"]), (column, delta.sizes["x"]))
+            at_edge = any(count > 1 and at in (0, count - 1) for at, count in ends)
+            where = (float(delta.x[column]), float(delta.y[row]))
+            rows.append((depth, state, peak, *where, lowest, "at the edge of the map" if at_edge else ""))
+    return Table("response", "Response", columns, tuple(rows)).without_empty_columns()
 
 
 def _ring(at: xr.Dataset) -> tuple[float, float]:

@@ -59,6 +59,7 @@ def write_optimization_report(result: Optimization, folder: str | Path) -> Path:
         result=result,
         goal=result.goal,
         chosen=chosen,
+        none_better="" if result.front else none_better(result),
         impossible=sum(bool(trial.reason) for trial in result.trials),
         feasible=sum(trial.feasible for trial in result.trials),
         searched=sum(trial.kind == "search" for trial in result.trials),
@@ -91,6 +92,23 @@ def _ends_and_middle(result: Optimization) -> set[int]:
     spread = np.ptp(costs, axis=0)
     scaled = (costs - costs.min(axis=0)) / np.where(spread > 0, spread, 1.0)
     return {0, len(result.front) - 1, int(np.linalg.norm(scaled, axis=1).argmin())}
+
+
+def none_better(result: Optimization) -> str:
+    """Say in words that the search has found no design to write, and how near it came."""
+    start = result.start
+    if not start.feasible:
+        why = f": {start.reason.rstrip('.')}" if start.reason else ""
+        return f"no design is found that keeps all bounds; the design as it was does not either{why}"
+    kept = [trial for trial in result.trials if trial.feasible and trial.scores]
+    text = "no design is better than the one at hand, which keeps all bounds"
+    objective = result.goal.objectives[0]
+    if kept and len(result.goal.objectives) == 1:
+        best = (max if objective.maximized else min)(trial.scores[0] for trial in kept)
+        shown = f"{objective.quantity} is {start.quantities[objective.quantity]:.6g}"
+        goal = "" if objective.target is None else f", {start.scores[0]:.6g} from its target"
+        text += f": {shown} as it was{goal}, and {best:.6g} at best in the search"
+    return text
 
 
 def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:

@@ -12,9 +12,10 @@ from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import Ellipse, fit_ellipses
 from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION, EllipseModel, EllipsePosition, ellipse_model, locate_x
 from coilarray.report.tables import Column, Table, Value
+from coilarray.response.coordinates import axis_label, origin_of
 
 Place = tuple[float, float]
-"""Real x and y in m, from the map's origin."""
+"""Real x and y in m, as the map counts them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +23,8 @@ class MapPositions:
     """Positions that the ellipse model of a map, with nothing added to A, gives for the map's own readings.
 
     The depth is in m; `readings` are δ of every coil at every place of the grid, `found` the places where the model has
-    a position, with A longer by `SEMIAXIS_ADDITION` as in the paper.
+    a position, with A longer by `SEMIAXIS_ADDITION` as in the paper. All of them count from the map's `origin`, x and y
+    in m on the board; ``axis`` names it for the label of x in mm.
     """
 
     fits: xr.Dataset
@@ -30,15 +32,18 @@ class MapPositions:
     depth: float
     readings: Mapping[Place, Mapping[str, float]]
     found: Mapping[Place, EllipsePosition]
+    origin: tuple[float, float] = (0.0, 0.0)
+    axis: str = "x (mm)"
 
     @property
     def error(self) -> xr.DataArray:
-        """Determined less real x in m over y and x; NaN where there is no position."""
+        """Determined less real x in m over y and x on the board; NaN where there is no position."""
         x, y = (sorted({place[k] for place in self.readings}) for k in (0, 1))
         values = np.full((len(y), len(x)), np.nan)
         for (at_x, at_y), position in self.found.items():
             values[y.index(at_y), x.index(at_x)] = position.x - at_x
-        return xr.DataArray(values, {"y": y, "x": x}, ("y", "x"))
+        on_board = {"y": np.array(y) + self.origin[1], "x": np.array(x) + self.origin[0]}
+        return xr.DataArray(values, on_board, ("y", "x"))
 
     def largest_error(self) -> float:
         """Largest |determined − real x| in m."""
@@ -86,21 +91,24 @@ def map_positions(response: xr.Dataset) -> MapPositions:
             continue
     if not found:
         raise LocalizeError("the ellipses meet at none of the map's places.")
-    return MapPositions(fits, model, float(delta.depth), readings, found)
+    return MapPositions(
+        fits, model, float(delta.depth), readings, found, origin_of(response), axis_label(response, "x")
+    )
 
 
 def map_position_table(positions: MapPositions) -> Table:
-    """Return one row for each place of the map: real and determined x, and the coils whose ellipses meet."""
+    """Return one row for each place of the map on the board: real and determined x, and whose ellipses meet."""
     columns = (
         *(Column(name, unit="m") for name in ("x", "y", "determined_x", "error")),
         Column("case"),
         Column("coils"),
     )
     rows: list[tuple[Value, ...]] = []
+    from_x, from_y = positions.origin
     for x, y in positions.readings:
         position = positions.found.get((x, y))
-        if position is None:
-            rows.append((x, y, "", "", "", ""))
-        else:
-            rows.append((x, y, position.x, position.x - x, position.case, " and ".join(position.coils)))
+        found: tuple[Value, ...] = ("", "", "", "")
+        if position is not None:
+            found = (position.x + from_x, position.x - x, position.case, " and ".join(position.coils))
+        rows.append((x + from_x, y + from_y, *found))
     return Table("map_positions", "Positions of the map", columns, tuple(rows))

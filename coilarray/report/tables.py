@@ -11,15 +11,17 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from coilarray.compute.display_units import PERCENT, DisplayUnit, display_unit
 from coilarray.design.model import Design, DesignFile
-from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.geometry import Margin
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Value = str | float | bool
 
@@ -114,6 +116,29 @@ class Table:
         rows = tuple(tuple(row[k] for k in used) for row in self.rows)
         return replace(self, columns=tuple(self.columns[k] for k in used), rows=rows)
 
+    def telling(self) -> Table:
+        """Return the table for the page, without columns that say nothing.
+
+        Those are empty or zero in every row, or repeat the numbers of an earlier one in every row; the files have all.
+        """
+        columns = list(zip(*self.rows, strict=True))
+        kept = [
+            k
+            for k, values in enumerate(columns)
+            if not all(value == "" or (value == 0 and not isinstance(value, bool)) for value in values)
+            and not any(_same(values, columns[j]) for j in range(k))
+        ]
+        rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)
+
+
+def _same(values: Sequence[Value], others: Sequence[Value]) -> bool:
+    """Whether two columns of numbers agree to rounding."""
+    return all(
+        isinstance(a, float) and isinstance(b, float) and math.isclose(a, b, rel_tol=1e-12)
+        for a, b in zip(values, others, strict=True)
+    )
+
 
 def dataset_table(
     name: str, title: str, dataset: xr.Dataset, variables: Sequence[str], shown: Mapping[str, DisplayUnit] | None = None
@@ -125,12 +150,15 @@ def dataset_table(
 
     Examples
     --------
+    >>> import xarray as xr
     >>> R = ("coil", [14.2, 14.1], {"long_name": "DC resistance", "units": "ohm"})
     >>> coils = xr.Dataset({"resistance": R}, {"coil": ["a", "b"]})
     >>> table = dataset_table("coils", "Coils", coils, ["coil", "resistance"])
     >>> table.headers, table.cells(), table.csv().splitlines()[0]
     (['coil', 'DC resistance (Ω)'], [['a', '14.200'], ['b', '14.100']], 'coil,resistance_ohm')
     """
+    import xarray as xr
+
     arrays = [dataset[variable] for variable in variables]
     columns = tuple(
         Column(variable, str(one.attrs.get("long_name", "")), _unit(one), (shown or {}).get(variable))
@@ -173,6 +201,8 @@ def coil_table(design: Design, coupling: xr.Dataset) -> Table:
 
 def pair_table(coupling: xr.Dataset) -> Table:
     """Return one row for each active coil and other coil; the coupling also without the magnetic sheets."""
+    from coilarray.electromagnetics.inductance import coupling_matrix
+
     bare = coupling_matrix(coupling.inductance.values - coupling.sheet_inductance.values)
     described = {"long_name": "coupling coefficient without magnetic sheets", "units": "1"}
     both = coupling.assign(
@@ -221,15 +251,14 @@ def rules_table(margins: Sequence[Margin]) -> Table:
 _LENGTH, _NUMBER = DisplayUnit("mm", 1e3, 4), DisplayUnit(significant=True)
 
 
-def line_table(alone: xr.Dataset, operating: xr.Dataset) -> Table:
-    """Return B_z along a line, per ampere in the active coil."""
+def line_table(fields: Mapping[str, xr.Dataset]) -> Table:
+    """Return B_z along a line per ampere in the active coil: a column for each field, by what it says of the others."""
     columns = (
         Column("x", unit="m"),
-        Column("Bz_others_open", "B_z, other coils open", "T/A"),
-        Column("Bz_as_terminated", "B_z, other coils as terminated", "T/A"),
+        *(Column(f"Bz_{of.replace('others as', 'as').replace(' ', '_')}", f"B_z, {of}", "T/A") for of in fields),
     )
-    fields = (alone.B.sel(component="z").values.ravel(), operating.B.sel(component="z").values.ravel())
-    rows = tuple(zip(alone.x.values.tolist(), *(field.tolist() for field in fields), strict=True))
+    values = (field.B.sel(component="z").values.ravel().tolist() for field in fields.values())
+    rows = tuple(zip(next(iter(fields.values())).x.values.tolist(), *values, strict=True))
     return Table("field_line", "B_z along a line", columns, rows)
 
 

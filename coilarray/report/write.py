@@ -31,6 +31,9 @@ from coilarray.localize.published import published_model
 from coilarray.report import circuit_tables, figures, indentation_tables, localize_tables, tables
 from coilarray.report.page import now, render_page
 from coilarray.report.position import MapPositions, map_position_table, map_positions
+from coilarray.report.words import array_words
+from coilarray.response.answering import coils_outside
+from coilarray.response.coordinates import on_board, origin_of
 from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at
 
@@ -39,7 +42,7 @@ T = TypeVar("T")
 # The line resolves the flanks of the bell to 1/200 of the board, the plane shows about a pixel a sample
 _LINE_POINTS = 401
 _PLANE_STEP = 0.5e-3
-_PLANE_POINTS = 400
+_PLANE_POINTS = (100, 400)
 # from a tenth of the resonance to beyond the self-resonance of common windings
 _SWEEP, _SWEEP_POINTS = (0.1, 4.0), 60
 # depths of the force curve, none nearer to one of the design's than this part of the deepest
@@ -149,7 +152,7 @@ def write_report(
         problem = probe.result()
         pictures.append(figures.board_picture(design))
         step()
-        active = design.array.names[(len(design.array.names) - 1) // 2]
+        active = design.array.middle_coil
         indentation, indentation_problem = pressing.result()
         if design.indentation is not None and indentation is not None:
             pictures += figures.indentation_pictures(design, design.indentation.indenter, indentation, active)
@@ -162,13 +165,16 @@ def write_report(
         step()
         response, response_problem = responding.result()
         positions, position_problem = None, "there is no response map."
-        if response is not None:
-            pictures += figures.response_pictures(design, response)
-            positions, position_problem = _or_reason(lambda: map_positions(response))
         compare = design.name == _PUBLISHED
-        if response is not None and positions is not None:
+        shown = None if response is None else on_board(response)
+        if response is not None and shown is not None:
+            pictures += figures.response_pictures(design, shown)
+            # beside the paper in its own system, and where the axis of the coils is not the board's
+            counted = response if compare or origin_of(response)[1] else shown
+            positions, position_problem = _or_reason(lambda: map_positions(counted))
+        if positions is not None:
             known = published_model() if compare else None
-            pictures += figures.position_pictures(design, response, positions, known)
+            pictures += figures.position_pictures(design, positions, known)
         pictures += [] if distortion is None else [figures.distortion_picture(distortion)]
         step()
         scan, sweep, circuit_problem = circuit.result()
@@ -179,10 +185,10 @@ def write_report(
         tables.pair_table(coupling),
         tables.design_table(file),
         tables.rules_table(margins),
-        tables.line_table(line["others open"], line["others as terminated"]),
+        tables.line_table(line),
         *_circuit_tables(scan, sweep),
         *([] if indentation is None else [indentation_tables.indentation_table(indentation)]),
-        *([] if response is None else [indentation_tables.response_table(response)]),
+        *([] if shown is None else [indentation_tables.response_table(shown)]),
         *([] if positions is None else _position_tables(positions, compare)),
         *([] if distortion is None else _distortion_tables(distortion)),
     ]
@@ -190,6 +196,7 @@ def write_report(
         "schema": 1,
         "provenance": {**provenance(design), "date": now()},
         "title": design.title or design.name,
+        "board": array_words(design.array),
         "source": design.source,
         "capacitance_F": design.circuit.capacitance,
         "short_resistance_ohm": design.circuit.short_resistance,
@@ -201,6 +208,7 @@ def write_report(
             for a, b, distance in ([] if scan is None else close_channels(scan.state.values.tolist(), scan.frequency))
         ],
         "indentation_problem": indentation_problem or response_problem,
+        "coils_outside_map": [] if shown is None else coils_outside(shown),
         "position_problem": "" if design.indentation is None else position_problem,
         "position": None if positions is None else _position_summary(positions),
         "sheet_share": _sheet_share(coupling),
@@ -277,6 +285,7 @@ def _position_summary(positions: MapPositions) -> dict[str, object]:
     return {
         "coils": list(positions.model.names),
         "depth_m": positions.depth,
+        "axis": positions.axis,
         "semiaxis_addition_m": SEMIAXIS_ADDITION,
         "places": len(positions.readings),
         "located": len(positions.found),
@@ -302,10 +311,13 @@ def _circuit_tables(scan: xr.Dataset | None, sweep: xr.Dataset | None) -> list[t
 
 
 def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
-    """B on a line along x through the active coil and on the plane above the board, others open and terminated."""
+    """B on a line along x through the active coil and on the plane above the board, others open and terminated.
+
+    A single coil has one field of each.
+    """
     x_min, y_min, x_max, y_max = design.array.bounds
     place = design.array.placements[design.array.names.index(active)]
-    states = {"others open": False, "others as terminated": True}
+    states = {"others open": False, "others as terminated": True} if len(design.array.names) > 1 else {"alone": False}
     along = np.linspace(x_min, x_max, _LINE_POINTS)
     x = np.linspace(x_min, x_max, _samples(x_max - x_min))
     y = np.linspace(y_min, y_max, _samples(y_max - y_min))
@@ -320,7 +332,8 @@ def _fields(design: Design, coupling: xr.Dataset, active: str) -> tuple[dict[str
 
 
 def _samples(extent: float) -> int:
-    return min(_PLANE_POINTS, max(2, round(extent / _PLANE_STEP) + 1))
+    least, most = _PLANE_POINTS
+    return min(max(round(extent / _PLANE_STEP) + 1, least), most)
 
 
 def _both(plane: dict[str, xr.Dataset]) -> xr.Dataset:

@@ -115,8 +115,7 @@ def response_spline(
 
 def coil_extent(design: Design) -> FloatArray:
     """Least and greatest x and y of all coils' outlines in m from the map's origin, shape (2, 2)."""
-    outlines = np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])
-    return np.array([outlines.min(axis=0), outlines.max(axis=0)]) - indentation_of(design).origin_point
+    return np.reshape(design.array.outline_bounds, (2, 2)) - indentation_of(design).origin_point
 
 
 def even_row(start: float, stop: float, step: float) -> FloatArray:

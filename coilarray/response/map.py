@@ -26,6 +26,7 @@ from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, NetworkError
 from coilarray.geometry import Conductor
+from coilarray.response.coordinates import origin_attributes
 from coilarray.response.near import near_response
 from coilarray.response.setup import (
     Experiment,
@@ -35,6 +36,7 @@ from coilarray.response.setup import (
     experiment,
     indentation_of,
     map_axes,
+    together,
     wedge_inductance,
 )
 
@@ -114,7 +116,8 @@ def response_map(
         Dimensions ``depth``, ``y``, ``x``, ``state``, ``coil``, ``other``. ``delta`` (depth, y, x, state) is
         (L_peak − L_0)/L_0 as the converter sees it, L = 1/((2πf)² C); ``base_inductance`` (state) L_0 in H;
         ``inductance`` (coil, other) in H with flat sheets; ``force`` in N and ``contact_radius`` in m (depth).
-        ``coil_x`` and ``coil_y`` are the centres in m from the map's origin. With every coil also
+        ``coil_x`` and ``coil_y`` are the centres in m from the map's origin, which the attributes ``origin_x`` and
+        ``origin_y`` place on the board: `coilarray.response.coordinates.on_board`. With every coil also
         ``inductance_change`` (depth, y, x, coil, other) in H, dented minus flat, and ``capacitance_change`` (depth, y,
         x, coil) in F, zero without `dielectric`. With only near coils, ``delta`` is 0 for the states beyond the
         attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out. The attribute
@@ -261,11 +264,10 @@ def inductance_changes(
     """
     source = design.array.conductors() if paths is None else paths
     pressed = experiment(design, axes, imperfections)
-    change = sum(
-        level.shares[..., None, None] * dent_inductance(source, level.dents, pressed.points, progress=progress)
-        for level in pressed.levels
-    )
-    change = np.asarray(change) + _shift(pressed, source, LayerMesh())
+    change = np.zeros((len(pressed.axes.depth), len(pressed.points), len(source), len(source)))
+    for levels in together(pressed.levels):
+        change += _dented(source, levels, pressed.points, LayerMesh(), progress)
+    change += _shift(pressed, source, LayerMesh())
     return change.reshape(*axes.shape, len(source), len(source))
 
 
@@ -322,7 +324,7 @@ def response_dataset(
             "indenter": setup.indenter.name,
             "base": str(setup.base),
             "strain": setup.strain,
-            "origin": setup.origin or "board",
+            **origin_attributes(setup),
             **(attributes or {}),
         },
     )  # fmt: skip
@@ -367,7 +369,8 @@ def _changes(
     depths, coils = len(pressed.axes.depth), len(design.array.names)
     change, capacitance_change = np.zeros((depths, len(points), coils, coils)), np.zeros((depths, len(points), coils))
     paths = [conductor.vertices for conductor in design.array.conductors()]
-    steps = _Steps(progress, depths * len(ranges(len(points), _POSITIONS)) * len(levels))
+    groups = len(together(levels))
+    steps = _Steps(progress, depths * len(ranges(len(points), _POSITIONS)) * groups)
     for k in range(depths):
         for start, stop in ranges(len(points), _POSITIONS):
             block = [
@@ -376,11 +379,11 @@ def _changes(
             ]
             on_board = points[start:stop]
             # everything that decides the numbers of a part
-            shares, dented = [level.shares for level in block], [level.dents[0] for level in block]
-            key = content_key(permittivity, mesh, on_board, shares, dented, paths)
+            parts_of = [(level.shares, level.dents[0], level.coarse) for level in block]
+            key = content_key(permittivity, mesh, on_board, parts_of, paths)
             part = None if parts is None else Store(parts).get_dataset(key)
             if part is not None:
-                for _ in levels:
+                for _ in range(groups):
                     steps.next()
             else:
                 part = _compute_part(design, block, on_board, permittivity, mesh, steps)
@@ -460,17 +463,28 @@ def _compute_part(
     """Inductance and capacitance changes of one depth at some places."""
     coils = len(design.array.names)
     change, capacitance_change = np.zeros((len(points), coils, coils)), np.zeros((len(points), coils))
-    for level in levels:
-        share = level.shares[0, :, None]
-        part = dent_inductance(design.array, level.dents, points, mesh, progress=steps.within)
-        change += share[..., None] * part[0]
+    for group in together(levels):
+        change += _dented(design.array, group, points, mesh, steps.within)[0]
         if permittivity is not None:
-            capacitance_change += share * dent_capacitance(design.array, level.dents, points, permittivity, mesh)[0]
+            dents = [level.dents[0] for level in group]
+            parts = dent_capacitance(design.array, dents, points, permittivity, mesh)
+            capacitance_change += np.einsum("lp,lpi->pi", [level.shares[0] for level in group], parts)
         steps.next()
     if not (np.isfinite(change).all() and np.isfinite(capacitance_change).all()):
         raise ElastomerError("the dented sheets gave numbers that are not finite; please report the design.")
     dims = ("place", "coil", "other")
     return xr.Dataset({"change": (dims, change), "capacitance_change": (dims[:2], capacitance_change)})
+
+
+def _dented(
+    source: Source, levels: Sequence[Level], points: FloatArray, mesh: LayerMesh, progress: Progress | None
+) -> FloatArray:
+    """Inductance changes in H by level samples of the same sheets at some places, (depths, places, coils, coils)."""
+    dents = [dent for level in levels for dent in level.dents]
+    accuracy = mesh.coarser() if levels[0].coarse else mesh
+    change = dent_inductance(source, dents, points, accuracy, progress=progress)
+    parts = change.reshape(len(levels), -1, *change.shape[1:])
+    return np.asarray(np.einsum("ldp,ldpij->dpij", [level.shares for level in levels], parts))
 
 
 class _Steps:

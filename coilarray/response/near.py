@@ -11,7 +11,7 @@ and the currents in all other coils of every state, which say how much ΔL_ab co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -23,11 +23,11 @@ from coilarray.circuit.state_sensitivity import StateSensitivity
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.elastomer.coil_spectrum import CoilSpectra, coil_segments, segment_centres, segment_spectra
-from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.dent import STILL, Dent, Motion
 from coilarray.elastomer.dent_amplitudes import amplitude_table, dent_amplitudes, offset_grid
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter, wavenumber_rule
 from coilarray.geometry import Conductor
-from coilarray.response.setup import Experiment
+from coilarray.response.setup import Experiment, Level
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -68,29 +68,48 @@ def near_response(
     `coilarray.circuit.state_sensitivity`. Being linear leaves out 4.5e-5 of the peak for 1 mm in gast2020. The
     distances are chosen for an error of δ relative to its peak. MemoryLimitError for too many positions.
     """
-    dents = [(k, level.shares[k], dent) for level in pressed.levels for k, dent in enumerate(level.dents)]
-    moving = [one for one in dents if np.isfinite(one[2].clearance)]
     delta = np.zeros((len(pressed.axes.depth), len(pressed.points), len(states.measured)))
+    cutoff = Cutoff(0.0, 0.0)
+    for coarse in (True, False):
+        levels = [level for level in pressed.levels if level.coarse == coarse]
+        accuracy = mesh.coarser() if coarse else mesh
+        cutoff = _add_levels(delta, levels, pressed.points, conductors, states, error, accuracy, progress)
+    return delta, cutoff
+
+
+def _add_levels(
+    delta: FloatArray,
+    levels: Sequence[Level],
+    points: FloatArray,
+    conductors: Sequence[Conductor],
+    states: StateSensitivity,
+    error: float,
+    mesh: LayerMesh,
+    progress: Progress | None,
+) -> Cutoff:
+    """Add δ of some level samples to `delta`, (depths, positions, states)."""
+    dents = [(k, level.shares[k], dent) for level in levels for k, dent in enumerate(level.dents)]
+    moving = [one for one in dents if np.isfinite(one[2].clearance)]
     if not moving:
-        return delta, Cutoff(0.0, 0.0)
-    solved = _solve([dent for *_, dent in moving], conductors, states, pressed.points, error, mesh)
-    points, centres = pressed.points, solved.spectra.centres
+        return Cutoff(0.0, 0.0)
+    solved = _solve([dent for *_, dent in moving], conductors, states, points, error, mesh)
+    centres = solved.spectra[STILL.slope].centres
     near = _within(centres[states.measured], points, solved.cutoff.states)
     coils = _within(centres, points, solved.cutoff.coils)
     blocks = [slice(*block) for block in ranges(len(points), _POSITIONS)]
-    for turn, ((k, shares, _), scattering) in enumerate(zip(moving, solved.scatterings, strict=True)):
-        strengths, fields = _fields(solved, scattering, points, coils)
+    for turn, ((k, shares, dent), scattering) in enumerate(zip(moving, solved.scatterings, strict=True)):
+        strengths, fields = _fields(solved, scattering, dent.motion, points, coils)
         respond = partial(_add_delta, delta[k], shares, _padded(states), near, coils, strengths, fields)
         run_blocks(respond, blocks, progress and _part(progress, turn, len(moving)))
-    return delta, solved.cutoff
+    return solved.cutoff
 
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """The solved dents, the spectra of the coils and the distances that count."""
+    """The solved dents, the spectra of the coils for every slope of a motion, and the distances that count."""
 
     scatterings: tuple[Scattering, ...]
-    spectra: CoilSpectra
+    spectra: Mapping[tuple[float, float], CoilSpectra]
     clearance: float
     cutoff: Cutoff
     error: float
@@ -122,12 +141,15 @@ def _solve(
         if cutoff.coils <= extent or extent == farthest:
             break
         extent = min(max(_WIDER * extent, cutoff.coils if np.isfinite(cutoff.coils) else 0.0), farthest)
-    scatterings = tuple(
-        solved if k == worst else scatter(dent, wavenumbers, weights, mesh, deepest[worst])
-        for k, dent in enumerate(dents)
-    )
+    shapes = {dents[worst].shape: solved}
+    for dent in dents:
+        if dent.shape not in shapes:
+            shapes[dent.shape] = scatter(dent, wavenumbers, weights, mesh, deepest[worst])
+    slopes = {dent.motion.slope for dent in dents} - {STILL.slope}
+    turned = {slope: segment_spectra(coils, wavenumbers, slope) for slope in slopes}
     cutoff = Cutoff(min(cutoff.states, extent), min(cutoff.coils, extent))
-    return _Solved(scatterings, spectra, clearance, cutoff, error)
+    scatterings = tuple(shapes[dent.shape] for dent in dents)
+    return _Solved(scatterings, {STILL.slope: spectra, **turned}, clearance, cutoff, error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,10 +234,10 @@ def _within(places: FloatArray, points: FloatArray, distance: float) -> IntArray
 
 
 def _fields(
-    solved: _Solved, scattering: Scattering, points: FloatArray, coils: IntArray
+    solved: _Solved, scattering: Scattering, motion: Motion, points: FloatArray, coils: IntArray
 ) -> tuple[FloatArray, Callable[[slice], FloatArray]]:
     """Strengths of a dent, (n,), and what gives the amplitudes of the coils near some points, (points, coils, n)."""
-    spectra = solved.spectra
+    spectra = solved.spectra[motion.slope]
     shapes = range(len(spectra.series))
     shape_of = np.append(spectra.shape_of, -1)[coils]
     centres = np.vstack((spectra.centres, np.zeros(2)))
@@ -223,10 +245,10 @@ def _fields(
     axis, grid = offset_grid(solved.cutoff.coils, solved.clearance)
     if np.count_nonzero(shape_of >= 0) <= len(shapes) * len(grid):
         offsets = points[:, None] - centres[coils]
-        dent = dent_amplitudes(scattering, spectra, [offsets[shape_of == s] for s in shapes], tolerance)
+        dent = dent_amplitudes(scattering, spectra, [offsets[shape_of == s] for s in shapes], tolerance, motion)
         known = _spread(shape_of, dent.amplitudes)
         return dent.strengths, lambda rows: known[rows]
-    dent = dent_amplitudes(scattering, spectra, [grid for _ in shapes], tolerance)
+    dent = dent_amplitudes(scattering, spectra, [grid for _ in shapes], tolerance, motion)
     tables = [amplitude_table(axis, amplitudes) for amplitudes in dent.amplitudes]
 
     def from_table(rows: slice) -> FloatArray:

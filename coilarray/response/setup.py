@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Literal
@@ -15,11 +15,11 @@ from coilarray.compute.store import kept_dataset
 from coilarray.design.model import Design, Indentation
 from coilarray.elastomer.contact import DEFAULT_MESH, indent
 from coilarray.elastomer.contact_mesh import ContactMesh
-from coilarray.elastomer.dent import Dent, dent_of
+from coilarray.elastomer.dent import Dent, Motion, dent_of
 from coilarray.elastomer.finite_sample import Sample, SampleCorrection, sample_correction
 from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
 from coilarray.errors import ElastomerError
-from coilarray.geometry import Indenter, Sheet
+from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Sheet
 from coilarray.geometry.sheet import Base, Strain
 
 FloatArray = npt.NDArray[np.float64]
@@ -27,10 +27,10 @@ FloatArray = npt.NDArray[np.float64]
 _FARTHEST = 1.0  # m
 _STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
 _LEVEL = 1e-9  # relative difference of heights that counts as none
-# A finite sample's dent is that of a wide one at another depth: the parts of the depth solved for that, and the
-# part of the lowest sheet's thickness by which everything is lifted to see what that changes.
+# A finite sample's dent is that of a wide one at another depth, lifted and turned: the parts of the depth solved for
+# that, and the lift in m and the slope for which derivatives by them are taken.
 _DEPTH_PARTS = (1.0, 0.9, 0.8)
-_LIFT_PART = 0.02
+_LIFT, _SLOPE = 1e-4, 1e-2
 # Thicknesses at which a tilted sample is solved; between them a cubic (tests/response/test_response.py).
 _WEDGE_NODES = 4
 
@@ -122,12 +122,13 @@ class Level:
     """One of the level samples whose weighted sum is a tilted or a finite one.
 
     `contact` and `dents` are those of the indenter at all depths; `shares`, shape (depths, places), is the weight of
-    this sample at every depth and position.
+    this sample at every depth and position. A `coarse` one is part of a small difference: a coarser mesh will do.
     """
 
     contact: xr.Dataset
     dents: tuple[Dent, ...]
     shares: FloatArray
+    coarse: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +173,8 @@ def _axis(name: str, values: npt.ArrayLike) -> FloatArray:
     if array.ndim != 1 or not array.size or not np.isfinite(array).all() or (np.diff(array) <= 0).any():
         raise ElastomerError(f"{name} must be finite and rising, in m; got {array}.")
     if np.abs(array).max() > _FARTHEST:
-        raise ElastomerError(f"{name} must be at most {_FARTHEST} m from the map's origin; got {array} m.")
+        limit = f"at most {_FARTHEST * 1e3:g} mm from the map's origin"
+        raise ElastomerError(f"{name} must be {limit}; got {array * 1e3} mm.")
     return array
 
 
@@ -209,9 +211,11 @@ def _finite(
     """Turn the experiment with a wide sample into that with a finite one, `pressed` at all parts of its depths.
 
     A finite sample's dent is that of the wide one at a depth that follows the rise of the top under the indenter, and
-    a rise of everything there changes what the dent does to the field: both are weighted sums of dents, whose weights
-    add up to those of the wide sample. The rest, `SampleCorrection.moved`, is to first order in
-    `coilarray.elastomer.face_shift`. On a tilted sample the correction is that of the level one.
+    a rise and a slope of everything there move the dent with them, which changes what it does to the field: both are
+    weighted sums of dents, whose weights add up to zero beside those of the wide sample. A round tip presses alike on
+    a slope, so that the dent turns about the tip's centre; other tips are taken for pivots themselves. The rest,
+    `SampleCorrection.moved`, is to first order in `coilarray.elastomer.face_shift`. On a tilted sample the correction
+    is that of the level one.
     """
     setup, sheets = indentation_of(wide.design), wide.design.sheets
     parts = np.array(_DEPTH_PARTS)
@@ -221,25 +225,29 @@ def _finite(
     loaded = contact.force.values > 0
     force = np.array([one.force.values[loaded] for one in contacts])
     slope[loaded] = _lagrange_slope(parts) @ force / force[0] / depths[loaded]
-    correction = sample_correction(sheets, setup.base, sample, places, contact.r.values, contact.pressure.values, slope)
+    given = places, contact.r.values, contact.pressure.values, slope
+    correction = _kept_correction(_elastic(sheets), setup.base, sample, *(values.tobytes() for values in given))
     relative = 1 + correction.depth / np.where(depths > 0, depths, 1.0)[:, None]
     shares = _lagrange(parts, relative.ravel()).reshape(*relative.shape, -1)
-    lowest = next((k for k, sheet in enumerate(sheets) if sheet.relative_permeability > 1), len(sheets))
-    step = _LIFT_PART * sheets[0].thickness
-    lift = correction.at_indenter(places)[..., lowest] / step
+    magnetic = dents_of(contact, sheets)
+    rise, slopes = correction.at_indenter(places, magnetic[0].contrasts)
+    tip = setup.indenter.radius if isinstance(setup.indenter, Hemisphere | Paraboloid) else 0.0
+    pivots = magnetic[0].heights[-1] - depths + tip
+    motions = [
+        [Motion(lift=_LIFT)] * len(depths),
+        *([Motion(slope=slope, pivot=float(pivot)) for pivot in pivots] for slope in ((_SLOPE, 0.0), (0.0, _SLOPE))),
+    ]
+    moved = [rise / _LIFT, *(np.moveaxis(slopes, -1, 0) / _SLOPE)]
+    shares[..., 0] -= 1 + sum(moved)
     levels = [
-        Level(one, dents_of(one, sheets), share)
+        Level(contact, tuple(map(Dent.moved, magnetic, motion)), share, coarse=True)
+        for motion, share in zip(motions, moved, strict=True)
+    ]
+    deeper = [
+        Level(one, dents_of(one, sheets), share, coarse=True)
         for one, share in zip(contacts, np.moveaxis(shares, -1, 0), strict=True)
     ]
-    levels[0] = replace(levels[0], shares=levels[0].shares - lift)
-    lifted = tuple(
-        replace(dent, thicknesses=(dent.thicknesses[0] + step, *dent.thicknesses[1:])) for dent in levels[0].dents
-    )
-    levels.append(Level(contact, lifted, lift))
-    if len(wide.levels) == 1 and wide.levels[0].contact is wide.contact:
-        return replace(wide, levels=tuple(levels), correction=correction)
-    levels[0] = replace(levels[0], shares=levels[0].shares - 1)
-    return replace(wide, levels=(*wide.levels, *levels), correction=correction)
+    return replace(wide, levels=(*wide.levels, *deeper, *levels), correction=correction)
 
 
 def _at_depths(contact: xr.Dataset, depths: FloatArray) -> xr.Dataset:
@@ -254,8 +262,9 @@ def contact_at(setup: Indentation, sheets: Sequence[Sheet], depths: npt.ArrayLik
     `coilarray.compute.store.open_store`, where that folder can be written.
     """
     at = tuple(np.atleast_1d(np.asarray(depths, dtype=np.float64)).tolist())
-    elastic = tuple(replace(sheet, relative_permeability=1.0) for sheet in sheets)  # which decides on no contact
-    return _kept_contact(elastic, setup.indenter, at, setup.base, setup.sample_radius, setup.strain, DEFAULT_MESH)
+    return _kept_contact(
+        _elastic(sheets), setup.indenter, at, setup.base, setup.sample_radius, setup.strain, DEFAULT_MESH
+    )
 
 
 @lru_cache(maxsize=8)
@@ -274,6 +283,28 @@ def _kept_contact(
     if strain == "linear":
         return solve()
     return kept_dataset(("contact", sheets, indenter, depths, base, radius, strain, mesh), solve)
+
+
+@lru_cache(maxsize=1)
+def _kept_correction(
+    sheets: tuple[Sheet, ...], base: Base, sample: Sample, places: bytes, r: bytes, pressure: bytes, slope: bytes
+) -> SampleCorrection:
+    """Solve a finite sample, or return the last one: often only coils vary. Arrays are given as their bytes."""
+    at, radii, values, slopes = (np.frombuffer(array) for array in (places, r, pressure, slope))
+    return sample_correction(sheets, base, sample, at.reshape(-1, 2), radii, values.reshape(-1, len(radii)), slopes)
+
+
+def _elastic(sheets: Sequence[Sheet]) -> tuple[Sheet, ...]:
+    """Return the sheets without their permeability, which decides on no contact."""
+    return tuple(replace(sheet, relative_permeability=1.0) for sheet in sheets)
+
+
+def together(levels: Iterable[Level]) -> list[list[Level]]:
+    """Put level samples of the same sheets and the same accuracy together: their fields are computed at once."""
+    groups: dict[object, list[Level]] = {}
+    for level in levels:
+        groups.setdefault((level.dents[0].thicknesses, level.coarse), []).append(level)
+    return list(groups.values())
 
 
 def dents_of(contact: xr.Dataset, sheets: Sequence[Sheet]) -> tuple[Dent, ...]:

@@ -32,6 +32,7 @@ MOST_POINTS = 100_000
 """Points of a sweep."""
 _VALUES = TomlFiles("value", GoalError)
 _LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
+_STEPS = 9  # values of an interval in a grid
 _DIGITS = 12  # of the values of a range: steps of 0.1 shall have short names
 _RANGE = re.compile(r"([^:,\[\"']+):([^:,\[\"']+)(?::([^:,\[\"']+))?")
 
@@ -88,12 +89,23 @@ class Axis:
             return [first + int(part * (last - first + 1)) for part in parts]
         return [low + part * (high - low) for part in parts]
 
+    def stepped(self, *, whole: bool) -> Axis:
+        """Return an interval as values from end to end, for a grid; GoalError as `sample`."""
+        if not self.interval:
+            return self
+        low, high = self.values
+        if whole:
+            first, last = self.sample((0.0, 1.0 - 1e-12), whole=True)
+            values = np.unique(np.linspace(first, last, _STEPS).round()).astype(int).tolist()
+            return Axis(self.key, tuple(values))
+        return Axis(self.key, _evenly(low, high, _STEPS))
+
 
 def parse_axis(text: str) -> Axis:
     """Read an axis as the command line has it; GoalError for anything else.
 
-    ``KEY=START:STOP:COUNT``, ``KEY=A,B,…`` or, for samples, ``KEY=START:STOP``. Values are as in a design file; texts
-    need no quotes.
+    ``KEY=START:STOP:COUNT``, ``KEY=A,B,…`` or, for samples or a grid of nine values, ``KEY=START:STOP``. Values are as
+    in a design file; texts need no quotes.
 
     Examples
     --------
@@ -122,7 +134,11 @@ def parse_axis(text: str) -> Axis:
         raise GoalError(f"{key} must have a range of 2 to {MOST_POINTS} different values; got {values!r}.")
     if not math.isfinite(ends[1] - ends[0]):
         raise GoalError(f"{key} must have a range of finite length; got {values!r}.")
-    return Axis(key, tuple(float(f"{value:.{_DIGITS}g}") for value in np.linspace(*ends, number)))
+    return Axis(key, _evenly(*ends, number))
+
+
+def _evenly(low: float, high: float, count: int) -> tuple[float, ...]:
+    return tuple(float(f"{value:.{_DIGITS}g}") for value in np.linspace(low, high, count))
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +240,7 @@ def plan_sweep(
     Raises
     ------
     GoalError
-        No axis or no quantity; an entry twice; an interval without samples; more than `MOST_POINTS`; a quantity that
+        No axis or no quantity; an entry twice; more than `MOST_POINTS`; a quantity that
         there is not, or of a coil that no design of the sweep has; or no design at all: none of up to 200 points spread
         over the sweep gives one, because of an unknown entry for example.
     """
@@ -238,6 +254,7 @@ def plan_sweep(
         raise GoalError("a sweep must have at least one quantity.")
     file = as_file(design)
     if samples is None:
+        axes = [axis.stepped(whole=_is_whole(file.values.get(axis.key))) for axis in axes]
         points, sampling = _grid(axes), "grid"
     else:
         points = _samples(file, axes, samples, seed)
@@ -302,9 +319,6 @@ def _coordinate(plan: Sweep, axis: Axis) -> xr.Variable:
 
 
 def _grid(axes: Sequence[Axis]) -> list[dict[str, Any]]:
-    for axis in axes:
-        if axis.interval:
-            raise GoalError(f"{axis.key} must have a count of values, as START:STOP:COUNT; only samples need none.")
     _check_number(math.prod(len(axis.values) for axis in axes))
     keys = [axis.key for axis in axes]
     return [dict(zip(keys, values, strict=True)) for values in itertools.product(*(axis.values for axis in axes))]

@@ -141,7 +141,7 @@ def check_channel(
     self_resonance: float = math.inf,
     *,
     reference: float = REFERENCE,
-    divider: int = 1,
+    divider: int | None = None,
 ) -> tuple[Limit, ...]:
     """Check every limit of one channel.
 
@@ -157,8 +157,8 @@ def check_channel(
         Self-resonance of the coil in Hz.
     reference : float
         Reference frequency f_ref in Hz.
-    divider : int
-        FIN_DIVIDER, 1 to 15.
+    divider : int, optional
+        FIN_DIVIDER, 1 to 15; by default the least that will do, as the driver sets it.
 
     Returns
     -------
@@ -175,11 +175,14 @@ def check_channel(
     --------
     >>> all(limit.kept for limit in check_channel(1.9e6, 33e3, 48.0, 8e6))
     True
-    >>> [limit.name for limit in check_channel(6e6, 33e3, 48.0) if not limit.kept]
+    >>> [limit.name for limit in check_channel(6e6, 33e3, 48.0, divider=1) if not limit.kept]
     ['sensor frequency by divider over reference']
     """
     _require_positive(frequency=frequency, quality_factor=quality_factor, self_resonance=self_resonance)
-    _require_positive(reference=reference, divider=divider)
+    _require_positive(reference=reference)
+    if divider is None:
+        divider = min(_least_divider(frequency, reference), _LARGEST_INPUT_DIVIDER)
+    _require_positive(divider=divider)
     drive = drive_for(parallel_resistance)
     share = frequency / divider / reference
     limits = [
@@ -258,11 +261,15 @@ def input_divider(frequency: float, reference: float) -> int:
     (1, 2)
     """
     _require_positive(frequency=frequency, reference=reference)
-    least = math.floor(4 * frequency / reference) + 1  # below a quarter, not at it
-    divider = max(least, 2 if frequency >= DIVIDED_FROM else 1)
+    divider = _least_divider(frequency, reference)
     if divider > _LARGEST_INPUT_DIVIDER:
         raise ValueError(f"frequency {frequency} Hz must be below {_LARGEST_INPUT_DIVIDER}/4 of {reference} Hz.")
     return divider
+
+
+def _least_divider(frequency: float, reference: float) -> int:
+    least = math.floor(4 * frequency / reference) + 1  # below a quarter, not at it
+    return max(least, 2 if frequency >= DIVIDED_FROM else 1)
 
 
 def deglitch_for(frequency: float) -> int:

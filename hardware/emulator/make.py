@@ -15,6 +15,7 @@ from coilarray.hardware.wire.buses import Clock
 if TYPE_CHECKING:
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design
+    from coilarray.hardware.emulator.response_table import ResponseTable
 
 
 def emulated_board(
@@ -76,7 +77,6 @@ def emulated_board(
         A folder or file that cannot be written.
     """
     # a board of other coils does without the physics of a design, which takes a second to load
-    from coilarray.hardware.emulator.response_table import response_table
     from coilarray.hardware.emulator.sensor_world import SensorWorld
     from coilarray.hardware.scan.board_network import board_network
 
@@ -86,8 +86,14 @@ def emulated_board(
             f"the wiring has the coil {missing[0]!r}, the design {design.name} only {', '.join(design.array.names)}."
         )
     store = open_store(folder)
+
+    def table() -> ResponseTable:
+        from coilarray.hardware.emulator.response_table import response_table
+
+        return response_table(design, store, progress=progress)
+
     world = SensorWorld(
-        board_network(design, store), lambda: response_table(design, store, progress=progress),
+        board_network(design, store), table,
         strays=strays, copper=copper, capacitor=capacitor,
     )  # fmt: skip
     conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise)

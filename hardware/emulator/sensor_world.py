@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +15,9 @@ from coilarray.errors import HardwareError, NetworkError
 from coilarray.hardware.emulator.conditions import COPPER, ROOM_TEMPERATURE
 from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.indenter import LIFTED, Place
-from coilarray.hardware.emulator.response_table import ResponseTable
+
+if TYPE_CHECKING:
+    from coilarray.hardware.emulator.response_table import ResponseTable
 
 _TEMPERATURE_STEP = 0.01  # K: 2e-8 of a frequency, half a step of the converter's code
 _MOST_KEPT = 20_000  # resonators

@@ -6,13 +6,16 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.scan.readings import ScanReading, StateReading, Verdict
-from coilarray.localize.forward import ForwardModel
-from coilarray.localize.inverse import Location, locate
+
+if TYPE_CHECKING:
+    from coilarray.localize.forward import ForwardModel
+    from coilarray.localize.inverse import Location
 
 BASELINE_SCANS = 10
 """Number of scans without an indentation whose mean is L_0."""
@@ -129,6 +132,8 @@ class LiveTracker:
 
     def _located(self, model: ForwardModel, states: Sequence[LiveState]) -> tuple[Location | None, str]:
         """Locate the indentation by all states of the model that have a value."""
+        from coilarray.localize.inverse import locate  # a second to load; without a model never needed
+
         delta = {
             state.name: state.delta
             for state in states

@@ -14,6 +14,7 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recording import GridPlace, RecordedScan, Recording, iso_time
 from coilarray.hardware.scan.readings import ScanReading, Verdict, read_scan
+from coilarray.response.coordinates import origin_attributes
 
 FloatArray = npt.NDArray[np.float64]
 Capacitances = Mapping[str, float] | float | None
@@ -304,11 +305,11 @@ def _coils(recording: Recording) -> dict[str, object]:
     }
 
 
-def _indentation(recording: Recording) -> dict[str, str]:
+def _indentation(recording: Recording) -> dict[str, str | float]:
     setup = recording.design.indentation
     if setup is None:
         return {}
-    return {"indenter": setup.indenter.name, "base": str(setup.base), "origin": setup.origin or "board"}
+    return {"indenter": setup.indenter.name, "base": str(setup.base), **origin_attributes(setup)}
 
 
 def _provenance(recording: Recording) -> dict[str, str | int]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import xarray as xr
 
-from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import Network, SampledResistance
 from coilarray.compute.store import Store
 from coilarray.design.model import Design
@@ -28,6 +27,8 @@ def board_network(design: Design, store: Store) -> Network:
 
 
 def _circuit(design: Design) -> xr.Dataset:
+    from coilarray.circuit.coupling import design_circuit
+
     network = design_circuit(design)
     resistance = network.resistance
     assert isinstance(resistance, SampledResistance)

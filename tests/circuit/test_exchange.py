@@ -3,7 +3,7 @@
 Who checks whom:
 
 ==================  =====================================================================================
-SPICE subcircuit    ngspice against `active_coil`; against nodal analysis with capacitors; text against the matrix
+SPICE subcircuit    ngspice against `active_coil`, nodal analysis with capacitors and `impedance`; text against matrix
 FastHenry input     our reader: geometry, inductance and resistance again; units by hand; FastHenry where installed
 FastHenry Zc.mat    a file in its printf formats, typed by hand
 Touchstone          scikit-rf's reader against Z; one port against (Z − R)/(Z + R)
@@ -23,10 +23,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.coil_paths import random_matrix
 
-from coilarray import Conductor, couple_design, coupling_matrix, dc_resistance, inductance_matrix, load_design
+from coilarray import Conductor, couple_design, dc_resistance, inductance_matrix, load_design
 from coilarray.circuit.active_coil import active_coil
-from coilarray.circuit.coupling import bare_network, design_circuit
+from coilarray.circuit.coupling import bare_network, design_circuit, swept_circuit
 from coilarray.circuit.exchange import (
+    exchange_frequencies,
     export_network,
     fasthenry_input,
     plain_names,
@@ -35,6 +36,7 @@ from coilarray.circuit.exchange import (
     spice_subcircuit,
     touchstone,
 )
+from coilarray.circuit.impedance import sweep_design
 from coilarray.circuit.network import Network, between_coils, solve_state
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.errors import GeometryError, MissingDependencyError, OutputError
@@ -219,28 +221,32 @@ def test_ngspice_on_the_board_of_the_paper(tmp_path, board):
 
 @pytest.mark.slow
 @needs_ngspice
-def test_ngspice_oscillates_where_the_table_says(tmp_path, board):
-    """The exported coils with a tank of the design's, switches of 2.5 Ω and all other coils grounded."""
-    export_network(design_circuit(load_design("gast2020")), tmp_path / "array.cir", title="gast2020")
+def test_ngspice_gives_what_impedance_says(tmp_path, board):
+    """The exported coils behind switches of 2.5 Ω, all others grounded, from a fifth to five times the resonance."""
+    design = load_design("gast2020")
+    export_network(swept_circuit(design, exchange_frequencies(design_circuit(design))), tmp_path / "array.cir")
     text = (tmp_path / "array.cir").read_text(encoding="utf-8")
-    (given,) = re.findall(r"^\* R at (\S+) Hz, constant over frequency", text, re.MULTILINE)
-    assert float(given) == pytest.approx(
-        float(board.frequency.mean()), rel=0.01
-    )  # one for all coils, which differ by that
+    assert all(float(line.split()[-1]) > 0 for line in text.splitlines() if line[0] in "RLC")
+    misfit, drift, others = (float(share) / 100 for share in re.findall(r"(\S+) %", text))
+    assert max(misfit, drift) < 0.01
+    assert others < 0.02
+    at = board.frequency.values[:3, None] * [0.2, 0.5, 1 - 1e-3, 1, 1 + 1e-3, 2, 5]
     pins = [f"{name}_{end}" for name in board.coil.values for end in (1, 2)]
+    tank = board.attrs["capacitance_F"]
     for active, name in enumerate(board.coil.values.tolist()[:3]):
-        f = float(board.frequency[active])
-        tank = board.attrs["capacitance_F"]
         nets = {pin: {f"{name}_1": "A", f"{name}_2": "B"}.get(pin, "0") for pin in pins}
-        lines = [".options rshunt=1e15", f"X1 {' '.join(pins)} gast2020", f"Ct A B {tank!r}", "I1 B A dc 0 ac 1"]
+        lines = [".options rshunt=1e15", f"X1 {' '.join(pins)} coilarray", "I1 B A dc 0 ac 1"]
         lines += [f"R{pin} {pin} {net} 2.5" for pin, net in nets.items()]
-        Z = run_ngspice(tmp_path, text, lines, "v(A)-v(B)", [f * (1 - 1e-3), f, f * (1 + 1e-3)])
-        # the phase passes zero within 1e-3 of the headline; R_p to what the others' copper takes
-        assert Z[0].imag > 0 > Z[2].imag
-        Q = float(board.quality_factor[active])
-        assert abs(Z[1].imag / Z[1].real) < 2 * Q * 1e-4  # 2 Q Δf/f: within 1e-4 of the frequency
-        R_p = float(board.quality_factor[active] * 2 * np.pi * f * board.effective_inductance[active])
-        assert Z[1].real == pytest.approx(R_p, rel=0.02)
+        Z = run_ngspice(tmp_path, text, lines, "v(A)-v(B)", at[active].tolist())
+        swept = sweep_design(design, at[active]).sel(state=name)
+        expected = (swept.impedance_real + 1j * swept.impedance_imag).values
+        # what the file says of itself, and twice that of the others: in phase with the current and with theirs
+        np.testing.assert_allclose(Z.real, expected.real, rtol=misfit + 2 * others)
+        np.testing.assert_allclose(Z.imag, expected.imag, rtol=drift)
+        near = 1 / Z[2:5] + 2j * np.pi * at[active, 2:5] * tank
+        f = float(np.interp(0, near.imag, at[active, 2:5]))
+        assert f == pytest.approx(float(board.frequency[active]), rel=1e-4)
+        assert Z[3].imag / Z[3].real == pytest.approx(float(board.quality_factor[active]), rel=2 * others)
 
 
 @needs_ngspice
@@ -575,7 +581,11 @@ def test_export_spice(tmp_path, board):
     export_network(design_circuit(load_design("gast2020")), tmp_path / "board.SUB", title="gast2020")
     text = (tmp_path / "board.SUB").read_text(encoding="utf-8")
     assert text.startswith("* gast2020: 6 coils")
-    assert float(elements(text)["K1_2"][-1]) == pytest.approx(coupling_matrix(board.inductance.values)[0, 1], rel=1e-15)
+    parts = elements(text)
+    first, second, k = parts["K1_2"]
+    mutual = float(k) * np.sqrt(float(parts[first][-1]) * float(parts[second][-1]))
+    assert mutual == pytest.approx(float(board.inductance[0, 1]), rel=1e-14)
+    assert sum(float(words[-1]) for name, words in parts.items() if name[0] == "C" and name[1:] == "coil1") > 1e-12
 
 
 def test_bad_exports(tmp_path):

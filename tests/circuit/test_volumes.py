@@ -71,25 +71,6 @@ def test_a_volume_is_the_field_to_the_last_bit(coupling, small_blocks, tmp_path,
     assert peak == np.abs(expected.B.values[..., 2]).max()
 
 
-def test_a_cluster_gives_the_same_numbers(coupling, small_blocks, tmp_path, monkeypatch):
-    pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
-    from support.dask_cluster import PATIENCE, Dask
-
-    monkeypatch.setattr("coilarray.compute.workers.cluster.ANSWER_WITHIN", PATIENCE)  # a worker may take long to start
-    cluster = Dask(tmp_path)
-    try:
-        cluster.add_worker()
-        with workers(cluster=cluster.address) as pool:
-            write_field_volume(tmp_path / "v.nc", STARTER, coupling, "coil1", *GRID, pool)
-            write_inductance_matrix(tmp_path / "L.nc", STARTER.array, pool)
-    finally:
-        cluster.close()
-    assert read(tmp_path / "v.nc").identical(operating_field(STARTER, coupling, "coil1", *GRID))
-    L = inductance_matrix(STARTER.array)
-    # a worker has one thread, so that sums are cut in other places: rounding
-    assert read(tmp_path / "L.nc").inductance.values == pytest.approx(L, abs=1e-14 * L.max())
-
-
 def test_an_interrupted_volume_is_gone_on_with(coupling, small_blocks, tmp_path, monkeypatch):
     path, computed, whole = tmp_path / "v.nc", [], volumes.field_block
     monkeypatch.setattr(volumes, "field_block", lambda block: computed.append(block.start) or whole(block))

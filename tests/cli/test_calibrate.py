@@ -35,6 +35,7 @@ def quick(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.slow
 def test_ellipses_of_table_a1_or_of_a_file(capsys, quick):
     options = ("--unknown", f"{GAP}=0.05:0.1", "--workers", "1", "--cache", "kept")
     code, out, err = run(capsys, "gast2020", "published", *options, "--out", "fit", "--plot", "fit.svg")

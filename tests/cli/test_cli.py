@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 from support.command_line import mistakes, runner, successes
 
-from coilarray import couple_design, load_design
+from coilarray import couple_design, load_design, load_design_file
 from coilarray.cli.main import COMMANDS
 from coilarray.cli.shared import lengths
 from coilarray.compute.netcdf import save_dataset
@@ -78,21 +78,81 @@ def test_lengths_are_a_rising_list_or_range():
 def test_version(capsys, monkeypatch):
     assert (told := good(capsys, "--version")).startswith("coilarray 0.")
     monkeypatch.setattr(sys, "argv", ["-m", "--version"])
+    monkeypatch.delitem(sys.modules, "coilarray.__main__", raising=False)  # else runpy may warn
     with pytest.raises(SystemExit) as end:
         runpy.run_module("coilarray", run_name="__main__")
     assert (end.value.code, capsys.readouterr().out.strip()) == (0, told.strip())
 
 
 @pytest.mark.slow
-def test_init_writes_a_design_that_works(capsys):
-    assert "design.toml" in good(capsys, "init")
-    assert Path("design.toml").read_text(encoding="utf-8").count("#") > 30  # commented
-    assert load_design("design.toml").name == "starter"
-    assert "exists; --force replaces it" in refused(capsys, "init")
-    good(capsys, "init", "--force", "--from", "gast2020")
-    assert load_design("design.toml").name == "gast2020"
+def test_init_copies_a_bundled_design(capsys):
+    assert "wrote d.toml" in good(capsys, "init", "d", "--from", "gast2020")
+    assert load_design("d.toml").name == "gast2020"
+    good(capsys, "init", "d.toml", "--from", "starter")  # the command's own file
+    assert Path("d.toml").read_text(encoding="utf-8") == read("starter")
+    Path("d.toml").write_text("precious", encoding="utf-8")
+    line = "d.toml exists and is not as `coilarray init` left it; --force replaces it"
+    assert line in refused(capsys, "init", "d.toml", "--from", "starter")
+    assert Path("d.toml").read_text(encoding="utf-8") == "precious"
+    good(capsys, "init", "--force", "d.toml", "--from", "starter")
     assert "no bundled design 'x'" in refused(capsys, "init", "y.toml", "--from", "x")
-    assert "all margins are kept" in good(capsys, "check", "design.toml")
+    line = refused(capsys, "init", "y.toml", "--from", "starter", "--coils", "1")
+    assert "--from copies a design as it is; it cannot be given with other choices" in line
+
+
+@pytest.mark.slow
+def test_init_makes_a_design_that_other_commands_take(capsys):
+    """Without any choice, as in a script: nothing is asked, and the file passes the check that the README names."""
+    out = good(capsys, "init", "my_board.toml")
+    assert "every limit of oshpark-4-layer is kept" in out
+    assert "every limit of an LDC1614 is kept" in out
+    assert Path("my_board.toml").read_text(encoding="utf-8").count(" # ") > 15  # commented
+    file = load_design_file("my_board.toml")
+    assert (file.design.name, len(file.design.array.names)) == ("my_board", 3)
+    assert "all margins are kept" in good(capsys, "check", "my_board.toml", "--fab", "oshpark-4-layer")
+    data = answer(capsys, "matrix", "my_board.toml")
+    assert f"{data['inductance_H'][0][0] * 1e6:.4g} µH" in out
+
+
+@pytest.mark.slow
+def test_init_asks_on_a_terminal(capsys, monkeypatch):
+    """Answers that cannot be are asked for again; Return takes the default."""
+    answers = iter(["9-hex", "2", "", "wide", "8", "", "8.5 mm", "11", "aisler-4-layer", "n"])
+    asked = []
+
+    def prompt(question, default):
+        asked.append(question)
+        return next(answers) or default
+
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setattr("typer.prompt", prompt)
+    monkeypatch.setattr("typer.confirm", lambda question, default: next(answers) == "y")
+    out = good(capsys, "init", "two")
+    file = load_design_file("two.toml")
+    assert len(asked) == 9  # three of them twice
+    assert "coils must be as 1, 6 (a row)" in out
+    assert "--size-mm must be a width, as 16, or width and height, as 20x12; got 'wide'" in out
+    assert "'8.5 mm' is no number and none of side by side, decoupled" in out
+    assert file.document["array"] == {
+        "lattice": "linear", "columns": 2, "coil": "square", "pitch_mm": 11, "layers": [["L1", "L2"]],
+    }  # fmt: skip
+    assert file.document["coils"]["square"]["outer_across_flats_mm"] == 8
+    assert file.values["fab.profile"] == "aisler-4-layer"
+    assert file.design.indentation is None
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "file"),
+    [("matrix", "--out", "a.csv"), ("impedance", "--plot", "a.svg"), ("view", "--html", "a.html"), ("report", "", "")],
+)
+def test_what_another_wrote_is_not_replaced(capsys, command, option, file):
+    """Before any work; what the command itself wrote is tried with init and export."""
+    given, kept = ((), Path("report.html")) if command == "report" else ((option, file), Path(file))
+    kept.write_text("mine", encoding="utf-8")
+    line = refused(capsys, command, "starter", *given)
+    assert f"{kept} exists and is not as `coilarray {command}` left it; --force replaces it" in line
+    assert kept.read_text(encoding="utf-8") == "mine"
 
 
 @pytest.mark.slow
@@ -179,6 +239,10 @@ test_mistakes_are_one_line = mistakes(
     (("matrix", "starter", "--out", "m.s2p"), "a Touchstone file of 3 ports must end in .s3p; got m.s2p"),
     (("matrix", "starter", "--out", "no/such/folder/m.csv"), "cannot write no/such/folder/m.csv: No such file"),
     (("init", "."), ". is a folder; name a file in it"),
+    (("init", "d.txt"), "NAME must end in .toml; got d.txt"),
+    (("init", "d", "--size-mm", "1x2x3"), "--size-mm must be a width, as 16, or width and height, as 20x12"),
+    (("init", "d", "--size-mm", "-3"), "size must be positive and finite; got -3 mm"),
+    (("init", "d", "--coils", "5-hex"), "coils must be as 1, 6 (a row), 4x4"),
     (("init", "no/such/folder/d.toml"), "cannot write no/such/folder/d.toml"),
 )
 
@@ -246,10 +310,10 @@ def test_two_coils_in_one_place(capsys):
 
 @pytest.mark.slow
 def test_the_installed_program():
-    """The program in a process of its own: quick help without numba, exit code, no traceback."""
-    heavy = {"vtk", "pyvista", "serial", "numba", "matplotlib"}
-    script = f"import sys, coilarray; from coilarray.cli.main import main; bad = {heavy} & set(sys.modules)"
-    script += "; sys.exit(str(bad) if bad else main(['report', 'none.toml']))"
+    """The program in a process of its own: geometry alone loads no physics; exit code, no traceback."""
+    heavy = {"vtk", "pyvista", "serial", "numba", "matplotlib", "scipy", "xarray", "pandas"}
+    script = "import sys, coilarray; from coilarray.cli.main import main; main(['check', '--allow-violations'])"
+    script += f"; bad = {heavy} & set(sys.modules); sys.exit(str(bad) if bad else main(['report', 'none.toml']))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 2, done.stderr
     assert done.stderr.startswith("coilarray: error: there is no design file none.toml")

@@ -59,9 +59,13 @@ def test_every_format_is_written_and_named_after_the_design(capsys, small, to):
         assert lines.pop() == "net check of the copper as written: 3 coils, each whole and by itself"
     assert sorted(line.removeprefix("wrote ").rpartition(" (")[0] for line in lines) == list(made)
     assert all(line.endswith((" kB)", " MB)")) for line in lines)
-    # again: refused, and replaced on demand
-    assert f"{NAMES[to]} exists; --force replaces" in refused(capsys, small, "--to", to)
-    assert files_here() == made
+    # again: its own files are replaced, edited ones refused, and replaced on demand
+    good(capsys, small, "--to", to)
+    edited = Path(next(iter(made)))
+    edited.write_bytes(b"mine")
+    line = refused(capsys, small, "--to", to)
+    assert f"{edited} exists and is not as `coilarray export` left it; --force replaces it" in line
+    assert edited.read_bytes() == b"mine"
     data = answer(capsys, small, "--to", to, "--force")
     assert (data["design_hash"], data["format"]) == (load_design(small).digest, to)
     assert {file["path"]: file["bytes"] for file in data["files"]} == {k: len(v) for k, v in files_here().items()}
@@ -140,7 +144,7 @@ def test_kicad_writes_into_a_folder(capsys, small):
     Path("taken").mkdir()
     Path("taken/notes.txt").write_text("mine", encoding="utf-8")
     line = refused(capsys, small, "--to", "kicad", "--out", "taken")
-    assert "taken exists; --force replaces the files in it" in line
+    assert "taken/notes.txt exists and is not as `coilarray export` left it; --force replaces it" in line
     Path("empty").mkdir()
     good(capsys, small, "--to", "kicad", "--out", "empty")
     assert Path("empty/starter.kicad_pcb").read_text(encoding="utf-8").startswith("(kicad_pcb ")

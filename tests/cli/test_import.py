@@ -123,7 +123,7 @@ def test_a_stackup_from_a_design(capsys):
 def test_a_file_that_exists_is_only_replaced_when_told(capsys):
     file, design = write(board(path(*SPIRAL))), Path("design.toml")
     design.write_text("precious")
-    assert "design.toml exists; --force replaces it" in refused(capsys, file)
+    assert "design.toml exists and is not as `coilarray import` left it; --force replaces it" in refused(capsys, file)
     assert design.read_text() == "precious"
     good(capsys, file, "--force")
     assert load_design("design.toml").array.names == ("A",)

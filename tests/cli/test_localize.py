@@ -397,20 +397,41 @@ def test_the_ellipse_model_of_a_file_of_table_a1_and_of_a_map(capsys, maps):
 def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
     design, computed = load_design("starter"), []
 
-    def table(given, *, progress):
+    def table(given, *, network, progress):
         computed.append(given.name)
-        return board(FIELD).assign_attrs(design_hash=given.digest)
+        return board(FIELD).isel(state=slice(3)).assign_attrs(design_hash=given.digest, origin_x=1e-3, origin_y=-2e-3)
 
+    monkeypatch.setenv("COILARRAY_CACHE", "cache")
     monkeypatch.setattr(coilarray.localize.forward, "table_for", table)
-    command = ("locate", "--model", "starter", "--table", "t.nc", text_of(reading()), "--json")
+    monkeypatch.setattr("coilarray.hardware.scan.board_network.board_network", lambda design, store: None)
+    three = {name: value for name, value in reading().items() if name in design.array.names}
+    command = ("locate", "--model", "starter", "--table", "t.nc", text_of(three), "--json")
     first, second = run(capsys, *command), run(capsys, *command)
     assert (first, first[0], computed) == (second, 0, ["starter"])
+    (found,) = json.loads(first[1])["positions"]
+    on_board = POINT[0] + 1e-3, POINT[1] - 2e-3  # the board's coordinates, not the map's
+    assert min(np.hypot(m["x_m"] - on_board[0], m["y_m"] - on_board[1]) for m in found["modes"]) < 1e-4
     with xr.open_dataset("t.nc", engine="h5netcdf") as saved:
         assert saved.attrs["design_hash"] == design.digest
-    assert run(capsys, "locate", "--model", "starter", text_of(reading()))[0] == 0
-    assert computed == ["starter", "starter"]
-    message = refused(capsys, "locate", "--model", "gast2020", "--table", "t.nc", text_of(reading()))
+    assert run(capsys, "locate", "--model", "starter", text_of(three))[0] == 0
+    assert computed == ["starter"]  # it is found in the store
+    six = ",".join(f"{name}=1e-4" for name in load_design("gast2020").array.names)
+    message = refused(capsys, "locate", "--model", "gast2020", "--table", "t.nc", six)
     assert "t.nc is the table of another design than gast2020" in message
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (("coil1=1e-4,coil2=1e-4",), "a reading must have δ of every state; that of coil3 is missing"),
+    (("coil1=1e-4,coil2=100,coil3=0",), "δ must be a number between -1 and 1; that of coil2 is 100.0"),
+    (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil9"), "the model has no state 'coil9'"),
+    (("coil1=1e-4,coil2=0,coil3=0", "--coil", "coil1"), "3 unknowns need at least as many states"),
+    (("coil1=1e-4,coil2=0,coil3=0", "--noise", "0"), "noise must be positive and finite"),
+    (("two.json",), "there is no reading in two.json: a reading must have one δ for each of 3 states"),
+])  # fmt: skip
+def test_mistakes_before_the_table_is_computed(capsys, monkeypatch, arguments, message):
+    Path("two.json").write_text("[[1e-4], [2]]", encoding="utf-8")
+    monkeypatch.setattr("coilarray.cli.locate.kept_table", lambda *_: pytest.fail("the table comes last"))
+    assert message in refused(capsys, "locate", "--model", "starter", *arguments)
 
 
 @pytest.mark.parametrize(
@@ -487,10 +508,11 @@ def test_the_table_of_a_real_board_finds_what_pressed_on_it(capsys):
         given = {str(name): float(value) for name, value in zip(delta.state.values, delta.values, strict=True)}
         (answer,) = positions(capsys, "--model", "four.toml", "--table", "t.nc", text_of(given), "--noise", "3e-7")
     assert answer["status"] == "located"
-    near = min(answer["modes"], key=lambda mode: abs(mode["y_m"] - place[1]))
+    origin = load_design("four.toml").indentation.origin_point  # the map counts from there, a location from the board's
+    near = min(answer["modes"], key=lambda mode: abs(mode["y_m"] - origin[1] - place[1]))
     # the spacing of the table and the meshes of its depths err by up to 1e-3 of δ, 1 % of the depth and 0.1 mm here
-    assert near["x_m"] == pytest.approx(place[0], abs=0.1e-3)
-    assert near["y_m"] == pytest.approx(place[1], abs=0.1e-3)
+    assert near["x_m"] - origin[0] == pytest.approx(place[0], abs=0.1e-3)
+    assert near["y_m"] - origin[1] == pytest.approx(place[1], abs=0.1e-3)
     assert near["depth_m"] == pytest.approx(place[2], rel=0.01)
 
 

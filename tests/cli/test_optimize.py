@@ -58,6 +58,15 @@ def found(capsys, *arguments, goal=GOAL):
     return good(capsys, "starter", "goal.toml", "--workers", "1", *arguments)
 
 
+def none_found(capsys, *arguments, goal):
+    """Run a goal by which no design is better, and return what is printed."""
+    Path("goal.toml").write_text(goal, encoding="utf-8")
+    code, out, err = run(capsys, "starter", "goal.toml", "--workers", "1", *arguments)
+    assert (code, err) == (1, "")
+    assert not list(Path("optimization").glob("*.toml"))
+    return out
+
+
 def test_the_whole_of_it(capsys, monkeypatch):
     monkeypatch.setattr("coilarray.report.optimization.write_optimization_report", write_optimization_report)
     out = found(capsys, "--out", "found")
@@ -98,9 +107,13 @@ def test_more_trials_and_json(capsys):
 def test_none_found_though_the_start_is_allowed(capsys):
     # so near that they cover too little
     goal = GOAL.replace("low = 9.0", "low = 0.1").replace("high = 13.0", "high = 0.2").replace("500", "400")
-    out = found(capsys, goal=goal)
-    assert "no design is found" in out
-    assert "the design as it was keeps all bounds, but lies outside of what the variables may be" in out
+    text = "no design is better than the one at hand, which keeps all bounds"
+    assert text in none_found(capsys, goal=goal)
+    # by far too large to be better: the best is worse than the start, and is not called best
+    wider = GOAL.replace("low = 9.0", "low = 12.0").replace("low = 2\nhigh = 4", "low = 3\nhigh = 4")
+    area = evaluate(load_design("starter"), ["board_area_mm2"])["board_area_mm2"]
+    out = none_found(capsys, "--trials", "4", goal=wider.replace("polish = 6", "polish = 0"))
+    assert f"{text}: board_area_mm2 is {area:.6g} as it was, and" in out
 
 
 def test_the_most_frequent_reason_where_none_is_found(capsys, monkeypatch):
@@ -112,7 +125,7 @@ def test_the_most_frequent_reason_where_none_is_found(capsys, monkeypatch):
             yield index, reason if changes[index] else outcome
 
     monkeypatch.setattr(optimize_run, "evaluate_points", walled)
-    out = found(capsys, goal=GOAL.replace("low = 9.0", "low = 12.0"))
+    out = none_found(capsys, goal=GOAL.replace("low = 9.0", "low = 12.0"))
     trials = csv.DictReader(Path("optimization/trials.csv").read_text(encoding="utf-8").splitlines())
     narrow = [int(row["array.columns"]) < 4 for row in trials if row["kind"] == "search"]
     expected = "is too near." if 2 * sum(narrow) > len(narrow) else "too wide."
@@ -156,15 +169,31 @@ def test_several_objectives_and_none_found(capsys):
     two = GOAL.replace("polish = 6", "").replace('watch = ["span_mm"]\n', "").replace("[[constraint]]", second)
     assert "Pareto front: " in found(capsys, goal=two)
     assert Path("optimization/pareto_01.toml").exists()
-    out = found(capsys, goal=GOAL.replace("at_least = 500", "at_least = 50000"))
-    assert "10 points, 0 keep all bounds: no design is found" in out
-    assert not list(Path("optimization").glob("*.toml"))
+    out = none_found(capsys, goal=GOAL.replace("at_least = 500", "at_least = 50000"))
+    assert (
+        "10 points, 0 keep all bounds: no design is found that keeps all bounds; the design as it was does not" in out
+    )
 
 
 def test_broken_rules_are_reported(capsys):
     # the least area has overlapping copper, of which the goal says nothing
     out = found(capsys, goal=GOAL.replace("low = 9.0", "low = 6.0").replace("at_least = 500", "at_least = 1"))
     assert "best break fabrication rules (coilarray check); fab_margin_mm can be a constraint" in out
+
+
+def test_a_goal_of_the_command_line(capsys):
+    """The template is the goal, and the goal finds the same as its template."""
+    wishes = ("--vary", "array.pitch_mm=9:13:9", "--goal", "minimize board_area_mm2", "--keep", "covered_mm2>=500")
+    out = good(capsys, "starter", *wishes, "--template", "mine.toml")
+    assert out == "wrote mine.toml; next: coilarray optimize starter mine.toml\n"
+    Path("edited.toml").write_text("mine", encoding="utf-8")
+    assert "edited.toml exists" in refused(capsys, "starter", *wishes, "--template", "edited.toml")
+    few = ("--trials", "12", "--workers", "1")
+    good(capsys, "starter", *wishes, *few, "--out", "one")
+    good(capsys, "starter", "mine.toml", *few, "--out", "other")
+    trials = [Path(folder, "trials.csv").read_text(encoding="utf-8") for folder in ("one", "other")]
+    assert trials[0] == trials[1]
+    assert load_design("one/best.toml").array.names == load_design("starter").array.names
 
 
 def test_list_of_quantities(capsys):
@@ -177,7 +206,13 @@ def test_list_of_quantities(capsys):
 test_mistakes = mistakes(
     refused,
     ((), "a design and a goal must be given"),
-    (("starter", "nothing.toml"), "there is no goal file"),
+    (("starter", "nothing.toml"), "there is no goal file nothing.toml"),
+    (("starter", "least"), "there is no goal 'least': it must be a file or one of worst_k, decouple, position_error,"),
+    (("starter", "goal.toml", "--goal", "worst_k"), "--goal cannot be given with it"),
+    (("starter", "--goal", "q"), "a goal must be one of worst_k, decouple, position_error, smallest, or minimize"),
+    (("starter", "worst_k", "--keep", "span_mm"), "--keep must be QUANTITY>=VALUE or QUANTITY<=VALUE; got 'span_mm'"),
+    (("starter", "worst_k", "--template", "t.txt"), "--template must end in .toml"),
+    (("gast_fem", "decouple"), "the design gast_fem has one coil alone, which couples with none"),
     (("starter", "goal.toml", "--trials", "0"), "--trials must be 1 to 1000000; got 0"),
     (("starter", "goal.toml", "--trials", "x"), "'--trials'"),
     (("starter", "goal.toml", "--workers", "2", "--cluster", "tcp://a:1"), "cannot be given with --cluster"),

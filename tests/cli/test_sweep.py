@@ -96,6 +96,21 @@ def test_a_sweep_without_any_result_has_an_empty_table(capsys):
 
 
 @pytest.mark.slow
+def test_the_best_of_a_sweep_by_a_goal(capsys):
+    wish = ("--goal", "minimize board_area_mm2", "--vary", "array.pitch_mm=10:14:3")
+    out = good(capsys, *wish, *ONE)
+    best, last = out.splitlines()[-2:]
+    assert best.startswith("minimize board_area_mm2: board_area_mm2 = ")
+    assert best.endswith(" at array.pitch_mm = 10")
+    assert last == "wrote sweep.nc: 3 points over array.pitch_mm"
+    data = answer(capsys, *wish, "--quantity", "span_mm", *ONE)
+    (point,) = data["best"]
+    assert point["entries"] == {"array.pitch_mm": 10.0}
+    assert point["quantities"]["board_area_mm2"] == min(one["board_area_mm2"] for one in data["points"])
+    assert {"span_mm", "fab_margin_mm"} <= set(data["points"][0])  # what the goal keeps, too
+
+
+@pytest.mark.slow
 def test_samples_are_repeatable_by_their_seed(capsys):
     def points(*options):
         return answer(capsys, "--vary", "array.pitch_mm=12:16", *SPAN, *ONE, *options)

@@ -17,7 +17,6 @@ from coilarray.compute.netcdf import save_dataset
 from coilarray.design.bundled import read
 from coilarray.localize.forward import forward_model
 from coilarray.response.map import response_map
-from coilarray.viz import rendering_problem
 from coilarray.viz.datasets.overlays import DELTA
 from coilarray.viz.offscreen import NO_RENDERING
 
@@ -26,7 +25,7 @@ pytestmark = pytest.mark.slow
 _, refused = runner("view")
 good, _ = successes("view")
 LINEAR = read("starter").replace('strain = "finite"', 'strain = "linear"')  # quick
-renders = pytest.mark.skipif(rendering_problem() is not None, reason=f"no 3-D rendering: {rendering_problem()}")
+renders = pytest.mark.usefixtures("rendering")
 
 
 @pytest.fixture(autouse=True)
@@ -60,7 +59,7 @@ def test_a_page_and_files_for_paraview_need_no_graphics_driver(capsys, monkeypat
     monkeypatch.setenv(NO_RENDERING, "1")
     items = ("--show", "board,coupling,currents", "--coil", "coil1")
     out = good(capsys, "starter", *items, "--html", "page.html", "--vtk", "parts")
-    assert "Orange: coil1 is measured, the others as terminated" in out
+    assert "Black: coil1 is measured, the others as terminated" in out
     assert Path("page.html").read_text(encoding="utf-8").count("<title>starter</title>") == 1
     copper = pyvista.read("parts/copper_L1.vtp")
     assert {"coil", "current in phase (A/A)"} <= set(copper.cell_data.keys())

@@ -2,6 +2,7 @@
 
 # ruff: noqa: E501 - each case is one line of input and one of output
 import math
+import re
 import tomllib
 from dataclasses import replace
 
@@ -16,7 +17,9 @@ from coilarray.design.write import design_text
 from coilarray.errors import DesignError
 from coilarray.geometry import EVEN, Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid, Seat, Unevenness
 
-BASE = read("starter")
+# with a window of its own, which the starter leaves to its coils
+BASE = re.sub(r"^# (?=x_mm = \[|y_mm = \[|origin =)", "", read("starter"), flags=re.MULTILINE)
+BASE = BASE.replace("# step_mm = 1.5", "step_mm = 2.0")
 
 
 def changed(old, new):
@@ -145,6 +148,7 @@ def test_lattice_colours_keep_neighbours_apart():
 
 BAD = {
     "unknown key": (changed("gap_mm", "gap_um"), r"coils.hexagon has no key 'gap_um'; did you mean gap_mm\?.*Allowed"),
+    "part of a key": (changed("turns_per_layer", "turns"), r"coils.hexagon has no key 'turns'; did you mean turns_per_layer\? Allowed are"),
     "unknown table": (BASE + "\n[magnet]\nx = 1\n", "the file has no key 'magnet'"),
     "unknown key deep down": (changed("drill_mm = 0.25", "dril_mm = 0.25"), "coils.hexagon.via has no key 'dril_mm'"),
     "wrong unit": (changed("pitch_mm = 11.0", "pitch_cm = 1.1"), "array has no key 'pitch_cm'"),
@@ -164,10 +168,10 @@ BAD = {
     "odd fraction of a turn": (changed("turns_per_layer = 12", "turns_per_layer = 12.1"), "turns must be a multiple of 1/6"),
     "no room for the via": (changed("turns_per_layer = 12", "turns_per_layer = 26"), "coils.hexagon: there is no room for a pad of 0.5 mm"),
     "old schema": (changed("schema = 1", "schema = 7"), "schema must be at most 1; got 7"),
-    "layer not there": (changed('["L3", "L4"]]', '["L3", "L9"]]'), "there is no copper layer 'L9'; the stack-up has L1, L2"),
+    "layer not there": (changed('["L3", "L4"]]', '["L3", "L9"]]'), "array.layers names no copper layer; the stack-up has L1, L2, L3, L4; got 'L9'"),
     "layers do not match": (changed('["L3", "L4"]]', '["L3"]]'), "layers of coil2 must be 2, as its shape has winding_layers = 2; got 1: L3"),
     "coil not there": (changed('coil = "hexagon"', 'coil = "octagon"'), "array.coil names no coil shape; .*got 'octagon'"),
-    "stack-up lengths": (changed("[4.5, 4.5, 4.5]", "[4.5]"), "4 copper layers need 3 dielectric permittivities; got 1"),
+    "stack-up lengths": (changed("[4.5, 4.5, 4.5]", "[4.5]"), "stackup needs 3 values in dielectric_epsilon_r, one less than the layers; got 1"),
     "assumed key": (BASE.replace('"circuit.short_resistance_ohm"', '"circuit.short_resistance"'), "did you mean circuit.short_resistance_ohm"),
     "termination of no coil": (changed('default_termination = "short"', 'terminations = { coil9 = "open" }'), "circuit.terminations.coil9 names no coil; there are coil1, coil2, coil3"),
     "name": (changed('name = "starter"', 'name = "a b"'), "name may have letters, digits"),
@@ -208,7 +212,7 @@ BAD = {
     "no shape of the indenter": (changed('shape = "hemisphere"', ""), "indenter.shape must be 'hemisphere', .*; got nothing"),
     "indenter without radius": (changed("radius_mm = 2.0", ""), "indenter.radius_mm is missing"),
     "indenter of no size": (changed("radius_mm = 2.0", "radius_mm = 0"), "indenter.radius_mm must be greater than 0; got 0"),
-    "hemisphere with an angle": (changed("radius_mm = 2.0", "radius_mm = 2.0\nhalf_angle_deg = 70"), "indenter has no key 'half_angle_deg'; Allowed are radius_mm, shape"),
+    "hemisphere with an angle": (changed("radius_mm = 2.0", "radius_mm = 2.0\nhalf_angle_deg = 70"), "indenter has no key 'half_angle_deg'; allowed are radius_mm, shape"),
     "cone without angle": (changed('shape = "hemisphere"', 'shape = "cone"'), "indenter.half_angle_deg is missing"),
     "blunt cone": (changed('shape = "hemisphere"', 'shape = "cone"\nhalf_angle_deg = 90'), "indenter.half_angle_deg must be less than 90; got 90"),
     "wrong base": (changed('base = "bonded"', 'base = "glued"'), "indentation.base must be 'bonded', 'frictionless' or 'seat'; got 'glued'"),

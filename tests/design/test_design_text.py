@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, reference_board
 
-from coilarray import load_design
+from coilarray import load_design, load_design_file
 from coilarray.design.model import Design, parse_design, parse_design_file
-from coilarray.design.write import design_names, design_text, shape_names
+from coilarray.design.save import save_design, with_comments
+from coilarray.design.write import design_document, design_names, design_text, document_text, shape_names
 from coilarray.errors import DesignError
 from coilarray.geometry import CoilArray, Placement, PlatedHole, Spiral, Stackup, path_coil, spiral_coil
 
@@ -152,3 +153,34 @@ def test_the_design_of_a_rotated_coil_turns_it():
     array = CoilArray(many_layers(1), (Placement("A", coil, ("L1",), 0, 0, math.pi / 2),))
     (wire,) = parse_design(text(array)).array.conductors()
     np.testing.assert_allclose(wire.vertices[1, :2], (0, 1e-3), atol=1e-15)
+
+
+def test_a_saved_design_is_commented_and_the_same(tmp_path):
+    """Comments are those of the starter's own keys; a design made in Python and one from a file come back alike."""
+    starter = load_design_file("starter")
+    for design in (starter, starter.design):
+        save_design(design, tmp_path / "d.toml")
+        saved = (tmp_path / "d.toml").read_text(encoding="utf-8")
+        assert load_design(tmp_path / "d.toml").digest == starter.design.digest
+        for comment in (
+            "# in series, joined by vias",
+            "# of the tank of each coil",
+            "# Copper layers and the dielectrics",
+        ):
+            assert saved.count(comment) == 1
+        assert saved.count("# Sheets on top of the board") == 1  # above the first of two tables
+    short = {"name": "base", "thickness_mm": 3.0, "exceptions": {"coil1": "open"}}
+    assert tomllib.loads(document_text({"elastomer": [short, short]})) == {"elastomer": [short, short]}
+
+
+def test_a_comment_makes_no_line_too_long():
+    line = f'source = "{"long " * 20}"'
+    assert with_comments(line) == f"{line}\n"
+
+
+@pytest.mark.parametrize("name", ["gast2020", "gast_fem", "starter"])
+def test_text_of_a_document_reads_back_as_the_document(name):
+    # tables that are short enough for one line included: line breaks within them are not TOML
+    design = load_design(name)
+    document = design_document(design) | {"elastomer": [{"name": "a", "thickness_mm": 1.0}] * 6}
+    assert tomllib.loads(document_text(document)) == document

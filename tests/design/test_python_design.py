@@ -220,6 +220,37 @@ def test_an_indentation_that_cannot_be():
     refused(ca.DesignError, "names no coil", ca.Design, ROW.array, *pressed)
 
 
+def test_a_map_covers_the_array_where_no_positions_are_given():
+    """Over the outlines of all coils, to less than a step; of another array over that one; written as not given."""
+    pressed = ca.Indentation(ca.Hemisphere(1e-3), (1e-3,), origin="coil2")
+    design = replace(ROW, sheets=(ca.Sheet("s", 1e-2, 1.0, 1e4),), indentation=pressed)
+    for array in (
+        design.array,
+        design.array.with_placements([replace(p, y=p.y + p.x / 3) for p in ROW.array.placements]),
+    ):
+        setup = replace(design, array=array).indentation
+        step = setup.x[1] - setup.x[0]
+        edges = np.reshape(array.outline_bounds, (2, 2)) - setup.origin_point
+        for k, axis in enumerate((setup.x, setup.y)):
+            assert -step < axis[0] - edges[0, k] <= 1e-9
+            assert -1e-9 <= axis[-1] - edges[1, k] < step
+            np.testing.assert_allclose(np.array(axis) / step, np.rint(np.array(axis) / step), atol=1e-9)
+        assert 3 <= 16e-3 / step <= 13  # of a coil's 16 mm
+    written = design_text(design)
+    assert not re.search(r"^(x|y|step)_(mm|positions_mm) =", written, re.MULTILINE)
+    assert same_text(design).indentation == design.indentation
+    coarse = ca.parse_design(written.replace('origin = "coil2"', 'origin = "coil2"\nstep_mm = 4'), "coarse").indentation
+    assert coarse.x[1] - coarse.x[0] == pytest.approx(4e-3)
+    chosen = replace(design, indentation=replace(design.indentation, x=(0.0,), y=(0.0,))).indentation
+    assert (chosen.x, chosen.y) == ((0.0,), (0.0,))
+    # the contact stays on a sample with sides
+    small = replace(pressed, sample_bounds=(-10e-3, -6e-3, 8e-3, 6e-3))
+    setup = replace(design, indentation=small).indentation
+    assert -10e-3 < setup.x[0] - 1e-3 < setup.x[-1] + 1e-3 < 8e-3
+    off = replace(design, indentation=replace(pressed, sample_bounds=(0.9, 0.9, 0.91, 0.93))).indentation
+    assert (off.x, off.y) == ((0.905,), (0.915,))  # its middle, which the response refuses
+
+
 def test_a_sweep_is_one_line():
     swept = ca.sweep(ROW, {"array.pitch_mm": [20, 22]}, ["span_mm"])
     assert float(swept.span_mm.diff("array.pitch_mm")[0]) == pytest.approx(2 * 2.0, rel=1e-9)

@@ -333,7 +333,7 @@ def test_depths_keep_their_order_and_accuracy():
         ({"sheets": [Sheet("plain", 1e-3)]}, "sheet 'plain' has none"),
         ({"sheets": [sheet(), sheet()]}, "names of the sheets must differ"),
         ({"sheets": [sheet(name="board")]}, "from 'board'"),
-        ({"depths": -1e-4}, "from 0 to below the thickness of all sheets, 0.008 m; got -0.0001 m"),
+        ({"depths": -1e-4}, "from 0 to below the thickness of all sheets, 8 mm; got -0.1 mm"),
         ({"depths": [1e-4, math.nan]}, "got nan m"),
         ({"depths": math.inf}, "got inf m"),
         ({"depths": 8e-3}, "got 0.008 m"),

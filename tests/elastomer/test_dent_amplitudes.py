@@ -11,7 +11,7 @@ from support.references import polygon
 from coilarray import load_design
 from coilarray.compute.memory import MemoryLimitError
 from coilarray.elastomer.coil_spectrum import coil_segments, segment_spectra
-from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.dent import STILL, Dent, Motion
 from coilarray.elastomer.dent_amplitudes import amplitude_table, dent_amplitudes, offset_grid
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.scattering import LayerMesh, scatter, wavenumber_rule
@@ -39,15 +39,17 @@ def test_coils_of_one_shape_share_a_spectrum():
 
 
 @pytest.mark.slow
-def test_energies_between_amplitudes_are_inductances(solved):
-    scattering, spectra = solved
+@pytest.mark.parametrize("motion", [STILL, Motion(0.2e-3, (0.01, -0.02), 8e-3)])
+def test_energies_between_amplitudes_are_inductances(solved, motion):
+    scattering, _ = solved
+    spectra = segment_spectra(coil_segments([HEXAGON, OTHER]), scattering.wavenumbers, motion.slope)
     places = np.array([[0, 0], [11e-3, 4e-3], [-6e-3, -12e-3]])  # of a hexagon; the other one beside it
     beside = places + np.array([3e-3, 9e-3])
     coils = [HEXAGON + np.append(place, 0) for place in places] + [OTHER + np.append(place, 0) for place in beside]
     indenter = np.array([1e-3, 2e-3])
-    expected = dent_inductance(coils, [DENT], [indenter], MESH)[0, 0]
+    expected = dent_inductance(coils, [DENT.moved(motion)], [indenter], MESH)[0, 0]
     offsets = [indenter - places - spectra.centres[0], indenter - beside - spectra.centres[1]]
-    dent = dent_amplitudes(scattering, spectra, offsets, 1e-6)
+    dent = dent_amplitudes(scattering, spectra, offsets, 1e-6, motion)
     amplitudes = np.concatenate(dent.amplitudes)
     change = (amplitudes * dent.strengths) @ amplitudes.T
     # 1e-6 of the amplitudes are left out, and both rules over the wavenumber leave out e^-16 = 1e-7

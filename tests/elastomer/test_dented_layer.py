@@ -23,7 +23,7 @@ from support.references import circle, polygon
 from coilarray import magnetic_field
 from coilarray.constants import MU_0
 from coilarray.elastomer.coil_spectrum import coil_segments, harmonics_about, segment_spectra
-from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.dent import Dent, Motion
 from coilarray.elastomer.dented_layer import dent_inductance
 from coilarray.elastomer.flat_layer import layer_inductance
 from coilarray.elastomer.flat_stack import flat_profile, reflection
@@ -197,6 +197,19 @@ def test_moving_and_turning_the_board_changes_nothing(angle, dx, dy):
     there = dent_inductance([moved(coil) for coil in PAIR], [smooth_dent()], places, COARSE)
     # 1e-9 of the largest: the rule over the wavenumbers depends on the coils' bounding circle
     assert there == pytest.approx(here, abs=1e-9 * np.abs(here).max())
+
+
+def test_sheets_that_move_with_their_dent_see_the_coils_move_the_other_way():
+    motion = Motion(lift=0.1e-3, slope=(0.01, -0.006), pivot=9e-3)
+    (along_x, along_y), place, dent = motion.slope, PLACES[1], smooth_dent()
+    turn = np.array([[1.0, 0.0, along_x], [0.0, 1.0, along_y], [-along_x, -along_y, 1.0]])
+    pair = [np.subtract(coil, [0, 0, 0.3e-3]) for coil in PAIR]
+    axis = np.array([*place, motion.pivot])
+    turned = [(coil - axis) @ turn.T + axis - [0, 0, motion.lift] for coil in pair]
+    still, there = (dent_inductance(coils, [dent], [place], COARSE)[0, 0] for coils in (pair, turned))
+    here = dent_inductance(pair, [dent.moved(motion)], [place], COARSE)[0, 0]
+    # the turn is to first order, and lateral motions of deeper coils are of second
+    np.testing.assert_allclose(here - still, there - still, rtol=0.01)
 
 
 def test_the_change_is_symmetric_and_mirrors(usual):

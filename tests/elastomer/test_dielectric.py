@@ -286,7 +286,7 @@ def spectral(dent, eps, transform):
     filling = Dent((TOP,), (eps,), dent.radius, dent.displacement[:, [0, -1]])
     k, weights = wavenumber_rule(filling.clearance, 40e-3, LayerMesh())
     scattering = scatter(filling, k, weights, LayerMesh(), base="grounded")
-    incident = (transform(k) * k / (2 * np.pi)).astype(complex)[:, None, None, None]
+    incident = (transform(k) * k / (2 * np.pi)).astype(complex)[None, :, None, None]
     return scattering.change(incident, np.array([2 * np.pi * EPSILON_0]))[0, 0, 0]
 
 

@@ -18,10 +18,11 @@ import pytest
 from support.contacts import coarse_maps, first_coils_design
 from support.first_assumed import first_assumed
 
+from coilarray.compute.memory import MemoryLimitError
 from coilarray.elastomer.box import Axis, Box, factorised
 from coilarray.elastomer.contact import DEFAULT_MESH, indent
 from coilarray.elastomer.contact_grid import Stack, stack_of
-from coilarray.elastomer.finite_sample import BoxMesh, Sample, SampleCorrection, sample_correction
+from coilarray.elastomer.finite_sample import DEFAULT_BOX_MESH, BoxMesh, Sample, SampleCorrection, sample_correction
 from coilarray.elastomer.wide_stack import wide_field
 from coilarray.errors import ElastomerError, GeometryError
 from coilarray.geometry import EVEN, Hemisphere, Seat, Sheet, Unevenness
@@ -137,7 +138,7 @@ def energy(elements: int, degree: int) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize(("degree", "least"), [(2, 3.0), (3, 4.0)])
 def test_the_energy_converges_with_twice_the_degree(degree: int, least: float) -> None:
-    exact = energy(3, 6)
+    exact = energy(3, 5)
     errors = np.abs([energy(count, degree) / exact - 1 for count in (2, 4)])
     # twice the degree is 4 and 6; the height has the same elements on both meshes, and the edges are not smooth
     assert np.log2(errors[0] / errors[1]) > least
@@ -197,6 +198,28 @@ def test_wide_field_and_correction_are_the_box_that_is_loaded_directly() -> None
 
 
 @pytest.mark.slow
+def test_the_default_mesh_gives_the_faces_to_a_percent() -> None:
+    bounds, places = (-14e-3, -11e-3, 14e-3, 11e-3), ((0.0, 0.0), (7e-3, 4e-3))
+    uneven = Unevenness(stiffness_slope=(15.0, -10.0))
+    usual, finer = (
+        corrected(bounds, places, uneven, mesh=mesh) for mesh in (DEFAULT_BOX_MESH, replace(DEFAULT_BOX_MESH, degree=4))
+    )
+    shapes = finer.x.basis(usual.x.nodes), finer.y.basis(usual.y.nodes)
+    expected = np.einsum("dplxy,ax,by->dplab", finer.moved, *shapes, optimize=True)
+    errors = np.abs(usual.moved - expected).max(axis=(0, 1, 3, 4)) / np.abs(expected).max()
+    # measured 0.4 and 0.7 %; at the corners of the bottom, where the seat ends, 2.9 %
+    assert errors[1:].max() < 0.01
+    assert errors[0] < 0.04
+    np.testing.assert_allclose(usual.depth, finer.depth, atol=0.01 * np.abs(finer.depth).max())
+
+
+def test_a_sample_too_large_for_the_memory_is_refused_before_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COILARRAY_MEMORY_GB", "1")
+    with pytest.raises(MemoryLimitError, match=r"a sample of 100 by 100 of its thicknesses needs .* sample_x_mm"):
+        corrected((-0.4, -0.4, 0.4, 0.4))
+
+
+@pytest.mark.slow
 def test_the_correction_vanishes_far_from_the_sides_of_an_even_seat() -> None:
     near = corrected((-12e-3, -12e-3, 12e-3, 12e-3))
     far = corrected((-70e-3, -70e-3, 70e-3, 70e-3), mesh=replace(COARSE, edge=2.0, widest=4.0))
@@ -227,7 +250,7 @@ def test_a_lifting_seat_only_pushes_and_carries_all_force() -> None:
     found = corrected(unevenness=Unevenness(lifts=True, weight=weight), slope=slope, sheets=(SHEETS[0],))
     load = 1 + found.depth[0, 0] * slope
     r = np.hypot(found.x.nodes[:, None], found.y.nodes)
-    bottom = -weight / SEAT.stiffness + load * found.beyond(r)[..., 0, 0] + found.moved[0, 0, 0]
+    bottom = -weight / SEAT.stiffness + load * found.beyond(r, 0)[..., 0] + found.moved[0, 0, 0]
     scale = np.abs(bottom).max()
     # pressure k max(0, −u) and gap max(0, u): their product is zero at every node
     np.testing.assert_allclose(found.lifted[0, 0], np.maximum(bottom, 0), atol=1e-9 * scale)
@@ -298,12 +321,16 @@ def test_far_sides_leave_the_response_and_near_ones_raise_it() -> None:
 @pytest.mark.parametrize("case", ["a near side", "a seat that rises"])
 def test_the_change_of_inductance_is_that_of_the_three_dimensional_solution(case: str) -> None:
     kept = json.loads(KEPT.read_text(encoding="utf-8"))["cases"][case]
-    package, (coarse, fine) = np.array(kept["package"]), np.array(kept["three_dimensions"])
-    largest = np.abs(fine).max()
-    # 1.5 % between the meshes; the package is to first order in all but the depth and the lift under the indenter: 5 %
-    assert np.abs(fine - coarse).max() < 0.015 * largest
-    assert np.abs(package - fine).max() < 0.05 * largest
-    assert np.abs(np.diag(package) / np.diag(fine) - 1).max() < 0.05
+    package, limit, meshes = (np.array(kept[key]) for key in ("package", "extrapolated", "three_dimensions"))
+    # the step of the faces at a side costs the meshes their order: two extrapolations differ by 0.4 %, 2.3 % in M
+    coarser = meshes[1] + (meshes[1] - meshes[0]) / (1.5**4 - 1)
+    largest = np.abs(limit).max()
+    np.testing.assert_allclose(coarser, limit, rtol=0.025, atol=2e-4 * largest)
+    # The package is to first order in all but the depth and the rigid motion under the indenter. Measured: 0.8 to 3.6 %
+    # of L, 4.2 % of M beside the near side; of M on the rising seat, which is 1/1400 of the largest entry, three times.
+    np.testing.assert_allclose(package, limit, rtol=0.05, atol=2.5e-3 * largest)
+    seen, expected = (kept["effective"][key] for key in ("package", "three_dimensions"))
+    np.testing.assert_allclose(seen, expected, rtol=0.05)
 
 
 @pytest.mark.slow

@@ -3,6 +3,9 @@
 import pytest
 from numba import config
 
+from coilarray import inductance_matrix, load_design, magnetic_field
+from coilarray.electromagnetics.ac_resistance import resistance_matrix
+from coilarray.electromagnetics.kernels.beforehand import KERNELS, compile_kernels
 from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
 
 
@@ -22,3 +25,16 @@ def test_an_inner_kernel_is_called_by_kernels_alone():
         with pytest.raises(TypeError, match="double can be called by other kernels only"):
             double(1.0)
         assert fourfold(1.5) == 6.0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(config.DISABLE_JIT, reason="nothing is compiled")
+def test_what_is_compiled_beforehand_is_not_compiled_again_when_it_is_needed():
+    compile_kernels()
+    called = [kernel for kernel, _ in KERNELS if type(kernel).__name__ != "_Inner"]
+    before = [len(kernel.signatures) for kernel in called]
+    conductors = load_design("gast_fem").array.conductors()
+    inductance_matrix(conductors)
+    resistance_matrix(conductors, 1e6)
+    magnetic_field(conductors, [[0.0, 0.0, 1e-3]])
+    assert [len(kernel.signatures) for kernel in called] == before

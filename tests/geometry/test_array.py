@@ -149,3 +149,18 @@ def test_stackups_that_cannot_be():
         good = {"names": ("L1", "L2"), "copper_thickness": (35e-6, 35e-6)}
         good |= {"dielectric_thickness": (0.2e-3,), "epsilon_r": (4.5,)}
         refused(GeometryError, message, Stackup, **{**good, **change})
+
+
+def test_the_middle_coil_is_that_of_the_board_not_of_the_list():
+    flower = [(0.0, 0.0), *((math.cos(k * math.pi / 3), math.sin(k * math.pi / 3)) for k in range(6))]
+    places = tuple(
+        Placement(f"coil{k}", COIL, ("L1", "L2"), 50e-3 * x, 50e-3 * y) for k, (x, y) in enumerate(flower, start=1)
+    )
+    array = CoilArray(FOUR_LAYERS, places)
+    assert array.middle_coil == "coil1"
+    assert array.nearest_coil(50e-3, 10e-3) == "coil2"
+    assert CoilArray(FOUR_LAYERS, places[1:]).middle_coil == "coil2"  # all as near: the first one
+    x_min, y_min, x_max, y_max = array.outline_bounds
+    outline = COIL.outline
+    np.testing.assert_allclose((x_min, x_max), (-50e-3 + outline[:, 0].min(), 50e-3 + outline[:, 0].max()))
+    assert array.bounds[1] <= y_min < y_max <= array.bounds[3]

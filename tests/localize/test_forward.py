@@ -111,7 +111,7 @@ def test_some_states():
     assert (some.delta(points) == MODEL.delta(points)[:, [3, 0]]).all()
     assert (some.jacobian(points) == MODEL.jacobian(points)[:, [3, 0]]).all()
     for noise in (2e-5, [2e-5] * 5):
-        assert checked_noise(MODEL, noise).tolist() == [2e-5] * 5
+        assert checked_noise(MODEL.states, noise).tolist() == [2e-5] * 5
 
 
 @pytest.mark.parametrize(("call", "message"), [
@@ -123,9 +123,9 @@ def test_some_states():
     (lambda: MODEL.delta([np.nan, 0, 1e-3]), r"x of a point"),
     (lambda: MODEL.delta(1.0), r"last axis; got shape"),
     (lambda: MODEL.delta([1.0, 2.0]), r"last axis; got shape"),
-    *[(lambda bad=bad: checked_noise(MODEL, bad), r"noise must be positive and finite")
+    *[(lambda bad=bad: checked_noise(MODEL.states, bad), r"noise must be positive and finite")
       for bad in (0, -1e-5, np.nan, np.inf, [1e-5] * 4 + [0])],
-    (lambda: checked_noise(MODEL, [1e-5] * 4), r"one for each of the 5 states; got shape \(4,\)"),
+    (lambda: checked_noise(MODEL.states, [1e-5] * 4), r"one for each of the 5 states; got shape \(4,\)"),
     (lambda: forward_model(GOOD.rename(delta="other")), r"variable delta"),
     (lambda: forward_model(GOOD.isel(depth=0)), r"dimensions depth, y, x and state"),
     (lambda: forward_model(GOOD.drop_vars("x")), r"coordinates for all dimensions; x is missing"),

@@ -209,6 +209,7 @@ def test_undetermined_levels_are_those_that_are_wrong(fits):
     assert fits.undetermined.sum("step").values.tolist() == [7, 0, 5]
 
 
+@pytest.mark.slow
 def test_errors_of_a_noisy_map_are_its_scatter():
     """Noise of 1e-5, half the width of a level; the errors hold that width too, and are 1 to 2.5 times the scatter."""
     quiet, random = published_map().sel(state=["coil2"]), np.random.default_rng(2)

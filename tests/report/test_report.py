@@ -250,20 +250,30 @@ def test_positions_of_the_ellipse_model_agree_with_the_library(made, page):
         response = saved.load()
     model = ellipse_model(fit_ellipses(response, -1)).with_semiaxis_addition(0.2e-3)
     errors = []
+    origin = BOARD.design.indentation.origin_point  # of the paper, the centre of coil2; rows: the board
     for row in rows:
-        delta = response.delta.isel(depth=-1).sel(x=float(row["x_m"]), y=float(row["y_m"]))
+        x, y = float(row["x_m"]) - origin[0], float(row["y_m"]) - origin[1]
+        delta = response.delta.isel(depth=-1).sel(x=x, y=y, method="nearest", tolerance=1e-9)
         try:
             position = locate_x(model, dict(zip(response.state.values, delta.values.tolist(), strict=True)))
         except LocalizeError:
             assert row["determined_x_m"] == row["error_m"] == ""
             continue
         # the fits are the same arithmetic on the same numbers
-        assert float(row["determined_x_m"]) == pytest.approx(position.x, rel=0, abs=1e-12)
-        errors.append(abs(position.x - float(row["x_m"])))
+        assert float(row["determined_x_m"]) - origin[0] == pytest.approx(position.x, rel=0, abs=1e-12)
+        errors.append(abs(position.x - x))
     text = " ".join("".join(page.text).split())
     assert f"gives a position at {len(errors)} of the grid's 189 places" in text
     assert f"the largest error of x there is {1e3 * max(errors):.2f} mm" in text
     assert {row["source"] for row in table(made, "polynomials")} == {"this map", "Table A1"}
+    assert made.data["position"]["axis"] == "x from coil2 (mm)"
+    # one coordinate system in all tables of places, the board's
+    (centre,) = (float(row["x_m"]) for row in table(made, "coils") if row["coil"] == "coil3")
+    peaks = {row["state"]: row for row in table(made, "response")}
+    assert float(peaks["coil3"]["peak_x_m"]) == pytest.approx(centre, abs=1.1e-3)  # half a step
+    assert [peaks[f"coil{k}"]["remark"] for k in (3, 5)] == ["", "at the edge of the map"]
+    assert made.data["coils_outside_map"] == ["coil4", "coil5", "coil6"]  # of the paper's window
+    assert "leaves out the centres of coil4, coil5, coil6;" in text
 
 
 def test_the_example_of_two_ellipses_is_beside_the_axis():
@@ -313,8 +323,11 @@ def test_single_coil_report(tmp_path):
     assert table(made, "pairs") == []
     text = made.page.read_text(encoding="utf-8")
     assert not re.search("Coupling coefficient|pairs has", text)
-    # board, two layers, line, two maps, L and R over frequency, force, dent, response along x, and at every depth
-    assert text.count("<img") == 12
+    # board, two layers, line, one map, L and R over frequency, force, dent, response along x, and at every depth
+    assert text.count("<img") == 11
+    assert "Bz_alone_T_per_A" in table(made, "field_line")[0]
+    coils = text[text.index("<h2>Coils") : text.index("<h2>Field")]
+    assert not re.search("change by the others|others open", coils)  # of nothing
     assert made.data["sheet_share"]["least"] > 0
     # a single line of places has no closed curves
     assert "at least 4 positions along y" in made.data["position_problem"]

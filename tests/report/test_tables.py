@@ -6,7 +6,8 @@ import xarray as xr
 
 from coilarray.cli import shared
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
-from coilarray.report.tables import dataset_table
+from coilarray.report.indentation_tables import response_table
+from coilarray.report.tables import Column, Table, dataset_table
 
 
 @pytest.mark.parametrize(("unit", "numbers", "texts"), [
@@ -46,3 +47,27 @@ def test_headings_take_several_lines_on_a_narrow_terminal(monkeypatch):
     lines = shared.table_text(("coil", "resonance frequency (MHz)"), [("a", "1.9072"), ("b", "2")]).splitlines()
     last = [f"coil{'(MHz)':>11}", f"a{'1.9072':>14}", f"b{'2':>14}"]
     assert lines == [f"{'resonance':>15}", f"{'frequency':>15}", *last]
+
+
+def test_a_largest_response_at_the_edge_or_of_nothing_is_said_to_be_that():
+    x, y = np.linspace(-4e-3, 4e-3, 5), np.linspace(-2e-3, 2e-3, 3)
+    across, up = np.meshgrid(x, y)
+    inside = 1e-3 * np.exp(-(across**2 + up**2) / 4e-6)
+    states = {"in": inside, "off": np.roll(inside, 2, axis=1), "none": np.zeros_like(inside)}
+    delta = np.stack(list(states.values()), axis=-1)[None]
+    of = xr.Dataset(
+        {"delta": (("depth", "y", "x", "state"), delta)}, {"depth": [1e-3], "y": y, "x": x, "state": list(states)}
+    )
+    rows = response_table(of).records()
+    assert [row["remark"] for row in rows] == ["", "at the edge of the map", "no response"]
+    assert [row["peak_x_m"] for row in rows] == [0.0, 4e-3, ""]
+    # a map of one line has no edge beside it
+    assert response_table(of.isel(y=[1], state=[0])).records()[0].get("remark", "") == ""
+
+
+def test_a_page_leaves_out_columns_that_say_nothing():
+    columns = tuple(map(Column, ("coil", "f", "again", "zero", "kept", "empty", "share")))
+    rows = (("a", 1.0, 1.0, 0.0, False, "", 0.0), ("b", 2.0, 2.0 * (1 + 1e-15), 0.0, False, "", 0.5))
+    table = Table("t", "T", columns, rows).telling()
+    assert [column.name for column in table.columns] == ["coil", "f", "kept", "share"]
+    assert table.rows[1] == ("b", 2.0, False, 0.5)

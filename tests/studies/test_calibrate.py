@@ -53,6 +53,7 @@ def driven(problem, function):
             return stop.value[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimated", [False, True])
 def test_errors_of_a_nonlinear_fit_cover(estimated):
     true, random, off = np.array([2.0, 1.3, 0.4]), np.random.default_rng(1), []

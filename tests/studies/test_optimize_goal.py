@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from coilarray import load_design
 from coilarray.errors import GoalError
-from coilarray.studies.optimize import goals
-from coilarray.studies.optimize.goal import Goal, load_goal, parse_goal
+from coilarray.studies.optimize.goal import Goal, parse_goal
+from coilarray.studies.optimize.goals import load_goal
 from coilarray.studies.optimize.space import Axis, axes_of, changes_of, start_parameters
 from coilarray.studies.optimize.study_file import study_name
 
@@ -123,17 +123,14 @@ def test_mistakes(text, message):
     assert "\n" not in str(caught.value)
 
 
-def test_files(tmp_path):
-    assert set(goals.names()) >= {"decouple", "worst_k", "worst_k_and_position"}
-    for name in goals.names():
-        axes_of(load_goal(name), load_design("gast2020"))  # each is for the bundled board
-    with pytest.raises(KeyError):
-        goals.read("nothing")
+def test_files(design, tmp_path):
     copy = tmp_path / "goal.toml"
-    copy.write_text(goals.read("worst_k"), encoding="utf-8")
-    assert load_goal(copy) == load_goal("worst_k")
-    with pytest.raises(GoalError, match=r"there is no goal file none\.toml, nor a bundled goal of that name"):
-        load_goal("none.toml")  # the others are those of any design file
+    copy.write_text(GOOD, encoding="utf-8")
+    assert load_goal(copy, design) == parse_goal(GOOD)
+    with pytest.raises(GoalError, match=r"there is no goal file none\.toml\."):
+        load_goal("none.toml", design)
+    with pytest.raises(GoalError, match=r"there is no goal 'least': it must be a file or one of worst_k, decouple, "):
+        load_goal("least", design)
 
 
 def test_axes_know_the_design(design):

@@ -201,7 +201,7 @@ NO_COIL = "no design of the sweep has a coil"
     ([Axis("name", ("a", "b"))], "span_mm", {}, f"{NO_DESIGN}name is no entry: it names the design"),
     ([Axis("schema", (1, 2))], "span_mm", {}, f"{NO_DESIGN}schema is no entry: it says how the file"),
     (MANY, "span_mm", {}, "a sweep must have 1 to 100000 points; got 101000."),
-    ([Axis(PITCH, (1, 2), interval=True)], "span_mm", {}, "array.pitch_mm must have a count of values, as START:"),
+    ([BETWEEN], "span_mm", {}, "array.columns takes whole numbers; there is none from 2.2 to 2.8."),
     ([GOOD], "span_mm", {"samples": 0}, "a sweep must have 1 to 100000 points; got 0."),
     ([GOOD], "span_mm", {"samples": 100_001}, "a sweep must have 1 to 100000 points; got 100001."),
     ([GOOD], "span_mm", {"samples": 3, "seed": -1}, "the seed must not be negative; got -1."),
@@ -212,6 +212,14 @@ def test_a_wrong_sweep_is_refused_before_the_work(starter, axes, quantity, optio
         plan_sweep(starter, axes, [] if quantity is None else [quantity], **options)
     assert str(caught.value).startswith(message)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_an_interval_is_a_grid_of_its_own(starter):
+    axes = [Axis(PITCH, (10.0, 14.0), interval=True), Axis(COLUMNS, (1.5, 4.0), interval=True)]
+    plan = plan_sweep(starter, axes, ["span_mm"])
+    assert plan.axes[0].values == (10.0, 10.5, 11.0, 11.5, 12.0, 12.5, 13.0, 13.5, 14.0)
+    assert plan.axes[1].values == (2, 3, 4)
+    assert len(plan.points) == 27
 
 
 def test_a_coil_that_only_some_designs_have_is_allowed(starter):

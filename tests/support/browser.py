@@ -21,6 +21,7 @@ import numpy as np
 from coilarray.design.model import build_design, load_design_file
 from coilarray.errors import MissingDependencyError
 from coilarray.localize.forward import table_grid
+from coilarray.response.coordinates import on_board, origin_attributes
 from coilarray.viz.studio.server import check_studio
 from support.patience import PATIENCE, until
 
@@ -33,7 +34,7 @@ QUICK = "quick"
 
 _SLOW = 600.0  # s
 _TIMEOUT = 120_000  # ms that the browser may take for anything; the machine may be busy
-_SIZE = {"width": 1280, "height": 760}
+SIZE = {"width": 1280, "height": 760}
 
 
 def missing():
@@ -150,7 +151,7 @@ class Opened:
     """A page, and what was wrong with it: requests to other hosts, errors of scripts, answers that are none."""
 
     def __init__(self, browser, url):
-        self.context = profile(browser, viewport=_SIZE, reduced_motion="reduce")
+        self.context = profile(browser, viewport=SIZE, reduced_motion="reduce")
         self.page = self.context.new_page()
         self.wrong, self._host = [], url.split("/")[2]
         self._listen("request", self._elsewhere, lambda request: f"asked {request.url}")
@@ -266,9 +267,8 @@ def bells(document, name, progress=lambda done, total: None):
     for k in range(3):
         progress(k + 1, 3)
     coords = {"depth": depth, "y": y, "x": x, "state": [state.name for state in design.plan]}
-    return xr.Dataset(
-        {"delta": (("depth", "y", "x", "state"), np.stack(delta, axis=-1))}, coords, {"design_hash": design.digest}
-    )
+    attributes = {"design_hash": design.digest, **origin_attributes(design.indentation)}
+    return xr.Dataset({"delta": (("depth", "y", "x", "state"), np.stack(delta, axis=-1))}, coords, attributes)
 
 
 def ideal_circuit(design):
@@ -299,6 +299,12 @@ def quick_run(folder):
         return optimize_design(load_design("starter"), parse_goal(GOAL), folder, pool)
 
 
+def quick_new(name, choices, progress):
+    """The starter design with as many coils in a row as are asked for."""
+    document = load_design_file("starter").document
+    return {**document, "name": name, "array": {**document["array"], "columns": int(choices["coils"])}}
+
+
 def slow_report(document, name, folder, progress):
     """A report of one line that takes its time, unless it is told otherwise."""
     for k in range(6000):
@@ -319,7 +325,7 @@ def steady_board(request, send, stopped):
     from coilarray.viz.studio import BoardFrame
 
     design = build_design(request.document, request.name)
-    model = forward_model(bells(request.document, request.name))
+    model = forward_model(on_board(bells(request.document, request.name)))
     delta = model.delta([2e-3, 1e-3, model.depth[2]])
     location = locate(model, delta)
     for k in range(1_000_000):
@@ -338,7 +344,7 @@ def steady_board(request, send, stopped):
 
 def main():
     """Serve a studio with the stand-ins."""
-    from coilarray.viz.studio import numbers_panel, server, view
+    from coilarray.viz.studio import new_panel, numbers_panel, server, view
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, new_token, serve
     from coilarray.viz.studio.services import Services
     from coilarray.viz.studio.shelf import Shelf
@@ -361,6 +367,7 @@ def main():
     server._MOST_PAGES = given.pages
     view._SAMPLES = 2  # pictures at rest cost as many times the processor
     numbers_panel.circuit_of = browser.ideal_circuit
+    new_panel.make_design = browser.quick_new
 
     services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator")
     address = Address(given.host or LOOPBACK, given.port, new_token() if given.host else "")

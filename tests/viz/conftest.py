@@ -2,15 +2,19 @@
 
 import pytest
 
-from coilarray.viz import rendering_problem
+
+@pytest.fixture(scope="session")
+def studio_libraries():
+    """Skip a test where there can be no studio."""
+    from support.browser import missing_studio
+
+    if (problem := missing_studio()) is not None:
+        pytest.skip(problem)
 
 
 @pytest.fixture
-def plotter():
+def plotter(rendering):
     """An empty plotter without a window, where this machine can render."""
-    problem = rendering_problem()
-    if problem is not None:
-        pytest.skip(problem)
     import pyvista
 
     plotter = pyvista.Plotter(off_screen=True, window_size=(320, 180))

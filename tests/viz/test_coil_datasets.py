@@ -61,8 +61,9 @@ def hills(nan=False):
 
 @pytest.mark.parametrize(("state", "depth"), [("a", -1), ("b", 0)])
 def test_a_draped_map_has_the_values_of_its_dataset(state, depth):
-    data, origin = hills(), (20e-3, -3e-3)
-    mesh = overlays.response_surface(data, state, depth, origin=origin, height=2e-3, relief=1e-3)
+    origin = (20e-3, -3e-3)
+    data = hills().assign_attrs(origin_x=origin[0], origin_y=origin[1])
+    mesh = overlays.response_surface(data, state, depth, height=2e-3, relief=1e-3)
     assert mesh.n_points == 13 * 5
     assert mesh.n_cells == 12 * 4
     one = data.delta.isel(depth=depth).sel(state=state)
@@ -89,16 +90,16 @@ def test_a_draped_map_is_the_same_in_any_order_and_missing_values_stay_missing()
 def test_an_outline_lies_on_the_map_and_a_pin_stands_upright():
     ring = 3e-3 * np.column_stack((np.cos(np.arange(0, 6.2, 0.1)), np.sin(np.arange(0, 6.2, 0.1))))
     outlines = [ring + np.array([x, 0]) for x in (20e-3, 26e-3, 60e-3)]  # inside, over the edge, beside it
-    data = hills()
-    lines = overlays.draped_outlines(data, "a", outlines, origin=(20e-3, 0), height=1e-3, relief=2e-3)
-    surface = overlays.response_surface(data, "a", origin=(20e-3, 0), height=1e-3, relief=2e-3)
+    data = hills().assign_attrs(origin_x=20e-3)
+    lines = overlays.draped_outlines(data, "a", outlines, height=1e-3, relief=2e-3)
+    surface = overlays.response_surface(data, "a", height=1e-3, relief=2e-3)
     assert lines.n_lines in (2, 3)  # the second may be cut in two where it begins
     x_min, x_max, *_ = lines.bounds
     assert (x_min, x_max) == (pytest.approx(17, abs=0.01), pytest.approx(26, abs=0.3))
     distance = np.abs(lines.compute_implicit_distance(surface).point_data["implicit_distance"])
     # a quadrilateral is drawn as two triangles: they differ from it by at most 1/8 of its twist
     assert distance.max() < 0.05
-    assert overlays.draped_outlines(data, "a", outlines[2:], origin=(20e-3, 0)).n_cells == 0
+    assert overlays.draped_outlines(data, "a", outlines[2:]).n_cells == 0
     np.testing.assert_allclose(overlays.position_pin((1e-3, 2e-3), 0, 8e-3).points, [[1, 2, 0], [1, 2, 8]])
 
 

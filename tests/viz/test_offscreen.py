@@ -111,7 +111,7 @@ def test_a_window_needs_a_screen_that_answers(fresh, display, wayland, window, c
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(offscreen.rendering_problem() is not None, reason="no 3-D rendering")
+@pytest.mark.usefixtures("rendering")
 def test_a_screen_that_does_not_answer_is_gone_round(fresh):
     # VTK falls back to EGL with a warning each time, unless it is told to begin with it
     code = """

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from coilarray.viz import palette
-from coilarray.viz.palette import DIVERGING, SEQUENTIAL, curve_look
+from coilarray.viz.palette import DIVERGING, SEQUENTIAL, coil_colours, curve_look
 from coilarray.viz.plots.coupling import plot_matrix
 
 # rows give red, green and blue as they are seen
@@ -86,6 +86,21 @@ def test_colours_of_a_set_are_told_apart(name, vision):
     assert nearest(getattr(palette, name), vision) > TOLD_APART
 
 
+@pytest.mark.parametrize(("columns", "rows", "shift"), [(4, 4, 0.0), (16, 1, 0.0), (8, 8, 0.0), (8, 8, 0.5)])
+def test_each_of_64_coils_has_a_colour_of_its_own_and_neighbours_differ_most(columns, rows, shift):
+    places = np.array([(x + shift * (y % 2), y) for y in range(rows) for x in range(columns)])
+    names = [f"coil{k}" for k in range(len(places))]
+    colours = list(coil_colours(names, places).values())
+    assert len(set(colours)) == len(names)
+    assert nearest(colours, "all cones") > 10.0
+    near = [(a, b) for a, b in combinations(range(len(names)), 2) if np.linalg.norm(places[a] - places[b]) < 1.2]
+    for vision in VISIONS:
+        if vision == "all cones" or len(names) <= 16:  # with fewer cones 64 colours cannot be told apart: names can
+            seen = lab([to_rgb(colour) for colour in colours], vision)
+            assert min(np.linalg.norm(seen[a] - seen[b]) for a, b in near) > TOLD_APART
+    assert coil_colours(names[:6], places[:6]) == dict(zip(names, palette.COILS, strict=False))
+
+
 def test_neighbours_among_curves_differ_in_more_than_colour():
     looks = [curve_look(k) for k in range(18)]
     assert len({(look["color"], look["linestyle"]) for look in looks}) == 18
@@ -100,6 +115,9 @@ def test_the_maps_grow_lighter_to_one_end_or_to_zero_and_tell_signs_apart(vision
     lightness = of_map(SEQUENTIAL, vision)[:, 0]
     assert (np.diff(lightness) > 0).all()
     assert np.ptp(lightness) > 70  # of 100
+    for one_sign in (of_map(palette.POSITIVE, vision)[::-1, 0], of_map(palette.NEGATIVE, vision)[:, 0]):
+        assert (np.diff(one_sign) > 0).all()
+        assert np.ptp(one_sign) > 65
     below, above = np.split(of_map(DIVERGING, vision), 2)
     assert below[-1, 0] > 95
     assert (np.diff(below[:, 0]) > 0).all()

@@ -57,6 +57,24 @@ def test_curves_over_frequency_are_the_sweeps(quantity, label, factor):
     assert {"0.1", "1", "10"} <= set(ticks)
 
 
+def test_resonances_are_marked_on_every_curve():
+    sweep, states = results.frequency_sweep(), ("state", ["a", "b"])
+    scan = xr.Dataset(
+        {"frequency": ("state", [1e6, 2e6]), "state_self_resonance": ("state", [8e6, 9e7])}, {"state": states}
+    )
+    inductance, resistance, quality = sweeps.frequency_figure(sweep, scan).axes
+    for ax in (inductance, resistance, quality):
+        drawn = [line for line in ax.lines if len(line.get_xdata())]  # the legend's own have no points
+        dots = [line for line in drawn if line.get_marker() == "o"]
+        assert [float(line.get_xdata()[0]) for line in dots] == [1.0, 2.0]  # MHz
+        (own,) = [line for line in drawn if line.get_linestyle() == ":"]  # that of b lies beyond the sweep
+        assert float(own.get_xdata()[0]) == 8.0
+        labels = [text.get_text() for text in ax.get_legend().get_texts()]
+        assert labels == ["a", "b", "with the tank", "self-resonance"]
+    assert float(next(line for line in inductance.lines if line.get_marker() == "o").get_ydata()[0]) == 50.0  # µH
+    assert resistance.get_yscale() == "log"
+
+
 def test_a_pole_is_cut_off_at_four_times_the_first_value():
     sweep = results.frequency_sweep()
     assert sweeps.plot_frequency_sweep(sweep).get_ylim() == (0, pytest.approx(4 * 60))  # µH

@@ -19,7 +19,7 @@ from coilarray.viz.scenes.board import CoilColours, copper_parts, recoloured, sc
 from coilarray.viz.scenes.camera import Side, seen_from
 from coilarray.viz.scenes.draw import BAR_WIDTH, camera_of, draw, draw_parts, legend_size, shown_units
 from coilarray.viz.scenes.pictures import save_picture
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, symmetric
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, about_zero
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_a_sum_of_scenes_has_all_of_both():
     second = Scene((Part("b", box(top=5.0), "two", "#222222"), Part("c", box())), (text,), ("same",))
     both = first + second
     assert [part.name for part in both.parts] == ["a", "b", "c"]
-    assert both.groups == {"one": "#111111", "two": "#222222"}
+    assert both.groups == {"one": ("#111111",), "two": ("#222222",)}
     assert both.notes == ("same", "first")
     assert both.bounds == (0, 1, 0, 1, 0, 9)
     with pytest.raises(ValueError, match="different names; both have a"):
@@ -119,12 +119,16 @@ def test_colours_of_scales():
     decades = Scale("v", "v", "V", 1e-6, 1e-4, logarithmic=True)
     equal = Scale("v", "v", "V", 0.0, 2.0)
     np.testing.assert_array_equal(decades.colours_of([1e-6, 1e-5, 1e-4]), equal.colours_of([0, 1, 2]))
-    scale = Scale("v", "v", "V", -1.0, 1.0, "coolwarm", missing="#123456")
-    red, green, blue = scale.colours_of([0.5])[0].tolist()
-    assert scale.typical_colour([-1.0, 0.5, np.nan, 0.9]) == f"#{red:02x}{green:02x}{blue:02x}"
-    assert scale.typical_colour([np.nan]) == scale.typical_colour([]) == "#123456"
-    assert (symmetric("v", "v", "", [0.1, -0.3, np.nan]).low, symmetric("v", "v", "", [0.1, -0.3]).high) == (-0.3, 0.3)
-    assert symmetric("v", "v", "", [np.nan]).high == symmetric("v", "v", "", [0.0]).high == 1.0
+    assert linear.steps(2) == tuple("#" + bytes(colour).hex() for colour in (low, high))
+    np.testing.assert_allclose(decades.values(3), [1e-6, 1e-5, 1e-4])
+    for values, ends in (
+        ([0.1, -0.3, np.nan], (-0.3, 0.3)),
+        ([0.2, -0.001], (0.0, 0.2)),
+        ([-0.2, np.nan], (-0.2, 0.0)),
+    ):
+        ranged = about_zero("v", "v", "", values)  # values of one sign have all the colours
+        assert (ranged.low, ranged.high) == ends
+    assert about_zero("v", "v", "", [np.nan]).high == about_zero("v", "v", "", [0.0]).high == 1.0
 
 
 @pytest.mark.parametrize(
@@ -167,6 +171,7 @@ def test_every_part_and_bar_is_drawn(board, plotter):
     assert {part.name for part in scene.parts} <= set(plotter.actors)
     assert list(plotter.scalar_bars.keys()) == ["volts (V)"]
     assert legend_of(plotter) == list(scene.groups)
+    assert scene.groups["sides"] == scene.scales[0].steps(3)  # its sign has the colours of its bar, not one of its own
     # drawn again it replaces what has the same name
     before = len(plotter.actors)
     draw_parts(scene, plotter)

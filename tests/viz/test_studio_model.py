@@ -27,7 +27,7 @@ from coilarray.viz.studio.numbers import circuit_of, numbers_of
 from coilarray.viz.studio.runs import front_rows, read_runs, run_folders
 from coilarray.viz.studio.scene_panel import _legend
 from coilarray.viz.studio.shelf import Shelf
-from coilarray.viz.studio.switching import first_settings, kept_settings, state_of, unit_fields
+from coilarray.viz.studio.switching import kept_settings, state_of, unit_fields
 from coilarray.viz.studio.top_view import board_drawing, delta_bars, delta_fills, pins, top_view, touch_drawing
 from coilarray.viz.studio.touch import crossing_line, first_place, location_lines, sensor_of, touched
 from coilarray.viz.studio.work import MOST_COILS, require_small, work_on
@@ -179,12 +179,10 @@ def test_settings_name_a_state_and_coils_in_series_add_with_their_coupling(start
     result = resonate(ideal, state_of({"coil1": "measure", "coil2": "measure", "coil3": "open"}))
     assert result.apparent_inductance == pytest.approx(ideal.inductance[:2, :2].sum(), rel=1e-9)
     np.testing.assert_allclose(np.abs(result.currents), [1.0, 1.0, 0.0], atol=1e-9)
-    names = starter.array.names
-    assert first_settings(names) == {"coil1": "ground", "coil2": "measure", "coil3": "ground"}
-    assert first_settings(["one"]) == {"one": "measure"}
-    kept = kept_settings(("coil1", "coil2", "coil9"), {"coil1": "open", "coil2": "measure", "coil3": "open"})
-    assert kept == {"coil1": "open", "coil2": "measure", "coil9": "ground"}
-    assert kept_settings(("coil9",), {"coil1": "measure"}) == {"coil9": "measure"}
+    assert kept_settings(starter.array, {}) == {"coil1": "ground", "coil2": "measure", "coil3": "ground"}
+    kept = kept_settings(starter.array, {"coil1": "open", "coil3": "measure", "coil9": "open"})
+    assert kept == {"coil1": "open", "coil2": "ground", "coil3": "measure"}
+    assert kept_settings(starter.array, {"coil1": "open", "coil9": "measure"})["coil2"] == "measure"
     state = state_of({"coil1": "measure", "coil2": "measure", "coil3": "open"})
     assert (state.name, state.exceptions) == ("coil1 + coil2", {"coil3": "open"})
     with pytest.raises(NetworkError, match="at least one coil must be measured"):
@@ -209,7 +207,7 @@ def test_a_touch_is_located_where_it_is_and_ellipses_meet_there(sensor):
     x, y, depth = first_place(sensor)
     touch = touched(sensor, x, y, depth)
     np.testing.assert_array_equal(list(touch.delta.values()), sensor.model.delta([x, y, depth]))
-    best = touch.location.best
+    best = max(touch.location.modes, key=lambda mode: mode.y)  # a row of coils does not tell y from −y
     assert touch.location.verdict == "found"
     # the search ends where χ² no longer falls, well within what noise does
     assert (np.abs([best.x - x, best.y - y, best.depth - depth]) < 0.05 * best.deviations).all()
@@ -225,6 +223,30 @@ def test_a_touch_is_located_where_it_is_and_ellipses_meet_there(sensor):
     assert "meet at x = 5.0" in crossing_line(touch)
     assert location_lines(touch.location)[0] == "found"
     assert location_lines(touch.location)[1].startswith("located: x = 5.00 ± ")
+
+
+def test_all_places_of_a_touch_are_on_the_board_wherever_its_map_begins():
+    document = {**OPENED.document, "indentation": {**OPENED.document["indentation"], "origin": "coil1"}}
+    design = build_design(document)
+    other = sensor_of(design, bells(document, "starter"))
+    assert other.model.lower[0] == pytest.approx(design.array.centres[0, 0] - 8.5e-3, abs=1e-3)
+    touch = touched(other, 5e-3, 2e-3, 0.6e-3)
+    best = max(touch.location.modes, key=lambda mode: mode.y)
+    assert (np.abs([best.x - 5e-3, best.y - 2e-3]) < 0.1 * best.deviations[:2]).all()
+    assert "meet at x = 5.0" in crossing_line(touch)
+    marks = touch_drawing(design, top_view(design), touch)
+    assert (marks["indenter"]["x"], marks["indenter"]["y"]) == (5.0, -2.0)
+    assert marks["crossing"][0] == pytest.approx((5.0, -2.0), abs=0.2)
+    ellipse = next(one for one in marks["ellipses"] if one["colour"] == "#D55E00")  # of coil2
+    assert ellipse["x"] == pytest.approx(0.0, abs=0.2)
+
+
+def test_a_pad_has_no_ellipses_which_are_those_of_a_row():
+    array = {"lattice": "square", "rows": 2, "columns": 2, "pitch_mm": 17.0}
+    document = {**OPENED.document, "array": {**OPENED.document["array"], **array}}
+    touch = touched(sensor_of(build_design(document), bells(document, "pad")), 3e-3, 2e-3, 0.6e-3)
+    assert touch.location.verdict == "found"
+    assert (touch.ellipses, crossing_line(touch)) == ({}, "ellipses: they are those of coils in a row along x")
 
 
 def test_a_table_of_another_design_and_a_design_without_indenter_are_refused(starter, sensor):
@@ -285,9 +307,11 @@ def test_colours_bars_and_legend_tell_units_and_ends(starter):
     bars = delta_bars([("a", 2e-4), ("b", -1e-4), ("c", None)])
     assert [(bar["text"], bar["part"]) for bar in bars] == [("+200.0", 50.0), ("−100.0", -25.0), ("–", 0.0)]
     assert delta_bars([("a", 1e-6)])[0]["part"] == 0.5  # small readings stay small
-    plane = Part("plane", None, "B", "#123456", Scale("|B| (T)", "B", "T", 1e-8, 1e-6, logarithmic=True))
-    legend = _legend(Scene((plane,), notes=("a note",)))
-    assert legend["groups"] == [{"name": "B", "colour": "#123456"}]
+    scale = Scale("|B| (T)", "B", "T", 1e-8, 1e-6, logarithmic=True)
+    parts = (Part("plane", None, "B", scale=scale), Part("edge", None, "board", "#123456"))
+    legend = _legend(Scene(parts, notes=("a note",)))
+    sign = f"linear-gradient(to right, {', '.join(scale.steps(3))})"  # where colours are values, so is the sign
+    assert legend["groups"] == [{"name": "B", "colour": sign}, {"name": "board", "colour": "#123456"}]
     assert legend["notes"] == ["a note"]
     (bar,) = legend["bars"]
     assert (bar["title"], bar["ticks"][0], bar["ticks"][2], bar["ticks"][-1]) == ("B (µT)", "0.01", "0.1", "1")

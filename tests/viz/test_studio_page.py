@@ -1,6 +1,10 @@
 """The studio in a real browser: what a user does on the page, and that the numbers there are the library's."""
 
 import os
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from threading import Thread
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -13,16 +17,16 @@ from coilarray.circuit.network import resonate
 from coilarray.design.model import load_design_file
 from coilarray.design.vary import vary
 from coilarray.localize.forward import forward_model
-from coilarray.viz import rendering_problem
 from coilarray.viz.studio.numbers import numbers_of
 from coilarray.viz.studio.switching import state_of
 
-_problem = browser.missing() or rendering_problem()
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(_problem is not None, reason=str(_problem))]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("rendering", "chromium")]
 
 
 @pytest.fixture(scope="module")
 def chromium():
+    if (problem := browser.missing()) is not None:
+        pytest.skip(problem)
     with browser.launched() as launched:
         yield launched
 
@@ -69,7 +73,7 @@ def page(shared):
     browser.at_rest(page)
     page.click("#tab-numbers")
     if page.inner_text("#file") != "starter" or page.locator(ALERTS).count():
-        page.evaluate("trame.trigger('open_design', ['starter'])")
+        page.evaluate("trame.trigger('open_design', ['starter', 'starter'])")
         page.wait_for_function(
             f"document.querySelector('#file').innerText === 'starter' && !document.querySelector('{ALERTS}')"
         )
@@ -103,6 +107,27 @@ def hold(page, selector, across=0.5, down=0.5):
     page.mouse.move(*place)
     page.mouse.down()
     return *place, box["width"], box["height"]
+
+
+@contextmanager
+def answering(port):
+    """Another server where the studio was."""
+
+    class Answer(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(b"here again")
+
+        do_HEAD = do_GET  # noqa: N815 - the name that the base class calls
+
+        def log_message(self, *_):
+            pass
+
+    with HTTPServer(("127.0.0.1", port), Answer) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        yield
+        server.shutdown()
 
 
 def press_at(page, axis, text):
@@ -140,9 +165,12 @@ def test_a_slider_changes_the_matrix_to_what_the_library_gives(page):
 def test_dragging_a_slider_shows_rough_numbers_then_full_ones(page):
     # they may stand there for a moment only: what was there is written down, and the slider moves until it was
     page.evaluate(
-        "window.told = []; window.telling = new MutationObserver("
-        "() => told.push(document.querySelector('#accuracy')?.dataset.accuracy));"
-        "telling.observe(document.body, { attributes: true, subtree: true, attributeFilter: ['data-accuracy'] })"
+        "window.told = []; window.telling = new MutationObserver(() => {"
+        " const chip = document.querySelector('#accuracy'), pale = document.querySelectorAll('.stale #coils').length;"
+        " told.push(chip?.dataset.accuracy);"
+        " if (pale) told.push(`pale, ${chip?.innerText}`) });"
+        "telling.observe(document.body,"
+        " { attributes: true, subtree: true, attributeFilter: ['data-accuracy', 'class'] })"
     )
     x, y, *_ = hold(page, "[data-key='array.pitch_mm'] [role=slider]")
 
@@ -154,7 +182,12 @@ def test_dragging_a_slider_shows_rough_numbers_then_full_ones(page):
     until(rough)
     page.evaluate("telling.disconnect()")
     page.mouse.up()
+    page.wait_for_selector("#accuracy:has-text('full accuracy')")
     browser.at_rest(page)
+    assert page.locator(".stale").count() == 0
+    told = set(page.evaluate("told"))
+    assert "pale, computing" in told  # numbers of the board before are marked,
+    assert "pale, full accuracy" not in told  # and never called accurate
     pitch = float(browser.field(page, "array.pitch_mm").input_value())
     assert pitch > 11.5
     np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=pitch)).k)
@@ -172,6 +205,7 @@ def test_a_wrong_value_is_told_at_its_field_and_a_broken_rule_is_red(page):
     browser.enter(page, "array.columns", "2.5")
     page.wait_for_selector("[data-key='array.columns'] [role=alert]")
     assert page.locator(ALERTS).count() == 2
+    assert page.inner_text("#held") == "not as in the fields"
     browser.picture(page, "wrong_values")
     browser.enter(page, "array.pitch_mm", "12")  # right again; the other one stays wrong, and as it was in the design
     page.wait_for_selector("[data-key='array.pitch_mm'] [role=alert]", state="detached")
@@ -282,9 +316,50 @@ def test_a_design_is_saved_opened_and_kept_through_a_reload(page, folder):
     page.wait_for_selector("#shelf >> text=better.toml")
     browser.picture(page, "open")
     page.click("#shelf >> text=better.toml")
+    page.wait_for_selector("#open-problem:has-text('The changes of better.toml are not saved')")
+    assert browser.field(page, "array.columns").input_value() == "2"
+    browser.picture(page, "discard")
+    page.click("#discard")
     page.wait_for_selector("#changed", state="detached")
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 9")
     assert browser.field(page, "array.columns").input_value() == "3"
+
+
+def test_a_new_design_is_made_from_a_few_choices_and_asks_for_changes_first(page, folder):
+    change(page, "array.pitch_mm", "12")
+    page.click("#new")
+    page.fill("#new-name", "pair")
+    page.fill("#new-coils", "2")
+    page.click("#make")
+    page.wait_for_selector("#new-problem:has-text('The changes of starter are not saved')")
+    page.fill("#new-size", "wide")
+    page.click("#make:has-text('Discard and make')")
+    page.wait_for_selector("#new-problem:has-text(\"size must be a number; got 'wide'.\")")
+    browser.picture(page, "new")
+    page.fill("#new-size", "16")
+    page.click("#make:has-text('Make')")
+    page.click("#make:has-text('Discard and make')")
+    page.wait_for_selector("#file:has-text('pair.toml')")
+    page.wait_for_selector("#changed")  # it is in no file yet
+    page.wait_for_function("document.querySelectorAll('#matrix td').length === 4")
+    assert not (folder / "pair.toml").exists()
+
+
+def test_many_coils_leave_room_for_the_picture_in_small_windows(page):
+    browser.enter(page, "array.columns", "16")
+    page.wait_for_function("document.querySelectorAll('#matrix td').length === 256")
+    boxes = "all => all.map(one => one.getBoundingClientRect()).map(one => [one.left, one.top, one.right, one.bottom])"
+    try:
+        for width, height in ((1280, 720), (1024, 700)):
+            page.set_viewport_size({"width": width, "height": height})
+            scene, side = page.locator("#scene, .studio-side").evaluate_all(boxes)
+            assert scene[2] - scene[0] > 400
+            assert scene[3] - scene[1] > 300
+            assert scene[2] <= side[0] or scene[3] <= side[1]  # neither lies over the other,
+            assert side[2] <= width  # and all of it is in the window
+            browser.picture(page, f"16_coils_{width}")
+    finally:
+        page.set_viewport_size(browser.SIZE)
 
 
 def test_two_browsers_do_not_disturb_each_other(page, chromium, studio):
@@ -408,6 +483,11 @@ def test_ctrl_c_ends_it_with_a_page_open_and_nothing_to_render(chromium, tmp_pat
         np.testing.assert_array_equal(browser.matrix(page), numbers_of(load_design("starter")).k)
         browser.picture(page, "no_rendering")
         said = started.end()
+        words = page.wait_for_selector("#gone").inner_text()
+        assert words.startswith("The studio has ended, or cannot be reached.\nThis page comes back by itself")
+        browser.picture(page, "gone")
+        with answering(urlsplit(started.url).port):
+            page.wait_for_selector("text=here again")
         context.close()
         assert started.process.returncode == 0
         assert said.splitlines()[-1] == "coilarray: the studio has ended"

@@ -21,8 +21,7 @@ from coilarray.errors import OutputError
 from coilarray.viz.studio.server import LOOPBACK, Address, bind, new_token
 from coilarray.viz.studio.services import BoardRequest, Services, compute_table
 
-_problem = missing_studio()
-needs_studio = pytest.mark.skipif(_problem is not None, reason=str(_problem))
+needs_studio = pytest.mark.usefixtures("studio_libraries")
 
 run, refused = runner("studio")
 
@@ -166,7 +165,7 @@ def test_a_port_that_is_in_use_is_one_line(capsys):
         port = taken.getsockname()[1]
         with pytest.raises(OutputError, match=f"^port {port} is in use; give another one with --port"):
             bind(Address(LOOPBACK, port))
-        if _problem is None:
+        if missing_studio() is None:
             assert f"port {port} is in use" in refused(capsys, "starter", "--port", port, "--no-browser")
 
 
@@ -242,7 +241,7 @@ def test_a_report_is_that_of_the_report_command(monkeypatch, tmp_path):
         progress(1, 8)
         return Made
 
-    monkeypatch.setattr("coilarray.report.write_report", write)
+    monkeypatch.setattr("coilarray.report.write.write_report", write)
     file, steps = load_design_file("starter"), []
     design = file.design
     page = command.write_report(file.document, design.name, tmp_path, lambda *step: steps.append(step))

@@ -100,6 +100,17 @@ def test_samples_and_larger_grids_are_dots_over_every_entry(sampled):
         )
 
 
+def test_resonances_share_a_panel():
+    names = ("frequency_MHz[coil1]", "self_resonance_MHz[coil1]", "q[coil1]")
+    swept = result(PITCH, quantities=names)
+    swept[names[1]] = 10.0 * swept[names[0]]
+    resonances, quality = sweep_figure(swept).axes
+    assert [text.get_text() for text in resonances.get_legend().get_texts()] == list(names[:2])
+    assert (resonances.get_ylabel(), resonances.get_yscale()) == ("resonance (MHz)", "log")
+    np.testing.assert_array_equal(line(resonances, 1)[:, 1], swept[names[1]])
+    assert quality.get_ylabel() == "q[coil1]"
+
+
 def test_too_many_panels_are_refused():
     many = [f"quantity{k}" for k in range(MOST_PANELS + 1)]
     with pytest.raises(ValueError, match=f"1 to {MOST_PANELS} panels; it would have {MOST_PANELS + 1}"):

@@ -9,7 +9,6 @@ import pytest
 import pyvista
 from support.patience import PATIENCE
 
-from coilarray.viz.offscreen import rendering_problem
 from coilarray.viz.scenes.draw import draw, text_name
 from coilarray.viz.scenes.scene import Part, Scene, Text
 from coilarray.viz.scenes.window import add_switches
@@ -123,7 +122,7 @@ def test_the_command_shows_a_window_until_it_is_closed(screen):
     assert errors == ""
 
 
-@pytest.mark.skipif(rendering_problem() is not None, reason="no 3-D rendering")
+@pytest.mark.usefixtures("rendering")
 def test_a_switch_hides_meshes_and_words_of_its_group():
     plotter = pyvista.Plotter(off_screen=True, window_size=(400, 300))
     draw(scene(), plotter, panel=(0.2, 0.2))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.response.coordinates import on_board
 from coilarray.viz.datasets.triangles import MM_PER_M, polylines
 
 if TYPE_CHECKING:
@@ -124,7 +125,6 @@ def response_surface(
     state: str,
     depth: int = -1,
     *,
-    origin: tuple[float, float] = (0.0, 0.0),
     height: float = 0.0,
     relief: float = 0.0,
 ) -> pyvista.PolyData:
@@ -134,11 +134,9 @@ def response_surface(
     ----------
     response : xarray.Dataset
         Computed or measured response with ``delta`` (depth, y, x, state), as from
-        `coilarray.response.map.response_map`.
+        `coilarray.response.map.response_map`; it lies over its place on the board.
     state, depth : str and int
         Name of the state of the scan, and index of the depth in the dataset, the deepest by default.
-    origin : tuple of float
-        Place of the map's origin on the board in m.
     height, relief : float
         Height of δ = 0 above the board, and rise at the largest |δ| in m; 0 makes the surface flat.
 
@@ -156,7 +154,7 @@ def response_surface(
 
     x, y, delta = _map_of(response, state, depth)
     nx, ny = len(x), len(y)
-    along, across = np.meshgrid(x + origin[0], y + origin[1])
+    along, across = np.meshgrid(x, y)
     z = height + relief * _rise(delta)
     first = (np.arange(nx - 1) + nx * np.arange(ny - 1)[:, None]).ravel()
     faces = np.column_stack((np.full_like(first, 4), first, first + 1, first + 1 + nx, first + nx))
@@ -172,7 +170,6 @@ def draped_outlines(
     outlines: Sequence[npt.ArrayLike],
     depth: int = -1,
     *,
-    origin: tuple[float, float] = (0.0, 0.0),
     height: float = 0.0,
     relief: float = 0.0,
 ) -> pyvista.PolyData:
@@ -180,7 +177,7 @@ def draped_outlines(
 
     Parameters
     ----------
-    response, state, depth, origin, height, relief
+    response, state, depth, height, relief
         As in `response_surface`.
     outlines : sequence of array_like, shape (n, 2)
         Corners on the board in m.
@@ -202,12 +199,12 @@ def draped_outlines(
     step = float(min(np.diff(x).min(), np.diff(y).min())) / _DENSE
     lines = []
     for outline in outlines:
-        at = _dense(np.asarray(outline, dtype=np.float64), step) - origin
+        at = _dense(np.asarray(outline, dtype=np.float64), step)
         inside = (at[:, 0] >= x[0]) & (at[:, 0] <= x[-1]) & (at[:, 1] >= y[0]) & (at[:, 1] <= y[-1])
         for run in np.split(np.arange(len(at)), np.flatnonzero(np.diff(inside)) + 1):
             if inside[run[0]] and len(run) > 1:
                 z = height + relief * rise(at[run][:, ::-1])
-                lines.append(np.column_stack((at[run] + origin, z)))
+                lines.append(np.column_stack((at[run], z)))
     return polylines(lines)
 
 
@@ -287,8 +284,8 @@ def _arc(start: FloatArray, end: FloatArray, height: float) -> FloatArray:
 
 
 def _map_of(response: xr.Dataset, state: str, depth: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the positions along x and y in m, and δ of shape (y, x)."""
-    at = of_state(at_depth(response, depth), state)
+    """Return the positions along x and y on the board in m, and δ of shape (y, x)."""
+    at = on_board(of_state(at_depth(response, depth), state))
     x, y = (np.asarray(at[name].values, dtype=np.float64) for name in ("x", "y"))
     if min(len(x), len(y)) < 2:
         raise ValueError(f"a map needs at least two positions along x and along y; got {len(x)} and {len(y)}.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from coilarray.compute.display_units import MM, PLAIN, true_minus
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, board_outline, copper_features, drills
 from coilarray.geometry.rules import Margin
-from coilarray.viz.palette import COILS, INK, LAYERS, cycled
+from coilarray.viz.palette import INK, LAYERS, coil_colours, cycled
 from coilarray.viz.plots.style import figure_size, legend_above, new_axes, plan_axes, styled, write_name
 
 _TRANSLUCENT = 0.6
@@ -28,11 +28,13 @@ _TOGETHER = 0.025  # of the board's diagonal: places nearer than that get one ci
 _VIEW = 10.0  # limits and values, whichever is larger, in the width of an enlarged place
 _LEAST_VIEW = 1e-3  # m
 _BROKEN = "#B00020"
+_LETTERS, _LEAST_LETTERS = 9.0, 3.5  # heights of names in points
+_LETTER_OF_PITCH = 0.2  # height over the distance of neighbours, with which names of six letters do not overlap
 
 
 @styled
 def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
-    """Draw the copper of one layer, each coil in its own colour, with holes and the edge of the board, in mm.
+    """Draw the copper of one layer, each coil in its own colour and with its name, holes and the edge, in mm.
 
     Parameters
     ----------
@@ -56,14 +58,13 @@ def plot_copper(array: CoilArray, layer: str, ax: Axes | None = None) -> Axes:
     """
     array.stackup.index(layer)
     ax = ax or _board_axes(array)
-    colours = cycled(COILS, array.names)
+    colours = coil_colours(array.names, array.centres)
     features = [feature for feature in copper_features(array) if feature.layer == layer]
     for feature in features:
         # no add_patch, which would search every edge for the limits of the axes
         ax.add_artist(_patch(feature.shape, facecolor=colours[feature.net], linewidth=0))
     _draw_holes(ax, tuple(drill for drill in drills(array) if layer in drill.layers))
-    present = {feature.net for feature in features if feature.kind == "trace"}
-    _legend(ax, {name: colour for name, colour in colours.items() if name in present}, 1.0)
+    _write_names(ax, array, {feature.net for feature in features if feature.kind == "trace"})
     _finish_board(ax, array, f"Copper {layer}")
     return ax
 
@@ -94,9 +95,11 @@ def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
             if feature.layer == layer:
                 ax.add_artist(_patch(feature.shape, facecolor=colours[layer], linewidth=0, alpha=_TRANSLUCENT))
     _draw_holes(ax, drills(array))
-    for name, (x, y) in zip(array.names, MM.of(array.centres), strict=True):
-        write_name(ax, x, y, name, weight="bold")
-    _legend(ax, {f"copper {layer}": colour for layer, colour in colours.items()}, _TRANSLUCENT)
+    _write_names(ax, array, set(array.names))
+    handles = [
+        Patch(color=colour, label=f"copper {layer}", alpha=_TRANSLUCENT, lw=0) for layer, colour in colours.items()
+    ]
+    legend_above(ax, min(len(handles), 6), handles=handles, handlelength=1.0)
     _finish_board(ax, array, "Board from above")
     return ax
 
@@ -132,9 +135,14 @@ def _finish_board(ax: Axes, array: CoilArray, title: str) -> None:
     plan_axes(ax)
 
 
-def _legend(ax: Axes, colours: Mapping[str, str], alpha: float) -> None:
-    handles = [Patch(color=colour, label=text, alpha=alpha, linewidth=0) for text, colour in colours.items()]
-    legend_above(ax, min(len(handles), 6), handles=handles, handlelength=1.0)
+def _write_names(ax: Axes, array: CoilArray, present: set[str]) -> None:
+    """Write the names of coils over their middles, as large as the distance of neighbours allows."""
+    x_min, y_min, x_max, y_max = array.bounds
+    inches = (figure_size(x_max - x_min, y_max - y_min)[0] - 1.2) / (x_max - x_min)  # of one metre of the board
+    size = min(_LETTERS, max(_LEAST_LETTERS, _LETTER_OF_PITCH * array.least_distance * inches * 72))
+    for name, (x, y) in zip(array.names, MM.of(array.centres), strict=True):
+        if name in present:
+            write_name(ax, x, y, name, weight="bold", fontsize=size, clip_on=True)
 
 
 @dataclass(frozen=True)
@@ -226,9 +234,6 @@ def _enlarge(ax: Axes, mark: _Mark) -> None:
     x, y = MM.of((mark.x, mark.y)).tolist()
     ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
     ax.xaxis.set_major_locator(MaxNLocator(4))  # the labels are long
-    legend = ax.get_legend()
-    if legend is not None:
-        legend.remove()
     unit = MM if worst.unit == "m" else PLAIN
     value, limit = (unit.text(number, ".4") for number in (worst.value, worst.limit))
     title = f"{mark.numbers[0]}: {worst.rule} of {worst.feature},\n{value}, limit {limit}"

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from coilarray.compute.display_units import MILLI_DELTA, MM, DisplayUnit, true_minus
 from coilarray.viz.datasets.overlays import of_state
-from coilarray.viz.palette import BLUE, COILS, GREY, VERMILLION, cycled
+from coilarray.viz.palette import BLUE, COILS, GREY, VERMILLION
 from coilarray.viz.plots import style
 
 MOST_STATES = 6
@@ -104,7 +104,7 @@ def plot_readings(comparison: xr.Dataset, depth: int = 0, ax: Axes | None = None
     ax = ax or style.new_axes(5.0, 4.5)
     names = at.state.values.tolist()
     ends: list[float] = []
-    for k, (name, colour) in enumerate(cycled(COILS, names).items()):
+    for k, (name, colour) in enumerate(style.state_colours(comparison, names).items()):
         measured, simulated = (MILLI_DELTA.of(at.delta.sel(state=name, source=source)).ravel() for source in _SOURCES)
         label = true_minus(f"{name}, scale {float(at.scale[k]):.3f} ± {float(at.scale_std[k]):.3f}")
         marker = "os^Dv*"[(k // len(COILS)) % 6]

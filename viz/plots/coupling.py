@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -12,15 +13,18 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 
 from coilarray.compute.display_units import PLAIN, number_text, true_minus
-from coilarray.viz.palette import BLUE, DIVERGING, PALE, SEQUENTIAL, UNKNOWN, VERMILLION
-from coilarray.viz.plots.style import axis_unit, colour_bar, faint_grid, largest, legend_above, new_axes, styled
+from coilarray.viz.palette import BLUE, PALE, SEQUENTIAL, UNKNOWN, VERMILLION, signed_colours
+from coilarray.viz.plots.style import axis_unit, colour_bar, faint_grid, legend_above, new_axes, styled
 
+_MOST_NUMBERED = 12  # coils whose matrix has room for its numbers
+_MOST_NAMED = 32  # coils with a name each along the edges of a matrix
+_LARGEST = 11.0  # inches
 _DARK = 0.179  # relative luminance on which black and white contrast alike, 4.6: √(1.05 · 0.05) − 0.05, WCAG 2.1
 
 
 @styled
 def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the coupling coefficients k of all pairs as a heat map with its numbers; the diagonal, 1, is left out.
+    """Draw the coupling coefficients k of all pairs as `plot_matrix` does; the diagonal, 1, is left out.
 
     Parameters
     ----------
@@ -43,7 +47,9 @@ def plot_coupling(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
 
 @styled
 def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw the inductance matrix as a heat map with its numbers: L on the diagonal, M of the pairs off it.
+    """Draw the inductance matrix as `plot_matrix` does: L on the diagonal, M of the pairs off it.
+
+    Of more than 12 coils M alone, whose colours L would take.
 
     Parameters
     ----------
@@ -61,7 +67,11 @@ def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     """
     L, names = coupling.inductance, coupling.coil.values.tolist()
     unit = str(L.attrs["units"])
-    return plot_matrix(L, names, title="Inductance", quantity="L, M", unit=unit, scale="diverging", ax=ax)
+    many = len(names) > _MOST_NUMBERED
+    title, quantity = ("Mutual inductance", "M") if many else ("Inductance", "L, M")
+    return plot_matrix(
+        L, names, title=title, quantity=quantity, unit=unit, scale="diverging", mask_diagonal=many, ax=ax
+    )
 
 
 @styled
@@ -77,7 +87,7 @@ def plot_matrix(
     mask_diagonal: bool = False,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw a square matrix as a heat map with its numbers in the cells.
+    """Draw a square matrix as a heat map, with its numbers in the cells where there are at most 12 coils.
 
     Parameters
     ----------
@@ -91,7 +101,7 @@ def plot_matrix(
         SI unit of `values` without a prefix, such as ``"H"``; the prefix is chosen from the largest value shown.
         Empty for a pure number, which gets none.
     scale : {"sequential", "diverging"}
-        Diverging colours are symmetric about zero, for values of both signs.
+        Diverging colours are symmetric about zero, or from zero for values of one sign.
     digits, mask_diagonal : int, bool
         Number of digits after the decimal point; and whether to leave the diagonal out, so that the colours spread over
         the neighbours.
@@ -143,7 +153,7 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
     names = coupling.coil.values.tolist()
     before, after = coupling.open_effective_inductance.values, coupling.effective_inductance.values
     shown = axis_unit(np.concatenate((before, after)), str(coupling.open_effective_inductance.attrs["units"]))
-    ax = ax or new_axes(6.0, 1.3 + 0.35 * len(names))
+    ax = ax or new_axes(6.0, min(1.3 + 0.35 * len(names), _LARGEST))
     rows = np.arange(len(names))
     closed = "grounded" if (coupling.termination.values == "short").all() else "as terminated"
     ax.hlines(rows, shown.of(before), shown.of(after), color=PALE, linewidth=3, zorder=1)
@@ -152,8 +162,9 @@ def plot_effective_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> A
     lower, change = shown.of(np.minimum(before, after)), 100 * (after / before - 1)
     for row, low, percent in zip(rows.tolist(), lower.tolist(), change.tolist(), strict=True):
         look: dict[str, Any] = {"xytext": (-9, 0), "textcoords": "offset points", "ha": "right", "va": "center"}
+        look["fontsize"] = min(9.0, 280.0 / len(names))
         ax.annotate(true_minus(f"{percent:+.2f} %"), (low, row), **look)
-    ax.set_yticks(rows, names)
+    ax.set_yticks(rows, names, fontsize=min(9.0, 280.0 / len(names)))
     ax.margins(x=0.25)
     faint_grid(ax, "x")
     label = f"{shown.label('inductance')}; the axis does not start at zero"
@@ -205,24 +216,32 @@ def _heat_map(
     scale: Literal["sequential", "diverging"],
     ax: Axes | None,
 ) -> Axes:
-    """Draw a matrix with names along its edges, a colour bar and a text in every cell; masked cells are grey."""
-    ax = ax or new_axes(2.2 + 0.62 * len(names), 1.4 + 0.55 * len(names))
+    """Draw a matrix with names along its edges, a colour bar and, of few coils, a text in every cell.
+
+    Masked cells are grey.
+    """
+    n = len(names)
+    ax = ax or new_axes(min(2.2 + 0.62 * n, _LARGEST), min(1.4 + 0.55 * n, _LARGEST - 0.8))
     shown = numbers.compressed() if numbers.count() else np.array([0.0, 1.0])  # a single coil has no neighbours
     if scale == "diverging":
-        limit = largest(shown)
-        colours, norm = DIVERGING, Normalize(-limit, limit)
+        colours, low, high = signed_colours(shown)
+        norm = Normalize(low, high)
     elif scale == "sequential":
         colours, norm = SEQUENTIAL, Normalize(float(shown.min()), float(shown.max()))
     else:
         raise ValueError(f"scale must be 'sequential' or 'diverging'; got {scale!r}.")
     image = ax.imshow(numbers, cmap=colours, norm=norm)
     ax.set_facecolor(UNKNOWN)
-    ax.set_xticks(range(len(names)), names)
-    ax.set_yticks(range(len(names)), names)
+    named = range(0, n, math.ceil(n / _MOST_NAMED))
+    look: dict[str, Any] = {"fontsize": 9.0 if n <= _MOST_NUMBERED else 7.0}
+    ax.set_xticks(named, [names[k] for k in named], rotation=0 if n <= _MOST_NUMBERED else 90, **look)
+    ax.set_yticks(named, [names[k] for k in named], **look)
     ax.tick_params(length=0)
     ax.spines[:].set_visible(False)
     ax.set_title(title)
     colour_bar(ax, image, label)
+    if n > _MOST_NUMBERED:
+        return ax
     size, cells = min(9.0, 60.0 / max(len(texts), 1)), image.to_rgba(numbers)
     linear = np.where(cells <= 0.04045, cells / 12.92, ((cells + 0.055) / 1.055) ** 2.4)  # sRGB
     luminance = linear[..., :3] @ (0.2126, 0.7152, 0.0722)

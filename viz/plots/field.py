@@ -96,7 +96,8 @@ def plot_field_map(field: xr.Dataset, ax: Axes | None = None, outlines: Sequence
     shown = axis_unit(values, str(field.B.attrs["units"]))
     ax = ax or new_axes(*map_size(field))
     mesh = signed_map(ax, field, shown.of(values), outlines, rasterized=True)
-    ax.set_title(f"$B_z$ of {field.attrs['active_coil']}, {_place(field)}; others {field.attrs['other_coils']}")
+    others = "" if field.attrs["other_coils"] == "none" else f"; others {field.attrs['other_coils']}"
+    ax.set_title(f"$B_z$ of {field.attrs['active_coil']}, {_place(field)}{others}")
     colour_bar(ax, mesh, _label(shown))
     return ax
 

@@ -42,8 +42,9 @@ def plot_search(result: Optimization, objective: int = 0, ax: Axes | None = None
     Examples
     --------
     >>> from coilarray.design.model import load_design_file
-    >>> from coilarray.studies.optimize import Optimization, Trial, front_of, load_goal
-    >>> design, goal = load_design_file("gast2020"), load_goal("worst_k_and_position")
+    >>> from coilarray.studies.optimize import Optimization, Trial, derive_goal, front_of
+    >>> design = load_design_file("gast2020")
+    >>> goal = derive_goal(["worst_k", "position_error"], design).goal
     >>> scores = [(0.05, 0.3), (0.04, 0.4), (0.06, 0.5)]
     >>> trials = tuple(Trial("search", k, {}, {}, both, {}) for k, both in enumerate(scores))
     >>> result = Optimization(design, goal, (), trials[0], True, trials, front_of(trials, goal), 0, "")
@@ -93,8 +94,9 @@ def plot_pareto(
     Examples
     --------
     >>> from coilarray.design.model import load_design_file
-    >>> from coilarray.studies.optimize import Optimization, Trial, front_of, load_goal
-    >>> design, goal = load_design_file("gast2020"), load_goal("worst_k_and_position")
+    >>> from coilarray.studies.optimize import Optimization, Trial, derive_goal, front_of
+    >>> design = load_design_file("gast2020")
+    >>> goal = derive_goal(["worst_k", "position_error"], design).goal
     >>> scores = [(0.05, 0.3), (0.04, 0.4), (0.06, 0.5)]
     >>> trials = tuple(Trial("search", k, {}, {}, both, {}) for k, both in enumerate(scores))
     >>> result = Optimization(design, goal, (), trials[0], True, trials, front_of(trials, goal), 0, "")

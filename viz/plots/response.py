@@ -18,15 +18,18 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter
 
 from coilarray.compute.display_units import MM, DisplayUnit, true_minus
+from coilarray.response.answering import answering_states, main_line, middle_state
 from coilarray.viz.datasets.overlays import at_depth, of_state
-from coilarray.viz.palette import DIVERGING, INK, PALE, curve_look
+from coilarray.viz.palette import INK, PALE, curve_look, signed_colours
 from coilarray.viz.plots import style
 
-MOST_MAPS = 12
+MOST_MAPS = 16
 """Largest number of states in `response_figure`."""
 
 _BANDS, _TICKS = 20, 9  # largest numbers of bands of colour, and of ticks beside them
 _STEPS = (1, 2, 5, 10)
+_FELT = 0.05  # share of the largest |δ| on a line below which a state has no curve
+_MOST_NAMES = 9  # coils with their names on every map; the title of a map is its own
 _NOTHING = 0.01  # share of the largest δ below which a map is white and has no zero line
 _GRID_SHAPE = 1.4  # width over height of all maps together
 _PROFILE = (7.5, 3.6)  # inches
@@ -39,8 +42,9 @@ def plot_response(
 ) -> Axes:
     """Draw δ of one state over the position of the indenter, with the outlines of the coils.
 
-    Colours are symmetric about zero, and white where |δ| is below 1 % of its maximum; a dashed line marks the change of
-    sign. Between the positions δ is interpolated linearly; nothing is drawn beside a position without a value.
+    Colours are symmetric about zero, or from zero for values of one sign, and white where |δ| is below 1 % of its
+    maximum; a dashed line marks the change of sign. Between the positions δ is interpolated linearly; nothing is drawn
+    beside a position without a value.
 
     Parameters
     ----------
@@ -100,7 +104,8 @@ def plot_response_profile(
     ax : Axes, optional
         Axes to draw into, mm across. Dotted lines mark the centres of the coils.
     along : {"x", "y"}
-        Direction of the line; the other coordinate is the one nearest to zero.
+        Direction of the line, which is that with the largest |δ| of the state, for all states of that in the middle.
+        States of which nothing is felt there are left out.
 
     Raises
     ------
@@ -120,17 +125,24 @@ def plot_response_profile(
     """
     across = "y" if along == "x" else "x"
     delta = _delta(response, state=state, depth=depth)
-    row = delta.isel({across: int(np.abs(delta[across].values).argmin())})
+    row = delta.isel({across: main_line(response, along, state)})
+    if state is None:
+        size = np.abs(np.nan_to_num(row.transpose("state", ...).values)).reshape(row.sizes["state"], -1).max(axis=1)
+        row = row.isel(state=np.flatnonzero(size >= _FELT * size.max()))
     shown = style.axis_unit(row)
     ax = ax or style.new_axes(*_PROFILE)
     at = MM.of(row[along])
     row = row.expand_dims([axis for axis in ("depth", "state") if axis not in row.dims])
     states, depths = row.state.values.tolist(), row.depth.values.tolist()
+    colours = style.state_colours(response, states)
     curves = [(name, value, row.sel(state=name, depth=value).values) for value in depths for name in states]
     for k, (name, value, values) in enumerate(curves):
         deep = MM.text(value)
         label = name if len(depths) == 1 else deep if len(states) == 1 else f"{name}, {deep}"
-        ax.plot(at, shown.of(values), label=label, marker="o" if at.size == 1 else "", **curve_look(k))
+        look = curve_look(k)
+        if len(depths) == 1:
+            look["color"] = colours[name]
+        ax.plot(at, shown.of(values), label=label, marker="o" if at.size == 1 else "", **look)
     style.zero_line(ax)
     for centre in MM.of(response[f"coil_{along}"]).tolist():
         if at.min() <= centre <= at.max():
@@ -160,7 +172,7 @@ def plot_bell_curve(
         Result of `coilarray.response_map` or `coilarray.response.two_dimensional` with at least two positions along the
         line.
     state : str, optional
-        Name of the state of a map; by default the one with the largest δ for the deepest dent in the middle of the map.
+        Name of the state of a map; by default the one that answers nearest to the middle of the map.
     ax : Axes, optional
         Axes to draw into, mm across. A dotted line marks the centre of the coil.
     along : {"x", "y"}
@@ -197,8 +209,9 @@ def plot_bell_curve(
         look = curve_look(k)
         top, (left, right) = float(delta(fine).max()), _half_width(delta, fine)
         width = "" if math.isnan(right - left) else f", {right - left:.1f} mm"
+        edge = ", at the edge" if int(delta(fine).argmax()) in (0, _SMOOTH - 1) else ""
         peak = f"{top:.3g} × {shown.symbol}" if shown.symbol else f"{top:.3g}"
-        label = true_minus(f"{MM.text(depth)}: {peak}{width}")
+        label = true_minus(f"{MM.text(depth)}: {peak}{edge}{width}")
         ax.plot(at, values, ".", color=look["color"], markersize=4)
         ax.plot(fine, delta(fine), label=label, **look)
         if width:
@@ -218,7 +231,7 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
     """Draw the response to the deepest dent, one map per state with a common colour bar.
 
     A response along a single line, or at a single position, is drawn as one curve per state instead. At most
-    `MOST_MAPS` states are shown, those in the middle.
+    `MOST_MAPS` states are shown: of those that answer, the nearest to the middle of the map.
 
     Parameters
     ----------
@@ -226,9 +239,8 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
         As in `plot_response`, with any number of x and y.
     """
     names = response.state.values.tolist()
-    first = max(0, (len(names) - MOST_MAPS) // 2)
-    shown = response.isel(state=slice(first, first + MOST_MAPS))
-    note = f" ({MOST_MAPS} of {len(names)} states, those in the middle)" if len(names) > MOST_MAPS else ""
+    shown = response.isel(state=answering_states(response, MOST_MAPS))
+    note = f" ({MOST_MAPS} of {len(names)} states, those nearest to the middle)" if len(names) > MOST_MAPS else ""
     if min(response.sizes["x"], response.sizes["y"]) > 1:
         return _maps(shown, outlines, note)
     figure = Figure(figsize=_PROFILE)
@@ -246,6 +258,7 @@ class _Look:
     x: tuple[float, float]
     y: tuple[float, float]
     unit: DisplayUnit
+    colours: str
     levels: npt.NDArray[np.float64]
     nothing: float
 
@@ -284,10 +297,14 @@ def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) ->
 
 
 def _columns(count: int, shape: float) -> int:
-    """Choose the number of columns that brings a grid of maps, each of this width over height, near `_GRID_SHAPE`."""
+    """Choose the number of columns that brings a grid of maps, each of this width over height, near `_GRID_SHAPE`.
+
+    Empty cells count against it.
+    """
 
     def misfit(columns: int) -> float:
-        return abs(math.log(columns * shape / math.ceil(count / columns) / _GRID_SHAPE))
+        rows = math.ceil(count / columns)
+        return abs(math.log(columns * shape / rows / _GRID_SHAPE)) + 2 * (rows * columns - count) / count
 
     return min(range(1, count + 1), key=misfit)
 
@@ -296,7 +313,7 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
     """Fill axes in mm with δ (y, x), its zero line, and the coils with their names."""
     x, y = MM.of(delta.x), MM.of(delta.y)
     values = look.unit.of(delta)
-    bands = ax.contourf(x, y, values, levels=look.levels, cmap=DIVERGING)
+    bands = ax.contourf(x, y, values, levels=look.levels, cmap=look.colours)
     # a change of sign among positions without a response means nothing
     felt = np.ma.array(values, mask=maximum_filter(np.abs(np.nan_to_num(values)), 3) < look.nothing)
     felt = np.ma.masked_invalid(felt)
@@ -305,26 +322,27 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
     style.draw_outlines(ax, look.outlines)
     names, centres = response.coil.values.tolist(), (MM.of(response.coil_x), MM.of(response.coil_y))
     for name, at, across in zip(names, *centres, strict=True):
-        if x.min() < at < x.max():
+        if len(names) <= _MOST_NAMES and x.min() < at < x.max():
             style.write_name(ax, at, across, name, fontsize=8)
     ax.set(xlim=look.x, ylim=look.y, aspect="equal")
     return bands
 
 
 def _look(response: xr.Dataset, delta: xr.DataArray, outlines: Sequence[npt.ArrayLike]) -> _Look:
-    """Show the whole map and, in height, the coils that it touches, in bands of colour symmetric about zero."""
+    """Show the whole map and, in height, the coils that it touches, in bands of colour about zero."""
     x, y = MM.of(response.x), MM.of(response.y)
     shapes = [MM.of(outline) for outline in outlines]
     touched = [s for s in shapes if s[:, 0].min() < x.max() and s[:, 0].max() > x.min()]
     edges = np.concatenate([y, *(shape[:, 1] for shape in touched)])
     rim = 0.02 * np.ptp(edges)
     unit = style.axis_unit(delta, "1")
-    limit = style.largest(unit.of(delta))
-    levels = np.asarray(MaxNLocator(_BANDS, symmetric=True, steps=_STEPS).tick_values(-limit, limit))
-    nothing = _NOTHING * limit
-    levels = np.sort(np.r_[levels[levels != 0], -nothing, nothing])
+    colours, low, high = signed_colours(unit.of(delta), share=_NOTHING)
+    levels = np.asarray(MaxNLocator(_BANDS, symmetric=low == -high, steps=_STEPS).tick_values(low, high))
+    nothing = _NOTHING * max(-low, high)
+    edges_of_white = [edge for edge, end in ((-nothing, low), (nothing, high)) if end]
+    levels = np.sort(np.r_[levels[levels != 0], edges_of_white])
     sides = (float(x.min()), float(x.max())), (float(edges.min() - rim), float(edges.max() + rim))
-    return _Look(outlines, *sides, unit, levels, nothing)
+    return _Look(outlines, *sides, unit, colours, levels, nothing)
 
 
 def _delta(response: xr.Dataset, *, state: str | None, depth: int | None) -> xr.DataArray:
@@ -338,8 +356,7 @@ def _bell(response: xr.Dataset, state: str | None, along: str) -> tuple[xr.DataA
     """Return δ (depth, along) of a state on the line nearest to its coil, the coil's place on it in m, and the name."""
     if "state" not in response.dims:  # the two-dimensional model, which has one coil
         return response.delta.transpose("depth", along), None, str(response.attrs.get("coil", ""))
-    middle = response.delta.isel(depth=-1, x=response.sizes["x"] // 2, y=response.sizes["y"] // 2).fillna(-np.inf)
-    name = str(response.state.values[int(middle.argmax("state"))]) if state is None else state
+    name = middle_state(response) if state is None else state
     delta = _delta(response, state=name, depth=None)
     across = "y" if along == "x" else "x"
     of_coil = response.sel(coil=name) if name in response.coil.values else None

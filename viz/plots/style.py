@@ -24,7 +24,7 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from coilarray.compute.display_units import MM, DisplayUnit
-from coilarray.viz.palette import DIVERGING, FAINT, GREY, INK, UNKNOWN
+from coilarray.viz.palette import DIVERGING, FAINT, GREY, INK, UNKNOWN, coil_colours
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -116,6 +116,15 @@ def mark_undetermined(ax: Axes, x: npt.ArrayLike, y: npt.ArrayLike, undetermined
 def zero_line(ax: Axes) -> None:
     """Draw a thin line at zero behind the curves."""
     ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+
+
+def state_colours(response: xr.Dataset, names: Sequence[str]) -> dict[str, str]:
+    """Return the colour of each state: that which the coil of its name has in every picture."""
+    known = {"coil", "coil_x", "coil_y"} <= set(response.coords)
+    if not known or not set(names) <= set(response.coil.values.tolist()):
+        return coil_colours(names)
+    colours = coil_colours(response.coil.values.tolist(), np.column_stack((response.coil_x, response.coil_y)))
+    return {name: colours[name] for name in names}
 
 
 def write_name(ax: Axes, x: float, y: float, name: str, **look: Any) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -44,12 +44,17 @@ _NAMES = {
     "quality_factor": "quality factor Im Z/Re Z",
 }
 _POLES = ("apparent_inductance", "impedance_real", "impedance_imag")  # at the self-resonance
+_RESONANCES = ("frequency_MHz[", "self_resonance_MHz[")
+_MANY = 10.0  # of the largest over the least
+_FAR_APART = 3.0  # of the largest over the least
 _CEILING = 4.0  # height of the axis for a pole, over the value at the lowest frequency
 _HEADROOM = 1.08
 
 
 @styled
-def plot_frequency_sweep(sweep: xr.Dataset, quantity: str = "apparent_inductance", ax: Axes | None = None) -> Axes:
+def plot_frequency_sweep(
+    sweep: xr.Dataset, quantity: str = "apparent_inductance", ax: Axes | None = None, *, scan: xr.Dataset | None = None
+) -> Axes:
     """Draw a quantity over frequency, one curve per state.
 
     Parameters
@@ -61,6 +66,9 @@ def plot_frequency_sweep(sweep: xr.Dataset, quantity: str = "apparent_inductance
     ax : Axes, optional
         Axes to draw into. They start at zero; for a quantity with a pole they end at four times its value at the lowest
         frequency.
+    scan : xarray.Dataset, optional
+        Result of `coilarray.circuit.impedance.scan_design` of the same states: a dot marks the resonance with the tank
+        on each curve, a dotted line the self-resonance.
 
     Raises
     ------
@@ -89,6 +97,11 @@ def plot_frequency_sweep(sweep: xr.Dataset, quantity: str = "apparent_inductance
     ax = ax or new_axes(6.5, 3.6)
     for k, name in enumerate(sweep.state.values.tolist()):
         ax.plot(f, shown.of(values[:, k]), label=name, marker="o" if f.size == 1 else "", **curve_look(k))
+        if scan is not None:
+            _mark_resonances(ax, scan, name, of_frequency.of, f, shown.of(values[:, k]), curve_look(k)["color"])
+    if scan is not None:
+        for mark, label in (("o", "with the tank"), (":", "self-resonance")):
+            ax.plot([], [], mark, color=GREY, label=label)
     if top > 0:
         ax.set_ylim(0.0, float(shown.of(top)))
     ax.set_xscale("log")
@@ -99,6 +112,61 @@ def plot_frequency_sweep(sweep: xr.Dataset, quantity: str = "apparent_inductance
     ax.set(xlabel=of_frequency.label("frequency"), ylabel=shown.label(_NAMES[quantity]))
     legend_beside(ax)
     return ax
+
+
+@styled
+def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
+    """Draw apparent inductance, resistance and quality factor over frequency, with the resonances of every state.
+
+    Parameters
+    ----------
+    sweep, scan : xarray.Dataset
+        Results of `coilarray.circuit.impedance.sweep_design` and `coilarray.circuit.impedance.scan_design`.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.circuit.impedance import scan_design, sweep_design
+    >>> design = load_design("gast_fem")
+    >>> figure = frequency_figure(sweep_design(design, [1e5, 1e6]), scan_design(design, elastomer=False))
+    >>> [ax.get_ylabel().split(" Im")[0] for ax in figure.axes]
+    ['apparent inductance', 'effective resistance Re Z (Ω)', 'quality factor']
+    """
+    names = ("apparent_inductance", "impedance_real", "quality_factor")
+    figure = Figure(figsize=(6.5, 3.2 * len(names)))
+    for k, name in enumerate(names):
+        ax = figure.add_subplot(len(names), 1, k + 1)
+        plot_frequency_sweep(sweep, name, ax, scan=scan)
+        if name == "impedance_real":
+            _logarithmic(ax, sweep[name].values)
+    return figure
+
+
+def _logarithmic(ax: Axes, values: npt.NDArray[np.float64]) -> None:
+    """Give an axis powers of ten where the values span many, as the resistance near a self-resonance does."""
+    positive = values[values > 0]
+    if positive.size and positive.max() > _MANY * positive.min():
+        ax.set_yscale("log")
+        ax.set_ylim(positive.min() / _HEADROOM, positive.max() * _HEADROOM)
+        logarithmic_ticks(ax.yaxis, math.log10(positive.max() / positive.min()))
+
+
+def _mark_resonances(
+    ax: Axes,
+    scan: xr.Dataset,
+    state: str,
+    shown: Callable[[npt.ArrayLike], npt.NDArray[np.float64]],
+    f: npt.NDArray[np.float64],
+    curve: npt.NDArray[np.float64],
+    colour: str,
+) -> None:
+    """Mark the resonances of a state that lie within the frequencies, in the unit shown, of its curve."""
+    of_state = scan.sel(state=state)
+    tank, own = (float(shown(of_state[name])) for name in ("frequency", "state_self_resonance"))
+    if f[0] <= tank <= f[-1]:
+        ax.plot(tank, np.interp(tank, f, curve), "o", color=colour, markersize=5)
+    if f[0] <= own <= f[-1]:
+        ax.axvline(own, color=colour, linestyle=":", linewidth=0.9, zorder=0)
 
 
 @styled
@@ -298,8 +366,9 @@ def sweep_figure(result: xr.Dataset) -> Figure:
     -------
     Figure
         One panel per quantity: a line over the one entry of a grid, lines or a map over two. For a grid over more
-        entries, and for samples, one panel for each quantity and entry, with one dot per point. Coupling coefficients
-        over one entry with numbers share a panel, drawn by `plot_coupling_sweep`. A dashed line or a cross marks the
+        entries, and for samples, one panel for each quantity and entry, with one dot per point. Over one entry with
+        numbers coupling coefficients share a panel, drawn by `plot_coupling_sweep`, and so do the resonances with the
+        tank and the self-resonances. A dashed line or a cross marks the
         design's own value; points without a result are left out, or grey on a map.
 
     Raises
@@ -319,8 +388,9 @@ def sweep_figure(result: xr.Dataset) -> Figure:
     dotted = "sample" in result.dims or len(entries) > 2
     single = not dotted and len(entries) == 1 and not _is_text(result[entries[0]])
     pairs = [name for name in names if single and _is_coupling(name)]
-    others = [name for name in names if name not in pairs]
-    panels = [(pairs[0], "")] if pairs else []
+    resonances = [name for name in names if single and name.startswith(_RESONANCES)]
+    others = [name for name in names if name not in (*pairs, *resonances)]
+    panels = [(shared[0], "") for shared in (pairs, resonances) if shared]
     panels += [(name, entry) for name in others for entry in (entries if dotted else [""])]
     if not 1 <= len(panels) <= MOST_PANELS:
         raise ValueError(f"a figure of a sweep must have 1 to {MOST_PANELS} panels; it would have {len(panels)}.")
@@ -332,6 +402,8 @@ def sweep_figure(result: xr.Dataset) -> Figure:
         ax = figure.add_subplot(rows, columns, k + 1)
         if name in pairs:
             plot_coupling_sweep(result, ax)
+        elif name in resonances:
+            _plot_resonances(result, resonances, ax)
         elif dotted:
             plot_sweep_points(result, name, entry, ax)
         elif _line_entries(result, entries)[0]:
@@ -339,6 +411,19 @@ def sweep_figure(result: xr.Dataset) -> Figure:
         else:
             plot_sweep_map(result, name, ax)
     return figure
+
+
+def _plot_resonances(sweep: xr.Dataset, names: Sequence[str], ax: Axes) -> None:
+    """Draw resonances over the one entry of a sweep, one line each; those far apart on powers of ten."""
+    (entry,) = _entries(sweep)
+    along = sweep.sortby(entry)
+    for k, name in enumerate(names):
+        ax.plot(along[entry].values, along[name].values, marker=".", markersize=4, label=name, **curve_look(k))
+    values = np.concatenate([along[name].values for name in names])
+    if np.nanmax(values, initial=0.0) > _FAR_APART * np.nanmin(values, initial=np.inf):
+        ax.set_yscale("log")
+    _finish(ax, sweep[entry], "resonance (MHz)")
+    ax.legend(loc="best")  # as above
 
 
 def _entries(sweep: xr.Dataset) -> list[str]:

@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from coilarray.viz.datasets.triangles import surface_of
@@ -190,9 +189,12 @@ def _legend(view: Any, scene: Scene) -> None:
     """Write every group in ink beside a square of its colour: VTK's own legend colours the letters too."""
     pixel, height = pixel_of(view.window_size), view.window_size[1]
     look = {"font_size": round(_LEGEND * pixel / 2), "font_file": font_file()}  # PyVista's points have two pixels
-    for row, (group, colour) in enumerate(scene.groups.items()):
+    for row, (group, colours) in enumerate(scene.groups.items()):
         y = height - (_RIM + (row + 1) * _LINE) * pixel
-        view.add_text("■", position=(_RIM * pixel, y), color=colour, name=f"legend sign {group}", **look)
+        # a scale of colours shows its ends, each in one half of the sign
+        halves = {"■": colours[0]} if len(colours) == 1 else {"◧": colours[0], "◨": colours[-1]}
+        for half, colour in halves.items():
+            view.add_text(half, position=(_RIM * pixel, y), color=colour, name=f"legend sign {group} {half}", **look)
         view.add_text(group, position=((_RIM + _SIGN) * pixel, y), color=INK, name=f"legend {group}", **look)
 
 
@@ -237,18 +239,16 @@ def shown_units(scale: Scale) -> tuple[float, str]:
     return unit.factor, unit.label(scale.title)
 
 
-def bar_of(scale: Scale, stops: int) -> tuple[str, list[str], list[str]]:
+def bar_of(scale: Scale, stops: int) -> tuple[str, tuple[str, ...], list[str]]:
     """Return the title, colours ``#rrggbb`` at equal steps, and numbers of a colour bar on a web page, from below."""
-
-    def values(count: int) -> npt.NDArray[np.float64]:
-        share = np.linspace(0.0, 1.0, count)
-        if scale.logarithmic:
-            return np.asarray(scale.low * (scale.high / scale.low) ** share)
-        return np.asarray(scale.low + share * (scale.high - scale.low))
-
     factor, title = shown_units(scale)
-    colours = [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in scale.colours_of(values(stops)).tolist()]
-    return title, colours, [f"{value * factor:.3g}".replace("-", "−") for value in values(_TICKS).tolist()]
+    ticks = [f"{value * factor:.3g}".replace("-", "−") for value in scale.values(_TICKS).tolist()]
+    return title, scale.steps(stops), ticks
+
+
+def gradient(colours: Sequence[str], towards: str = "right") -> str:
+    """Return the background of a page that shows colours from one side to the other."""
+    return colours[0] if len(colours) == 1 else f"linear-gradient(to {towards}, {', '.join(colours)})"
 
 
 def font_file(bold: bool = False) -> str:

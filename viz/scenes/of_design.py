@@ -19,6 +19,7 @@ from coilarray.design.model import Design, Indentation
 from coilarray.errors import GeometryError, LocalizeError
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
+from coilarray.response.coordinates import on_board
 from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of
 from coilarray.viz.datasets.field import flux_density, require_memory
@@ -52,13 +53,13 @@ _WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", 
 class View:
     """Selection of what is shown of a design, and how it is computed; currents colour the copper of the board."""
 
-    show: tuple[Item, ...] = ("board", "elastomer")  # of `ITEMS`; a dent replaces the elastomer
+    show: tuple[Item, ...] = ("board",)  # of `ITEMS`; sheets are lifted off a bare board, and a dent replaces them
     layers: tuple[str, ...] | None = None  # copper; all by default
     coil: str | None = None  # measured, for field, lines, surfaces, currents and response; the middle one by default
     others_open: bool = False  # instead of terminated
     current: float = 1e-3  # A in the measured coil, for the field
     spacing: float | None = None  # m between points of B; 0.5 mm on planes and 1 mm in a box by default
-    at: tuple[float, float] | None = None  # of the indenter in m from the map's origin; off its middle by default
+    at: tuple[float, float] | None = None  # of the indenter on the board in m; off the map's middle by default
     depth: float | None = None  # m; the deepest of the design by default
     response: xr.Dataset | None = None  # that is draped; computed by default
     table: xr.Dataset | None = None  # of `coilarray.localize.forward.table_for`; needed for a location
@@ -67,7 +68,7 @@ class View:
 
 
 def scene_of_design(design: Design, view: View | None = None, track: Tracker | None = None) -> Scene:
-    """Compute and put together what a view asks for, by default the board with its elastomer lifted off.
+    """Compute and put together what a view asks for, by default the board.
 
     `track` gives the progress function of each computation. GeometryError where there is no such coil or layer, the
     indenter is off the board, or a field needs too much memory; ElastomerError or LocalizeError where the indentation,
@@ -121,7 +122,7 @@ class _Making:
         currents = operating_currents(design, self._coupling, self._coil, terminated=not view.others_open)
         colours = overlays.colours_of_currents(currents, design.array.names.index(self._coil))
         board = scene_of_board(design.array, layers=view.layers, colours=colours, name_heights=self._name_heights)
-        note = f"Orange: {self._coil} is measured, the others {self._others}; current per its ampere."
+        note = f"Black: {self._coil} is measured, the others {self._others}; current per its ampere."
         return board + Scene(notes=(note,))
 
     @property
@@ -130,8 +131,7 @@ class _Making:
 
     @property
     def _coil(self) -> str:
-        names = self.design.array.names
-        return names[(len(names) - 1) // 2] if self.view.coil is None else self.view.coil
+        return self.design.array.middle_coil if self.view.coil is None else self.view.coil
 
     @cached_property
     def _coupling(self) -> xr.Dataset:
@@ -147,7 +147,7 @@ class _Making:
 
     @property
     def _at(self) -> tuple[float, float]:
-        """X and y of the indenter from the map's origin."""
+        """X and y of the indenter on the board."""
         return off_middle(self._setup) if self.view.at is None else self.view.at
 
     def _dent(self) -> Scene:
@@ -157,8 +157,8 @@ class _Making:
 
     @property
     def _on_board(self) -> tuple[float, float]:
-        """X and y of the indenter on the board."""
-        x, y = (a + b for a, b in zip(self._at, self._setup.origin_point, strict=True))
+        """X and y of the indenter, where it is over the board."""
+        x, y = self._at
         x_min, y_min, x_max, y_max = self.design.array.bounds
         if not (x_min < x < x_max and y_min < y < y_max):
             raise GeometryError(
@@ -190,7 +190,7 @@ class _Making:
             response = response_map(self.design, depths=depths, reach="auto", progress=self.track("response"))
         state, depth = self._state_of(response), self._depth_of(response)
         outlines = [place.to_board(place.coil.outline) for place in self.design.array.placements]
-        return overlays.scene_of_response(response, state, depth, origin=self._origin_of(response), outlines=outlines)
+        return overlays.scene_of_response(response, state, depth, outlines=outlines)
 
     def _state_of(self, response: xr.Dataset) -> str:
         """Return the first state that measures the coil, by the plan of the design or by its name."""
@@ -212,19 +212,10 @@ class _Making:
             )
         return nearest
 
-    def _origin_of(self, response: xr.Dataset) -> tuple[float, float]:
-        """Return the place of a map's origin on the board, from the coils' centres in the dataset."""
-        array, setup = self.design.array, self.design.indentation
-        if "coil_x" in response and [str(name) for name in response.coil.values] == list(array.names):
-            centres = np.column_stack((response.coil_x.values, response.coil_y.values))
-            x, y = (array.centres - centres).mean(axis=0).tolist()
-            return x, y
-        return (0.0, 0.0) if setup is None else setup.origin_point
-
     def _location(self) -> Scene:
         if self.view.table is None:
             raise LocalizeError("a location needs the table of the design.")
-        model = forward_model(self.view.table)
+        model = forward_model(on_board(self.view.table))
         if self.view.reading is None:
             reading: Mapping[str, float] | npt.NDArray[np.float64] = model.delta([*self._at, self._depth])
         else:
@@ -232,7 +223,6 @@ class _Making:
         found = locate(model, reading, noise=self.view.noise)
         return overlays.scene_of_location(
             found,
-            origin=self._origin_of(self.view.table),
             bounds=self.design.array.bounds,
             top=sum(sheet.thickness for sheet in self.design.sheets),
             truth=self._at if self.view.reading is None else None,

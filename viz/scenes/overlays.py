@@ -13,9 +13,9 @@ import numpy.typing as npt
 from coilarray.viz.datasets import overlays as meshes
 from coilarray.viz.datasets.field import AMOUNT, field_arrows, field_lines, field_surfaces
 from coilarray.viz.datasets.triangles import polylines, surface_of
-from coilarray.viz.palette import INDIGO, INK, ORANGE, WINE
+from coilarray.viz.palette import INDIGO, INK, WINE
 from coilarray.viz.scenes.board import Box, CoilColours, cut_upright
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, symmetric
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Text, about_zero
 
 if TYPE_CHECKING:
     import pyvista
@@ -54,8 +54,7 @@ def scene_of_slices(slices: Sequence[pyvista.RectilinearGrid], scale: Scale) -> 
         low, high = np.reshape(plane.bounds, (3, 2)).T
         spacing = float((high - low).max()) / _ARROWS * 1e-3
         surface = surface_of(plane).clip_scalar(scalars=AMOUNT, value=scale.low, invert=False)
-        colour = scale.typical_colour(surface.point_data[AMOUNT])
-        parts.append(Part(f"plane {k}", surface, "B on planes", colour, scale, opacity=_SEE_THROUGH, lit=False))
+        parts.append(Part(f"plane {k}", surface, "B on planes", scale=scale, opacity=_SEE_THROUGH, lit=False))
         arrows = surface_of(field_arrows(plane, spacing).threshold(scale.low, scalars=AMOUNT))
         parts.append(Part(f"arrows {k}", arrows, "B as arrows", INK, ambient=0.4))
     return Scene(tuple(parts), notes=("Arrows: length as the root of the magnitude.",) if parts else ())
@@ -67,8 +66,7 @@ def scene_of_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike, scale: S
     if not lines.n_cells:
         return Scene()
     tubes = lines.tube(radius=_TUBE * float(grid.length), n_sides=8)
-    colour = scale.typical_colour(lines.point_data[AMOUNT])
-    return Scene((Part("field lines", tubes, "lines of B", colour, scale, ambient=0.5, diffuse=0.6),))
+    return Scene((Part("field lines", tubes, "lines of B", scale=scale, ambient=0.5, diffuse=0.6),))
 
 
 def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], scale: Scale) -> Scene:
@@ -76,8 +74,7 @@ def scene_of_surfaces(grid: pyvista.RectilinearGrid, levels: Sequence[float], sc
     surfaces = field_surfaces(grid, levels)
     if not surfaces.n_cells:
         return Scene()
-    colour = scale.typical_colour(levels)
-    return Scene((Part("field surfaces", surfaces, "surfaces of equal B", colour, scale, opacity=_VEIL, ambient=0.4),))
+    return Scene((Part("field surfaces", surfaces, "surfaces of equal B", scale=scale, opacity=_VEIL, ambient=0.4),))
 
 
 def scene_of_coupling(coupling: xr.Dataset) -> Scene:
@@ -95,7 +92,7 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
     arcs = meshes.coupling_arcs(centres, k, least=_LEAST * strongest)
     nearest = float(np.linalg.norm(centres[:, None] - centres, axis=-1)[apart].min()) * 1e3
     tubes = meshes.arc_tubes(arcs, _WIDEST * nearest)
-    scale = symmetric(meshes.COUPLING, "coupling k", "", pairs)
+    scale = about_zero(meshes.COUPLING, "coupling k", "", k[apart])
     texts = []
     for n, value in enumerate(arcs.cell_data[meshes.COUPLING].tolist()):
         if abs(value) >= _LABELLED * strongest:
@@ -104,26 +101,25 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
             texts.append(Text(f"{value:+.3f}".replace("-", "−"), (x, y, z + 0.2 * nearest), 16.0, group="coupling"))
     left_out = arcs.n_lines < len(k) * (len(k) - 1) // 2
     notes = (f"Arcs: coupling k; between ±{_LEAST * strongest:.1g} it is left out.",) if left_out else ()
-    colour = scale.typical_colour(arcs.cell_data[meshes.COUPLING])
-    part = Part("coupling", tubes, "coupling", colour, scale, ambient=0.35, diffuse=0.7)
+    part = Part("coupling", tubes, "coupling", scale=scale, ambient=0.35, diffuse=0.7)
     return Scene((part,), tuple(texts), notes)
 
 
 def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
-    """Colour the passive coils by the part of their current in phase with that of the measured one, which is orange.
+    """Colour the passive coils by the part of their current in phase with that of the measured one, which is black.
 
     `currents`, complex of shape (coils,), are in A per A of the measured coil, whose index is `active`.
     """
     values = np.asarray(currents, dtype=np.complex128).real.copy()
     values[active] = np.nan
-    scale = symmetric(CURRENT, "current in phase", "A/A", values)
-    return CoilColours(values, replace(scale, missing=ORANGE))
+    scale = about_zero(CURRENT, "current in phase", "A/A", values)
+    return CoilColours(values, replace(scale, missing=INK))
 
 
 def colours_of_delta(values: npt.ArrayLike) -> CoilColours:
-    """Colour the coils by δ, shape (coils,), symmetric about zero; NaN for a coil without a value."""
+    """Colour the coils by δ, shape (coils,); NaN for a coil without a value."""
     numbers = np.asarray(values, dtype=np.float64)
-    return CoilColours(numbers, symmetric(meshes.DELTA, "δ", "", numbers))
+    return CoilColours(numbers, about_zero(meshes.DELTA, "δ", "", numbers))
 
 
 def scene_of_response(
@@ -131,7 +127,6 @@ def scene_of_response(
     state: str,
     depth: int = -1,
     *,
-    origin: tuple[float, float] = (0.0, 0.0),
     outlines: Sequence[npt.ArrayLike] = (),
 ) -> Scene:
     """Return δ of one state draped over the board, higher where it is larger, with the outlines of the coils on it.
@@ -139,13 +134,10 @@ def scene_of_response(
     Arguments as of `coilarray.viz.draped_outlines`.
     """
     relief = _RELIEF * float(max(np.ptp(response.x.values), np.ptp(response.y.values)))
-    surface = meshes.response_surface(response, state, depth, origin=origin, height=_OVER, relief=relief)
-    scale = symmetric(meshes.DELTA, f"δ of {state}", "", surface.point_data[meshes.DELTA])
-    group, colour = f"response of {state}", scale.typical_colour(surface.point_data[meshes.DELTA])
-    parts = [Part("response", surface, group, colour, scale, opacity=0.9, ambient=0.6, diffuse=0.45)]
-    lines = meshes.draped_outlines(
-        response, state, outlines, depth, origin=origin, height=_OVER + _ABOVE, relief=relief
-    )
+    surface = meshes.response_surface(response, state, depth, height=_OVER, relief=relief)
+    scale = about_zero(meshes.DELTA, f"δ of {state}", "", surface.point_data[meshes.DELTA])
+    parts = [Part("response", surface, f"response of {state}", scale=scale, opacity=0.9, ambient=0.6, diffuse=0.45)]
+    lines = meshes.draped_outlines(response, state, outlines, depth, height=_OVER + _ABOVE, relief=relief)
     if lines.n_cells:
         parts.append(Part("outlines", lines, "outlines of the coils", INK, lit=False, line_width=2.0))
     deep = float(meshes.at_depth(response, depth).depth) * 1e3
@@ -155,17 +147,16 @@ def scene_of_response(
 def scene_of_location(
     location: Location,
     *,
-    origin: tuple[float, float],
     bounds: Box,
     top: float,
     truth: tuple[float, float] | None = None,
 ) -> Scene:
     """Return pins at the possible positions of an indentation, each with its 95 % ellipse of x and y, and notes.
 
-    All lengths are in m: `origin` of the map on the board, `bounds` of the board (x_min, y_min, x_max, y_max), height
-    `top` of the pins, and the real place `truth` from the map's origin, which gets a cross. An ellipse ends at the edge
-    of the board, and is left out where it is longer than that. One too small to be seen is enlarged by the factor that
-    the legend gives. The notes have position, standard deviations and verdict.
+    All lengths are in m and all places on the board: the `location`, `bounds` of the board (x_min, y_min, x_max,
+    y_max), height `top` of the pins, and the real place `truth`, which gets a cross. An ellipse ends at the edge of the
+    board, and is left out where it is longer than that. One too small to be seen is enlarged by the factor that the
+    legend gives. The notes have position, standard deviations and verdict.
     """
     parts: list[Part] = []
     length = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
@@ -173,7 +164,7 @@ def scene_of_location(
     magnification = _magnification(location.modes, length)
     label = "95 % ellipse" + ("" if magnification == 1 else f", drawn {magnification:g} × as large")
     for k, mode in enumerate(location.modes):
-        at = (mode.x + origin[0], mode.y + origin[1])
+        at = (mode.x, mode.y)
         group = "located" if k == 0 else "may also be"
         parts.append(Part(f"pin {k}", meshes.position_pin(at, 0.0, top), group, INK, line_width=4.0, lit=False))
         if not _is_finite(mode):
@@ -191,7 +182,7 @@ def scene_of_location(
             if on_board.n_cells:
                 parts.append(Part(f"ellipse {k}{name}", on_board, label, WINE, line_width=4.0, lit=False))
     if truth is not None:
-        (x, y), half = np.add(truth, origin).tolist(), _CROSS * length
+        (x, y), half = truth, _CROSS * length
         ends = [[x - half, y, top], [x + half, y, top]], [[x, y - half, top], [x, y + half, top]]
         cross = polylines([np.array(line) for line in ends])
         parts.append(Part("truth", cross, "indenter", INDIGO, line_width=3.0, lit=False))

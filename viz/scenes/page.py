@@ -18,7 +18,7 @@ from coilarray.errors import MissingDependencyError
 from coilarray.geometry.extras import import_extra
 from coilarray.viz.palette import INK
 from coilarray.viz.scenes.camera import Side, aim, direction
-from coilarray.viz.scenes.draw import actor_of, bar_of
+from coilarray.viz.scenes.draw import actor_of, bar_of, gradient
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 
 _SIZE = (1600, 900)  # size of the picture for which line widths are given
@@ -65,7 +65,7 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
     addition = template.render(
         title=title,
         ink=INK,
-        groups=scene.groups,
+        groups={group: gradient(colours) for group, colours in scene.groups.items()},
         notes=scene.notes,
         texts=[{**{key: getattr(text, key) for key in keys}, "hiddenFrom": text.hidden_from} for text in texts],
         group_of_actor=[part.group for part in scene.parts],
@@ -155,4 +155,4 @@ def _bar(scale: Scale) -> dict[str, Any]:
     title, colours, numbers = bar_of(scale, _STOPS)
     places = np.linspace(0.0, 100.0, len(numbers)).tolist()
     ticks = [{"at": at, "text": text} for at, text in zip(places, numbers, strict=True)]
-    return {"title": title, "colours": colours, "ticks": ticks}
+    return {"title": title, "colours": gradient(colours, "top"), "ticks": ticks}

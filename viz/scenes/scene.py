@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.viz.palette import INK, SEQUENTIAL, UNKNOWN
+from coilarray.viz.palette import INK, SEQUENTIAL, UNKNOWN, signed_colours
 from coilarray.viz.scenes.camera import Side
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 # K. Moreland, "Diverging color maps for scientific visualization", ISVC 2009: made for lit surfaces on white, where the
 # white middle of the plots' map would be lost
 _DIVERGING = "coolwarm"
+_IN_A_SIGN = 3  # colours of a scale in a sign of the legend
 
 
 @dataclass(frozen=True)
@@ -43,19 +44,24 @@ class Scale:
         numbers = np.ma.masked_invalid(np.asarray(values, dtype=np.float64))
         return np.asarray(map_(norm(numbers), bytes=True)[:, :3])
 
-    def typical_colour(self, values: npt.ArrayLike) -> str:
-        """Return the colour of the median of values as "#rrggbb", for the legend of a part with this scale."""
-        numbers = np.asarray(values, dtype=np.float64)
-        finite = numbers[np.isfinite(numbers)]
-        red, green, blue = self.colours_of([np.median(finite) if finite.size else np.nan])[0].tolist()
-        return f"#{red:02x}{green:02x}{blue:02x}"
+    def values(self, count: int) -> npt.NDArray[np.float64]:
+        """Return values at equal steps of colour from the lower to the upper end."""
+        share = np.linspace(0.0, 1.0, count)
+        if self.logarithmic:
+            return np.asarray(self.low * (self.high / self.low) ** share)
+        return np.asarray(self.low + share * (self.high - self.low))
+
+    def steps(self, count: int) -> tuple[str, ...]:
+        """Return colours ``#rrggbb`` at equal steps from the lower to the upper end."""
+        return tuple(
+            f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in self.colours_of(self.values(count)).tolist()
+        )
 
 
-def symmetric(array: str, title: str, unit: str, values: npt.ArrayLike) -> Scale:
-    """Return a scale symmetric about zero that ends at the largest magnitude of the values."""
-    numbers = np.abs(np.asarray(values, dtype=np.float64))
-    largest = float(numbers[np.isfinite(numbers)].max(initial=0.0)) or 1.0
-    return Scale(array, title, unit, -largest, largest, _DIVERGING)
+def about_zero(array: str, title: str, unit: str, values: npt.ArrayLike) -> Scale:
+    """Return a scale of values about zero, with the colours of `coilarray.viz.palette.signed_colours`."""
+    colours, low, high = signed_colours(values, _DIVERGING)
+    return Scale(array, title, unit, low, high, colours)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +71,7 @@ class Part:
     name: str  # unique in the scene
     mesh: pyvista.DataSet  # in mm, not empty
     group: str = ""  # name in the legend, switched on and off together; empty for what is always there
-    colour: str = INK  # where it has no scale, and in the legend
+    colour: str = INK  # where it has no scale
     scale: Scale | None = None  # by an array of the mesh
     opacity: float = 1.0
     line_width: float = 1.5  # pixels of a picture 900 pixels high
@@ -116,12 +122,12 @@ class Scene:
         return Scene(self.parts + other.parts, self.texts + other.texts, notes)
 
     @property
-    def groups(self) -> dict[str, str]:
-        """Colour of every group in the legend, in order; it is that of its first part."""
-        colours: dict[str, str] = {}
+    def groups(self) -> dict[str, tuple[str, ...]]:
+        """Colours of the sign of every group in the legend: one, or several of a scale, of the group's first part."""
+        colours: dict[str, tuple[str, ...]] = {}
         for part in self.parts:
             if part.group:
-                colours.setdefault(part.group, part.colour)
+                colours.setdefault(part.group, (part.colour,) if part.scale is None else part.scale.steps(_IN_A_SIGN))
         return colours
 
     @property

@@ -14,13 +14,14 @@ from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, Indentation
 from coilarray.errors import GeometryError
 from coilarray.localize.forward import forward_model
+from coilarray.response.coordinates import on_board
 from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at, indentation_of
 from coilarray.viz.datasets.overlays import DELTA
 from coilarray.viz.scenes.board import CoilColours, board_in_pieces, copper_parts, recoloured
 from coilarray.viz.scenes.dent import VEILED, scene_of_dent
 from coilarray.viz.scenes.draw import shown_units
-from coilarray.viz.scenes.scene import Scale, Scene, Text, symmetric
+from coilarray.viz.scenes.scene import Scale, Scene, Text, about_zero
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -35,7 +36,7 @@ class Touch:
 
     design: Design
     depth: float  # m
-    places: FloatArray  # shape (n, 2), m from the map's origin
+    places: FloatArray  # shape (n, 2), m on the board
     delta: FloatArray  # shape (n, coils), of the first state that measures each coil; NaN without one
 
     def scenes(self) -> Iterator[Scene]:
@@ -43,12 +44,11 @@ class Touch:
         design, setup = self.design, indentation_of(self.design)
         dent, copper, scale = dent_of_design(design, self.depth), copper_parts(design.array), self.scale
         for (x, y), delta in zip(self.places.tolist(), self.delta, strict=True):
-            on_board = (x + setup.origin_point[0], y + setup.origin_point[1])
             where = f"x = {x * 1e3:+.1f} mm, y = {y * 1e3:+.1f} mm, {self.depth * 1e3:g} mm deep".replace("-", "−")
             coils = Scene(
                 recoloured(copper, CoilColours(delta, scale)), self._numbers(delta), (f"The indenter is at {where}.",)
             )
-            yield coils + scene_of_dent(design.array, design.sheets, dent, setup.indenter, on_board, opacity=VEILED)
+            yield coils + scene_of_dent(design.array, design.sheets, dent, setup.indenter, (x, y), opacity=VEILED)
 
     def _numbers(self, delta: FloatArray) -> tuple[Text, ...]:
         """Return δ of every coil below its name, in the unit of the colour bar."""
@@ -63,7 +63,7 @@ class Touch:
     @property
     def scale(self) -> Scale:
         """Scale of δ for the whole path."""
-        return symmetric(DELTA, "δ", "", self.delta)
+        return about_zero(DELTA, "δ", "", self.delta)
 
     def board(self) -> Scene:
         """Return the part that does not change: the board without its copper."""
@@ -80,8 +80,8 @@ def touch_along(
 ) -> Touch:
     """Compute δ along a path of the indenter over the board.
 
-    The path has `count` places at equal steps along its `corners` in m from the map's origin, by default a straight
-    line along x over all coils in the middle of the map; `depth` in m is by default the deepest of the design.
+    The path has `count` places at equal steps along its `corners` on the board in m, by default a straight line along x
+    over all coils in the middle of the map; `depth` in m is by default the deepest of the design.
     ElastomerError where the design has no indenter or the indentation is impossible, GeometryError where the path
     leaves the board or has no length, or there are fewer than two places.
     """
@@ -90,12 +90,12 @@ def touch_along(
         raise GeometryError(f"a film must have at least 2 pictures; got {count}.")
     way = np.array(_default_way(design, setup) if corners is None else corners, dtype=np.float64)
     places = _along(way, count)
-    _require_on_board(design, setup, places)
+    _require_on_board(design, places)
     deep = max(setup.depths) if depth is None else depth
     thickness = sum(sheet.thickness for sheet in design.sheets)
-    x, y = (_positions(places[:, k], thickness / _STEPS) for k in range(2))
+    x, y = (_positions(places[:, k] - setup.origin_point[k], thickness / _STEPS) for k in range(2))
     response = response_map(design, depths=[deep], x=x, y=y, reach="auto", progress=progress)
-    model = forward_model(response)
+    model = forward_model(on_board(response))
     points = np.column_stack((places, np.full(len(places), deep)))
     by_state = dict(zip(model.states, model.delta(points).T, strict=True))
     first = first_states(design)
@@ -110,11 +110,11 @@ def first_states(design: Design) -> dict[str, str]:
 
 
 def off_middle(setup: Indentation) -> tuple[float, float]:
-    """Return x and y in m from the map's origin of a place an eighth and a quarter of the map off its middle.
+    """Return x and y on the board in m of a place an eighth and a quarter of the map off its middle.
 
     On the middle line of a symmetric board δ does not depend on the position to first order, so that it has no ellipse.
     """
-    x, y = (np.array(axis) for axis in (setup.x, setup.y))
+    x, y = (np.add(axis, origin) for axis, origin in zip((setup.x, setup.y), setup.origin_point, strict=True))
     return float(x.mean() + np.ptp(x) / 8), float(y.mean() + np.ptp(y) / 4)
 
 
@@ -125,9 +125,8 @@ def dent_of_design(design: Design, depth: float) -> xr.Dataset:
 
 def _default_way(design: Design, setup: Indentation) -> list[tuple[float, float]]:
     outlines = np.concatenate([place.to_board(place.coil.outline) for place in design.array.placements])
-    x = outlines[:, 0] - setup.origin_point[0]
-    y = (setup.y[0] + setup.y[-1]) / 2
-    return [(float(x.min()), y), (float(x.max()), y)]
+    y = (setup.y[0] + setup.y[-1]) / 2 + setup.origin_point[1]
+    return [(float(x), y) for x in (outlines[:, 0].min(), outlines[:, 0].max())]
 
 
 def _along(way: FloatArray, count: int) -> FloatArray:
@@ -139,17 +138,14 @@ def _along(way: FloatArray, count: int) -> FloatArray:
     return np.column_stack([np.interp(at, length, way[:, k]) for k in range(2)])
 
 
-def _require_on_board(design: Design, setup: Indentation, places: FloatArray) -> None:
-    on_board = places + setup.origin_point
+def _require_on_board(design: Design, places: FloatArray) -> None:
     x_min, y_min, x_max, y_max = design.array.bounds
-    inside = ((on_board > [x_min, y_min]) & (on_board < [x_max, y_max])).all(axis=1)
+    inside = ((places > [x_min, y_min]) & (places < [x_max, y_max])).all(axis=1)
     if not inside.all():
         x, y = places[~inside][0] * 1e3
-        low = (np.array([x_min, y_min]) - setup.origin_point) * 1e3
-        high = (np.array([x_max, y_max]) - setup.origin_point) * 1e3
         raise GeometryError(
-            f"the way of the indenter must be over the board, from ({low[0]:.4g}, {low[1]:.4g}) to "
-            f"({high[0]:.4g}, {high[1]:.4g}) mm of the map; got ({x:.4g}, {y:.4g}) mm."
+            f"the way of the indenter must be over the board, from ({x_min * 1e3:.4g}, {y_min * 1e3:.4g}) to "
+            f"({x_max * 1e3:.4g}, {y_max * 1e3:.4g}) mm; got ({x:.4g}, {y:.4g}) mm."
         )
 
 

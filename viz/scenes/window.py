@@ -69,10 +69,10 @@ def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]
     """
     height = plotter.window_size[1]
     switches = {}
-    for place, (group, colour) in enumerate(scene.groups.items()):
+    for place, (group, colours) in enumerate(scene.groups.items()):
         switch = switches[group] = _switch(scene, plotter, group)
         y = height - _RIM - _BOX - place * _STEP
-        box = {"size": _BOX, "border_size": 2, "color_on": colour, "color_off": "white"}
+        box = {"size": _BOX, "border_size": 2, "color_on": colours[-1], "color_off": "white"}
         plotter.add_checkbox_button_widget(switch, value=True, position=(_RIM, y), **box)
         letters = {"font_size": 7, "color": INK, "font_file": font_file()}  # PyVista's points have two pixels
         plotter.add_text(group, position=(_RIM + 1.5 * _BOX, y), name=f"name of switch {group}", **letters)

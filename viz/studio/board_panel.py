@@ -30,7 +30,7 @@ class BoardPanel(Panel):
         services = page.setup.services
         values = {
             "can_watch": services.watch_board is not None, "board_port": services.port, "board_running": False,
-            "board_line": "", "board_problem": "", "board_scan": 0,
+            "board_line": "", "board_problem": "", "board_scan": 0, "board_other": False,
         }  # fmt: skip
         super().__init__(page, values, start_board=self._start, stop_board=lambda: page.stop_job(_JOB))
         self.show(page.work.design)
@@ -38,6 +38,7 @@ class BoardPanel(Panel):
     def show(self, design: Design) -> None:
         """Show another design; a running board keeps the design with which it was started."""
         state = self._page.state
+        state.board_other = bool(state.board_running) and design.digest != self._design.digest
         if state.board_running:
             return
         self._design, self._view, self._frame = design, top_view(design), None
@@ -84,6 +85,7 @@ class BoardPanel(Panel):
         state.board_running = False
         state.board_line = "" if outcome.kind == "failed" else "stopped"
         state.board_problem = outcome.problem
+        state.board_other = False
         if not self._page.is_current(self._design):
             self.show(self._page.work.design)
 

@@ -22,7 +22,7 @@ class DesignPanel(Panel):
         page.state.client_only("texts")
         values = {
             "groups": [], "texts": {}, "errors": {}, "file": "", "title": "", "changed": False, "shelf": [],
-            "save_name": "", "save_over": "", "file_problem": "", "file_note": "",
+            "save_name": "", "save_over": "", "open_over": "", "file_problem": "", "file_note": "",
             "open_dialog": False, "save_dialog": False, "report_url": "",
             "can_report": page.setup.services.write_report is not None,
         }  # fmt: skip
@@ -61,14 +61,21 @@ class DesignPanel(Panel):
     def _look(self) -> None:
         self._page.state.shelf = self._page.setup.shelf.names()
 
-    def _open(self, name: str) -> None:
+    def _open(self, name: str, discarded: str = "") -> None:
+        """Open a file; where that loses changes, its name must be given a second time, as `discarded`."""
         page = self._page
+        name = str(name)
+        if page.work.changed and name != discarded:
+            page.state.file_problem = f"The changes of {page.work.file} are not saved; Discard loses them."
+            page.state.open_over = name
+            return
         try:
             work = page.setup.shelf.open(name)
         except CoilarrayError as error:
             page.state.file_problem = str(error)
             return
         page.state.open_dialog = False
+        page.state.open_over = ""
         page.take(work)
 
     def _save(self, name: str, replaced: str = "") -> None:
@@ -99,8 +106,11 @@ class DesignPanel(Panel):
         folder = page.setup.shelf.folder / f"{design.name}-report"
 
         def done(result: Path) -> None:
-            page.state.report_url = f"files/{result.parent.name}/{result.name}"
-            page.state.file_note = f"wrote {result}"
+            if page.work.design.digest == design.digest:
+                page.state.report_url = f"files/{result.parent.name}/{result.name}"
+                page.state.file_note = f"wrote {result}"
+            else:
+                page.state.file_note = f"wrote {result}, of the design before it was changed"
 
         def failed(problem: str) -> None:
             page.state.problem = problem

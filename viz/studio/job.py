@@ -15,6 +15,7 @@ from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any, Literal
 
+from coilarray.compute.memory import collect_seldom
 from coilarray.errors import CoilarrayError
 from coilarray.viz.studio.services import Stopped, Tell
 
@@ -126,6 +127,7 @@ def progress_of(tell: Tell) -> Callable[[int, int], None]:
 
 def _serve(connection: Connection, payload: bytes, patience: float) -> None:
     """Run the task; the process ends with the connection at the latest."""
+    collect_seldom()
     if hasattr(signal, "SIGTERM"):
         signal.signal(signal.SIGTERM, _leave)
     stopped = threading.Event()

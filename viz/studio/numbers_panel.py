@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from coilarray.design.model import Design
@@ -59,21 +60,21 @@ class NumbersPanel(Panel):
 
     def rough(self, design: Design) -> Step:
         """Return the quick step after every change."""
-        return Step("rough", lambda: (design, numbers_of(design, "screen")), self._show, self._fail)
+        return Step("rough", lambda: (design, numbers_of(design, "screen")), self._show, partial(self._fail, design))
 
     def full(self, design: Design) -> Step:
         """Return the accurate step after the last change."""
-        return Step("full", lambda: (design, numbers_of(design)), self._show, self._fail, rest=_REST)
+        return Step("full", lambda: (design, numbers_of(design)), self._show, partial(self._fail, design), rest=_REST)
 
     def solve(self, design: Design) -> Step:
         """Return the step that solves the circuit, which takes seconds, when changes have come to rest."""
-        return Step(
-            "circuit", lambda: (design, circuit_of(design)), self._show_circuit, self._page.switches.fail, rest=_REST
-        )
+        fail = partial(self._fail_circuit, design)
+        return Step("circuit", lambda: (design, circuit_of(design)), self._show_circuit, fail, rest=_REST)
 
     def rules(self, design: Design) -> Step:
         """Return the step that computes the margins."""
-        return Step("rules", lambda: margins_of(design), self._show_margins, self._fail_rules, patience=2.0)
+        fail = partial(self._fail_rules, design)
+        return Step("rules", lambda: (design, margins_of(design)), self._show_margins, fail, patience=2.0)
 
     def _show(self, found: tuple[Design, Numbers]) -> None:
         design, numbers = found
@@ -91,6 +92,7 @@ class NumbersPanel(Panel):
             state.accuracy = numbers.accuracy if self._page.is_current(design) else "screen"
             state.coil_rows = [list(row) for row in coil_rows(numbers, self.circuit)]
             state.numbers_problem = ""
+            self._page.arrived("numbers", design)
 
     def _show_circuit(self, found: tuple[Design, Circuit]) -> None:
         self._circuit = found
@@ -98,19 +100,32 @@ class NumbersPanel(Panel):
             with self._page.state as state:
                 state.coil_rows = [list(row) for row in coil_rows(self.numbers, self.circuit)]
         self._page.switches.solve()
+        with self._page.state:
+            self._page.arrived("circuit", found[0])
+        if self._page.state.tab == "switches":
+            self._page.redraw()
 
-    def _fail(self, problem: str) -> None:
+    def _fail_circuit(self, design: Design, problem: str) -> None:
+        self._page.switches.fail(problem)
+        with self._page.state:
+            self._page.arrived("circuit", design)
+
+    def _fail(self, design: Design, problem: str) -> None:
         with self._page.state as state:
+            self._page.arrived("numbers", design)
             state.numbers_problem, state.accuracy = problem, ""
 
-    def _show_margins(self, margins: tuple[Margin, ...]) -> None:
+    def _show_margins(self, found: tuple[Design, tuple[Margin, ...]]) -> None:
+        design, margins = found
         with self._page.state as state:
+            self._page.arrived("rules", design)
             state.margins = [list(row) for row in margin_rows(margins)]
             state.rules_kept = all(margin.kept for margin in margins)
             state.rules_problem = ""
 
-    def _fail_rules(self, problem: str) -> None:
+    def _fail_rules(self, design: Design, problem: str) -> None:
         with self._page.state as state:
+            self._page.arrived("rules", design)
             state.rules_problem = problem
 
 

@@ -17,6 +17,7 @@ from coilarray.viz.studio.board_panel import BoardPanel
 from coilarray.viz.studio.calculator import Calculator
 from coilarray.viz.studio.design_panel import DesignPanel
 from coilarray.viz.studio.job import PATIENCE, Job, Outcome, Task
+from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers_panel import NumbersPanel
 from coilarray.viz.studio.runs_panel import RunsPanel
 from coilarray.viz.studio.scene_panel import ScenePanel
@@ -38,6 +39,7 @@ class Setup:
 
 
 _PARTS = ("bar", "drawer", "scene", "numbers", "switches", "touch", "runs", "board", "dialogs")
+_FOLLOWING = ("scene", "numbers", "rules", "circuit")  # results that a change of the design makes stale
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "running": False}
 
 
@@ -57,7 +59,8 @@ class Page:
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
         self.endpoint: Any = None  # of its messages
-        self.state.update({"problem": "", "job": _NO_JOB})
+        self.state.update({"problem": "", "job": _NO_JOB, "stale": [], "shown_accuracy": ""})
+        self.state.change("stale", "accuracy")(lambda **_: self._say_accuracy())
         self.trigger("cancel_job", lambda: self.stop_job(self.state.job["name"]))
         self.scene = ScenePanel(self)
         self.numbers = NumbersPanel(self)
@@ -66,6 +69,7 @@ class Page:
         self.runs = RunsPanel(self)
         self.board = BoardPanel(self)
         self.design = DesignPanel(self)
+        self.new = NewPanel(self)
         self.state.tab = "numbers"
         self.state.change("tab")(lambda tab, **_: self.redraw())
         self._build_layout()
@@ -122,6 +126,7 @@ class Page:
             self.board.show(work.design)
             self.numbers.wait()
             self.state.scene_rests = False
+            self.state.stale = [name for name in _FOLLOWING if name != "scene" or self.scene.steps()]
         self.follow()
 
     def follow(self) -> None:
@@ -137,6 +142,11 @@ class Page:
     def is_current(self, design: Design) -> bool:
         """Return whether a design is the current one."""
         return design is self.work.design
+
+    def arrived(self, name: str, design: Design) -> None:
+        """Remove the mark of stale results where they are those of the current design."""
+        if self.is_current(design):
+            self.state.stale = [one for one in self.state.stale if one != name]
 
     def say(self, problem: str) -> None:
         """Show one line above the page; an empty one removes it."""
@@ -204,6 +214,16 @@ class Page:
         if name in self._jobs:
             self._jobs[name].stop()
 
+    def _say_accuracy(self) -> None:
+        """Say "full accuracy" only where all numbers on show are those of the design."""
+        stale, accuracy = self.state.stale, self.state.accuracy
+        if "numbers" in stale or accuracy not in ("screen", "full"):
+            self.state.shown_accuracy = "computing"
+        elif accuracy == "screen":
+            self.state.shown_accuracy = "rough"
+        else:
+            self.state.shown_accuracy = "computing" if {"rules", "circuit"} & set(stale) else "full accuracy"
+
     def _bind(self, server: Any) -> None:
         self.endpoint = server["ws"]
 
@@ -222,7 +242,6 @@ class Page:
             text = text.replace(f"<!-- {name} -->", _template(name))
         with VAppLayout(self.server) as layout:
             layout.root.add_child(text.replace("<!-- view -->", self.scene.html))
-        self.state.trame__template_error = _template("gone")  # shown when the connection is lost
 
 
 def _template(name: str) -> str:

@@ -50,14 +50,12 @@ def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
     """Return the board coloured by δ, the dent (one depth) in the sheets over it, and the located position."""
     design, setup = board.design, indentation_of(board.design)
     scene = coloured_by_delta(board, touch.delta)
-    x, y = touch.at[0] + setup.origin_point[0], touch.at[1] + setup.origin_point[1]
+    x, y = touch.at
     x_min, y_min, x_max, y_max = design.array.bounds
     if x_min < x < x_max and y_min < y < y_max:
         scene += scene_of_dent(design.array, design.sheets, dent, setup.indenter, (x, y), opacity=VEILED)
     top = sum(sheet.thickness for sheet in design.sheets)
-    return scene + overlays.scene_of_location(
-        touch.location, origin=setup.origin_point, bounds=design.array.bounds, top=top, truth=touch.at
-    )
+    return scene + overlays.scene_of_location(touch.location, bounds=design.array.bounds, top=top, truth=touch.at)
 
 
 def coloured_by_delta(board: BoardParts, delta: Mapping[str, float | None]) -> Scene:

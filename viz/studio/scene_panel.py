@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from coilarray.design.model import Design
 from coilarray.viz.scenes.board import board_in_pieces, scene_of_lifted_board
 from coilarray.viz.scenes.camera import Side
-from coilarray.viz.scenes.draw import bar_of
+from coilarray.viz.scenes.draw import bar_of, gradient
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.panel import Panel
@@ -31,9 +31,11 @@ class ScenePanel(Panel):
         self._view = None if problem else SceneView(page.server, self._at_rest)
         values = {
             "scene_problem": problem or "", "scene_rests": False, "scene_sides": list(get_args(Side)),
-            "hidden_groups": [], "legend": _legend(Scene()),
+            "hidden_groups": [], "legend": _legend(Scene()), "scene_sheets": False,
         }  # fmt: skip
-        super().__init__(page, values, look_from=self._look_from, toggle_group=self._toggle)
+        super().__init__(
+            page, values, look_from=self._look_from, toggle_group=self._toggle, toggle_sheets=self._toggle_sheets
+        )
 
     @property
     def html(self) -> str:
@@ -44,16 +46,20 @@ class ScenePanel(Panel):
         """Return the step that computes the scene of the current tab; none where nothing can be rendered."""
         if self._view is None:
             return []
-        design, tab = self._page.work.design, str(self._page.state.tab)
-        return [Step("scene", lambda: self._scene(design, tab), self._show, self._fail, patience=_PATIENCE)]
+        design, tab, sheets = self._page.work.design, str(self._page.state.tab), bool(self._page.state.scene_sheets)
+
+        def compute() -> tuple[Design, Scene]:
+            return design, self._scene(design, tab, sheets)
+
+        return [Step("scene", compute, self._show, self._fail, patience=_PATIENCE)]
 
     def close(self) -> None:
         """Release the window."""
         if self._view is not None:
             self._view.close()
 
-    def _scene(self, design: Design, tab: str) -> Scene:
-        """Compute a scene, in a thread."""
+    def _scene(self, design: Design, tab: str, sheets: bool) -> Scene:
+        """Compute a scene, in a thread; `sheets` are lifted off the board where nothing else lies over it."""
         makers: dict[str, Callable[[Design, BoardParts], Scene | None]] = {
             "switches": self._page.switches.scene,
             "touch": self._page.touch.scene,
@@ -64,14 +70,15 @@ class ScenePanel(Panel):
             if self._parts is None or self._parts.design is not design:
                 self._parts = BoardParts(design, *board_in_pieces(design.array))
             scene = makers[tab](design, self._parts)
-        return scene_of_lifted_board(design.array, design.sheets) if scene is None else scene
+        return scene_of_lifted_board(design.array, design.sheets if sheets else ()) if scene is None else scene
 
-    def _show(self, scene: Scene) -> None:
+    def _show(self, found: tuple[Design, Scene]) -> None:
         if self._view is None:
             return
-        state = self._page.state
-        with state:
+        design, scene = found
+        with self._page.state as state:
             state.legend, state.scene_problem = _legend(scene), ""
+            self._page.arrived("scene", design)
         self._view.show(scene)
 
     def _fail(self, problem: str) -> None:
@@ -86,6 +93,10 @@ class ScenePanel(Panel):
         if self._view is not None and side in get_args(Side):
             self._view.look_from(side)
 
+    def _toggle_sheets(self) -> None:
+        self._page.state.scene_sheets = not self._page.state.scene_sheets
+        self._page.redraw()
+
     def _toggle(self, name: str) -> None:
         state = self._page.state
         hidden = set(state.hidden_groups) ^ {name}
@@ -98,10 +109,7 @@ def _legend(scene: Scene) -> dict[str, Any]:
     """Return groups with their colours, bars with title, colours and numbers, and notes, as plain values."""
     bars = [bar_of(scale, _STOPS) for scale in scene.scales]
     return {
-        "groups": [{"name": name, "colour": colour} for name, colour in scene.groups.items()],
-        "bars": [
-            {"title": title, "colours": f"linear-gradient(to right, {', '.join(colours)})", "ticks": ticks}
-            for title, colours, ticks in bars
-        ],
+        "groups": [{"name": name, "colour": gradient(colours)} for name, colours in scene.groups.items()],
+        "bars": [{"title": title, "colours": gradient(colours), "ticks": ticks} for title, colours, ticks in bars],
         "notes": list(scene.notes),
     }

@@ -15,6 +15,7 @@ import socket
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -230,8 +231,9 @@ class _Studio:
                 status=503, text=f"coilarray studio: {_TOO_MANY}; close one, and load this one again.\n"
             )
         text = (_client_folder() / "index.html").read_text(encoding="utf-8")
+        gone = resources.files("coilarray.viz.studio").joinpath("html", "gone.html").read_text(encoding="utf-8")
         text = re.sub("<title>.*?</title>", "<title>coilarray studio</title>", text)
-        return web.Response(text=text.replace("<head>", f"<head>{_TAB}", 1), content_type="text/html")
+        return web.Response(text=text.replace("<head>", f"<head>{_TAB}{gone}", 1), content_type="text/html")
 
     async def _loading(self, _: web.Request) -> web.Response:
         """Return the text of the page until its session begins."""

@@ -29,7 +29,7 @@ class SwitchesPanel(Panel):
 
     def show(self, design: Design) -> None:
         """Show another design, with the same settings for coils that still exist."""
-        self._page.state.settings = kept_settings(design.array.names, self._page.state.settings)
+        self._page.state.settings = kept_settings(design.array, self._page.state.settings)
         self._result = None
 
     def solve(self) -> None:

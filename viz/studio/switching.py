@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -13,6 +13,7 @@ from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.errors import NetworkError
+from coilarray.geometry.array import CoilArray
 from coilarray.viz.datasets.field import flux_grid, require_memory
 from coilarray.viz.scenes.field_places import Span
 
@@ -44,16 +45,10 @@ class UnitFields:
         return flux_grid(self.x, self.y, [self.height], B)
 
 
-def first_settings(names: Sequence[str]) -> dict[str, Setting]:
-    """Return the first settings: the middle coil is measured, all others are grounded."""
-    middle = (len(names) - 1) // 2
-    return {name: "measure" if k == middle else "ground" for k, name in enumerate(names)}
-
-
-def kept_settings(names: Sequence[str], settings: Mapping[str, Setting]) -> dict[str, Setting]:
-    """Return settings for other coils, unchanged for those that still exist."""
-    kept: dict[str, Setting] = {name: settings.get(name, "ground") for name in names}
-    return kept if "measure" in kept.values() else first_settings(names)
+def kept_settings(array: CoilArray, settings: Mapping[str, Setting]) -> dict[str, Setting]:
+    """Return settings for other coils, unchanged for those that still exist; the middle one is measured if none is."""
+    kept: dict[str, Setting] = {name: settings.get(name, "ground") for name in array.names}
+    return kept if "measure" in kept.values() else {**dict.fromkeys(kept, "ground"), array.middle_coil: "measure"}
 
 
 def state_of(settings: Mapping[str, Setting]) -> ScanState:

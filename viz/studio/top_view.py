@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.distance import pdist
 
 from coilarray.design.model import Design
 from coilarray.localize.inverse import Location
 from coilarray.viz.datasets.overlays import semi_axis_factor
-from coilarray.viz.palette import COILS, INK, cycled
+from coilarray.viz.palette import INK, coil_colours
 from coilarray.viz.scenes.overlays import CONFIDENCE, colours_of_delta
 from coilarray.viz.scenes.touch import first_states
 from coilarray.viz.studio.touch import Touched
@@ -34,38 +33,33 @@ class TopView:
     top: float
     width: float
     height: float
-    origin: tuple[float, float]  # of the response map on the board, in m
 
     def place(self, across: float, down: float) -> tuple[float, float]:
-        """Return x and y in m from the map's origin of a point given as shares of the drawing's sides.
+        """Return x and y on the board in m of a point given as shares of the drawing's sides.
 
         Examples
         --------
-        >>> TopView(-10.0, -5.0, 20.0, 10.0, (0.0, 0.0)).place(0.75, 0.25)
+        >>> TopView(-10.0, -5.0, 20.0, 10.0).place(0.75, 0.25)
         (0.005, 0.0025)
         """
-        x = (self.left + across * self.width) * 1e-3 - self.origin[0]
-        y = -(self.top + down * self.height) * 1e-3 - self.origin[1]
-        return x, y
+        return (self.left + across * self.width) * 1e-3, -(self.top + down * self.height) * 1e-3
 
     def point(self, x: float, y: float) -> tuple[float, float]:
-        """Return the point of the drawing in mm for a place in m from the map's origin."""
-        return _mm(x + self.origin[0]), -_mm(y + self.origin[1])
+        """Return the point of the drawing in mm for a place on the board in m."""
+        return _mm(x), -_mm(y)
 
 
 def top_view(design: Design) -> TopView:
     """Return the coordinates of a drawing of a board."""
     x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
     rim = _RIM * (x_max - x_min)
-    origin = (0.0, 0.0) if design.indentation is None else design.indentation.origin_point
-    return TopView(x_min - rim, -y_max - rim, x_max - x_min + 2 * rim, y_max - y_min + 2 * rim, origin)
+    return TopView(x_min - rim, -y_max - rim, x_max - x_min + 2 * rim, y_max - y_min + 2 * rim)
 
 
 def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
     """Return the edge and coils of a board in mm, as plain values for the page."""
     x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
-    colours = cycled(COILS, design.array.names)
-    nearest = float(pdist(design.array.centres).min(initial=math.inf)) * 1e3
+    colours = coil_colours(design.array.names, design.array.centres)
     coils = []
     for place in design.array.placements:
         outline = place.to_board(place.coil.outline) * 1e3
@@ -78,7 +72,7 @@ def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
         "box": f"{view.left:.3f} {view.top:.3f} {view.width:.3f} {view.height:.3f}",
         "ratio": round(view.width / view.height, 4),
         "board": {"x": x_min, "y": -y_max, "width": x_max - x_min, "height": y_max - y_min},
-        "letter": round(min(_LETTER * view.width, _LETTER_OF_PITCH * nearest), 3),
+        "letter": round(min(_LETTER * view.width, _LETTER_OF_PITCH * design.array.least_distance * 1e3), 3),
         "line": round(0.0022 * view.width, 3),
         "coils": coils,
     }
@@ -86,19 +80,20 @@ def board_drawing(design: Design, view: TopView) -> dict[str, Any]:
 
 def touch_drawing(design: Design, view: TopView, touch: Touched) -> dict[str, Any]:
     """Return the marks of a touch: indenter, the paper's ellipses, located positions, and colours of the coils."""
-    colours = cycled(COILS, design.array.names)
+    colours = coil_colours(design.array.names, design.array.centres)
     x, y = view.point(*touch.at)
     radius = 0.0 if design.indentation is None else design.indentation.indenter.radius_at(touch.depth) * 1e3
     coil_of = {state.name: state.measured[0][0] for state in design.plan}
     ellipses = []
     for state, one in touch.ellipses.items():
-        cx, cy = view.point(one.x0, 0.0)
+        cx, cy = view.point(one.x0 + touch.row[0], touch.row[1])
         ellipses.append(
             {"x": cx, "y": cy, "rx": _mm(one.A), "ry": _mm(one.B), "colour": colours.get(coil_of.get(state, ""), INK)}
         )
     crossing = None
     if touch.crossing is not None:
-        crossing = [view.point(touch.crossing.x, sign * touch.crossing.y) for sign in (1, -1)]
+        (x0, y0), meet = touch.row, touch.crossing
+        crossing = [view.point(x0 + meet.x, y0 + sign * meet.y) for sign in (1, -1)]
     return {
         "indenter": {"x": x, "y": y, "r": max(radius, 0.5)},
         "ellipses": ellipses,
@@ -126,7 +121,7 @@ def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
 
 
 def delta_fills(design: Design, delta: Mapping[str, float | None]) -> dict[str, str]:
-    """Return a colour for each coil by its δ, symmetric about zero."""
+    """Return a colour for each coil by its δ."""
     colours = colours_of_delta(delta_by_coil(design, delta))
     red_green_blue = colours.scale.colours_of(colours.values).tolist()
     return {name: f"rgb({r}, {g}, {b})" for name, (r, g, b) in zip(design.array.names, red_green_blue, strict=True)}

@@ -16,6 +16,7 @@ from coilarray.localize.ellipse import Ellipse, fit_ellipses
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition, ellipse_model, locate_x
 from coilarray.localize.forward import ForwardModel, forward_model
 from coilarray.localize.inverse import Location, Mode, locate
+from coilarray.response.coordinates import on_board
 from coilarray.response.setup import indentation_of
 from coilarray.viz.scenes.touch import off_middle
 
@@ -24,6 +25,7 @@ NOISE = 1e-5
 
 _STEP = 1e-3  # m between the points of a map to which ellipses are fitted
 _REFINEMENT = 5  # of that map; 20, the default, moves x0 by less than 0.1 mm and takes ten times as long
+_IN_A_ROW = 1e-6  # m across the row between coils of one
 _LEAST_DELTA = 3 * NOISE  # a smaller δ gives no ellipse, only noise
 
 
@@ -32,19 +34,20 @@ class Sensor:
     """A design with an indentation, and the model of its response."""
 
     design: Design
-    model: ForwardModel
+    model: ForwardModel  # of positions on the board
 
 
 @dataclass(frozen=True, eq=False)
 class Touched:
     """One place of the indenter with its readings."""
 
-    at: tuple[float, float]  # x and y in m from the map's origin
+    at: tuple[float, float]  # x and y on the board in m
     depth: float  # m
     delta: Mapping[str, float]  # δ of every state
     location: Location  # from these δ, which have no noise
     ellipses: Mapping[str, Ellipse]  # of the paper's model by state, where it has one for the δ
     crossing: EllipsePosition | None  # position by the paper's model
+    row: tuple[float, float]  # place on the board from which ellipses and crossing count: the paper's origin
     problem: str  # why there are no ellipses or no crossing
 
 
@@ -56,7 +59,7 @@ def sensor_of(design: Design, table: xr.Dataset) -> Sensor:
     indentation_of(design)
     if table.attrs.get("design_hash") != design.digest:
         raise LocalizeError("the response table is that of another design.")
-    return Sensor(design, forward_model(table))
+    return Sensor(design, forward_model(on_board(table)))
 
 
 def first_place(sensor: Sensor) -> tuple[float, float, float]:
@@ -66,20 +69,24 @@ def first_place(sensor: Sensor) -> tuple[float, float, float]:
 
 
 def touched(sensor: Sensor, x: float, y: float, depth: float) -> Touched:
-    """Press at a place in m from the map's origin, moved to the edge of the response where it is beyond."""
+    """Press at a place on the board in m, moved to the edge of the response where it is beyond."""
     low, high = sensor.model.lower, sensor.model.upper
     point = np.clip([x, y, depth], low, high)
     delta = sensor.model.delta(point)
     readings = dict(zip(sensor.model.states, delta.tolist(), strict=True))
     location = locate(sensor.model, delta, noise=NOISE)
-    ellipses, crossing, problem = _by_ellipses(sensor.model, float(point[2]), readings)
-    return Touched((float(point[0]), float(point[1])), float(point[2]), readings, location, ellipses, crossing, problem)
+    row = indentation_of(sensor.design).origin_point
+    ellipses, crossing, problem = _by_ellipses(sensor, float(point[2]), row, readings)
+    at = (float(point[0]), float(point[1]))
+    return Touched(at, float(point[2]), readings, location, ellipses, crossing, row, problem)
 
 
 def _by_ellipses(
-    model: ForwardModel, depth: float, readings: Mapping[str, float]
+    sensor: Sensor, depth: float, row: tuple[float, float], readings: Mapping[str, float]
 ) -> tuple[Mapping[str, Ellipse], EllipsePosition | None, str]:
-    fitted = _ellipse_model(model, round(depth, 6))
+    if np.ptp(np.append(sensor.design.array.centres[:, 1], row[1])) > _IN_A_ROW:
+        return {}, None, "they are those of coils in a row along x"
+    fitted = _ellipse_model(sensor.model, round(depth, 6), row)
     if isinstance(fitted, str):
         return {}, None, fitted
     ellipses = {}
@@ -97,15 +104,15 @@ def _by_ellipses(
 
 
 @lru_cache(maxsize=16)
-def _ellipse_model(model: ForwardModel, depth: float) -> EllipseModel | str:
-    """Fit the paper's model to the response at one depth, or return the reason why it is impossible."""
+def _ellipse_model(model: ForwardModel, depth: float, row: tuple[float, float]) -> EllipseModel | str:
+    """Fit the paper's model, with `row` as origin, to the response at one depth; or say why that is impossible."""
     x, y = (np.arange(axis[0], axis[-1] + _STEP / 2, _STEP) for axis in (model.x, model.y))
     x, y = (np.minimum(axis, last[-1]) for axis, last in ((x, model.x), (y, model.y)))
     points = np.empty((len(y), len(x), 3))
     points[..., 0], points[..., 1], points[..., 2] = x, y[:, None], depth
     try:
         delta = model.delta(points)
-        coords = {"depth": [depth], "y": y, "x": x, "state": list(model.states)}
+        coords = {"depth": [depth], "y": y - row[1], "x": x - row[0], "state": list(model.states)}
         map_ = xr.Dataset({"delta": (("depth", "y", "x", "state"), delta[None])}, coords)
         return ellipse_model(fit_ellipses(map_, refinement=_REFINEMENT, connected=False))
     except LocalizeError as error:
@@ -128,9 +135,10 @@ def crossing_line(touch: Touched) -> str:
     """Return a line with the position by the paper's ellipses, or the reason why there is none."""
     if touch.crossing is None:
         return f"ellipses: {touch.problem}"
-    x, y = touch.crossing.x * 1e3, touch.crossing.y * 1e3
-    first, second = touch.crossing.coils
-    return f"ellipses of {first} and {second} meet at x = {x:.2f}, y = ±{y:.2f} mm".replace("-", "−")
+    meet, (x0, y0) = touch.crossing, touch.row
+    first, second = meet.coils
+    either = " or ".join(f"{(y0 + sign * meet.y) * 1e3:.2f}" for sign in (1, -1))
+    return f"ellipses of {first} and {second} meet at x = {(x0 + meet.x) * 1e3:.2f}, y = {either} mm".replace("-", "−")
 
 
 def _mode(mode: Mode) -> str:

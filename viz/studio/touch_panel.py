@@ -82,6 +82,8 @@ class TouchPanel(Panel):
             if page.work.design.digest == design.digest:
                 self._take_table(page.work.design, table)
                 page.redraw()
+            else:
+                note("The design has changed since: its response is to be computed anew.")
 
         def note(text: str = "Cancelled.") -> None:
             page.state.touch_note = text

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import tomli_w
-
 from coilarray.design.model import Design, DesignFile, build_design_file
+from coilarray.design.save import with_comments
 from coilarray.design.vary import vary_document
+from coilarray.design.write import document_text
 from coilarray.errors import DesignError
 from coilarray.viz.studio.entries import number_of
 
@@ -81,8 +81,8 @@ class Work:
         return replace(self, file=file, kept=self.opened.document)
 
     def text(self) -> str:
-        """Return the design file, without comments."""
-        return tomli_w.dumps(dict(self.opened.document))
+        """Return the design file, with the comments that explain its keys and none of its own."""
+        return with_comments(document_text(self.opened.document))
 
 
 def work_on(opened: DesignFile, file: str) -> Work:

@@ -1,4 +1,4 @@
-"""The array as a SPICE subcircuit: inductors, series resistors, shunt capacitors and the complete set of couplings."""
+"""The array as a SPICE subcircuit: inductors, ladders of resistance, capacitors and the complete set of couplings."""
 
 from __future__ import annotations
 
@@ -65,6 +65,7 @@ def spice_subcircuit(
     *,
     capacitance: npt.ArrayLike | None = None,
     mutual_capacitance: npt.ArrayLike | None = None,
+    sections: Sequence[Sequence[tuple[float, float]]] = (),
     title: str = "",
     comments: Sequence[str] = (),
 ) -> str:
@@ -77,11 +78,14 @@ def spice_subcircuit(
     inductance : array_like, shape (n, n)
         Inductance matrix in H, symmetric and positive definite.
     resistance : array_like, shape (n,) or scalar
-        Series resistance of each coil in Ω.
+        Series resistance of each coil in Ω, that at direct current where there are `sections`.
     capacitance : array_like, shape (n,) or scalar, optional
         Lumped winding capacitance of each coil in F, between its two pins. None by default.
     mutual_capacitance : array_like, shape (n, n), optional
         Capacitance C_ij between two coils in F, see `coilarray.circuit.network.Network`. None by default.
+    sections : sequence of sequences of tuple, length n
+        For each coil the resistors in Ω and inductors in H that lie side by side, one pair after the other in series
+        with it, as in `coilarray.circuit.exchange.ladder.Ladder`. None by default.
     title : str
         First comment, and as a plain name that of the subcircuit; ``coilarray`` where it is empty.
     comments : sequence of str
@@ -100,7 +104,7 @@ def spice_subcircuit(
 
     Notes
     -----
-    From NAME_1 to NAME_2 a coil is R + jωL in parallel with C, current into NAME_1 positive, as in
+    From NAME_1 to NAME_2 a coil is R + jωL, and its sections, in parallel with C, current into NAME_1 positive, as in
     `coilarray.active_coil`. All n (n − 1)/2 couplings k_ij = M_ij/√(L_i L_j) are written, every number with 17 digits
     (which is all of a double); a set with small ones left out need not be positive definite. A resistance or
     capacitance of zero is no element, since SPICE replaces R = 0 by a default. Between two coils there are four
@@ -134,15 +138,24 @@ def spice_subcircuit(
     heading = " ".join(title.split())
     subcircuit = plain_names([heading or "coilarray"])[0]
     lines = [
-        f"* {heading or 'coilarray'}: {len(L)} coils; H, ohm, F",
+        f"* {heading or 'coilarray'}: {len(L)} coil{'s' * (len(L) > 1)}; H, ohm, F",
         *(f"* {' '.join(comment.split())}" for comment in comments),
         " ".join([".subckt", subcircuit, *(f"{coil}_{pin}" for coil in coils for pin in (1, 2))]),
     ]
-    for coil, L_own, R_own, C_own in zip(coils, np.diag(L).tolist(), R.tolist(), C.tolist(), strict=True):
-        middle = f"{coil}_m" if R_own else f"{coil}_2"
-        lines.append(f"L{coil} {coil}_1 {middle} {L_own:.16e}")
-        if R_own:
-            lines.append(f"R{coil} {middle} {coil}_2 {R_own:.16e}")
+    ladders = sections or [()] * len(L)
+    stem = "s"  # of the sections' names: that of no coil begins with it
+    while any(coil.lower().startswith(stem) for coil in coils):
+        stem += "s"
+    own = zip(coils, np.diag(L).tolist(), R.tolist(), C.tolist(), ladders, strict=True)
+    for number, (coil, L_own, R_own, C_own, ladder) in enumerate(own, start=1):
+        parts = [[(f"L{coil}", L_own)], *([(f"R{coil}", R_own)] for _ in range(bool(R_own)))]
+        parts += [
+            [(f"{letter}{stem}{number}_{k}", value) for letter, value in zip("RL", pair, strict=True)]
+            for k, pair in enumerate(ladder, start=1)
+        ]
+        inner = [f"{coil}_m", *(f"{coil}_m{k}" for k in range(2, len(parts)))][: len(parts) - 1]
+        for part, nodes in zip(parts, itertools.pairwise([f"{coil}_1", *inner, f"{coil}_2"]), strict=True):
+            lines += [f"{name} {' '.join(nodes)} {value:.16e}" for name, value in part]
         if C_own:
             lines.append(f"C{coil} {coil}_1 {coil}_2 {C_own:.16e}")
     for i, j in itertools.combinations(range(len(L)), 2):

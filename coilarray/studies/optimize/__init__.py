@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from coilarray.studies.optimize.goal import Goal, load_goal, parse_goal
+from coilarray.studies.optimize.goal import Goal, parse_goal
+from coilarray.studies.optimize.goals import derive_goal, load_goal
 from coilarray.studies.optimize.run import Optimization, optimize_design, optimize_with
 from coilarray.studies.optimize.trials import Trial, best_of, front_of
 from coilarray.studies.optimize.write import write_optimization
 
 __all__ = [
-    "Goal", "Optimization", "Trial", "best_of", "front_of", "load_goal", "optimize_design", "optimize_with",
-    "parse_goal", "write_optimization",
+    "Goal", "Optimization", "Trial", "best_of", "derive_goal", "front_of", "load_goal", "optimize_design",
+    "optimize_with", "parse_goal", "write_optimization",
 ]  # fmt: skip

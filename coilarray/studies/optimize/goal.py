@@ -5,16 +5,18 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from coilarray.design.toml_file import TomlFiles
 from coilarray.design.units import Bounds, Table
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GoalError
-from coilarray.studies.optimize import goals
 from coilarray.studies.quantities import canonical
+
+GOALS = TomlFiles("goal", GoalError)
+"""Goal files; goals that fit any design are in `coilarray.studies.optimize.goals`."""
 
 _POLISH = 60  # evaluations of the local solver where the goal says nothing
 _WHOLE_STEPS = 1e-9  # of a step: what a range may lack of a whole number of them
@@ -163,7 +165,7 @@ class Search(Table):
 
 
 class Goal(Table):
-    """A goal file; `load_goal` reads one."""
+    """A goal file; `parse_goal` reads one."""
 
     schema_: Annotated[int, Field(ge=1, le=1)] = Field(alias="schema")
     title: str = ""
@@ -231,32 +233,21 @@ class Goal(Table):
         return whole
 
 
-def load_goal(name_or_path: str | Path) -> Goal:
-    """Read a goal.
+def parse_goal(text: str, origin: str = "goal") -> Goal:
+    """Read a goal from the text of a TOML file; `origin` names it in messages.
 
-    Parameters
-    ----------
-    name_or_path : str or Path
-        A TOML file, or the name of a bundled goal.
-
-    Raises
-    ------
-    GoalError
-        An unreadable file, wrong TOML, an unknown key or a value that is not allowed, in one line.
+    GoalError for wrong TOML, an unknown key or a value that is not allowed, in one line.
 
     Examples
     --------
-    >>> load_goal("worst_k").objectives[0].wish
+    >>> pitch = "variable = [{ entry = 'array.pitch_mm', low = 12, high = 14 }]"
+    >>> least = "objective = [{ quantity = 'worst_k', direction = 'minimize' }]"
+    >>> parse_goal(chr(10).join(["schema = 1", pitch, least])).objectives[0].wish
     'minimize worst_k'
     """
-    return parse_goal(goals.GOALS.text(name_or_path), str(name_or_path))
-
-
-def parse_goal(text: str, origin: str = "goal") -> Goal:
-    """Read a goal from the text of a TOML file; `origin` names it in messages. See `load_goal`."""
-    return check_goal(goals.GOALS.parse(text, origin), origin)
+    return check_goal(GOALS.parse(text, origin), origin)
 
 
 def check_goal(document: Mapping[str, Any], origin: str = "goal") -> Goal:
-    """Read a goal from tables as TOML gives them. See `load_goal`."""
-    return goals.GOALS.check(Goal, document, origin)
+    """Read a goal from tables as TOML gives them. See `parse_goal`."""
+    return GOALS.check(Goal, document, origin)

@@ -21,7 +21,7 @@ from coilarray.studies.optimize.polish import polish, polish_problem
 from coilarray.studies.optimize.search import Evaluate, Outcome, search, stored_trial
 from coilarray.studies.optimize.space import Axis, axes_of, start_parameters
 from coilarray.studies.optimize.study_file import StudyFile, open_study
-from coilarray.studies.optimize.trials import Trial, best_of, front_of, trial_of
+from coilarray.studies.optimize.trials import Trial, best_of, better_than, trial_of
 
 SearchProgress: TypeAlias = Callable[[int, int, Trial | None], None]
 """Called with the number of known points, their largest number, and the best one for a goal with one objective."""
@@ -46,8 +46,8 @@ class Optimization:
     trials : tuple of Trial
         Trials of the search, then of the local solver, each in their order, including those of earlier runs.
     front : tuple of Trial
-        The Pareto front in the order of the first objective, see `front_of`; with one objective the best trial alone.
-        Empty where no trial keeps all bounds.
+        The trials that are better than the start, see `better_than`, in the order of the first objective; with one
+        objective the best trial alone. Empty where there is none that keeps all bounds.
     found : int
         Number of trials that an earlier run had left.
     polish_problem : str
@@ -71,7 +71,7 @@ class Optimization:
 
     @property
     def best(self) -> Trial | None:
-        """The best trial of a goal with one objective; None where no trial keeps all bounds, or with several."""
+        """The best trial of a goal with one objective; None where none is better than the start, or with several."""
         return self.front[0] if len(self.goal.objectives) == 1 and self.front else None
 
     def values(self, trial: Trial) -> Mapping[str, Any]:
@@ -99,7 +99,7 @@ def optimize_design(
     design : Design or DesignFile
         Design to start from; entries that are not variables stay as they are.
     goal : Goal
-        Goal of the search, from `load_goal`.
+        Goal of the search, from `coilarray.studies.optimize.goals.load_goal`.
     folder : str or Path
         Folder of the study, ``study.db``.
     pool : Pool
@@ -160,8 +160,8 @@ def optimize_with(
         problem = polish_problem(goal, axes, best)
         if not problem and best is not None:
             polish(goal, axes, best, store, evaluate, count)
-        tried = _confirmed(goal, tried + _polished(goal, axes, store), evaluate)
-    return Optimization(file, goal, axes, start, inside, tuple(tried), front_of(tried, goal), found, problem)
+        tried = _confirmed(goal, start, tried + _polished(goal, axes, store), evaluate)
+    return Optimization(file, goal, axes, start, inside, tuple(tried), better_than(start, tried, goal), found, problem)
 
 
 def require_coils(design: Design, goal: Goal) -> None:
@@ -187,7 +187,7 @@ def _polished(goal: Goal, axes: Sequence[Axis], store: StudyFile) -> list[Trial]
     return sorted((trial for trial in stored if trial.kind == "polish"), key=lambda trial: trial.place)
 
 
-def _confirmed(goal: Goal, trials: Sequence[Trial], evaluate: Evaluate) -> list[Trial]:
+def _confirmed(goal: Goal, start: Trial, trials: Sequence[Trial], evaluate: Evaluate) -> list[Trial]:
     """Compute the front in full accuracy, and the watched quantities that its points lack."""
     known = {trial.name: trial for trial in trials}
     full = {
@@ -195,7 +195,7 @@ def _confirmed(goal: Goal, trials: Sequence[Trial], evaluate: Evaluate) -> list[
         for trial in trials
         if trial.accuracy == "full" and all(key in trial.quantities for key in goal.quantities)
     }
-    while waiting := [trial for trial in front_of(list(known.values()), goal) if trial.name not in full]:
+    while waiting := [trial for trial in better_than(start, list(known.values()), goal) if trial.name not in full]:
         for index, outcome in evaluate([trial.changes for trial in waiting], "full"):
             old = waiting[index]
             known[old.name] = trial_of(goal, old.kind, old.place, old.changes, outcome)

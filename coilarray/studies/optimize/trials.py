@@ -9,6 +9,8 @@ from typing import Any, Literal
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.studies.optimize.goal import Goal
 
+_ROUNDING = 1e-9  # of a score: less is no gain
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -91,3 +93,18 @@ def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
         if not any(all(a <= b for a, b in zip(costs[other], costs[k], strict=True)) for other in front):
             front.append(k)
     return tuple(trials[k] for k in front)
+
+
+def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
+    """Return the Pareto front of the start and the trials, without the start and what is as good but for rounding.
+
+    Empty where no trial is better than the start in any objective; all of the front for a start that breaks a bound.
+    """
+    signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
+
+    def gains(trial: Trial) -> bool:
+        pairs = zip(signs, trial.scores, start.scores, strict=True)
+        return any(sign * (before - now) > _ROUNDING * abs(before) for sign, now, before in pairs)
+
+    front = front_of((start, *trials), goal)
+    return tuple(trial for trial in front if trial.kind != "start" and (not start.feasible or gains(trial)))

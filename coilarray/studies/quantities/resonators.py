@@ -27,6 +27,16 @@ def _frequency(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return _of(evaluation, "frequency", options["coil"]) * 1e-6
 
 
+@quantity("effective_resistance_ohm", "Ω", "circuit", "AC resistance of a measured coil at its resonance", COIL)
+def _effective_resistance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    return _of(evaluation, "effective_resistance", options["coil"])
+
+
+@quantity("self_resonance_MHz", "MHz", "circuit", "self-resonance of a measured coil, without the tank", COIL)
+def _self_resonance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    return _of(evaluation, "state_self_resonance", options["coil"]) * 1e-6
+
+
 @quantity(
     "q", "1", "circuit", "quality factor of a measured coil with AC resistance",
     Option("coil", COIL.must_be, read_name, "which coil; the worst state by default", bare=True),
@@ -60,4 +70,7 @@ def _of(evaluation: Evaluation, name: str, coil: str) -> float:
     return float(values[evaluation.state_of(coil)])
 
 
-RESONATORS = (_effective_inductance, _frequency, _quality, _self_resonance_margin, _drive_margin)
+RESONATORS = (
+    _effective_inductance, _effective_resistance, _frequency, _self_resonance, _quality, _self_resonance_margin,
+    _drive_margin,
+)  # fmt: skip

@@ -1,11 +1,7 @@
-"""The bundled goal files, each an example for the bundled designs."""
+"""Goals that fit any design: by name, by a wish, or from a file."""
 
 from __future__ import annotations
 
-from coilarray.design.toml_file import TomlFiles
-from coilarray.errors import GoalError
+from coilarray.studies.optimize.goals.named import NAMES, DerivedGoal, adjusted, derive_goal, is_named, load_goal
 
-GOALS = TomlFiles("goal", GoalError, __name__)
-"""Goal files."""
-
-names, read = GOALS.names, GOALS.read
+__all__ = ["NAMES", "DerivedGoal", "adjusted", "derive_goal", "is_named", "load_goal"]

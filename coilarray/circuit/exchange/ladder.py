@@ -1,0 +1,68 @@
+"""Resistance over frequency as resistors and inductors, for programs that know no other elements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import nnls
+
+FloatArray = npt.NDArray[np.float64]
+
+_CORNERS_A_DECADE = 4
+_ABOVE = 30.0  # corners reach so far beyond the highest frequency: eddy currents begin with the frequency's square
+
+
+@dataclass(frozen=True, eq=False)
+class Ladder:
+    """A resistor in series with sections of a resistor and an inductor side by side, none of them negative.
+
+    `direct` is the resistance at direct current in Ω; `resistances` and `inductances` (sections,) in Ω and H are those
+    of the sections.
+    """
+
+    direct: float
+    resistances: FloatArray
+    inductances: FloatArray
+
+    def resistance(self, frequencies: npt.ArrayLike) -> FloatArray:
+        """Real part of the impedance in Ω at frequencies (f,) in Hz."""
+        square = self._corner_ratio(frequencies) ** 2
+        return np.asarray(self.direct + (self.resistances * square / (1 + square)).sum(axis=-1))
+
+    def inductance(self, frequencies: npt.ArrayLike) -> FloatArray:
+        """Imaginary part over ω in H at frequencies (f,) in Hz: it falls as the resistance grows."""
+        return np.asarray((self.inductances / (1 + self._corner_ratio(frequencies) ** 2)).sum(axis=-1))
+
+    def _corner_ratio(self, frequencies: npt.ArrayLike) -> FloatArray:
+        """Frequency over the corner of every section, ωL/R, shape (f, sections)."""
+        omega = 2 * np.pi * np.asarray(frequencies, dtype=np.float64)
+        return np.asarray(omega[..., None] * self.inductances / self.resistances)
+
+
+def fit_ladder(frequencies: FloatArray, resistance: FloatArray) -> Ladder:
+    """Fit a ladder to resistances (f,) in Ω at frequencies (f,) in Hz, by least squares of the relative error.
+
+    Notes
+    -----
+    Every mode of the eddy currents adds R (ωτ)²/(1 + (ωτ)²), which is a section of R and L = τR: with corners on a
+    logarithmic grid the rest is a linear fit of numbers that are not negative (Lawson & Hanson, Solving Least Squares
+    Problems, 1974, ch. 23).
+
+    Examples
+    --------
+    >>> f = np.geomspace(1e5, 1e7, 21)
+    >>> ladder = fit_ladder(f, 10 + 4 * (f / 3e6) ** 2 / (1 + (f / 3e6) ** 2))
+    >>> round(ladder.direct, 2), round(float(ladder.resistance(3e6)), 2)
+    (10.0, 12.0)
+    """
+    low, high = frequencies[0], _ABOVE * frequencies[-1]
+    corners = np.geomspace(low, high, 1 + round(_CORNERS_A_DECADE * np.log10(high / low)))
+    square = (frequencies[:, None] / corners) ** 2
+    columns = np.column_stack((np.ones_like(frequencies), square / (1 + square))) / resistance[:, None]
+    scale = columns.max(axis=0)
+    found = nnls(columns / scale, np.ones_like(resistance))[0] / scale
+    used = found[1:] > 0
+    sections = found[1:][used]
+    return Ladder(float(found[0]), sections, sections / (2 * np.pi * corners[used]))

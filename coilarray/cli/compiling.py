@@ -1,0 +1,34 @@
+"""A process beside a command that compiles half of the kernels, where none has been compiled yet."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_MODULE = "coilarray.electromagnetics.kernels.beforehand"
+_LAST = "paths._rows_sum-*.nbi"  # of the kernels that every command compiles: the index of its code on disk
+
+
+@contextmanager
+def compiling_beside() -> Iterator[None]:
+    """Compile kernels in another process while the block runs, and end it with the block.
+
+    Nothing happens where there is one core only, numba is switched off, or the kernels are on disk.
+    """
+    kept = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1] / "electromagnetics/kernels/__pycache__")
+    off = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+    if off or (os.cpu_count() or 1) < 2 or any(kept.rglob(_LAST)):
+        yield
+        return
+    quiet = subprocess.DEVNULL
+    # what goes wrong there goes wrong here too, and is said here
+    child = subprocess.Popen([sys.executable, "-m", _MODULE], stdin=quiet, stdout=quiet, stderr=quiet)
+    try:
+        yield
+    finally:
+        child.kill()
+        child.wait()

@@ -1,0 +1,89 @@
+"""Designs as commented files: the comments are those that the bundled ``starter`` has for the same keys."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from coilarray.compute.files import write_text
+from coilarray.design import bundled
+from coilarray.design.model import Design, DesignFile
+from coilarray.design.write import design_text, document_text
+
+_COMMENTED = "starter"
+_WIDTH, _LONGEST_LINE = 34, 120
+_HEADER = re.compile(r"\[\[?([^\]]+)\]\]?\s*(?:#\s*(.*))?$")
+_ENTRY = re.compile(r"""(?:#\s)?([\w"'.]+)\s*=\s*(?:"[^"]*"|[^"#])*(?:#\s*(.*))?$""")
+
+
+def save_design(design: Design | DesignFile, path: str | Path) -> None:
+    """Write a design as a commented TOML file.
+
+    Parameters
+    ----------
+    design : Design or DesignFile
+        A file keeps its keys and the reasons of what is assumed; of a design made in Python all keys are written.
+    path : str or Path
+        File to write; what is there is replaced.
+
+    Raises
+    ------
+    OutputError
+        A file that cannot be written.
+    """
+    text = document_text(design.document) if isinstance(design, DesignFile) else design_text(design)
+    write_text(Path(path), with_comments(text))
+
+
+def with_comments(text: str) -> str:
+    r"""Return the text of a design file with a comment behind every key and above every table that `starter` explains.
+
+    Lines that would get too long stay as they are, and so do keys in a table of which `starter` has none.
+
+    Examples
+    --------
+    >>> print(with_comments("[board]\nmargin_mm = 2.0\n"), end="")
+    [board]
+    margin_mm = 2.0                   # from the outermost copper to the edge
+    """
+    tables, keys = _explained()
+    lines, before = [], ""
+    for line, table, key in _read(text):
+        above, behind = tables.get(table, ("", "")) if table != before else ("", "")
+        before = table
+        comment = keys.get((table, key), "") if key is not None else behind
+        commented = f"{line:{_WIDTH - 1}} # {comment}"
+        lines += [above] if above else []
+        lines.append(commented if comment and len(commented) <= _LONGEST_LINE else line)
+    return "\n".join(lines) + "\n"
+
+
+@functools.cache
+def _explained() -> tuple[dict[str, tuple[str, str]], dict[tuple[str, str], str]]:
+    """Comments above and behind the headers of tables, and behind their keys, also of those that are commented out."""
+    tables: dict[str, tuple[str, str]] = {}
+    keys: dict[tuple[str, str], str] = {}
+    above: list[str] = []
+    for line, table, key in _read(bundled.read(_COMMENTED)):
+        if key is not None and (found := _ENTRY.match(line)) and found[2]:
+            keys.setdefault((table, key), found[2])
+        elif line.startswith("[") and (found := _HEADER.match(line)):
+            tables.setdefault(table, ("\n".join(above), found[2] or ""))
+        above = [*above, line] if line.startswith("# ") and key is None else []
+    return tables, keys
+
+
+def _read(text: str) -> Iterator[tuple[str, str, str | None]]:
+    """Give every line with the table in which it stands, coil shapes by ``*``, and its key where it has one."""
+    table = ""
+    for line in text.splitlines():
+        found = _HEADER.match(line)
+        if found and not line.startswith("#"):
+            parts = found[1].split(".")
+            table = ".".join([parts[0], "*", *parts[2:]]) if parts[0] == "coils" else found[1]
+            yield line, table, None
+            continue
+        entry = _ENTRY.match(line)
+        yield line, table, entry[1].strip("\"'") if entry else None

@@ -1,0 +1,64 @@
+"""The positions of a response map that follow from the array, where a design gives none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from coilarray.geometry import CoilArray
+
+_PARTS = (12.0, 6.0)  # of the narrowest coil: the step at most and at least resolves its response
+_POSITIONS = 2000.0  # of a map, as long as the step keeps to that
+_ROUND = 0.1e-3  # a step is a multiple of it, of five times it from there on
+
+Positions = tuple[tuple[float, ...], tuple[float, ...]]
+
+
+def array_window(
+    array: CoilArray,
+    origin: tuple[float, float],
+    step: float | None = None,
+    within: tuple[float, float, float, float] | None = None,
+) -> Positions:
+    """Return x and y in m from an origin on the board: an even grid over the outlines of all coils.
+
+    Parameters
+    ----------
+    array : CoilArray
+        The coils that are to be covered.
+    origin : tuple of float
+        x and y in m on the board from which positions count.
+    step : float, optional
+        Distance of the positions in m; by default a twelfth of the narrowest coil, up to a sixth of it where there
+        would be more than 2000 positions.
+    within : tuple of float, optional
+        Edges (x_min, y_min, x_max, y_max) in m, from the origin, that no position leaves; their middle is the only one
+        where there is no other.
+
+    Returns
+    -------
+    tuple of tuple of float
+        Multiples of the step.
+    """
+    low, high = np.reshape(array.outline_bounds, (2, 2)) - origin
+    if step is None:
+        sides = [np.ptp(place.to_board(place.coil.outline), axis=0).min() for place in array.placements]
+        narrowest = float(min(sides))
+        finest, coarsest = (narrowest / part for part in _PARTS)
+        step = min(max(math.sqrt(float(np.prod(high - low)) / _POSITIONS), finest), coarsest)
+        unit = _ROUND if step < 5 * _ROUND else 5 * _ROUND
+        step = max(round(step / unit), 1) * unit
+    first, last = np.floor(low / step + 1e-9), np.ceil(high / step - 1e-9)
+    if within is not None:
+        first = np.maximum(first, np.ceil(np.array(within[:2]) / step - 1e-9))
+        last = np.minimum(last, np.floor(np.array(within[2:]) / step + 1e-9))
+        empty = last < first
+        middle = (np.array(within[:2]) + within[2:]) / 2 / step
+        first, last = np.where(empty, middle, first), np.where(empty, middle, last)
+    x, y = (
+        # divided by whole millimetres, not multiplied: positions are labels, and -26 mm is to be -0.026 m
+        tuple(round((a + k) * step * 1e3, 9) / 1e3 for k in range(round(b - a) + 1))
+        for a, b in zip(first.tolist(), last.tolist(), strict=True)
+    )
+    return x, y

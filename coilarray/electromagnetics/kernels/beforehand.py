@@ -1,0 +1,42 @@
+"""Compile kernels in a process of its own, before the one beside it needs them: ``python -m`` with this module.
+
+A process compiles one kernel at a time, for numba holds the interpreter. The inductance of a board needs most of them,
+one inside the other, from `paths._between` to `paths._rows_sum`; here are those that it needs last, and those that come
+after it. What is on disk already is read from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from numba import boolean, float64, int64
+from numba.core.registry import CPUDispatcher
+
+from coilarray.electromagnetics.kernels import bars, far_pairs, filaments, node_pairs, paths, sections, segments
+
+_ROW, _TABLE, _INDICES = float64[::1], float64[:, ::1], int64[::1]
+KERNELS: tuple[tuple[Any, Sequence[Any]], ...] = (
+    (paths._corner_rule, (_ROW, _ROW, boolean, int64, _TABLE)),
+    (paths._angled_rule, (_ROW, _ROW, float64, boolean, int64, _TABLE)),
+    (filaments.filament_pair, (float64,) * 14),
+    (bars.parallel_bars, (float64,) * 9),
+    (paths._touching_parallel_bars, (_ROW, _ROW, *(float64,) * 4)),
+    (far_pairs.batch_sum, (_ROW, int64, _TABLE)),
+    (sections.transverse_fields, (_TABLE, _INDICES, _TABLE, _TABLE, _TABLE, _INDICES, float64[:, :, ::1])),
+    (node_pairs.add_node_sums, (*(_TABLE,) * 5, _ROW)),
+    (segments.add_magnetic_field, (_ROW, _ROW, _ROW, _TABLE, _INDICES, *(_ROW,) * 5)),
+    (bars.bar_self, (float64,) * 3),
+)
+"""Kernels and the types of their arguments."""
+
+
+def compile_kernels() -> None:
+    """Compile each kernel for the arguments that a report gives it; nothing where numba is switched off."""
+    for made, arguments in KERNELS:
+        if isinstance(made, CPUDispatcher):
+            made.compile(tuple(arguments))
+
+
+if __name__ == "__main__":
+    compile_kernels()

@@ -1,0 +1,66 @@
+"""Where the positions of a response are on the board: a map counts them from an origin of its own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import xarray as xr
+
+if TYPE_CHECKING:
+    from coilarray.design.model import Indentation
+
+__all__ = ["axis_label", "on_board", "origin_attributes", "origin_of"]
+
+_BOARD = "board"
+
+
+def origin_attributes(setup: Indentation) -> dict[str, str | float]:
+    """Return the attributes of a response that say what its positions count from: a name, and x and y in m."""
+    x, y = setup.origin_point
+    return {"origin": setup.origin or _BOARD, "origin_x": float(x), "origin_y": float(y)}
+
+
+def origin_of(response: xr.Dataset) -> tuple[float, float]:
+    """Return x and y in m on the board from which the positions of a response count; zero where it does not say."""
+    return float(response.attrs.get("origin_x", 0.0)), float(response.attrs.get("origin_y", 0.0))
+
+
+def on_board(response: xr.Dataset) -> xr.Dataset:
+    """Return a response whose positions, and the centres of its coils, count from the board's origin.
+
+    Parameters
+    ----------
+    response : xarray.Dataset
+        Response, simulated or measured, with the coordinates x and y, and perhaps coil_x and coil_y, in m.
+
+    Returns
+    -------
+    xarray.Dataset
+        The same values at the places on the board where they are; the response itself where it counts from there.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> from coilarray.response.map import response_map
+    >>> response = response_map(load_design("gast2020"), x=[0], y=[0])  # counted from coil2
+    >>> float(response.x[0]), float(on_board(response).x[0])
+    (0.0, -0.01992)
+    """
+    origin = origin_of(response)
+    if origin == (0.0, 0.0):
+        return response
+    moved = {
+        name: response[name].copy(data=response[name].values + shift)
+        for axis, shift in zip("xy", origin, strict=True)
+        for name in (axis, f"coil_{axis}")
+        if name in response.coords
+    }
+    return response.assign_coords(moved).assign_attrs(origin=_BOARD, origin_x=0.0, origin_y=0.0)
+
+
+def axis_label(response: xr.Dataset, axis: str) -> str:
+    """Return the label of an axis of positions in mm, with the coil from which they count where it is not the board."""
+    name = response.attrs.get("origin", _BOARD)
+    if name != _BOARD:
+        return f"{axis} from {name} (mm)"
+    return f"{axis} (mm)" if origin_of(response) == (0.0, 0.0) else f"{axis} from the map's origin (mm)"

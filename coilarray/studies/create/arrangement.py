@@ -1,0 +1,63 @@
+"""How many coils there are and on which lattice they lie."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from coilarray.errors import DesignError
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """Where the coils lie: a lattice of the design file and how often it repeats."""
+
+    lattice: Literal["single", "linear", "square", "hexagonal", "rings"]
+    columns: int = 1
+    rows: int = 1
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """Entries of ``[array]``."""
+        if self.lattice == "single":
+            return {"lattice": "single"}
+        if self.lattice == "rings":
+            return {"lattice": "rings", "rings": self.columns}
+        rows = {"rows": self.rows} if self.lattice != "linear" else {}
+        return {"lattice": self.lattice, "columns": self.columns, **rows}
+
+    @property
+    def few(self) -> Arrangement:
+        """The same with no more coils than have different neighbours."""
+        return replace(self, columns=min(self.columns, 1 if self.lattice == "rings" else 3), rows=min(self.rows, 3))
+
+    @property
+    def fewest(self) -> Arrangement:
+        """A few coils with neighbours in every direction that there is."""
+        if self.lattice == "rings":
+            return Arrangement("hexagonal", 2, 2)
+        return replace(self, columns=min(self.columns, 2), rows=min(self.rows, 2))
+
+
+_RINGS = {7: 1, 19: 2, 37: 3}
+_COILS = "coils must be as 1, 6 (a row), 4x4 (columns by rows), or 7-hex, 19-hex or 37-hex (rings); got {!r}."
+
+
+def read_arrangement(coils: str, shape: str = "square") -> Arrangement:
+    """Read how many coils there are: 1, 6 in a row, 4x4, or 7-hex with rings about a centre; DesignError otherwise.
+
+    Hexagons and circles by rows and columns lie on a hexagonal lattice, where all neighbours are equally far.
+    """
+    found = re.fullmatch(r"(\d{1,4})(?:x(\d{1,4})|(-hex))?", coils.strip().lower().replace("×", "x"))
+    count, rows, ring = found.groups() if found else ("0", None, None)
+    first, second = int(count), int(rows or 1)
+    if ring and first in _RINGS:
+        return Arrangement("rings", _RINGS[first])
+    if not 1 <= first <= 1000 or not 1 <= second <= 1000 or ring:
+        raise DesignError(_COILS.format(coils))
+    if first == second == 1:
+        return Arrangement("single")
+    if 1 in (first, second) and second == 1:
+        return Arrangement("linear", first)
+    return Arrangement("hexagonal" if shape in ("hexagon", "circle") else "square", first, second)

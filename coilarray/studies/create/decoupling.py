@@ -1,0 +1,76 @@
+"""The pitch at which neighbours that overlap do not couple."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from coilarray.circuit.coupling import design_inductance
+from coilarray.design.model import Design
+from coilarray.electromagnetics.inductance import coupling_matrix
+from coilarray.errors import DesignError
+from coilarray.geometry.values import FloatArray
+
+_FROM, _TO = 0.4, 1.0  # of the width of a coil: where the sign of its neighbours' coupling is looked for
+_SAMPLES = 5
+_PITCH_STEP = 1e-5  # m, to which a pitch is given
+_SLOPE, _CORRECTIONS = 0.01, 2
+_NEAREST = 1.02  # of the least distance: what counts as a neighbour
+
+
+def decoupled_pitch(width: float, design_at: Callable[[float], Design]) -> float:
+    """Find the pitch of coils at which the mean coupling of neighbours is zero.
+
+    The field inside a coil and that around it have opposite signs, so that neighbours which overlap more than that
+    couple positively, and others negatively. Neighbours on different pairs of layers differ a little: their mean is
+    taken to zero.
+
+    Parameters
+    ----------
+    width : float
+        Width of a coil in m.
+    design_at : callable
+        Returns the design of some neighbouring coils for a pitch in m.
+
+    Returns
+    -------
+    float
+        Pitch in m, rounded to 10 µm: the largest one, where there are several.
+
+    Raises
+    ------
+    DesignError
+        No such pitch between 0.4 and 1 widths.
+    """
+
+    def bare(pitch: float) -> float:
+        return float(neighbour_coupling(replace(design_at(pitch), sheets=(), indentation=None)).mean())
+
+    pitches = np.linspace(_TO, _FROM, _SAMPLES) * width
+    outer, k_outer = float(pitches[0]), bare(float(pitches[0]))
+    for inner in pitches[1:].tolist():
+        k_inner = bare(inner)
+        if k_outer * k_inner <= 0:
+            found = float(brentq(bare, inner, outer, xtol=_PITCH_STEP / 4))
+            slope = (bare(found + _SLOPE * width) - bare(found)) / (_SLOPE * width)
+            for _ in range(_CORRECTIONS):  # by what the sheets add
+                found -= float(neighbour_coupling(design_at(found)).mean()) / slope
+            return round(found / _PITCH_STEP) * _PITCH_STEP
+        outer, k_outer = inner, k_inner
+    raise DesignError(
+        f"neighbours of {width * 1e3:g} mm couple at every pitch from {_FROM * width * 1e3:.4g} to "
+        f"{_TO * width * 1e3:.4g} mm: their overlap cannot decouple them."
+    )
+
+
+def neighbour_coupling(design: Design) -> FloatArray:
+    """Coupling coefficients of all coils that lie nearest to each other, under the flat sheets."""
+    centres = design.array.centres
+    i, j = np.triu_indices(len(centres), 1)
+    distance = np.hypot(*(centres[i] - centres[j]).T)
+    near = distance <= _NEAREST * distance.min(initial=np.inf)
+    k: FloatArray = coupling_matrix(design_inductance(design, accuracy="screen")[0])[i[near], j[near]]
+    return k

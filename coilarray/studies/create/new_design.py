@@ -1,0 +1,121 @@
+"""A new design from a few choices: how many coils, of which shape and size, with which inductance, made by whom."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Literal, get_args
+
+from coilarray.design.model import DesignFile, build_design_file
+from coilarray.design.vary import plain
+from coilarray.errors import DesignError
+from coilarray.studies.create.arrangement import read_arrangement
+from coilarray.studies.create.layout import Wishes, lay_out
+from coilarray.studies.create.plan import SHAPES, Plan, Shape
+from coilarray.studies.create.tank import tank_capacitance
+
+Overlap = Literal["none", "decoupled"]
+
+
+def new_design(
+    name: str,
+    coils: str = "3",
+    *,
+    shape: Shape = "hexagon",
+    size: float | tuple[float, float] = 16e-3,
+    inductance: float | None = None,
+    layers: int | None = None,
+    fab: str | None = None,
+    pitch: float | None = None,
+    overlap: Overlap = "none",
+    elastomer: bool = True,
+    frequency: float | None = None,
+    title: str = "",
+) -> DesignFile:
+    """Make a design that a board house can make and a converter can read, from a few choices.
+
+    Parameters
+    ----------
+    name : str
+        Name of the design.
+    coils : str
+        ``"1"``, ``"6"`` (a row), ``"4x4"`` (columns by rows), or ``"7-hex"``, ``"19-hex"`` or ``"37-hex"``: rings about
+        a centre.
+    shape : {"hexagon", "square", "circle", "rectangle", "racetrack"}
+        Shape of the coils.
+    size : float or tuple of float
+        Width in m of a coil's copper: of a hexagon across flats. A rectangle or racetrack has width and height.
+    inductance : float, optional
+        Inductance in H that a coil is to have, alone and under the flat sheets; turns and trace are found for it. By
+        default the turns of a usual trace that fit.
+    layers : int, optional
+        Copper layers of the board; by default as many as are needed.
+    fab : str, optional
+        Profile of the board house whose limits are kept, see `coilarray.design.fab_limits.load_profile`; by default one
+        that has enough layers.
+    pitch : float, optional
+        Distance of neighbouring coils in m; by default they lie side by side with room for their terminals.
+    overlap : {"none", "decoupled"}
+        ``"decoupled"``: neighbours overlap, on layers of their own, by as much as makes their mean coupling zero.
+    elastomer : bool
+        Lay an elastomer with a magnetic sheet on the board, and an indenter that presses into it.
+    frequency : float, optional
+        Frequency in Hz of a coil with its tank; by default as `coilarray.studies.tank.tank_capacitance` chooses.
+    title : str
+        Title in reports; by default it says what the design is.
+
+    Returns
+    -------
+    DesignFile
+        Design and document; `coilarray.design.save.save_design` makes a commented file of it.
+
+    Raises
+    ------
+    DesignError
+        A choice that is not allowed, or choices that do not go together: an inductance out of reach, more layers than
+        the board house has, no room for the terminals.
+
+    Examples
+    --------
+    >>> pad = new_design("pad", "2", shape="square", size=12e-3, inductance=5e-6, elastomer=False).design
+    >>> from coilarray.circuit.coupling import design_inductance
+    >>> (design_inductance(pad)[0].diagonal() * 1e6).round(2).tolist()
+    [5.0, 5.0]
+    """
+    _check_choices(shape, size, inductance, pitch, overlap, frequency)
+    arrangement = read_arrangement(coils, shape)
+    sides = size if isinstance(size, tuple) else (size, size)
+    if arrangement.lattice == "single" and (pitch is not None or overlap != "none"):
+        raise DesignError("one coil has no neighbours: pitch and overlap are for several.")
+    plan = Plan(name, title, arrangement, shape, sides, elastomer)
+    found = lay_out(plan, Wishes(inductance, layers, fab, pitch, overlap == "decoupled"))
+    one = found.one
+    capacitance = tank_capacitance(lambda value: replace(one, capacitance=value).design, frequency)
+    return build_design_file(plain(replace(found, capacitance=capacitance).document), name)
+
+
+def _check_choices(
+    shape: Shape,
+    size: float | tuple[float, float],
+    inductance: float | None,
+    pitch: float | None,
+    overlap: Overlap,
+    frequency: float | None,
+) -> None:
+    if shape not in SHAPES:
+        raise DesignError(f"shape must be one of {', '.join(SHAPES)}; got {shape!r}.")
+    if isinstance(size, tuple) and shape not in ("rectangle", "racetrack"):
+        raise DesignError(
+            f"size must be one number for a {shape}; got {' × '.join(f'{side * 1e3:g}' for side in size)} mm."
+        )
+    if overlap not in get_args(Overlap):
+        raise DesignError(f"overlap must be none or decoupled; got {overlap!r}.")
+    if pitch is not None and overlap != "none":
+        raise DesignError("pitch and overlap cannot both be given: the overlap is that of the pitch.")
+    sizes = size if isinstance(size, tuple) else (size,)
+    lengths = {"size": min(sizes), "pitch": pitch}
+    given = [(what, value, 1e3, "mm") for what, value in lengths.items()]
+    given += [("inductance", inductance, 1e6, "µH"), ("frequency", frequency, 1e-6, "MHz")]
+    for what, number, scale, unit in given:
+        if number is not None and not (math.isfinite(number) and number > 0):
+            raise DesignError(f"{what} must be positive and finite; got {number * scale:g} {unit}.")

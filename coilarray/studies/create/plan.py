@@ -1,0 +1,214 @@
+"""What is decided of a new design, and the design file that says so."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, get_args
+
+from coilarray.design.fab_limits import load_profile
+from coilarray.design.model import Design, build_design
+from coilarray.design.tables import SCHEMA
+from coilarray.geometry import FabRules
+from coilarray.studies.create.arrangement import Arrangement
+from coilarray.studies.create.winding import Winding
+
+Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]
+SHAPES: tuple[Shape, ...] = get_args(Shape)
+
+_COPPER, _BOARD, _PREPREG = 35e-6, 1.6e-3, 0.2e-3
+_DRILL, _WIDEST_DRILL, _RING = 0.25e-3, 0.6e-3, 0.125e-3  # of vias, in m: coarser than most houses need
+_TERMINAL, _TERMINAL_RING, _TERMINALS_APART = 0.5e-3, 0.25e-3, 1.5e-3
+_PAD_STEP = 50e-6
+
+
+_UNDECIDED = Winding(1, 0.15e-3, 0.15e-3)
+
+
+def _corners(*degrees: float) -> tuple[dict[str, Any], ...]:
+    return tuple({"first_corner_deg": degree} for degree in degrees)
+
+
+_SIDES = tuple({"first_side": side} for side in ("top", "bottom", "right", "left"))
+_STARTS: Mapping[Shape, tuple[dict[str, Any], ...]] = {
+    "hexagon": _corners(90, 270, 30, 150, 210, 330), "square": _corners(45, 135, 225, 315),
+    "circle": _corners(90, 270, 0, 180, 45, 135, 225, 315), "rectangle": _SIDES, "racetrack": _SIDES,
+}  # fmt: skip
+_ROUGHLY = {"circle": "twelve sides", "racetrack": "rectangle"}
+# corners of a hexagon that face its neighbours
+_TURNED = _corners(0, 180, 60, 120, 240, 300)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is decided of a design so far, lengths in m and the capacitance in F; `document` writes it down."""
+
+    name: str
+    title: str
+    arrangement: Arrangement
+    shape: Shape
+    size: tuple[float, float]
+    elastomer: bool
+    fab: str = ""
+    sets: int = 1
+    turned: bool = False  # hexagons with corners towards their neighbours
+    hole: float = 0.25  # of half the coil's width: the smallest hole of its winding
+    winding_layers: int = 2
+    winding: Winding = _UNDECIDED
+    pitch: float = 0.0
+    start: int = 0  # which of the corners or sides the winding begins at
+    lead: float = 2e-3
+    capacitance: float = 330e-12
+    rough: bool = False  # arcs and round ends as few straight sides, for quick estimates
+
+    @property
+    def width(self) -> float:
+        """Width of a coil along its longer side."""
+        return max(self.size)
+
+    @property
+    def one(self) -> Plan:
+        """The same board with one coil."""
+        return replace(self, arrangement=Arrangement("single"))
+
+    @property
+    def starts(self) -> tuple[dict[str, Any], ...]:
+        """Where the winding can begin and its leads leave; hexagons and squares face neighbours along x with a side."""
+        return _TURNED if self.turned else _STARTS[self.shape]
+
+    @property
+    def layers(self) -> int:
+        """Number of copper layers."""
+        return self.sets * self.winding_layers
+
+    @cached_property
+    def rules(self) -> FabRules:
+        """Limits of the board house."""
+        return load_profile(self.fab).rules
+
+    @cached_property
+    def design(self) -> Design:
+        """The design as far as it is decided."""
+        return build_design(self.document, self.name)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """Tables of the design file."""
+        names = [f"L{k + 1}" for k in range(self.layers)]
+        own = [names[k : k + self.winding_layers] for k in range(0, self.layers, self.winding_layers)]
+        alone = self.arrangement.lattice == "single"
+        pitch = {} if alone else {"pitch_mm": _mm(self.pitch)}
+        document = {
+            "schema": SCHEMA,
+            "name": self.name,
+            "title": self.title or self._title(),
+            "stackup": self._stackup(names),
+            "coils": {self.shape: self._coil()},
+            "array": {**self.arrangement.keys, "coil": self.shape, **pitch, "layers": own[:1] if alone else own},
+            "board": {"margin_mm": max(2.0, math.ceil(self.rules.min_edge_clearance * 1e3))},
+        }
+        if self.elastomer:
+            document |= self._elastomer()
+        return document | {
+            "circuit": {"capacitance_pF": float(f"{self.capacitance * 1e12:.6g}"), "short_resistance_ohm": 5.0},
+            "field": {"height_mm": 3.0},
+            "fab": {"profile": self.fab},
+            "assumed": self._assumed(),
+        }
+
+    def _title(self) -> str:
+        count = self.arrangement
+        shape = {"hexagon": "hexagonal", "circle": "circular", "rectangle": "rectangular"}.get(self.shape, self.shape)
+        if count.lattice == "single":
+            return f"One {shape} coil"
+        if count.lattice == "rings":
+            rings = f"{count.columns} rings" if count.columns > 1 else "a ring"
+            return f"{shape.capitalize()} coils in {rings} about a centre"
+        return f"{shape.capitalize()} coils, {count.columns}" + (f" × {count.rows}" if count.rows > 1 else " in a row")
+
+    def _stackup(self, names: list[str]) -> dict[str, Any]:
+        n = len(names)
+        most = (self.rules.max_outer_copper, self.rules.max_inner_copper)
+        outer, inner = (min(_COPPER, limit or _COPPER) for limit in most)
+        copper = [inner if 0 < k < n - 1 else outer for k in range(n)]
+        thin = n // 2 if n > 2 and n % 2 == 0 else 0  # each between the two layers of a pair
+        rest = (_BOARD - sum(copper) - thin * _PREPREG) / max(n - 1 - thin, 1)
+        dielectric = [_PREPREG if thin and k % 2 == 0 else max(rest, _PREPREG / 2) for k in range(n - 1)]
+        return {
+            "layers": names,
+            "copper_thickness_um": [float(f"{value * 1e6:.6g}") for value in copper],
+            "dielectric_thickness_mm": [float(f"{value * 1e3:.3g}") for value in dielectric],
+            "dielectric_epsilon_r": [4.5] * (n - 1),
+        }
+
+    @property
+    def via_drill(self) -> float:
+        """Diameter of the vias' holes in m: half a wide trace, up to a limit."""
+        wide = math.floor(min(self.winding.trace_width / 2, _WIDEST_DRILL) / _PAD_STEP) * _PAD_STEP
+        return max(_DRILL, wide, self.rules.min_drill)
+
+    @property
+    def via_pad(self) -> float:
+        """Diameter of the vias' pads, up to a twentieth of a millimetre."""
+        pad = self.via_drill + 2 * max(_RING, self.rules.min_annular_ring)
+        return math.ceil(pad / _PAD_STEP * (1 - 1e-9)) * _PAD_STEP
+
+    def _coil(self) -> dict[str, Any]:
+        width, height = (_mm(side) for side in self.size)
+        sizes: Mapping[str, dict[str, Any]] = {
+            "twelve sides": {"shape": "polygon", "sides": 12, "outer_across_flats_mm": width},
+            "hexagon": {"shape": "polygon", "sides": 6, "outer_across_flats_mm": width},
+            "square": {"shape": "polygon", "sides": 4, "outer_across_flats_mm": width},
+            "circle": {"shape": "circle", "outer_diameter_mm": width},
+            "rectangle": {"shape": "rectangle", "outer_width_mm": width, "outer_height_mm": height},
+            "racetrack": {"shape": "racetrack", "outer_width_mm": width, "outer_height_mm": height},
+        }
+        # the outer vias of four layers lie between the leads
+        apart = max(_TERMINALS_APART, self.via_pad + 2 * self.winding.gap + self.winding.trace_width + _PAD_STEP)
+        shape = _ROUGHLY.get(self.shape, self.shape) if self.rough else self.shape
+        terminal = max(_TERMINAL, self.rules.min_drill)
+        terminal_pad = max(terminal + 2 * max(_TERMINAL_RING, self.rules.min_annular_ring), self.winding.trace_width)
+        return {
+            **sizes[shape],
+            "turns_per_layer": self.winding.turns,
+            "winding_layers": self.winding_layers,
+            "trace_width_mm": _mm(self.winding.trace_width),
+            "gap_mm": _mm(self.winding.gap),
+            **self.starts[self.start],
+            "via": {"drill_mm": _mm(self.via_drill), "pad_mm": _mm(self.via_pad), "plating_um": 25},
+            "leads": {
+                "length_mm": _mm(max(self.lead, apart)),
+                "spacing_mm": _mm(apart),
+                "pad_mm": _mm(terminal_pad),
+                "drill_mm": _mm(terminal),
+            },
+        }
+
+    def _elastomer(self) -> dict[str, Any]:
+        return {
+            "elastomer": [
+                {"name": "base", "thickness_mm": 3.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 60.0},
+                {"name": "magnetic", "thickness_mm": 1.0, "relative_permeability": 2.5, "youngs_modulus_kPa": 180.0},
+            ],
+            "indenter": {"shape": "hemisphere", "radius_mm": 2.0},
+            "indentation": {"depths_mm": [0.3, 0.6]},
+        }
+
+    def _assumed(self) -> dict[str, str]:
+        board = "usual of a board of 1.6 mm; ask the board house for its own"
+        reasons = {"stackup.dielectric_thickness_mm": board, "stackup.dielectric_epsilon_r": "usual of FR-4"}
+        reasons["circuit.short_resistance_ohm"] = "two analogue switches of about 2.5 ohm in series"
+        if self.elastomer:
+            reasons |= {
+                "elastomer.0.youngs_modulus_kPa": "typical of a soft silicone rubber",
+                "elastomer.1.youngs_modulus_kPa": "three times the pure rubber, as 30 % of powder makes it (Guth-Gold)",
+                "elastomer.1.relative_permeability": "typical of 30 % of iron powder",
+            }
+        return reasons
+
+
+def _mm(length: float) -> float:
+    """Return a length in mm, to the nanometre."""
+    return round(length * 1e3, 6)

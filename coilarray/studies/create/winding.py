@@ -1,0 +1,140 @@
+"""The winding of a wanted inductance: how many turns, and how wide the trace."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from coilarray.errors import DesignError
+
+_TRACE_STEP = 1e-6  # m, to which a trace is drawn
+_MOST_COUNTS = 8  # numbers of turns that are tried where more are possible
+
+
+@dataclass(frozen=True)
+class Winding:
+    """Turns of each layer, width of the trace and gap between turns, both in m."""
+
+    turns: int
+    trace_width: float
+    gap: float
+
+
+@dataclass(frozen=True)
+class Room:
+    """What a winding has to keep to.
+
+    Parameters
+    ----------
+    radius : float
+        Distance in m from the centre to the outer edge of the copper's nearest side.
+    hole : float
+        The same in m to the inner edge, which the innermost turn may not pass.
+    trace_width : float
+        Narrowest trace in m.
+    gap : float
+        Distance of the turns in m.
+    """
+
+    radius: float
+    hole: float
+    trace_width: float
+    gap: float
+
+    def widest(self, turns: int) -> float:
+        """Return the widest trace in m with which so many turns fit; below zero where not even their gaps do."""
+        return (self.radius - self.hole - turns * self.gap) / (turns + 1)
+
+    @property
+    def most_turns(self) -> int:
+        """Most turns that fit, those of the narrowest trace; 0 where there is no room for one."""
+        pitch = self.trace_width + self.gap
+        return max(math.floor((self.radius - self.hole - self.trace_width) / pitch * (1 + 1e-9)), 0)
+
+
+def wind(inductance: float, room: Room, inductance_of: Callable[[Winding], float]) -> Winding:
+    """Find the winding of a wanted inductance that has the least resistance.
+
+    More turns of the narrowest trace have more inductance, and so have narrower traces of as many turns, as they lie
+    further out. For each possible number of turns the width of the trace is solved for, and rounded to 1 µm.
+
+    Parameters
+    ----------
+    inductance : float
+        Wanted inductance in H.
+    room : Room
+        What the winding has to keep to.
+    inductance_of : callable
+        Returns the inductance in H of a winding.
+
+    Raises
+    ------
+    DesignError
+        An inductance that cannot be reached: one line with the range that can.
+    """
+    if room.most_turns < 1:
+        raise DesignError(
+            f"there is no room for a turn of {room.trace_width * 1e3:g} mm trace between {room.hole * 1e3:.3g} and "
+            f"{room.radius * 1e3:.3g} mm from the centre."
+        )
+
+    def of(turns: int, width: float) -> float:
+        return inductance_of(Winding(turns, width, room.gap))
+
+    fewest = _first(lambda turns: of(turns, room.trace_width) >= inductance, room.most_turns)
+    if fewest > room.most_turns:
+        raise DesignError(_out_of_reach(inductance, of, room))
+    last = _first(lambda turns: of(turns, room.widest(turns)) > inductance, room.most_turns) - 1
+    if last < 1 and fewest == 1:
+        raise DesignError(_out_of_reach(inductance, of, room))
+    if last < fewest:  # between two numbers of turns: the nearer one
+        ends = [(fewest, room.widest(fewest)), (max(last, 1), room.trace_width)]
+        turns, width = min(ends, key=lambda end: abs(of(*end) - inductance))
+        return Winding(turns, _drawn(width, room.widest(turns)), room.gap)
+    counts = np.unique(np.linspace(fewest, last, _MOST_COUNTS).round().astype(int)).tolist()
+    found = []
+    for turns in counts:
+        narrowest, widest = room.trace_width, room.widest(turns)
+
+        def missing(width: float, turns: int = turns) -> float:
+            return of(turns, width) - inductance
+
+        width = float(brentq(missing, narrowest, widest, xtol=_TRACE_STEP / 4))
+        found.append(Winding(turns, max(_drawn(width, widest), narrowest), room.gap))
+    return min(found, key=lambda one: _resistance(one, room))
+
+
+def _resistance(one: Winding, room: Room) -> float:
+    """Return turns by mean radius over width, to which the resistance of a winding is proportional."""
+    mean = room.radius - 0.5 * (one.trace_width + one.turns * (one.trace_width + one.gap))
+    return one.turns * mean / one.trace_width
+
+
+def _drawn(width: float, widest: float) -> float:
+    """Return the nearest width in m that a trace is drawn with and that fits."""
+    return min(round(width / _TRACE_STEP), math.floor(widest / _TRACE_STEP * (1 + 1e-9))) * _TRACE_STEP
+
+
+def _first(holds: Callable[[int], bool], most: int) -> int:
+    """Return the least whole number from 1 for which a condition holds that keeps holding; `most` + 1 where none."""
+    low, high = 1, most + 1
+    while low < high:
+        middle = (low + high) // 2
+        if holds(middle):
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+def _out_of_reach(inductance: float, of: Callable[[int, float], float], room: Room) -> str:
+    least, most = of(1, room.widest(1)), of(room.most_turns, room.trace_width)
+    return (
+        f"an inductance of {inductance * 1e6:.4g} µH cannot be reached: {least * 1e6:.3g} to {most * 1e6:.4g} µH can, "
+        f"with 1 to {room.most_turns} turns a layer, traces of at least {room.trace_width * 1e3:g} mm and gaps of "
+        f"{room.gap * 1e3:g} mm."
+    )

@@ -1,0 +1,291 @@
+"""Goals by name that fit any design: each takes its ranges and bounds from the design at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from coilarray.design.model import Design, DesignFile
+from coilarray.design.write import as_file
+from coilarray.errors import CoilarrayError, GoalError
+from coilarray.studies.optimize.goal import GOALS, Goal, check_goal, parse_goal
+from coilarray.studies.optimize.goals import ranges
+from coilarray.studies.optimize.goals.ranges import Range, rounded
+from coilarray.studies.optimize.goals.text import goal_text
+from coilarray.studies.optimize.goals.wishes import parse_wish, variable_of
+from coilarray.studies.quantities import Evaluation, canonical, evaluate
+from coilarray.studies.sweep import Axis
+
+_UNKNOWNS = 3  # of a position: x, y and the depth
+_KEPT = -0.001  # mm: what the check of the fabrication rules takes as kept
+_AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # of what they are
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What one name or wish gives to a goal: tables, each with a line that says where it comes from."""
+
+    title: str
+    objectives: list[tuple[dict[str, Any], str]]
+    variables: list[Range]
+    constraints: list[tuple[dict[str, Any], str]]
+    watch: list[str] = field(default_factory=list)
+    trials: int = 80
+    polish: int = 40
+
+
+@dataclass(frozen=True)
+class DerivedGoal:
+    """A goal, and one line for each of its tables, by places such as "variable.0", that says where it comes from."""
+
+    goal: Goal
+    comments: Mapping[str, str]
+
+    def text(self, head: str) -> str:
+        """Return the goal as a commented file; `head` are the lines at its top."""
+        return goal_text(self.goal, self.comments, head)
+
+
+def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
+    """Read a goal.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        A goal file (TOML), or one of `NAMES`, a goal that is made for the design; a file goes before a name.
+    design : Design or DesignFile
+        Design that is to be changed.
+
+    Raises
+    ------
+    GoalError
+        An unreadable file, wrong TOML, an unknown key or a value that is not allowed, in one line; a design for which
+        there is no such goal, for example `decouple` for a single coil.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> [variable.entry for variable in load_goal("worst_k", load_design("starter")).variables]
+    ['array.pitch_mm', 'array.layers']
+    """
+    if is_named(name_or_path):
+        return derive_goal([str(name_or_path)], design).goal
+    if not Path(name_or_path).suffix and not Path(name_or_path).is_file():
+        raise GoalError(f"there is no goal {str(name_or_path)!r}: it must be a file or one of {', '.join(NAMES)}.")
+    return parse_goal(GOALS.text(name_or_path), str(name_or_path))
+
+
+def is_named(name_or_path: str | Path) -> bool:
+    """Whether this is the name of a goal that is made for a design, and no file."""
+    return str(name_or_path) in NAMES and not Path(name_or_path).is_file()
+
+
+def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequence[Axis] = ()) -> DerivedGoal:
+    """Make a goal for a design.
+
+    Parameters
+    ----------
+    wishes : sequence of str
+        Names among `NAMES`, or ``minimize QUANTITY``, ``maximize QUANTITY`` and ``QUANTITY=VALUE``; several make a goal
+        with several objectives, in which all may change that any of them changes.
+    design : Design or DesignFile
+        Design that is to be changed.
+    vary : sequence of Axis
+        What may change, from `coilarray.studies.sweep.parse_axis`, instead of what the wishes say.
+
+    Raises
+    ------
+    GoalError
+        A wish that is none, or a design that has nothing that such a goal could change.
+    """
+    file = as_file(design)
+    parts = [_NAMED[wish](file) if wish in _NAMED else _plain(file, wish) for wish in wishes]
+    own = [one for part in parts for one in part.variables]
+    variables = {one.variable["entry"]: one for one in ([Range(variable_of(axis), "") for axis in vary] or own)}
+    objectives = {table["quantity"]: (table, says) for part in parts for table, says in part.objectives}
+    constraints = {table["quantity"]: (table, says) for part in parts for table, says in part.constraints}
+    for quantity in objectives:
+        constraints.pop(quantity, None)
+    single = len(objectives) == 1
+    search = {"trials": max(part.trials for part in parts), "seed": 1, "accuracy": "screen"}
+    search |= {"polish": parts[0].polish} if single else {"sampler": "nsga2"}
+    watch = dict.fromkeys(one for part in parts for one in part.watch)
+    document = {
+        "schema": 1,
+        "title": "; ".join(part.title for part in parts),
+        "watch": [one for one in watch if one not in objectives and one not in constraints],
+        "variable": [one.variable for one in variables.values()],
+        "objective": [table for table, _ in objectives.values()],
+        "constraint": [table for table, _ in constraints.values()],
+        "search": search,
+    }
+    if not variables:
+        raise GoalError(
+            f"{', '.join(wishes)} finds nothing to change in {file.design.name}; --vary or a goal file can name it."
+        )
+    comments = {f"variable.{k}": one.says for k, one in enumerate(variables.values()) if one.says}
+    comments |= {f"objective.{k}": says for k, (_, says) in enumerate(objectives.values()) if says}
+    comments |= {f"constraint.{k}": says for k, (_, says) in enumerate(constraints.values()) if says}
+    return DerivedGoal(check_goal(document, ", ".join(wishes)), comments)
+
+
+def adjusted(derived: DerivedGoal, vary: Sequence[Axis], keep: Sequence[Mapping[str, Any]]) -> DerivedGoal:
+    """Return a goal with the variables of `vary` instead of its own, where there are some, and further bounds.
+
+    A bound takes the place of those of the same quantity.
+    """
+    if not vary and not keep:
+        return derived
+    document = derived.goal.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    comments = dict(derived.comments)
+    if vary:
+        document["variable"] = [variable_of(axis) for axis in vary]
+        comments = {place: says for place, says in comments.items() if not place.startswith("variable.")}
+    if keep:
+        given: dict[str, dict[str, Any]] = {}
+        for bound in keep:
+            key = canonical(bound["quantity"])
+            given[key] = {**given.get(key, {}), **bound, "quantity": key}
+        old = [(k, one) for k, one in enumerate(document.get("constraint", [])) if one["quantity"] not in given]
+        document["constraint"] = [*(one for _, one in old), *given.values()]
+        says = {f"constraint.{new}": comments.pop(f"constraint.{k}", "") for new, (k, _) in enumerate(old)}
+        comments = {place: text for place, text in comments.items() if not place.startswith("constraint.")}
+        comments |= {place: text for place, text in says.items() if text}
+    return DerivedGoal(check_goal(document, "--vary and --keep"), comments)
+
+
+def _worst_k(file: DesignFile) -> _Part:
+    ranges.neighbours(file.design)  # there must be two coils
+    return _Part(
+        "Less coupling between any two coils",
+        [({"quantity": "worst_k", "direction": "minimize"}, "largest |k| of any two coils")],
+        [*_distances(file), *ranges.layer_choices(file)],
+        [_fab(file), *_areas(file)],
+        ["rms_k", "span_mm"],
+    )
+
+
+def _decouple(file: DesignFile) -> _Part:
+    near = ranges.neighbours(file.design)
+    reason = "two neighbours in the middle"
+    if near.share_copper:
+        reason += "; they lie on the same copper, where coils cannot overlap until k is zero"
+    return _Part(
+        "Neighbours without coupling",
+        [({"quantity": f"k[{','.join(near.names)}]", "target": 0.0}, reason)],
+        _distances(file),
+        [_fab(file)],
+        ["worst_k", "board_area_mm2"],
+        trials=16,
+        polish=20,
+    )
+
+
+def _position_error(file: DesignFile) -> _Part:
+    _ = Evaluation(file.design).indentation  # there must be one
+    if len(file.design.plan) < _UNKNOWNS:
+        raise GoalError(
+            f"position_error needs {_UNKNOWNS} states of the scan for x, y and the depth; "
+            f"{file.design.name} has {len(file.design.plan)}."
+        )
+    return _Part(
+        "Positions told best",
+        [
+            (
+                {"quantity": "position_error_mm", "direction": "minimize"},
+                "least standard deviation of x over all coils, for noise of 1e-5 in δ",
+            )
+        ],
+        [*ranges.pitch_ranges(file), *ranges.turns_ranges(file), *ranges.termination_choices(file)],
+        [_fab(file), *_areas(file)],
+        ["depth_error_mm"],
+        trials=40,
+        polish=0,
+    )
+
+
+def _smallest(file: DesignFile) -> _Part:
+    """Keep the inductance in the middle, the coupling and most of Q, as far as the design has them."""
+    design = file.design
+    coil = design.array.names[0] if len(design.array.names) == 1 else ranges.neighbours(design).names[0]
+    wanted = {f"inductance_uH[{coil}]": (1.0, "at_least", "as much as it is; another one can be asked for here")}
+    if len(design.array.names) > 1:
+        wanted["worst_k"] = (1.0, "at_most", "no more coupling than it is")
+    wanted["q"] = (_Q_LESS, "at_least", "four fifths of what it is, as narrow traces cost Q")
+    constraints = [_fab(file)]
+    for quantity, (part, side, says) in wanted.items():
+        try:
+            now = evaluate(design, [quantity], accuracy="screen")[quantity]
+        except CoilarrayError:  # no converter oscillates with it: nothing to keep
+            continue
+        constraints.append(({"quantity": quantity, side: rounded(part * now, 3, up=side == "at_most")}, says))
+    return _Part(
+        "The smallest board for its inductance",
+        [({"quantity": "board_area_mm2", "direction": "minimize"}, "")],
+        [
+            *ranges.size_ranges(file),
+            *ranges.pitch_ranges(file),
+            *ranges.turns_ranges(file),
+            *ranges.trace_ranges(file),
+        ],
+        constraints,
+        ["span_mm"],
+        trials=100,
+        polish=40,
+    )
+
+
+def _plain(file: DesignFile, wish: str) -> _Part:
+    """Take a wish about any quantity: all that decides a coil and its distances may change."""
+    objective = parse_wish(wish)
+    if objective is None:
+        raise GoalError(
+            f"a goal must be one of {', '.join(NAMES)}, or minimize QUANTITY, maximize QUANTITY or QUANTITY=VALUE; "
+            f"got {wish!r}."
+        )
+    objective["quantity"] = canonical(objective["quantity"])
+    return _Part(
+        wish,
+        [(objective, "")],
+        [*ranges.pitch_ranges(file), *ranges.size_ranges(file), *ranges.turns_ranges(file)],
+        [_fab(file)],
+    )
+
+
+def _distances(file: DesignFile) -> list[Range]:
+    """Return what brings coils nearer to each other: the pitch, or their size where each has its own place."""
+    return ranges.pitch_ranges(file) or ranges.size_ranges(file)
+
+
+def _fab(file: DesignFile) -> tuple[dict[str, Any], str]:
+    margin = evaluate(file.design, ["fab_margin_mm"])["fab_margin_mm"]
+    if margin < _KEPT:
+        least, says = rounded(margin, 3, up=False), "no worse than it is: the design itself breaks a rule by this"
+    else:
+        least, says = _KEPT, "no trace, gap or hole nearer to its limit in [fab] than the check takes as kept"
+    return {"quantity": "fab_margin_mm", "at_least": least}, says
+
+
+def _areas(file: DesignFile) -> list[tuple[dict[str, Any], str]]:
+    now = evaluate(file.design, ["board_area_mm2", "covered_mm2"])
+    board = rounded(_AREA_MORE * now["board_area_mm2"], 3, up=True)
+    covered = rounded(_COVERED_LESS * now["covered_mm2"], 3, up=False)
+    return [
+        (
+            {"quantity": "board_area_mm2", "at_most": board},
+            f"a quarter more board than the {now['board_area_mm2']:.0f} mm² that it has",
+        ),
+        (
+            {"quantity": "covered_mm2", "at_least": covered},
+            f"a twentieth less than the {now['covered_mm2']:.0f} mm² that its coils cover",
+        ),
+    ]
+
+
+_NAMED: Mapping[str, Callable[[DesignFile], _Part]] = {
+    "worst_k": _worst_k, "decouple": _decouple, "position_error": _position_error, "smallest": _smallest,
+}  # fmt: skip
+NAMES = tuple(_NAMED)
+"""Goals that fit any design."""

@@ -1,0 +1,207 @@
+"""Which entries of a design may change, and how far: ranges that follow from its coils, its lattice and its fab limits.
+
+The design as it is lies in every range, so that a search never has to leave out what it starts from.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.design.model import Design, DesignFile
+from coilarray.errors import GoalError
+from coilarray.geometry import Placement
+
+_MOST_CHOICES = 12  # of copper layers; more would need more points than a search has
+_NEAREST = 1.01  # distances of neighbours differ by less
+_WIDER, _SMALLER = 1.25, 0.6  # of a pitch or a size, from what it is
+_OVERLAP = 0.5  # of the distance at which coils touch: nearer ones are all but one coil
+_TURNS_LESS, _TURNS_MORE = 0.4, 0.3  # of the turns
+
+
+@dataclass(frozen=True)
+class Range:
+    """An entry that may change: the tables of ``[[variable]]``, and one line that says where its range comes from."""
+
+    variable: dict[str, Any]
+    says: str
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two coils: their names, their distance in m, that at which their outlines touch, and if they share copper."""
+
+    names: tuple[str, str]
+    distance: float
+    touching: float
+    share_copper: bool
+
+
+def pairs(design: Design) -> list[Pair]:
+    """Return all pairs of coils, the nearest first; of equally near ones those first that lie in the middle."""
+    places = design.array.placements
+    middle = (design.array.centres.min(axis=0) + design.array.centres.max(axis=0)) / 2
+    found = []
+    for one, other in itertools.combinations(places, 2):
+        away = np.array([other.x - one.x, other.y - one.y])
+        distance = float(np.hypot(*away))
+        off = float(np.hypot(*((one.x + other.x) / 2 - middle[0], (one.y + other.y) / 2 - middle[1])))
+        shares = bool(set(one.layers) & set(other.layers))
+        pair = Pair((one.name, other.name), distance, _touching(one, other, away / (distance or 1.0)), shares)
+        found.append((round(distance * 1e9), shares, round(off * 1e9), pair))
+    return [pair for *_, pair in sorted(found, key=lambda known: known[:3])]
+
+
+def neighbours(design: Design) -> Pair:
+    """Return the two neighbours in the middle of the array, on different copper where there are such.
+
+    GoalError for a single coil.
+    """
+    known = pairs(design)
+    if not known:
+        raise GoalError(f"the design {design.name} has one coil alone, which couples with none.")
+    near = [pair for pair in known if pair.distance <= _NEAREST * known[0].distance]
+    return next((pair for pair in near if not pair.share_copper), near[0])
+
+
+def pitch_ranges(file: DesignFile) -> list[Range]:
+    """Return the range of the pitch of a lattice; none for a single coil and where every coil has its own place."""
+    design, pitch = file.design, file.values.get("array.pitch_mm")
+    known = pairs(design)
+    if not isinstance(pitch, int | float) or not known:
+        return []
+    gap = design.rules.min_gap
+    # a distance between two coils is the pitch times what it is now
+    apart = max((pitch * (one.touching + gap) / one.distance for one in known if one.share_copper), default=0.0)
+    near = neighbours(design)
+    closest = pitch * _OVERLAP * near.touching / near.distance
+    if apart > closest:
+        low, why = apart, "nearer, coils on the same copper would meet"
+    else:
+        low, why = closest, "nearer, neighbours would be all but one coil"
+    return [_between("array.pitch_mm", pitch, low, _WIDER * pitch, f"{why}; up to a quarter more than it is")]
+
+
+def size_ranges(file: DesignFile) -> list[Range]:
+    """Return the ranges of the outer sizes of all spirals; coils of one copper layer do not grow into each other."""
+    design = file.design
+    room = min(
+        ((one.distance - design.rules.min_gap) / one.touching for one in pairs(design) if one.share_copper),
+        default=_WIDER,
+    )
+    if "array.pitch_mm" in file.values:
+        room = _WIDER  # the lattice makes room
+    more, why = min(_WIDER, room), "three fifths of that to a quarter more, as far as there is room"
+    return [_between(key, size, _SMALLER * size, more * size, why) for key, size in _of_coils(file, "outer_")]
+
+
+def turns_ranges(file: DesignFile) -> list[Range]:
+    """Return the ranges of the turns a layer of all spirals, in whole steps from what they are."""
+    ranges = []
+    for key, turns in _of_coils(file, "turns_per_layer"):
+        low = turns - min(max(1, round(_TURNS_LESS * turns)), math.ceil(turns) - 1)
+        high = turns + max(1, round(_TURNS_MORE * turns))
+        ranges.append(
+            Range({"entry": key, "low": low, "high": high, "step": 1}, f"{turns:g} as it is, and whole turns around it")
+        )
+    return ranges
+
+
+def trace_ranges(file: DesignFile) -> list[Range]:
+    """Return the ranges of trace widths and gaps of all spirals: from the limits of [fab] to what they are."""
+    rules = file.design.rules
+    limits = (("trace_width_mm", rules.min_trace * 1e3), ("gap_mm", rules.min_gap * 1e3))
+    return [
+        Range({"entry": key, "low": round(limit, 9), "high": value}, "from the limit of [fab] to what it is")
+        for name, limit in limits
+        for key, value in _of_coils(file, name)
+        if value > limit * (1 + 1e-6)
+    ]
+
+
+def layer_choices(file: DesignFile) -> list[Range]:
+    """Return the ways to give the sets of copper layers, one of which each coil of a lattice takes in turn."""
+    sets = file.values.get("array.layers")
+    if not isinstance(sets, list) or len(sets) < 2 or len(file.design.array.names) < 2:
+        return []
+    names, size = file.design.array.stackup.names, len(sets[0])
+    used = [layer for one in sets for layer in one]
+    if len(set(used)) < len(used) or any(len(one) != size for one in sets):
+        return []
+    choices = [sets]
+    for choice in _disjoint(names, size, len(sets)):
+        known = {frozenset(map(tuple, map(sorted, other))) for other in choices}
+        if frozenset(map(tuple, map(sorted, choice))) not in known:
+            choices.append(choice)
+        if len(choices) > _MOST_CHOICES:
+            return []
+    return [Range({"entry": "array.layers", "choices": choices}, "as it is, and the other ways to share the layers")][
+        : len(choices) - 1
+    ]
+
+
+def termination_choices(file: DesignFile) -> list[Range]:
+    """Return what may close the coils that are not measured; none for a single coil."""
+    key = "circuit.default_termination"
+    now = file.values.get(key)
+    if now not in ("short", "open") or len(file.design.array.names) < 2:
+        return []
+    return [Range({"entry": key, "choices": ["short", "open"]}, f"what closes the passive coils; {now} as it is")]
+
+
+def rounded(value: float, digits: int, *, up: bool) -> float:
+    """Return a number rounded up or down to so many digits.
+
+    >>> rounded(13.28, 3, up=True), rounded(-0.0123, 1, up=False)
+    (13.3, -0.02)
+    """
+    if value == 0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1)
+    steps = (math.ceil if up else math.floor)(round(value / unit, 6))
+    return float(f"{steps * unit:.12g}")
+
+
+def _between(key: str, now: float, low: float, high: float, why: str) -> Range:
+    """Make a range of bounds of three digits that holds the value as it is."""
+    ends = {"low": min(rounded(low, 3, up=True), now), "high": max(rounded(high, 3, up=True), now)}
+    return Range({"entry": key, **ends}, f"{now:g} as it is; {why}")
+
+
+def _of_coils(file: DesignFile, begins: str) -> list[tuple[str, float]]:
+    """Return the numbers of all spirals that are used whose key begins so, by their dotted keys."""
+    used = {place.coil.name for place in file.design.array.placements}
+    return [
+        (key, float(value))
+        for key, value in file.values.items()
+        for name in used
+        if key.startswith(f"coils.{name}.{begins}")
+        and f"coils.{name}.turns_per_layer" in file.values
+        and isinstance(value, int | float)
+    ]
+
+
+def _disjoint(names: tuple[str, ...], size: int, count: int) -> list[list[list[str]]]:
+    """Return the ways to choose so many sets of layers without a common one, whatever their order."""
+    if count == 0:
+        return [[]]
+    found = []
+    for first in itertools.combinations(range(len(names)), size):
+        # every set begins after the one before, so that no way is there twice
+        for rest in _disjoint(
+            tuple(n for k, n in enumerate(names) if k > first[0] and k not in first), size, count - 1
+        ):
+            found.append([[names[k] for k in first], *rest])
+    return found
+
+
+def _touching(one: Placement, other: Placement, direction: npt.NDArray[np.float64]) -> float:
+    """Return the distance in m of two coils' centres along a direction at which their outlines part."""
+    ahead = (one.to_board(one.coil.outline) - (one.x, one.y)) @ direction
+    behind = (other.to_board(other.coil.outline) - (other.x, other.y)) @ direction
+    return float(ahead.max() - behind.min())

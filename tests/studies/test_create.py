@@ -1,0 +1,135 @@
+"""New designs from a few choices: what was asked is reached by the package's own numbers, and every limit is kept."""
+
+import math
+
+import numpy as np
+import pytest
+from support.refusals import refused
+
+from coilarray import new_design
+from coilarray.circuit.coupling import design_inductance
+from coilarray.circuit.impedance import scan_design
+from coilarray.errors import DesignError
+from coilarray.geometry import check_rules
+from coilarray.studies.create.arrangement import Arrangement, read_arrangement
+from coilarray.studies.create.decoupling import neighbour_coupling
+from coilarray.studies.create.tank import broken_limits
+from coilarray.studies.create.winding import Room, Winding, wind
+
+MU_0 = 4e-7 * math.pi
+ROOM = Room(radius=10e-3, hole=3e-3, trace_width=0.15e-3, gap=0.15e-3)
+
+
+def sheet_formula(winding):
+    """Current-sheet inductance of a circular spiral (Mohan 1999), whose closed form needs no solver."""
+    outer = 2 * ROOM.radius
+    inner = outer - 2 * (winding.trace_width + winding.turns * (winding.trace_width + winding.gap))
+    fill, mean = (outer - inner) / (outer + inner), (outer + inner) / 2
+    return MU_0 * winding.turns**2 * mean / 2 * (math.log(2.46 / fill) + 0.2 * fill**2)
+
+
+@pytest.mark.parametrize("inductance", [0.3e-6, 2e-6, 5e-6])
+def test_a_winding_of_a_closed_form_has_the_inductance_and_the_least_resistance(inductance):
+    found = wind(inductance, ROOM, sheet_formula)
+    assert sheet_formula(found) == pytest.approx(inductance, rel=3e-3)  # the trace is rounded to 1 µm
+    assert ROOM.trace_width <= found.trace_width <= ROOM.widest(found.turns) + 1e-12
+    # a turn more or less has another width for that inductance, and then more resistance
+    resistance = found.turns / found.trace_width
+    for turns in (found.turns - 1, found.turns + 1):
+        widths = np.linspace(ROOM.trace_width, max(ROOM.widest(turns), ROOM.trace_width), 400)
+        values = np.array([sheet_formula(Winding(turns, width, ROOM.gap)) for width in widths.tolist()])
+        if values.min() < inductance < values.max():
+            width = float(np.interp(-inductance, -values, widths))
+            mean = 2 * ROOM.radius - turns * (width + ROOM.gap)
+            own = 2 * ROOM.radius - found.turns * (found.trace_width + ROOM.gap)
+            assert turns / width * mean > 0.97 * resistance * own
+
+
+def test_an_inductance_out_of_reach_is_refused_with_the_range():
+    words = r"an inductance of 900 µH cannot be reached: 0\.\d+ to \d+\.?\d* µH can, with 1 to 22 turns a layer"
+    refused(DesignError, words, wind, 900e-6, ROOM, sheet_formula)
+    refused(DesignError, "an inductance of 0.0001 µH cannot be reached", wind, 1e-10, ROOM, sheet_formula)
+    narrow = Room(1e-3, 0.9e-3, 0.15e-3, 0.15e-3)
+    refused(DesignError, "there is no room for a turn of 0.15 mm trace between 0.9 and 1 mm", wind, 1e-6, narrow, id)
+
+
+@pytest.mark.parametrize(
+    ("coils", "shape", "expected"),
+    [
+        ("1", "circle", Arrangement("single")),
+        ("1x1", "square", Arrangement("single")),
+        ("6", "square", Arrangement("linear", 6)),
+        ("4x4", "square", Arrangement("square", 4, 4)),
+        ("3×2", "hexagon", Arrangement("hexagonal", 3, 2)),
+        ("7-hex", "hexagon", Arrangement("rings", 1)),
+        ("19-HEX", "circle", Arrangement("rings", 2)),
+    ],
+)
+def test_arrangements_are_read(coils, shape, expected):
+    assert read_arrangement(coils, shape) == expected
+
+
+@pytest.mark.parametrize("coils", ["", "0", "4x", "x4", "8-hex", "4x0", "-3", "4 by 4", "99999"])
+def test_other_arrangements_are_refused(coils):
+    refused(DesignError, f"coils must be as 1, 6 .*; got '{coils}'", read_arrangement, coils)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("coils", "choices"),
+    [
+        ("3", {"size": 14e-3, "inductance": 6e-6}),
+        ("2x2", {"shape": "square", "size": 12e-3, "inductance": 4e-6, "fab": "jlcpcb-2-layer"}),
+        ("7-hex", {"size": 20e-3, "inductance": 9e-6, "elastomer": False}),
+        ("1", {"shape": "circle", "size": 40e-3, "inductance": 3e-6, "frequency": 6.78e6, "elastomer": False}),
+        ("2", {"shape": "racetrack", "size": (24e-3, 12e-3), "inductance": 5e-6}),
+    ],
+)
+def test_a_design_has_what_was_asked_and_keeps_every_limit(coils, choices):
+    file = new_design("asked", coils, **choices)
+    design = file.design
+    found = np.diag(design_inductance(design)[0])
+    assert found == pytest.approx(choices["inductance"], rel=2e-3)  # the trace is rounded to 1 µm
+    assert all(margin.kept for margin in check_rules(design.array, design.rules))
+    scan = scan_design(design, elastomer=False)
+    assert broken_limits(scan) == []
+    assert choices.get("fab", "oshpark-4-layer") == file.values["fab.profile"]
+    if "frequency" in choices:
+        assert float(scan.frequency[0]) == pytest.approx(
+            choices["frequency"], rel=3e-3
+        )  # three digits of the capacitance
+    setup = design.indentation
+    assert (setup is None) == (choices.get("elastomer") is False)
+
+
+@pytest.mark.slow
+def test_neighbours_that_overlap_do_not_couple():
+    """On layers of their own, and with terminals that no other coil meets."""
+    design = new_design("row", "3", size=14e-3, overlap="decoupled", elastomer=False).design
+    assert np.abs(neighbour_coupling(design)).max() < 2e-3  # rounded to 10 µm; k changes by 1 a coil's width
+    assert design.array.placements[0].layers != design.array.placements[1].layers
+    assert all(margin.kept for margin in check_rules(design.array, design.rules))
+
+
+REFUSED = {
+    "shape": ({"shape": "star"}, "shape must be one of hexagon, square, circle, rectangle, racetrack; got 'star'"),
+    "sides": ({"size": (20e-3, 12e-3)}, "size must be one number for a hexagon; got 20 × 12 mm"),
+    "size": ({"size": -1e-3}, "size must be positive and finite; got -1 mm"),
+    "inductance": ({"inductance": math.nan}, "inductance must be positive and finite; got nan µH"),
+    "overlap": ({"overlap": "some"}, "overlap must be none or decoupled; got 'some'"),
+    "both": ({"overlap": "decoupled", "pitch": 1e-2}, "pitch and overlap cannot both be given"),
+    "layers": ({"layers": 3}, "layers must be 1 or a multiple of 2; got 3"),
+    "fab": ({"fab": "nobody"}, "there is no fab profile 'nobody'"),
+    "layers of the fab": ({"layers": 6, "fab": "oshpark-4-layer"}, "6 copper layers are needed; oshpark-4-layer makes"),
+    "too small": ({"size": 1e-3}, "there is no room for a turn"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_choices_that_cannot_be_are_one_line(name):
+    choices, words = REFUSED[name]
+    refused(DesignError, words, new_design, "x", "3", **choices)
+
+
+def test_one_coil_has_no_pitch():
+    refused(DesignError, "one coil has no neighbours: pitch and overlap are for several", new_design, "x", "1", pitch=1)

@@ -1,0 +1,87 @@
+"""A new design from a few choices, made in a process beside the page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, get_args
+
+from coilarray.compute.threads import Progress
+from coilarray.design.model import build_design_file
+from coilarray.errors import CoilarrayError, DesignError
+from coilarray.studies.create.arrangement import read_arrangement
+from coilarray.studies.create.plan import Shape
+from coilarray.viz.studio.entries import number_of
+from coilarray.viz.studio.job import with_progress
+from coilarray.viz.studio.panel import Panel
+from coilarray.viz.studio.services import Document
+from coilarray.viz.studio.work import MOST_COILS, work_on
+
+if TYPE_CHECKING:
+    from coilarray.viz.studio.page import Page
+
+_FIRST = {"name": "mine", "coils": "4x4", "shape": "hexagon", "size": "16", "inductance": "", "decoupled": False}
+
+
+class NewPanel(Panel):
+    """Dialog for a new design."""
+
+    def __init__(self, page: Page) -> None:
+        values = {
+            "new_dialog": False, "new_shapes": list(get_args(Shape)), "choice": _FIRST, "new_problem": "",
+            "new_over": False,
+        }  # fmt: skip
+        super().__init__(page, values, make_design=self._make)
+
+    def _make(self, texts: Mapping[str, Any], discard: bool = False) -> None:
+        """Make a design; where that loses changes, `discard` must say that they may be lost."""
+        page, state = self._page, self._page.state
+        state.new_over = bool(page.work.changed) and not discard
+        if state.new_over:
+            state.new_problem = f"The changes of {page.work.file} are not saved; Discard loses them."
+            return
+        try:
+            name, choices = choices_of(texts)
+            file = page.setup.shelf.path(f"{name}.toml").name
+        except CoilarrayError as error:
+            state.new_problem = str(error)
+            return
+
+        def done(document: Document) -> None:
+            page.take(replace(work_on(build_design_file(document, name), file), kept={}))
+
+        def failed(problem: str) -> None:
+            state.new_problem, state.new_dialog = problem, True
+
+        state.new_problem = ""
+        state.new_dialog = not page.start_bar("new", name, with_progress, (make_design, name, choices), done, failed)
+
+
+def choices_of(texts: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Return the name and the choices for `coilarray.studies.create.new_design` from texts of the page, sizes in mm.
+
+    Examples
+    --------
+    >>> choices_of({"name": "pad", "coils": "4x4", "shape": "rectangle", "size": "20x12", "inductance": "18"})
+    ('pad', {'coils': '4x4', 'shape': 'rectangle', 'size': (0.02, 0.012), 'inductance': 1.8e-05})
+    """
+    given = {key: str(texts.get(key, "")).strip() for key in _FIRST}
+    arrangement = read_arrangement(given["coils"], given["shape"])
+    if arrangement.columns * arrangement.rows > MOST_COILS:
+        raise DesignError(f"coils must be at most {MOST_COILS} for the studio to follow; got {given['coils']}.")
+    sides = [number_of("size", part) * 1e-3 for part in given["size"].lower().split("x")]
+    choices: dict[str, Any] = {
+        "coils": given["coils"], "shape": given["shape"], "size": sides[0] if len(sides) == 1 else tuple(sides)
+    }  # fmt: skip
+    if given["inductance"]:
+        choices["inductance"] = number_of("inductance", given["inductance"]) * 1e-6
+    if texts.get("decoupled"):
+        choices["overlap"] = "decoupled"
+    return given["name"], choices
+
+
+def make_design(name: str, choices: Mapping[str, Any], _: Progress) -> Document:
+    """Make a design and return its document; runs in a process of its own."""
+    from coilarray.studies.create.new_design import new_design
+
+    return new_design(name, **choices).document
