@@ -172,7 +172,7 @@ def test_the_seat_carries_the_force_of_the_wide_field() -> None:
 
 @pytest.mark.slow
 def test_wide_field_and_correction_are_the_box_that_is_loaded_directly() -> None:
-    place, mesh = np.array([5e-3, 3e-3]), BoxMesh(degree=4, edge=0.6, growth=0.5, widest=1.2)
+    place, mesh = np.array([5e-3, 3e-3]), BoxMesh(degree=3, edge=0.6, growth=0.5, widest=1.2)
     uneven = Unevenness(stiffness_slope=(12.0, -8.0))
     found = corrected(places=(tuple(place),), unevenness=uneven, mesh=mesh)
     stack = stack_of(SHEETS)
@@ -182,19 +182,19 @@ def test_wide_field_and_correction_are_the_box_that_is_loaded_directly() -> None
     factor = 1 + 12.0 * found.x.nodes[:, None] - 8.0 * found.y.nodes
     springs = np.zeros((3, *area.shape)) + 1e-6 * area
     springs[2] = SEAT.stiffness * stack.length / stack.stress * factor * area
-    box = factorised((x, y, Axis(stack.levels, 4)), stack.shear, stack.squash, springs, np.zeros(3, dtype=bool))
+    box = factorised((x, y, Axis(stack.levels, mesh.degree)), stack.shear, stack.squash, springs, np.zeros(3, dtype=bool))
     (px, wx), (py, wy) = x.rule(0.02), y.rule(0.02)
     at = np.hypot(px[:, None] * stack.length - place[0], py * stack.length - place[1])
     load = np.interp(at, r, pressure[0], right=0.0) / stack.stress * wx[:, None] * wy
-    direct = pressed(box, x.basis(px).T @ load @ y.basis(py))[:, 2, :, [0, 4]] * stack.length
+    direct = pressed(box, x.basis(px).T @ load @ y.basis(py))[:, 2, :, [0, mesh.degree]] * stack.length
     field = wide_field(stack, SEAT, r / stack.length, pressure / stack.stress, stack.levels[:2], 8.0)
     distance = np.hypot(found.x.nodes[:, None] - place[0], found.y.nodes - place[1]) / stack.length
     wide = np.asarray(field.moved(distance))[..., 1, 0, :] * stack.length
     total = np.moveaxis(wide, -1, 0) + found.moved[0, 0, :2]
     assert np.abs(found.moved[0, 0, 0]).max() > 0.05 * np.abs(total).max()
     away = distance > 2.5  # two elements from the contact, which the box alone resolves less well than the wide field
-    # two solutions on the same elements, one of which has to carry the load of the contact: 2 % of the correction
-    assert np.abs(total - direct)[:, away].max() < 0.02 * np.abs(found.moved[0, 0, :2]).max()
+    # on the same elements, where one solution has to carry the load of the contact: measured 0.6 % of the correction
+    assert np.abs(total - direct)[:, away].max() < 0.01 * np.abs(found.moved[0, 0, :2]).max()
 
 
 @pytest.mark.slow
