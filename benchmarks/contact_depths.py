@@ -3,7 +3,7 @@
     python benchmarks/contact_depths.py
 
 Presses every indenter 1 mm into 8 mm of elastomer, and where that is refused writes the depth up to which the contact
-converges; prints and writes benchmarks/contact_depths.json. Takes about five minutes.
+converges. Prints a table and writes benchmarks/contact_depths.json; takes about five minutes.
 """
 
 from __future__ import annotations

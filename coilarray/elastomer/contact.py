@@ -161,7 +161,8 @@ def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Con
         zone = replace(zone, search=wider if case.radius is None else min(wider, case.radius))
         mesh = replace(mesh, elements=min(mesh.elements, EDGE_ELEMENTS))
     grid = case.grid(zone, mesh)
-    body = SoftBody(grid, Outline(case.indenter, case.stack.length, TIP * zone.smallest))
+    outline = Outline.pressed(case.indenter, case.stack.length, TIP * zone.smallest, float(depths.max()))
+    body = SoftBody(grid, outline)
     states = {0.0: body.at_rest()}
     rising = np.unique(depths[depths > 0])
     with serial_algebra():  # on these narrow bands threads cost more than they bring

@@ -45,7 +45,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 EDGE = 0.05
 """Sharp edges, which would cut the sheet, are rounded with this part of the radius: it costs about as much of a punch's
-force."""
+force. Deeper than a fifth of the radius they are rounded more, with a quarter of the depth."""
+_EDGE_BY_DEPTH, _MOST_EDGE = 0.25, 0.2
 EDGE_ELEMENTS = 10
 """Most elements across a contact with such an edge: those at the edge are then a fifth of its rounding."""
 TIP = 0.05
@@ -71,12 +72,20 @@ _PRESSURES = 3  # 1, ξ and η in every element
 class Outline:
     """An indenter's height above its tip, its slope and its curvature at any radius, in a unit of length.
 
-    `tip` is the radius over which a cone's point is blunted: under a sharp one the strain has no bound.
+    `tip` is the radius over which a cone's point is blunted: under a sharp one the strain has no bound. `edge` is the
+    part of the radius with which a sharp edge is rounded.
     """
 
     indenter: Indenter
     unit: float
     tip: float = 0.0
+    edge: float = EDGE
+
+    @classmethod
+    def pressed(cls, indenter: Indenter, unit: float, tip: float, depth: float) -> Outline:
+        """Outline that is blunt enough for a depth in the unit."""
+        edge = min(max(EDGE, _EDGE_BY_DEPTH * depth * unit / indenter.reach), _MOST_EDGE)
+        return cls(indenter, unit, tip, edge)
 
     def __call__(self, r: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Height, slope and second derivative at radii `r`; smooth beyond the end of the indenter."""
@@ -86,7 +95,7 @@ class Outline:
         if isinstance(body, Hemisphere | CylinderEdge):
             start, radius = 0.0, body.radius / self.unit
         elif isinstance(body, FlatPunch | Cone) and math.isfinite(body.radius):
-            radius = EDGE * body.radius / self.unit
+            radius = self.edge * body.radius / self.unit
             start = body.radius / self.unit - radius
         if isinstance(body, Cone):
             steep, distance = 1 / math.tan(body.half_angle), np.hypot(r, self.tip)
