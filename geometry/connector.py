@@ -15,8 +15,6 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import GeometryError
@@ -223,6 +221,10 @@ class _Grid:
                     outline = trace_outline(place.to_board(place.coil.lines[line]), place.coil.widths[line])
                     self._take(layer, outline, (k, line))
                 for end in (0, 1):
+                    if layer == place.layers[-end]:  # where the lead will turn by up to a right angle
+                        x, y = place.to_board(place.coil.terminal_points)[end].tolist()
+                        widest = max(self.width, float(place.coil.widths[-end][-end]))
+                        self._take(layer, disc(x, y, math.sqrt(2) * widest), (k, "lead", end))
                     assert place.coil.terminal is not None  # refused before
                     x, y = pads[k, end].tolist()
                     self._take(layer, disc(x, y, place.coil.terminal.pad), (k, "pad", end))
@@ -243,7 +245,7 @@ class _Grid:
             for end in (0, 1):
                 layer, owner = self.array.placements[coil].layers[-end], (coil, "lead", end)
                 ways[end] = self._with_fewer_corners(ways[end], self._foreign(coil, end))
-                self.copper[layer] = [piece for piece in self.copper[layer] if piece[1] != owner]
+                self.copper[layer] = [(shape, of) for shape, of in self.copper[layer] if of != owner]
                 self._take(layer, trace_outline(ways[end], self.width), owner)
         return found
 
@@ -264,6 +266,9 @@ class _Grid:
         return shapes
 
     def _way(self, coil: int, end: int) -> FloatArray:
+        from scipy.sparse import coo_array  # loaded for boards with a connector only
+        from scipy.sparse.csgraph import dijkstra
+
         place, layer = self.array.placements[coil], self.array.placements[coil].layers[-end]
         begin, pad = place.to_board(place.coil.terminal_points)[end], self.pads[coil, end]
         foreign = self._foreign(coil, end)
@@ -319,7 +324,20 @@ class _Grid:
                     break
             short += [way[best]] if corner is None else [corner, way[best]]
             k = best
-        return _straightened(np.array(short))
+        return self._with_slanting_corners(_straightened(np.array(short)), others)
+
+    def _with_slanting_corners(self, way: FloatArray, others: Sequence[BaseGeometry]) -> FloatArray:
+        """Cut corners of a way, shape (n, 2), of more than 60°, whose tips stick out, where nothing is in the way."""
+        points = [way[0]]
+        for before, corner, after in zip(way[:-2], way[1:-1], way[2:], strict=True):
+            ahead, back = after - corner, before - corner
+            far, near = float(np.hypot(*ahead)), float(np.hypot(*back))
+            cut = min(self.width, far / 2, near / 2)
+            ends = (corner + cut / near * back, corner + cut / far * ahead)
+            sharp = float(ahead @ back) > -far * near / 2
+            free = sharp and not np.any(shapely.intersects(shapely.LineString(ends), others))
+            points += ends if free else [corner]
+        return np.array([*points, way[-1]])
 
     def _hops(self, place: FloatArray, others: Sequence[BaseGeometry], ahead: FloatArray) -> IntArray:
         """Nodes that a straight piece reaches from a place in m, but for those behind it."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli import shared
-from coilarray.errors import GoalError, OutputError
+from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
     from coilarray.design.model import DesignFile
@@ -47,7 +47,9 @@ def optimize(
         ),
     ] = None,
     force: shared.Force = False,
-    out: Annotated[Path, shared.out_option("Folder for the results and the study.")] = Path("optimization"),
+    out: Annotated[
+        Path, shared.file_option(("--out", "-o"), "Folder for the results and the study.", kept=True)
+    ] = Path("optimization"),
     trials: Annotated[
         int | None, shared.number_option(("--trials",), 1, 1_000_000, "Number of points to try; the goal's by default.")
     ] = None,
@@ -88,7 +90,7 @@ def optimize(
     derived = _goal(opened, goal, wish or (), vary or (), keep or ())
     axes_of(derived.goal, opened)  # mistakes before anything is made and any process is started
     if template is not None:
-        _write_template(template, derived, design, force=force)
+        _write_template(template, derived, design)
         return
     from coilarray.compute.store import open_store
     from coilarray.report.optimization import write_optimization_report
@@ -140,11 +142,9 @@ def _goal(
     return adjusted(DerivedGoal(load_goal(named, file), {}), axes, bounds)
 
 
-def _write_template(path: Path, derived: DerivedGoal, design: str, *, force: bool) -> None:
+def _write_template(path: Path, derived: DerivedGoal, design: str) -> None:
     from coilarray.compute.files import write_text
 
-    if path.exists() and not force:
-        raise OutputError(f"{path} exists; --force replaces it.")
     head = (
         f"A goal for {design}; every range and bound follows from that design, and can be changed here:\n"
         f"    coilarray optimize {design} {path}\n"

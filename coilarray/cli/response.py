@@ -111,9 +111,9 @@ def response(
             f"only coils up to {result.attrs['coil_cutoff_m'] * 1e3:.0f} mm from the indenter count: δ is within "
             f"{error:g} of its peak; --reach all counts every coil",
         )
-    outside = coils_outside(shown)
+    outside = coils_outside(shown) if x is None and y is None else []
     if outside:
-        lines.append(f"note: the positions leave out the centres of {', '.join(outside)}")
+        lines.append(f"note: the positions of the design leave out the centres of {', '.join(outside)}")
     data = {**shared.design_record(opened), "file": str(out), "error_of_peak": error, "response": table.records()}
     shared.print_result(data, as_json=as_json, tables=[table], lines=lines, files=[plot])
 

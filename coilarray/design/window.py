@@ -9,7 +9,7 @@ import numpy as np
 from coilarray.geometry import CoilArray
 
 _PARTS = (12.0, 6.0)  # of the narrowest coil: the step at most and at least resolves its response
-_POSITIONS = 1000.0  # of a map, as long as the step keeps to that
+_POSITIONS = 2000.0  # of a map, as long as the step keeps to that
 _ROUND = 0.1e-3  # a step is a multiple of it, of five times it from there on
 
 Positions = tuple[tuple[float, ...], tuple[float, ...]]
@@ -31,7 +31,7 @@ def array_window(
         x and y in m on the board from which positions count.
     step : float, optional
         Distance of the positions in m; by default a twelfth of the narrowest coil, up to a sixth of it where there
-        would be more than 1000 positions.
+        would be more than 2000 positions.
     within : tuple of float, optional
         Edges (x_min, y_min, x_max, y_max) in m, from the origin, that no position leaves; their middle is the only one
         where there is no other.

@@ -50,9 +50,7 @@ def board_picture(design: Design) -> Picture:
     problem = viz.rendering_problem()
     if problem is None:
         caption = "The board; lengths in mm."
-        return _render(
-            "board", caption, lambda path: viz.save_board_picture(design.array, path, design.sheets, size=_SIZE)
-        )
+        return _render("board", caption, lambda path: viz.save_board_picture(design.array, path, size=_SIZE))
     return draw("board", f"The board from above; lengths in mm. {problem}", viz.plot_board(design.array))
 
 
@@ -163,7 +161,7 @@ def position_pictures(design: Design, positions: MapPositions, published: Ellips
     coil = design.array.middle_coil if design.array.middle_coil in names else names[0]
     beside = "" if published is None or coil not in published.names else "; grey: Table A1 of the paper"
     place = positions.example()
-    at = f"({place[0] * 1e3:.4g}, {place[1] * 1e3:.4g}) mm"
+    at = f"({place[0] * 1e3:.4g}, {place[1] * 1e3:.4g}) mm{positions.axis.removeprefix('x').removesuffix(' (mm)')}"
     parameters = viz.plot_ellipse_parameters(positions.fits, positions.model, coil, published=published)
     parameters.set_ylabel(f"A, B, $x_0$: {positions.axis}")
     ellipses = viz.plot_ellipses(positions.ellipses(place), positions.found[place], place)

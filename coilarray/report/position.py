@@ -42,8 +42,8 @@ class MapPositions:
         values = np.full((len(y), len(x)), np.nan)
         for (at_x, at_y), position in self.found.items():
             values[y.index(at_y), x.index(at_x)] = position.x - at_x
-        at_x, at_y = np.array(x) + self.origin[0], np.array(y) + self.origin[1]
-        return xr.DataArray(values, {"y": at_y, "x": at_x}, ("y", "x"))
+        on_board = {"y": np.array(y) + self.origin[1], "x": np.array(x) + self.origin[0]}
+        return xr.DataArray(values, on_board, ("y", "x"))
 
     def largest_error(self) -> float:
         """Largest |determined − real x| in m."""

@@ -14,10 +14,8 @@ _ANSWERS = 0.25  # of the largest |δ| of all states: those with less come last
 
 
 def middle_state(response: xr.Dataset) -> str:
-    """Return the state with the largest δ where the deepest dent is in the middle of the map."""
-    deepest = response.delta.isel(depth=-1)
-    at_middle = deepest.isel(x=response.sizes["x"] // 2, y=response.sizes["y"] // 2).fillna(-np.inf)
-    return str(response.state.values[int(at_middle.argmax("state"))])
+    """Return the state that answers nearest to the middle of the map, see `answering_states`."""
+    return str(response.state.values[_middle_first(response)[0]])
 
 
 def answering_states(response: xr.Dataset, most: int) -> list[int]:
@@ -25,6 +23,11 @@ def answering_states(response: xr.Dataset, most: int) -> list[int]:
 
     A state is where its |δ| is largest for the deepest dent; it answers with a quarter of what the strongest has.
     """
+    return sorted(_middle_first(response)[:most])
+
+
+def _middle_first(response: xr.Dataset) -> list[int]:
+    """Numbers of all states: those that answer by their distance from the middle of the map, then the others."""
     size = np.abs(response.delta.isel(depth=-1).transpose("y", "x", "state").values)
     size = np.nan_to_num(size).reshape(-1, response.sizes["state"])
     y, x = np.meshgrid(response.y.values, response.x.values, indexing="ij")
@@ -32,16 +35,18 @@ def answering_states(response: xr.Dataset, most: int) -> list[int]:
     middle = [(axis.min() + axis.max()) / 2 for axis in (x, y)]
     distance = np.hypot(x.ravel()[at] - middle[0], y.ravel()[at] - middle[1])
     order = np.lexsort((-peak, distance.round(9), peak < _ANSWERS * peak.max()))
-    return sorted(order[:most].tolist())
+    return [int(k) for k in order]
 
 
-def main_line(response: xr.Dataset, along: Literal["x", "y"]) -> int:
-    """Return the number of the line along x or y, counted across it, on which the deepest dent has the largest |δ|.
+def main_line(response: xr.Dataset, along: Literal["x", "y"], state: str | None = None) -> int:
+    """Return the number of the line along x or y, counted across it, on which a state has the largest |δ|.
 
-    Of equal ones, to a part in 1e9, that nearest to the middle.
+    Of the deepest dent, and by default of the middle state; of equal ones, to a part in 1e9, that nearest to the middle
+    of the map.
     """
     across = "y" if along == "x" else "x"
-    size = np.abs(response.delta.isel(depth=-1)).max(("state", along)).fillna(0.0).values
+    of = response.delta.isel(depth=-1).sel(state=middle_state(response) if state is None else state)
+    size = np.abs(of).max(along).fillna(0.0).values
     largest = np.flatnonzero(size >= size.max() * (1 - 1e-9))
     middle = (response.sizes[across] - 1) / 2
     return int(largest[np.abs(largest - middle).argmin()])

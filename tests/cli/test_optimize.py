@@ -186,8 +186,8 @@ def test_a_goal_of_the_command_line(capsys):
     wishes = ("--vary", "array.pitch_mm=9:13:9", "--goal", "minimize board_area_mm2", "--keep", "covered_mm2>=500")
     out = good(capsys, "starter", *wishes, "--template", "mine.toml")
     assert out == "wrote mine.toml; next: coilarray optimize starter mine.toml\n"
-    assert "mine.toml exists; --force replaces it" in refused(capsys, "starter", *wishes, "--template", "mine.toml")
-    good(capsys, "starter", *wishes, "--template", "mine.toml", "--force")
+    Path("edited.toml").write_text("mine", encoding="utf-8")
+    assert "edited.toml exists" in refused(capsys, "starter", *wishes, "--template", "edited.toml")
     few = ("--trials", "12", "--workers", "1")
     good(capsys, "starter", *wishes, *few, "--out", "one")
     good(capsys, "starter", "mine.toml", *few, "--out", "other")

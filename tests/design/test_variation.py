@@ -90,6 +90,9 @@ gap_mm = 0.2
     assert changed.array.board_margin == pytest.approx(1.5e-3)
     assert changed.array.placements[0].coil.via.drill == pytest.approx(0.3e-3)  # a coil's name may have dots
     assert build_design_file(vary_document(small.document, changes)).given == small.given | set(changes)
+    ring = vary(small, {"array.lattice": "square", "array.rows": 2, "coils.round.1.outer_diameter_mm": 21.0})
+    assert len(ring.array.placements) == 4
+    assert np.ptp(ring.array.placements[0].coil.outline[:, 0]) == pytest.approx(21e-3, abs=2e-6)  # points beside arcs
 
 
 def test_the_design_and_its_document_stay_as_they_are():

@@ -62,6 +62,7 @@ def gerbers(folder):
     return folder / "board.zip"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("write", "read", "arc"),
     [(kicad, read_kicad, r"\(arc \(start .*\(mid "), (gerbers, read_gerbers, r"(?m)^G0[23]\*$")],

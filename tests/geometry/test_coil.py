@@ -109,8 +109,6 @@ def test_windings_that_cannot_be():
         spiral_coil(SPIRAL, 4, wide, narrow)
     fitting = float(re.search(message, str(error.value))[1]) * 1e-3
     assert spiral_coil(SPIRAL, 4, wide, replace(narrow, spacing=fitting)).via_points.shape == (3, 2)
-    message = message.replace("(.*)", f"{fitting * 1e3:g}")  # the least to 0.1 mm
-    refused(GeometryError, message, spiral_coil, SPIRAL, 4, wide, replace(narrow, spacing=fitting - 0.1e-3))
 
 
 LINE = [(0, 0), (1e-2, 0)]

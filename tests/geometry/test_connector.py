@@ -36,6 +36,7 @@ def coils(columns, rows, pitch, layers=2, start=0.0):
     return lattice_array(many_layers(len(names)), coil, Lattice("square", pitch, columns, rows, (names,)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", ["bottom", "left", "top", "right"])
 def test_leads_reach_any_side_and_keep_the_rules(side):
     array = coils(2, 2, 9e-3, layers=3 if side == "left" else 2)

@@ -80,8 +80,14 @@ SHAPES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize(("winding", "layers"), [("ccw", 1), ("cw", 2), ("cw", 3), ("ccw", 6)])
+@pytest.mark.parametrize(
+    ("shape", "winding", "layers"),
+    [
+        *((f"{n} sides", *kind) for n in (3, 4, 5, 6, 8) for kind in [("ccw", 1), ("cw", 2), ("cw", 3), ("ccw", 6)]),
+        *(("circle", "ccw", 6), ("rectangle", "cw", 3), ("racetrack", "cw", 2), ("rounded triangle", "ccw", 3)),
+        ("rounded hexagon", "cw", 1),
+    ],
+)
 def test_wound_coils_of_every_kind_are_free_of_violations(shape, winding, layers):
     # nominal gap 10 µm above the limit: the turns of a triangle come up to 5 µm closer than nominal; with six layers
     # three vias lie at one corner

@@ -360,7 +360,8 @@ WEAK = [((k - 1) * 11e-3, 0.0, 3e-3, 2e-3, 3e-4) for k in range(3)]
     (lambda p: 0 * even(p), {}, "response_width_mm[coil2]", "coil2 of starter has no response with a peak"),
     (hills(*WEAK), {}, "x0_distortion_mm[coil2]", "the map of starter has no ellipses between δ = 1e-4 and 1e-3"),
     (hills(*((y, x, *rest) for x, y, *rest in (WEAK[0], WEAK[2], WEAK[2]))),
-     {"array.direction_deg": 90.0, "indentation.origin": "coil2"}, "x0_distortion_mm",
+     {"array.direction_deg": 90.0, "indentation.x_mm": [-14, 14], "indentation.y_mm": [-6, 6],
+      "indentation.step_mm": 2.0, "indentation.origin": "coil2"}, "x0_distortion_mm",
      "no coil of starter is on the x axis of its map"),
     (lambda p: even(p) * p[..., 2:], {}, "position_error_mm", "the readings of starter do not tell where"),
 ], ids=["even", "nothing", "weak", "beside the axis", "no position"])  # fmt: skip
@@ -372,7 +373,8 @@ def test_a_response_that_does_not_tell_the_quantity(synthetic, delta, changes, a
 
 @pytest.mark.slow
 def test_x0_of_ellipses_that_are_beside_their_coils(synthetic):
-    shifts, fine = [-0.4e-3, 0.2e-3, 0.7e-3], vary(STARTER, {"indentation.step_mm": 1.0, "indentation.x_mm": [-20, 20]})
+    window = {"indentation.step_mm": 1.0, "indentation.x_mm": [-20, 20], "indentation.y_mm": [-6, 6]}
+    shifts, fine = [-0.4e-3, 0.2e-3, 0.7e-3], vary(STARTER, window)
     calls = synthetic(hills(*(((k - 1) * 11e-3 + shifts[k], 0.0, 2.4e-3, 1.8e-3, 4.5e-3) for k in range(3))))
     found = evaluate(fine, ["x0_distortion_mm", *(f"x0_distortion_mm[coil{k}]" for k in (1, 2, 3))])
     # levels are bands of the refined map, whose points lie a little unevenly about the centre

@@ -64,10 +64,13 @@ def test_resonances_are_marked_on_every_curve():
     )
     inductance, resistance, quality = sweeps.frequency_figure(sweep, scan).axes
     for ax in (inductance, resistance, quality):
-        dots = [line for line in ax.lines if line.get_marker() == "o"]
+        drawn = [line for line in ax.lines if len(line.get_xdata())]  # the legend's own have no points
+        dots = [line for line in drawn if line.get_marker() == "o"]
         assert [float(line.get_xdata()[0]) for line in dots] == [1.0, 2.0]  # MHz
-        (own,) = [line for line in ax.lines if line.get_linestyle() == ":"]  # that of b lies beyond the sweep
+        (own,) = [line for line in drawn if line.get_linestyle() == ":"]  # that of b lies beyond the sweep
         assert float(own.get_xdata()[0]) == 8.0
+        labels = [text.get_text() for text in ax.get_legend().get_texts()]
+        assert labels == ["a", "b", "with the tank", "self-resonance"]
     assert float(next(line for line in inductance.lines if line.get_marker() == "o").get_ydata()[0]) == 50.0  # µH
     assert resistance.get_yscale() == "log"
 

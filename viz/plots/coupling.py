@@ -68,8 +68,10 @@ def plot_inductance(coupling: xr.Dataset, ax: Axes | None = None) -> Axes:
     L, names = coupling.inductance, coupling.coil.values.tolist()
     unit = str(L.attrs["units"])
     many = len(names) > _MOST_NUMBERED
-    text = {"title": "Mutual inductance" if many else "Inductance", "quantity": "M" if many else "L, M", "unit": unit}
-    return plot_matrix(L, names, **text, scale="diverging", mask_diagonal=many, ax=ax)
+    title, quantity = ("Mutual inductance", "M") if many else ("Inductance", "L, M")
+    return plot_matrix(
+        L, names, title=title, quantity=quantity, unit=unit, scale="diverging", mask_diagonal=many, ax=ax
+    )
 
 
 @styled

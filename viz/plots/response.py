@@ -28,6 +28,8 @@ MOST_MAPS = 16
 
 _BANDS, _TICKS = 20, 9  # largest numbers of bands of colour, and of ticks beside them
 _STEPS = (1, 2, 5, 10)
+_FELT = 0.05  # share of the largest |δ| on a line below which a state has no curve
+_MOST_NAMES = 9  # coils with their names on every map; the title of a map is its own
 _NOTHING = 0.01  # share of the largest δ below which a map is white and has no zero line
 _GRID_SHAPE = 1.4  # width over height of all maps together
 _PROFILE = (7.5, 3.6)  # inches
@@ -102,7 +104,8 @@ def plot_response_profile(
     ax : Axes, optional
         Axes to draw into, mm across. Dotted lines mark the centres of the coils.
     along : {"x", "y"}
-        Direction of the line, which is that with the largest |δ| of the deepest dent.
+        Direction of the line, which is that with the largest |δ| of the state, for all states of that in the middle.
+        States of which nothing is felt there are left out.
 
     Raises
     ------
@@ -122,7 +125,10 @@ def plot_response_profile(
     """
     across = "y" if along == "x" else "x"
     delta = _delta(response, state=state, depth=depth)
-    row = delta.isel({across: main_line(response, along)})
+    row = delta.isel({across: main_line(response, along, state)})
+    if state is None:
+        size = np.abs(np.nan_to_num(row.transpose("state", ...).values)).reshape(row.sizes["state"], -1).max(axis=1)
+        row = row.isel(state=np.flatnonzero(size >= _FELT * size.max()))
     shown = style.axis_unit(row)
     ax = ax or style.new_axes(*_PROFILE)
     at = MM.of(row[along])
@@ -166,7 +172,7 @@ def plot_bell_curve(
         Result of `coilarray.response_map` or `coilarray.response.two_dimensional` with at least two positions along the
         line.
     state : str, optional
-        Name of the state of a map; by default the one with the largest δ for the deepest dent in the middle of the map.
+        Name of the state of a map; by default the one that answers nearest to the middle of the map.
     ax : Axes, optional
         Axes to draw into, mm across. A dotted line marks the centre of the coil.
     along : {"x", "y"}
@@ -291,10 +297,14 @@ def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) ->
 
 
 def _columns(count: int, shape: float) -> int:
-    """Choose the number of columns that brings a grid of maps, each of this width over height, near `_GRID_SHAPE`."""
+    """Choose the number of columns that brings a grid of maps, each of this width over height, near `_GRID_SHAPE`.
+
+    Empty cells count against it.
+    """
 
     def misfit(columns: int) -> float:
-        return abs(math.log(columns * shape / math.ceil(count / columns) / _GRID_SHAPE))
+        rows = math.ceil(count / columns)
+        return abs(math.log(columns * shape / rows / _GRID_SHAPE)) + 2 * (rows * columns - count) / count
 
     return min(range(1, count + 1), key=misfit)
 
@@ -312,7 +322,7 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
     style.draw_outlines(ax, look.outlines)
     names, centres = response.coil.values.tolist(), (MM.of(response.coil_x), MM.of(response.coil_y))
     for name, at, across in zip(names, *centres, strict=True):
-        if x.min() < at < x.max():
+        if len(names) <= _MOST_NAMES and x.min() < at < x.max():
             style.write_name(ax, at, across, name, fontsize=8)
     ax.set(xlim=look.x, ylim=look.y, aspect="equal")
     return bands

@@ -45,6 +45,7 @@ _NAMES = {
 }
 _POLES = ("apparent_inductance", "impedance_real", "impedance_imag")  # at the self-resonance
 _RESONANCES = ("frequency_MHz[", "self_resonance_MHz[")
+_MANY = 10.0  # of the largest over the least
 _FAR_APART = 3.0  # of the largest over the least
 _CEILING = 4.0  # height of the axis for a pole, over the value at the lowest frequency
 _HEADROOM = 1.08
@@ -98,6 +99,9 @@ def plot_frequency_sweep(
         ax.plot(f, shown.of(values[:, k]), label=name, marker="o" if f.size == 1 else "", **curve_look(k))
         if scan is not None:
             _mark_resonances(ax, scan, name, of_frequency.of, f, shown.of(values[:, k]), curve_look(k)["color"])
+    if scan is not None:
+        for mark, label in (("o", "with the tank"), (":", "self-resonance")):
+            ax.plot([], [], mark, color=GREY, label=label)
     if top > 0:
         ax.set_ylim(0.0, float(shown.of(top)))
     ax.set_xscale("log")
@@ -139,11 +143,12 @@ def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
 
 
 def _logarithmic(ax: Axes, values: npt.NDArray[np.float64]) -> None:
-    """Give an axis powers of ten, which show the resistance both far below and at a self-resonance."""
+    """Give an axis powers of ten where the values span many, as the resistance near a self-resonance does."""
     positive = values[values > 0]
-    if positive.size:
+    if positive.size and positive.max() > _MANY * positive.min():
         ax.set_yscale("log")
         ax.set_ylim(positive.min() / _HEADROOM, positive.max() * _HEADROOM)
+        logarithmic_ticks(ax.yaxis, math.log10(positive.max() / positive.min()))
 
 
 def _mark_resonances(

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
 _MOST_SHOWN = 200
+_START = "search 0"  # name of the design from which a search begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,7 @@ class Run:
 
     @property
     def front(self) -> tuple[int, ...]:
-        """Indices of the points that keep all bounds and that no other one beats in all objectives."""
+        """Indices of the points, but for the start, that keep all bounds and that no other beats in all objectives."""
         signs = [-1 if maximized else 1 for maximized in self.maximized]
         costs = {
             k: tuple(s * score for s, score in zip(signs, point.scores, strict=True))
@@ -75,7 +76,7 @@ class Run:
         for k in sorted(costs, key=lambda k: costs[k]):
             if not any(all(a <= b for a, b in zip(costs[other], costs[k], strict=True)) for other in best):
                 best.append(k)
-        return tuple(best)
+        return tuple(k for k in best if self.points[k].name != _START)
 
 
 def run_folders(folder: Path) -> list[str]:

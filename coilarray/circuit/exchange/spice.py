@@ -154,8 +154,8 @@ def spice_subcircuit(
             for k, pair in enumerate(ladder, start=1)
         ]
         inner = [f"{coil}_m", *(f"{coil}_m{k}" for k in range(2, len(parts)))][: len(parts) - 1]
-        for part, (a, b) in zip(parts, itertools.pairwise([f"{coil}_1", *inner, f"{coil}_2"]), strict=True):
-            lines += [f"{name} {a} {b} {value:.16e}" for name, value in part]
+        for part, nodes in zip(parts, itertools.pairwise([f"{coil}_1", *inner, f"{coil}_2"]), strict=True):
+            lines += [f"{name} {' '.join(nodes)} {value:.16e}" for name, value in part]
         if C_own:
             lines.append(f"C{coil} {coil}_1 {coil}_2 {C_own:.16e}")
     for i, j in itertools.combinations(range(len(L)), 2):

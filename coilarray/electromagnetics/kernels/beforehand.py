@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from numba import boolean, config, float64, int64
+from numba import boolean, float64, int64
+from numba.core.registry import CPUDispatcher
 
 from coilarray.electromagnetics.kernels import bars, far_pairs, filaments, node_pairs, paths, sections, segments
 
@@ -32,8 +33,8 @@ KERNELS: tuple[tuple[Any, Sequence[Any]], ...] = (
 
 def compile_kernels() -> None:
     """Compile each kernel for the arguments that a report gives it; nothing where numba is switched off."""
-    if not config.DISABLE_JIT:
-        for made, arguments in KERNELS:
+    for made, arguments in KERNELS:
+        if isinstance(made, CPUDispatcher):
             made.compile(tuple(arguments))
 
 

@@ -232,8 +232,8 @@ def _smallest(file: DesignFile) -> _Part:
         ],
         constraints,
         ["span_mm"],
-        trials=160,
-        polish=60,
+        trials=100,
+        polish=40,
     )
 
 
