@@ -44,7 +44,7 @@ def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = (), *
     def check(context: typer.Context, path: Path | None) -> Path | None:
         if suffixes:
             check_file(names[0], path, suffixes)
-        if path is not None and not kept and "force" in context.params:
+        if path is not None and path.suffix and not kept and "force" in context.params:  # without one: a folder
             command = str(context.info_name)
             context.with_resource(replacing(command, path, force=context.params["force"]))
         return path

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -21,7 +20,7 @@ _SLOPE, _CORRECTIONS = 0.01, 2
 _NEAREST = 1.02  # of the least distance: what counts as a neighbour
 
 
-def decoupled_pitch(width: float, design_at: Callable[[float], Design]) -> float:
+def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at: Callable[[float], Design]) -> float:
     """Find the pitch of coils at which the mean coupling of neighbours is zero.
 
     The field inside a coil and that around it have opposite signs, so that neighbours which overlap more than that
@@ -34,6 +33,8 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design]) -> float
         Width of a coil in m.
     design_at : callable
         Returns the design of some neighbouring coils for a pitch in m.
+    rough_at : callable
+        Returns a quicker model of it, in which the pitch is looked for first.
 
     Returns
     -------
@@ -46,17 +47,17 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design]) -> float
         No such pitch between 0.4 and 1 widths.
     """
 
-    def bare(pitch: float) -> float:
-        return float(neighbour_coupling(replace(design_at(pitch), sheets=(), indentation=None)).mean())
+    def rough(pitch: float) -> float:
+        return float(neighbour_coupling(rough_at(pitch)).mean())
 
     pitches = np.linspace(_TO, _FROM, _SAMPLES) * width
-    outer, k_outer = float(pitches[0]), bare(float(pitches[0]))
+    outer, k_outer = float(pitches[0]), rough(float(pitches[0]))
     for inner in pitches[1:].tolist():
-        k_inner = bare(inner)
+        k_inner = rough(inner)
         if k_outer * k_inner <= 0:
-            found = float(brentq(bare, inner, outer, xtol=_PITCH_STEP / 4))
-            slope = (bare(found + _SLOPE * width) - bare(found)) / (_SLOPE * width)
-            for _ in range(_CORRECTIONS):  # by what the sheets add
+            found = float(brentq(rough, inner, outer, xtol=_PITCH_STEP / 4))
+            slope = (rough(found + _SLOPE * width) - rough(found)) / (_SLOPE * width)
+            for _ in range(_CORRECTIONS):  # by what the rough model leaves out
                 found -= float(neighbour_coupling(design_at(found)).mean()) / slope
             return round(found / _PITCH_STEP) * _PITCH_STEP
         outer, k_outer = inner, k_inner

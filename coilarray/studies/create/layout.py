@@ -108,7 +108,11 @@ def _placed(plan: Plan, wishes: Wishes) -> Plan:
     """Find the pitch; DesignError where coils on the same layers overlap then."""
     if wishes.decoupled:
         few = replace(plan, arrangement=plan.arrangement.fewest)
-        placed = replace(plan, pitch=decoupled_pitch(plan.width, lambda at: replace(few, pitch=at).design))
+        rough = replace(few, rough=True, elastomer=False)
+        pitch = decoupled_pitch(
+            plan.width, lambda at: replace(few, pitch=at).design, lambda at: replace(rough, pitch=at).design
+        )
+        placed = replace(plan, pitch=pitch)
     else:
         placed = replace(plan, pitch=plan.width + plan.lead + _BESIDE if wishes.pitch is None else wishes.pitch)
     if not _are_apart(placed):
