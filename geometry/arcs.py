@@ -156,7 +156,7 @@ def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float, small: floa
     points, pieces, done = [line[:1]], [np.zeros(0, dtype=np.int64)], 0
     for arc in arcs:
         radius, turn = arc_size(*arc.points(line))
-        count = _LEAST_PIECES if radius <= small else max(_LEAST_PIECES, math.ceil(abs(turn) / step))
+        count = _LEAST_PIECES if radius <= small else max(_LEAST_PIECES, math.ceil(abs(turn) / step - 1e-9))
         points += [line[done + 1 : arc.first + 1], arc_pieces(*arc.points(line), count)[1:]]
         pieces += [np.arange(done, arc.first), np.full(count, arc.first)]
         done = arc.last
