@@ -95,7 +95,8 @@ def init(
     if not chosen:
         asking = sys.stdin.isatty() and sys.stdout.isatty()
         chosen = ask_for_choices(get_args(Shape)) if asking else {"overlap": "decoupled"}
-    made = _made(target.stem, chosen)
+    with shared.progress_bar("layers, winding, pitch, terminals and tank"):
+        made = _made(target.stem, chosen)
     save_design(made, target)
     remember("init", [target])
     for line in (f"wrote {target}: {made.design.title}", *_described(made, chosen.get("inductance_uH"))):

@@ -70,7 +70,7 @@ def locate(
     design is computed once and kept. A stream gives one JSON line out for each line in, with "error" for a bad one; the
     exit code is 2 only where no line was a reading.
 
-    Example: coilarray locate --model gast2020 coil1=1e-6,coil2=1.2e-5,coil3=3.4e-4,coil4=1.2e-4,coil5=0,coil6=0
+    Example: coilarray locate --model gast2020 coil1=-2e-5,coil2=8e-5,coil3=9.5e-4,coil4=5.6e-4,coil5=-1e-5,coil6=-1e-5
 
     Example: coilarray locate --model map.nc --coil coil1 --coil coil2 --coil coil3 coil1=7e-4,coil2=3e-4,coil3=1e-5
 

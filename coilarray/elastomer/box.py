@@ -138,7 +138,7 @@ def element_stiffness(parts: tuple[ElementMatrices, ...], shear: float, squash: 
     def product(test: int, trial: int) -> FloatArray:
         x, y, z = (part.product(test == axis, trial == axis) for axis, part in enumerate(parts))
         size = len(x) * len(y) * len(z)
-        return np.einsum("ai,bj,ck->abcijk", x, y, z).reshape(size, size)
+        return np.asarray(np.einsum("ai,bj,ck->abcijk", x, y, z).reshape(size, size))
 
     gradients = [[product(i, j) for j in range(3)] for i in range(3)]  # ∫ ∂_i φ ∂_j φ
     laplace = sum(gradients[i][i] for i in range(3))

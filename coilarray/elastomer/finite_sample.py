@@ -281,7 +281,7 @@ class _Problem:
         patterns = patterns[:, sizes > _RANK**2 * max(sizes[-1], np.finfo(float).tiny)]
         few = np.zeros((len(loads), patterns.shape[1]))
         few[loaded] = loads[loaded] @ patterns
-        return self.faces(self.box.displacements(few.reshape(*self.box.shape, -1))) @ patterns.T
+        return np.asarray(self.faces(self.box.displacements(few.reshape(*self.box.shape, -1))) @ patterns.T)
 
     def ring(self, places: FloatArray, case: int) -> tuple[FloatArray, FloatArray]:
         """Weights along x and y, (places, nodes), of the mean over the contact of a function that is smooth there.

@@ -172,7 +172,7 @@ def test_the_seat_carries_the_force_of_the_wide_field() -> None:
 
 @pytest.mark.slow
 def test_wide_field_and_correction_are_the_box_that_is_loaded_directly() -> None:
-    place, mesh = np.array([5e-3, 3e-3]), BoxMesh(degree=4, edge=0.6, growth=0.5, widest=1.2)
+    place, mesh = np.array([5e-3, 3e-3]), BoxMesh(degree=3, edge=0.6, growth=0.5, widest=1.2)
     uneven = Unevenness(stiffness_slope=(12.0, -8.0))
     found = corrected(places=(tuple(place),), unevenness=uneven, mesh=mesh)
     stack = stack_of(SHEETS)
@@ -182,19 +182,20 @@ def test_wide_field_and_correction_are_the_box_that_is_loaded_directly() -> None
     factor = 1 + 12.0 * found.x.nodes[:, None] - 8.0 * found.y.nodes
     springs = np.zeros((3, *area.shape)) + 1e-6 * area
     springs[2] = SEAT.stiffness * stack.length / stack.stress * factor * area
-    box = factorised((x, y, Axis(stack.levels, 4)), stack.shear, stack.squash, springs, np.zeros(3, dtype=bool))
+    axes = x, y, Axis(stack.levels, mesh.degree)
+    box = factorised(axes, stack.shear, stack.squash, springs, np.zeros(3, dtype=bool))
     (px, wx), (py, wy) = x.rule(0.02), y.rule(0.02)
     at = np.hypot(px[:, None] * stack.length - place[0], py * stack.length - place[1])
     load = np.interp(at, r, pressure[0], right=0.0) / stack.stress * wx[:, None] * wy
-    direct = pressed(box, x.basis(px).T @ load @ y.basis(py))[:, 2, :, [0, 4]] * stack.length
+    direct = pressed(box, x.basis(px).T @ load @ y.basis(py))[:, 2, :, [0, mesh.degree]] * stack.length
     field = wide_field(stack, SEAT, r / stack.length, pressure / stack.stress, stack.levels[:2], 8.0)
     distance = np.hypot(found.x.nodes[:, None] - place[0], found.y.nodes - place[1]) / stack.length
     wide = np.asarray(field.moved(distance))[..., 1, 0, :] * stack.length
     total = np.moveaxis(wide, -1, 0) + found.moved[0, 0, :2]
     assert np.abs(found.moved[0, 0, 0]).max() > 0.05 * np.abs(total).max()
     away = distance > 2.5  # two elements from the contact, which the box alone resolves less well than the wide field
-    # two solutions on the same elements, one of which has to carry the load of the contact: 2 % of the correction
-    assert np.abs(total - direct)[:, away].max() < 0.02 * np.abs(found.moved[0, 0, :2]).max()
+    # on the same elements, where one solution has to carry the load of the contact: measured 0.6 % of the correction
+    assert np.abs(total - direct)[:, away].max() < 0.01 * np.abs(found.moved[0, 0, :2]).max()
 
 
 @pytest.mark.slow
@@ -310,7 +311,7 @@ def test_far_sides_leave_the_response_and_near_ones_raise_it() -> None:
 
     close = (-40e-3, -9e-3, 40e-3, 9e-3)
     with coarse_maps(DEFAULT_MESH):
-        wide, far, near = (response(b) for b in (None, (-60e-3, -60e-3, 60e-3, 60e-3), close))
+        wide, far, near = (response(b) for b in (None, (-42e-3, -42e-3, 42e-3, 42e-3), close))
         few = response(close, 1e-3)
     assert far[1] == pytest.approx(wide[1], rel=2e-3)  # and the mesh of the contact is another one
     assert abs(near[1] / wide[1] - 1) > 0.02
@@ -326,8 +327,9 @@ def test_the_change_of_inductance_is_that_of_the_three_dimensional_solution(case
     coarser = meshes[1] + (meshes[1] - meshes[0]) / (1.5**4 - 1)
     largest = np.abs(limit).max()
     np.testing.assert_allclose(coarser, limit, rtol=0.025, atol=2e-4 * largest)
-    # The package is to first order in all but the depth and the rigid motion under the indenter. Measured: 0.8 to 3.6 %
-    # of L, 4.2 % of M beside the near side; of M on the rising seat, which is 1/1400 of the largest entry, three times.
+    # The package is to first order in all but the depth and the rigid motion under the indenter. Measured: 0.8 to 3.4 %
+    # of L and 3.2 % of M beside the near side. M on the rising seat passes through zero: 1/1400 of the largest entry in
+    # three dimensions, 1/340 here.
     np.testing.assert_allclose(package, limit, rtol=0.05, atol=2.5e-3 * largest)
     seen, expected = (kept["effective"][key] for key in ("package", "three_dimensions"))
     np.testing.assert_allclose(seen, expected, rtol=0.05)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.refusals import refused
 
-from coilarray import new_design
+from coilarray import load_design, new_design, save_design
 from coilarray.circuit.coupling import design_inductance
 from coilarray.circuit.impedance import scan_design
 from coilarray.errors import DesignError
@@ -85,9 +85,11 @@ def test_other_arrangements_are_refused(coils):
         ("2", {"shape": "racetrack", "size": (24e-3, 12e-3), "inductance": 5e-6}),
     ],
 )
-def test_a_design_has_what_was_asked_and_keeps_every_limit(coils, choices):
+def test_a_design_has_what_was_asked_and_keeps_every_limit(tmp_path, coils, choices):
     file = new_design("asked", coils, **choices)
     design = file.design
+    save_design(file, tmp_path / "asked.toml")
+    assert load_design(tmp_path / "asked.toml").digest == design.digest
     found = np.diag(design_inductance(design)[0])
     assert found == pytest.approx(choices["inductance"], rel=2e-3)  # the trace is rounded to 1 µm
     assert all(margin.kept for margin in check_rules(design.array, design.rules))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,9 @@ from coilarray.geometry.values import FloatArray
 from coilarray.studies.create.plan import Plan
 
 _MOVES, _MOVE = 13, 0.5e-3  # by how much coils are moved apart until their terminals have room, in m
-_LONGEST_LEAD, _LEAD_STEP = 1.5, 0.25e-3  # widths of a coil, and m
+_LONGEST_LEAD, _LEAD_STEP = 1.0, 0.25e-3  # widths of a coil, and m
+_SHORT = 1e-9  # m: no lead is a point
+_MOST_TRIALS = 3  # of lengths at one start, which rules may break that the quick look does not see
 
 
 def with_terminals(plan: Plan, *, movable: bool) -> Plan:
@@ -50,7 +53,7 @@ def _candidates(plan: Plan, *, movable: bool) -> Iterator[Plan]:
     if plan.sets > 1:
         for start in starts:
             begun = replace(plan, start=start)
-            yield from (replace(begun, lead=length) for length in _clear_leads(begun))
+            yield from (replace(begun, lead=length) for length in islice(_clear_leads(begun), _MOST_TRIALS))
         return
     for move in range(_MOVES if movable and plan.arrangement.lattice != "single" else 1):
         for start in starts:
@@ -67,16 +70,37 @@ def _clear_leads(plan: Plan) -> Iterator[float]:
     for place, lines in zip(placements, others, strict=True):
         if _nearest(place.to_board(coil.via_points), lines) < beside + plan.via_pad / 2:
             return
-    terminals = coil.terminal_points
+    terminals, pad = coil.terminal_points, 0.0 if coil.terminal is None else coil.terminal.pad
     outwards = terminals.mean(axis=0) / float(np.hypot(*terminals.mean(axis=0)))
-    pad = 0.0 if coil.terminal is None else coil.terminal.pad
+    alike = [
+        [line for other, own in zip(placements, windings, strict=True) if _meets(place, other) for line in own]
+        for place in placements
+    ]
     for longer in np.arange(0.0, _LONGEST_LEAD * plan.width, _LEAD_STEP).tolist():
-        moved = terminals + longer * outwards
+        ends = terminals + longer * outwards
+        leads = [
+            np.asarray(
+                shapely.linestrings(
+                    [place.to_board(np.array(both)) for both in zip(terminals, ends + _SHORT, strict=True)]
+                )
+            )
+            for place in placements
+        ]
         if all(
-            _nearest(place.to_board(moved), lines) >= beside + pad / 2
-            for place, lines in zip(placements, others, strict=True)
+            _nearest(place.to_board(ends), others[k]) >= beside + pad / 2
+            and _nearest(
+                place.to_board(np.vstack((ends, coil.via_points))), np.concatenate([*leads[:k], *leads[k + 1 :]])
+            )
+            >= beside + pad / 2
+            and _apart(leads[k], np.array(alike[k])) >= beside + coil.trace_width / 2
+            for k, place in enumerate(placements)
         ):
             yield plan.lead + longer
+
+
+def _meets(place: Placement, other: Placement) -> bool:
+    """Whether another coil lies on the same layers."""
+    return other is not place and bool(set(place.layers) & set(other.layers))
 
 
 def _windings(place: Placement) -> npt.NDArray[np.object_]:
@@ -88,3 +112,7 @@ def _windings(place: Placement) -> npt.NDArray[np.object_]:
 
 def _nearest(points: FloatArray, lines: npt.NDArray[np.object_]) -> float:
     return float(np.min(shapely.distance(np.asarray(shapely.points(points))[:, None], lines), initial=np.inf))
+
+
+def _apart(lines: npt.NDArray[np.object_], others: npt.NDArray[np.object_]) -> float:
+    return float(np.min(np.asarray(shapely.distance(lines[:, None], others)), initial=np.inf))
