@@ -132,7 +132,7 @@ def pieces_of(line: FloatArray, arcs: Sequence[Arc]) -> Iterator[Arc]:
         done = arc.last
 
 
-def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float) -> tuple[FloatArray, IntArray]:
+def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float, small: float = 0.0) -> tuple[FloatArray, IntArray]:
     """Take larger pieces for the arcs of a line.
 
     Parameters
@@ -143,6 +143,8 @@ def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float) -> tuple[Fl
         Its arcs in order.
     step : float
         Largest angle of a piece in rad.
+    small : float
+        Radius in m up to which an arc has the fewest pieces that it can have.
 
     Returns
     -------
@@ -153,7 +155,8 @@ def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float) -> tuple[Fl
     """
     points, pieces, done = [line[:1]], [np.zeros(0, dtype=np.int64)], 0
     for arc in arcs:
-        count = max(_LEAST_PIECES, math.ceil(4 * abs(math.atan(arc.bulge)) / step))
+        radius, turn = arc_size(*arc.points(line))
+        count = _LEAST_PIECES if radius <= small else max(_LEAST_PIECES, math.ceil(abs(turn) / step - 1e-9))
         points += [line[done + 1 : arc.first + 1], arc_pieces(*arc.points(line), count)[1:]]
         pieces += [np.arange(done, arc.first), np.full(count, arc.first)]
         done = arc.last

@@ -193,13 +193,13 @@ class Coil:
         """Give each line, shape (n, 2), and its widths, shape (n − 1,), in m, with arcs in pieces fit for the field.
 
         All arcs have pieces of the same angle, so that those of neighbouring turns are parallel: on the largest one
-        they leave the arc by `chord` times half the size of the outline.
+        they leave the arc by `chord` times half the size of the outline. Bends within a trace have three pieces.
         """
         radii = [arc_size(*arc.points(line))[0] for k, line in enumerate(self.lines) for arc in self.arcs_of(k)]
         reach = float(np.ptp(self.outline, axis=0).max()) / 2 if radii else 0.0
         step = math.sqrt(8 * chord * reach / max(radii, default=1.0))
         for k, (line, widths) in enumerate(zip(self.lines, self.widths, strict=True)):
-            points, pieces = coarser_line(line, self.arcs_of(k), step)
+            points, pieces = coarser_line(line, self.arcs_of(k), step, small=0.6 * self.trace_width)
             yield points, widths[pieces]
 
     @cached_property

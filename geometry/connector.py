@@ -18,6 +18,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import GeometryError
+from coilarray.geometry.arcs import Arc, rounded_line
 from coilarray.geometry.array import CoilArray, Connector, LedOut, Placement
 from coilarray.geometry.coil import Coil
 from coilarray.geometry.copper import disc, drills, trace_outline
@@ -172,8 +173,7 @@ class _Grid:
         self.array, self.connector, self.pads = array, connector, pads
         first = array.placements[0].coil
         self.width, self.gap = connector.trace_width or first.trace_width, connector.gap or first.gap
-        # from a lead's centre line to other copper; its corners of 45° stick out by 8 % of half its width
-        self.clearance = self.gap + 1.1 * self.width / 2
+        self.clearance = self.gap + self.width / 2
         x_min, _, x_max, y_max = replace(array, board_margin=0.0).bounds
         room = _AROUND * max(connector.pitch, 2 * (self.width + self.gap))
         x_min, x_max = min(x_min, pads[..., 0].min()) - room, max(x_max, pads[..., 0].max()) + room
@@ -324,20 +324,7 @@ class _Grid:
                     break
             short += [way[best]] if corner is None else [corner, way[best]]
             k = best
-        return self._with_slanting_corners(_straightened(np.array(short)), others)
-
-    def _with_slanting_corners(self, way: FloatArray, others: Sequence[BaseGeometry]) -> FloatArray:
-        """Cut corners of a way, shape (n, 2), of more than 60°, whose tips stick out, where nothing is in the way."""
-        points = [way[0]]
-        for before, corner, after in zip(way[:-2], way[1:-1], way[2:], strict=True):
-            ahead, back = after - corner, before - corner
-            far, near = float(np.hypot(*ahead)), float(np.hypot(*back))
-            cut = min(self.width, far / 2, near / 2)
-            ends = (corner + cut / near * back, corner + cut / far * ahead)
-            sharp = float(ahead @ back) > -far * near / 2
-            free = sharp and not np.any(shapely.intersects(shapely.LineString(ends), others))
-            points += ends if free else [corner]
-        return np.array([*points, way[-1]])
+        return _straightened(np.array(short))
 
     def _hops(self, place: FloatArray, others: Sequence[BaseGeometry], ahead: FloatArray) -> IntArray:
         """Nodes that a straight piece reaches from a place in m, but for those behind it."""
@@ -378,17 +365,36 @@ def _straightened(way: FloatArray) -> FloatArray:
     return way[np.concatenate(([True], turns, [True]))]
 
 
+def _rounded(corners: FloatArray, radius: float) -> tuple[FloatArray, tuple[Arc, ...]]:
+    """Round the corners of a line with a radius in m, or as far as half of its pieces allow."""
+    step = np.diff(corners, axis=0)
+    length = np.hypot(*step.T)
+    along = step / length[:, None]
+    cosine = np.clip((along[:-1] * along[1:]).sum(axis=1), -1 + 1e-9, 1)
+    tangent = np.sqrt((1 - cosine) / (1 + cosine))
+    room = np.minimum(length[:-1], length[1:]) / 2
+    return rounded_line(corners, np.minimum(radius, room / np.maximum(tangent, 1e-9)).tolist())
+
+
 def _with_ways(place: Placement, ways: Sequence[FloatArray], width: float) -> Placement:
     """Return a coil whose path begins and ends with the ways, in m on the board, from its ends to their pads."""
     coil = place.coil
     c, s = math.cos(place.rotation), math.sin(place.rotation)
-    first, last = ((way - (place.x, place.y)) @ np.array([[c, -s], [s, c]]) for way in ways)
-    lines, widths = list(coil.lines), list(coil.widths)
-    arcs = list(coil.arcs) or [()] * len(lines)
-    lines[0] = np.vstack((first[:0:-1], lines[0]))
-    widths[0] = np.concatenate((np.full(len(first) - 1, width), widths[0]))
-    arcs[0] = tuple(arc.shifted(len(first) - 1) for arc in arcs[0])
-    lines[-1] = np.vstack((lines[-1], last[1:]))
-    widths[-1] = np.concatenate((widths[-1], np.full(len(last) - 1, width)))
+    lines, widths, arcs = list(coil.lines), list(coil.widths), list(coil.arcs) or [()] * len(coil.lines)
+    for k, way in zip((0, -1), ways, strict=True):
+        own = (way - (place.x, place.y)) @ np.array([[c, -s], [s, c]])
+        sense = -1 if k == 0 else 1  # the path begins with the first lead's pad
+        line = lines[k][::sense]
+        lead, bends = _rounded(np.vstack((line[-2], own)), width / 2)
+        outwards = np.vstack((line[:-1], lead[1:]))
+        turned = [arc.shifted(len(line) - 2) for arc in bends]
+        if k == 0:
+            most = len(outwards) - 1
+            turned = [Arc(most - arc.last, most - arc.first, -arc.bulge) for arc in turned[::-1]]
+            arcs[k] = (*turned, *(arc.shifted(len(outwards) - len(line)) for arc in arcs[k]))
+        else:
+            arcs[k] = (*arcs[k], *turned)
+        lines[k] = outwards[::sense]
+        widths[k] = np.concatenate((widths[k][::sense], np.full(len(outwards) - len(line), width)))[::sense]
     led = replace(coil, lines=tuple(lines), widths=tuple(widths), arcs=tuple(arcs) if any(arcs) else ())
     return replace(place, coil=led)
