@@ -98,7 +98,8 @@ def coil_colours(names: Sequence[str], centres: npt.ArrayLike | None = None) -> 
     """
     if len(names) <= len(COILS):
         return cycled(COILS, names)
-    places = np.column_stack((np.arange(len(names)), np.zeros(len(names)))) if centres is None else np.asarray(centres)
+    row = np.column_stack((np.arange(len(names)), np.zeros(len(names))))
+    places = np.asarray(row if centres is None else centres, dtype=np.float64)
     return cycled([MANY[k] for k in _by_place(places[: len(MANY)])], names)
 
 

@@ -112,8 +112,8 @@ class NumbersPanel(Panel):
 
     def _fail(self, design: Design, problem: str) -> None:
         with self._page.state as state:
-            self._page.arrived("numbers", design)
             state.numbers_problem, state.accuracy = problem, ""
+            self._page.arrived("numbers", design)
 
     def _show_margins(self, found: tuple[Design, tuple[Margin, ...]]) -> None:
         design, margins = found

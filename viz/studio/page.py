@@ -60,7 +60,6 @@ class Page:
         self._jobs: dict[str, Job] = {}
         self.endpoint: Any = None  # of its messages
         self.state.update({"problem": "", "job": _NO_JOB, "stale": [], "shown_accuracy": ""})
-        self.state.change("stale", "accuracy")(lambda **_: self._say_accuracy())
         self.trigger("cancel_job", lambda: self.stop_job(self.state.job["name"]))
         self.scene = ScenePanel(self)
         self.numbers = NumbersPanel(self)
@@ -127,6 +126,7 @@ class Page:
             self.numbers.wait()
             self.state.scene_rests = False
             self.state.stale = [name for name in _FOLLOWING if name != "scene" or self.scene.steps()]
+            self._say_accuracy()
         self.follow()
 
     def follow(self) -> None:
@@ -144,9 +144,10 @@ class Page:
         return design is self.work.design
 
     def arrived(self, name: str, design: Design) -> None:
-        """Remove the mark of stale results where they are those of the current design."""
+        """Remove the mark of stale results where they are those of the current design, and say how accurate all are."""
         if self.is_current(design):
             self.state.stale = [one for one in self.state.stale if one != name]
+        self._say_accuracy()
 
     def say(self, problem: str) -> None:
         """Show one line above the page; an empty one removes it."""
