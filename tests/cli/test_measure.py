@@ -216,7 +216,8 @@ def test_series_for_locate(board, tmp_path, capsys):
     assert code == 0
     assert all_marked(err)  # that the map is of an emulator
     (position,) = json.loads(out)["positions"]
-    assert position["x_m"] == pytest.approx(2e-3, abs=0.1e-3)  # a cubic through steps of 2 mm
+    on_board = 2e-3 + float(load_part(tmp_path / "map.nc").attrs["origin_x"])  # the path counts from the map's origin
+    assert position["x_m"] == pytest.approx(on_board, abs=0.1e-3)  # a cubic through steps of 2 mm
     assert abs(position["y_m"]) == pytest.approx(1e-3, abs=0.2e-3)  # both coils are symmetric in y
 
 
