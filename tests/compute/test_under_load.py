@@ -33,6 +33,7 @@ from coilarray.cli import optimize
 from coilarray.cli.main import main
 from coilarray.compute.large_file import parts_folder
 from coilarray.compute.netcdf import load_part, save_dataset
+from coilarray.compute.recent import Recent
 from coilarray.compute.threads import run_blocks
 from coilarray.design.bundled import read
 from coilarray.design.vary import vary_document
@@ -276,6 +277,8 @@ def test_the_same_command_goes_on_to_the_same_result(tmp_path, monkeypatch, caps
         monkeypatch.chdir(folder)
         monkeypatch.setenv("COILARRAY_CACHE", str(folder / "cache"))
         _kept_contact.cache_clear()  # what is in memory would not be kept in the second folder
+        for recent in ("_PARTS", "_CAPACITANCES"):
+            monkeypatch.setattr(f"coilarray.circuit.coupling.{recent}", Recent(4))
         assert main(command.split()) == 0, capsys.readouterr().err
         found.append(numbers_of(folder / result))
     assert [name for name in files(broken_off) if name.endswith(".parts")] == []
