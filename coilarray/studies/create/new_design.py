@@ -60,7 +60,7 @@ def new_design(
     elastomer : bool
         Lay an elastomer with a magnetic sheet on the board, and an indenter that presses into it.
     frequency : float, optional
-        Frequency in Hz of a coil with its tank; by default as `coilarray.studies.tank.tank_capacitance` chooses.
+        Frequency in Hz of a coil with its tank; by default as `coilarray.studies.create.tank.tank_capacitance` chooses.
     title : str
         Title in reports; by default it says what the design is.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -121,14 +122,7 @@ def _drawn(width: float, widest: float) -> float:
 
 def _first(holds: Callable[[int], bool], most: int) -> int:
     """Return the least whole number from 1 for which a condition holds that keeps holding; `most` + 1 where none."""
-    low, high = 1, most + 1
-    while low < high:
-        middle = (low + high) // 2
-        if holds(middle):
-            high = middle
-        else:
-            low = middle + 1
-    return low
+    return 1 + bisect_left(range(1, most + 1), True, key=holds)
 
 
 def _out_of_reach(inductance: float, of: Callable[[int, float], float], room: Room) -> str:
