@@ -184,8 +184,8 @@ def rounded_line(corners: FloatArray, radii: Sequence[float]) -> tuple[FloatArra
     Examples
     --------
     >>> points, (arc,) = rounded_line(np.array([[0, 0], [2e-3, 0], [2e-3, 2e-3]]), [1e-3])
-    >>> points[[0, arc.first, arc.last, -1]].tolist()
-    [[0.0, 0.0], [0.001, 0.0], [0.002, 0.001], [0.002, 0.002]]
+    >>> (points[[0, arc.first, arc.last, -1]] * 1e3).round(6).tolist()
+    [[0.0, 0.0], [1.0, 0.0], [2.0, 1.0], [2.0, 2.0]]
     """
     along = np.diff(corners, axis=0)
     along /= np.hypot(*along.T)[:, None]

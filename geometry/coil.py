@@ -258,6 +258,7 @@ def spiral_coil(
 
     Examples
     --------
+    >>> from coilarray.geometry import Spiral
     >>> spiral = Spiral(6, 10e-3, 10, 0.15e-3, 0.15e-3)
     >>> coil = spiral_coil(spiral, 2, PlatedHole(0.2e-3, 0.45e-3))
     >>> len(coil.lines), coil.via_points.shape

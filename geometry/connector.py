@@ -62,7 +62,7 @@ def lead_out(array: CoilArray, connector: Connector) -> CoilArray:
     >>> led = lead_out(lattice_array(board, coil, Lattice("linear", 16e-3, 2)), Connector("bottom"))
     >>> ends = [place.to_board(place.coil.terminal_points) for place in led.placements]
     >>> sorted(round(float(x) * 1e3, 2) for end in ends for x in end[:, 0])
-    [-3.81, -1.27, 1.27, 3.81]
+    [-2.91, -0.37, 2.17, 4.71]
     """
     key = tuple((p.name, p.coil, p.layers, p.x, p.y, p.rotation) for p in array.placements)
     placements = _led(array.stackup, array.through_holes, key, connector)

@@ -1,8 +1,8 @@
 """The one rule of all commands that write: each replaces what it wrote itself, and nothing else without --force.
 
-What a command wrote is known by the file's size and time, which are kept in the store: a file that was edited since, or
-that another command or program wrote, is not the command's own. Where the store cannot be written, or was deleted,
-nothing is.
+What a command wrote is known by the file's size and time, which are kept beside the store's results: a file that was
+edited since, or that another command or program wrote, is not the command's own. Where the store cannot be written, or
+was deleted, nothing is.
 """
 
 from __future__ import annotations
@@ -69,6 +69,6 @@ def _entry(path: Path) -> tuple[Store, str]:
     """Return the store and the key under which it keeps what is known of a file, for all versions of the code."""
     import hashlib
 
-    from coilarray.compute.store import open_store
+    from coilarray.compute.store import Store, open_store
 
-    return open_store(), hashlib.sha256(f"written {path.resolve()}".encode()).hexdigest()
+    return Store(open_store().folder / "written"), hashlib.sha256(f"written {path.resolve()}".encode()).hexdigest()

