@@ -80,7 +80,8 @@ class BoardOptions:
         list[str] | None,
         typer.Option(
             help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), "
-            "drift=0.01 (K/s), press=X,Y,DEPTH (mm; in live after the baseline), path=FILE.csv (columns time_s, x_mm, "
+            "drift=0.01 (K/s), press=X,Y,DEPTH (mm from the map's origin; in live after the baseline), "
+            "path=FILE.csv (columns time_s, x_mm, "
             "y_mm, depth_mm)."
         ),
     ] = None

@@ -47,7 +47,10 @@ def campaign(
     resume: Annotated[bool, typer.Option("--resume", help="Continue the recording where the file exists.")] = False,
     x_mm: Annotated[
         str | None,
-        typer.Option(help="Positions from the map's origin, as 0,5 or START:STOP:COUNT; the design's by default."),
+        typer.Option(
+            help="Positions along x, not on the board but from the map's origin, as 0,5 or START:STOP:COUNT; the "
+            "design's by default."
+        ),
     ] = None,
     y_mm: Annotated[str | None, typer.Option(help="The same along y.")] = None,
     depth_mm: Annotated[str | None, typer.Option(help="Depths of the indentation, likewise.")] = None,

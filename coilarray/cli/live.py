@@ -226,8 +226,9 @@ def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Desi
 def _model(design: Design, table: Path | None) -> ForwardModel:
     """Return the forward model of a design; its table is kept for the next time."""
     from coilarray.localize.forward import forward_model
+    from coilarray.response.coordinates import on_board
 
-    return forward_model(kept_table(design, table))
+    return forward_model(on_board(kept_table(design, table)))
 
 
 def _tour(setup: Indentation, start: float) -> list[tuple[float, float, float, float]]:

@@ -210,7 +210,8 @@ def _of_states(reading: Reading, used: Sequence[str], every: Sequence[str]) -> R
     if isinstance(reading, dict):  # a time, for example; a misspelt coil is noticed as missing
         return {name: reading[name] for name in used if name in reading}
     if len(reading) == len(every):
-        return [value for name, value in zip(every, reading, strict=True) if name in used]
+        by_name = dict(zip(every, reading, strict=True))
+        return [by_name[name] for name in used]  # in the order of --coil, as the model's
     return reading
 
 

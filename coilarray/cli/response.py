@@ -20,7 +20,8 @@ def response(
     design: shared.DesignArgument = None,
     depth_mm: shared.Depths = None,
     x_mm: Annotated[
-        str | None, typer.Option(help="Positions along x from the map's origin, as 0,5 or START:STOP:COUNT.")
+        str | None,
+        typer.Option(help="Positions along x, not on the board but from the map's origin, as 0,5 or START:STOP:COUNT."),
     ] = None,
     y_mm: Annotated[str | None, typer.Option(help="Positions along y, in the same form.")] = None,
     tilt: Annotated[tuple[float, float], typer.Option(help="Rise of the sample along x and y, mm per mm.")] = (

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from coilarray.compute.display_units import MM
-from coilarray.geometry import CoilArray
+from coilarray.geometry import Coil, CoilArray, RoundedSpiral
 
-_SHAPES = {3: "triangular", 4: "four-sided", 6: "hexagonal", 8: "octagonal"}
-_ROUND = 12  # corners from which on an outline is a circle for the eye
+_SHAPES = {3: "triangular", 4: "square", 6: "hexagonal", 8: "octagonal"}
 
 
 def array_words(array: CoilArray) -> str:
@@ -21,9 +20,8 @@ def array_words(array: CoilArray) -> str:
     '6 hexagonal coils of 23 × 26.6 mm, neighbours 13.3 mm apart'
     """
     outlines = [place.coil.outline for place in array.placements]
-    corners = {len(outline) for outline in outlines}
-    count = corners.pop() if len(corners) == 1 else 0
-    shape = "round " if count > _ROUND else f"{_SHAPES[count]} " if count in _SHAPES else ""
+    shapes = {_shape(place.coil) for place in array.placements}
+    shape = shapes.pop() if len(shapes) == 1 else ""
     sizes = {tuple(f"{side:.3g}" for side in MM.of(np.ptp(outline, axis=0))) for outline in outlines}
     size = f" of {' × '.join(sizes.pop())} mm" if len(sizes) == 1 else ""
     if len(outlines) == 1:
@@ -31,3 +29,19 @@ def array_words(array: CoilArray) -> str:
     apart = np.hypot(*(array.centres[:, None] - array.centres).transpose(2, 0, 1))
     np.fill_diagonal(apart, np.inf)
     return f"{len(outlines)} {shape}coils{size}, neighbours {MM.of(apart.min()):.3g} mm apart"
+
+
+def _shape(coil: Coil) -> str:
+    """Return the word for a coil's shape, with a blank behind it; none for a path."""
+    if coil.wound is None:
+        return ""
+    spiral = coil.wound.spiral
+    if not isinstance(spiral, RoundedSpiral):
+        return f"{_SHAPES.get(spiral.sides, f'{spiral.sides}-sided')} "
+    if spiral.is_circle:
+        return "round "
+    if spiral.sides != 4:
+        return f"rounded {_SHAPES.get(spiral.sides, f'{spiral.sides}-sided')} "
+    if spiral.corner_radius >= min(spiral.extent, spiral.breadth) / 2:
+        return "racetrack "
+    return "square " if spiral.extent == spiral.breadth else "rectangular "

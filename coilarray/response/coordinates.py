@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
+from coilarray.errors import LocalizeError
+
 if TYPE_CHECKING:
     from coilarray.design.model import Indentation
 
@@ -38,6 +40,11 @@ def on_board(response: xr.Dataset) -> xr.Dataset:
     xarray.Dataset
         The same values at the places on the board where they are; the response itself where it counts from there.
 
+    Raises
+    ------
+    LocalizeError
+        A response, as of an earlier version, that counts from a coil and does not say where that is on the board.
+
     Examples
     --------
     >>> from coilarray import load_design
@@ -46,6 +53,11 @@ def on_board(response: xr.Dataset) -> xr.Dataset:
     >>> float(response.x[0]), float(on_board(response).x[0])
     (0.0, -0.01992)
     """
+    name = response.attrs.get("origin", _BOARD)
+    if name != _BOARD and "origin_x" not in response.attrs:
+        raise LocalizeError(
+            f"the response counts from {name} and does not say where that is on the board; make it again."
+        )
     origin = origin_of(response)
     if origin == (0.0, 0.0):
         return response

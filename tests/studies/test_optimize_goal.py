@@ -167,7 +167,7 @@ def test_axes_know_the_design(design):
     ('entry = "array"\nchoices = [1, 2]', "variable.0.choices: array is a table"),
     ('entry = "coils.octagon.turns_per_layer"\nlow = 1\nhigh = 2', "variable.0.low: coils.octagon"),
     ('entry = "stackup.dielectric_thickness_mm.7"\nlow = 1\nhigh = 2', "must have a number from 0 to 2"),
-    ('entry = "array.lattice"\nlow = 1\nhigh = 2', "variable.0.low: array.lattice must be 'linear', 'square'"),
+    ('entry = "array.lattice"\nlow = 1\nhigh = 2', "variable.0.low: array.lattice must be 'single', 'linear'"),
 ])  # fmt: skip
 def test_variables_that_do_not_fit(design, variable, message):
     with pytest.raises(GoalError) as caught:
