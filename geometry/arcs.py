@@ -15,6 +15,7 @@ CHORD_ERROR = 0.9e-6
 """Largest distance in m of a straight piece from its arc."""
 
 _LEAST_PIECES = 3  # of which the inner points lie no further outside than the error
+_FLATTEST = 2e-10  # m: an arc of less height is straight, below the resolution of any board file
 
 
 def arc_points(start: Place, middle: Place, end: Place, error: float = CHORD_ERROR) -> FloatArray:
@@ -88,8 +89,7 @@ def arc_centre(start: Place, middle: Place, end: Place) -> FloatArray | None:
         return None if np.array_equal(a, b) else (a + b) / 2
     p, q = b - a, c - a
     cross = float(p[0] * q[1] - p[1] * q[0])
-    # the sagitta of a flatter arc is below the resolution of any board file
-    if abs(cross) <= 1e-10 * float(np.hypot(*q)):
+    if abs(cross) <= _FLATTEST / 2 * float(np.hypot(*q)):
         return None
     u, v = float(p @ p), float(q @ q)
     return np.asarray(a + np.array([q[1] * u - p[1] * v, p[0] * v - q[0] * u]) / (2 * cross))
@@ -157,8 +157,9 @@ def coarser_line(line: FloatArray, arcs: Sequence[Arc], step: float, small: floa
     for arc in arcs:
         radius, turn = arc_size(*arc.points(line))
         count = _LEAST_PIECES if radius <= small else max(_LEAST_PIECES, math.ceil(abs(turn) / step - 1e-9))
-        points += [line[done + 1 : arc.first + 1], arc_pieces(*arc.points(line), count)[1:]]
-        pieces += [np.arange(done, arc.first), np.full(count, arc.first)]
+        piece = arc_pieces(*arc.points(line), count)[1:]
+        points += [line[done + 1 : arc.first + 1], piece]
+        pieces += [np.arange(done, arc.first), np.full(len(piece), arc.first)]
         done = arc.last
     return np.vstack([*points, line[done + 1 :]]), np.concatenate([*pieces, np.arange(done, len(line) - 1)])
 
@@ -204,7 +205,7 @@ def rounded_line(corners: FloatArray, radii: Sequence[float]) -> tuple[FloatArra
 
     for corner, before, after, radius in zip(corners[1:-1], along[:-1], along[1:], radii, strict=True):
         turn = math.atan2(before[0] * after[1] - before[1] * after[0], float(before @ after))
-        if radius == 0 or turn == 0:
+        if radius * (1 - math.cos(turn / 2)) <= _FLATTEST:
             add(corner[None])
             continue
         tangent = radius * math.tan(abs(turn) / 2)

@@ -196,10 +196,11 @@ class Connector:
 
 @dataclass(frozen=True, eq=False)
 class LedOut:
-    """The array and connector that `coilarray.geometry.connector.lead_out` made another array from."""
+    """The array and connector that `coilarray.geometry.connector.lead_out` made other placements from."""
 
     array: CoilArray
     connector: Connector
+    placements: tuple[Placement, ...]
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,7 +66,7 @@ def lead_out(array: CoilArray, connector: Connector) -> CoilArray:
     """
     key = tuple((p.name, p.coil, p.layers, p.x, p.y, p.rotation) for p in array.placements)
     placements = _led(array.stackup, array.through_holes, key, connector)
-    return replace(array, placements=placements, led_out=LedOut(array, connector))
+    return replace(array, placements=placements, led_out=LedOut(array, connector, placements))
 
 
 _Place = tuple[str, Coil, tuple[str, ...], float, float, float]

@@ -24,7 +24,8 @@ def save_design(design: Design | DesignFile, path: str | Path) -> None:
     Parameters
     ----------
     design : Design or DesignFile
-        A file keeps its keys and the reasons of what is assumed; of a design made in Python all keys are written.
+        A file keeps its keys and the reasons of what is assumed, but not comments of its own; of a design made in
+        Python all keys are written.
     path : str or Path
         File to write; what is there is replaced.
 

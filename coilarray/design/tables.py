@@ -28,6 +28,7 @@ from coilarray.design.units import (
     in_si,
     require_rising,
 )
+from coilarray.design.window import MOST_POSITIONS
 from coilarray.errors import DesignError, GeometryError
 from coilarray.geometry import (
     EVEN,
@@ -82,7 +83,6 @@ Positions = Annotated[list[Position], Field(min_length=1, max_length=100_000)]
 Range = Annotated[list[Position], Field(min_length=2, max_length=2)]
 
 _MOST_SEGMENTS = 100_000
-_MOST_POSITIONS = 100_000
 _WHOLE_STEPS = 1e-6  # of a step: what a range may lack of a whole number of them
 
 
@@ -491,8 +491,8 @@ class IndentationTable(Table):
         for key, positions in (("x_positions_mm", lists[0]), ("y_positions_mm", lists[1])):
             require_rising(key, positions or ())
         count = math.prod(map(len, self.positions()))
-        if count > _MOST_POSITIONS:
-            raise ValueError(f"may have {_MOST_POSITIONS} positions; x_mm, y_mm and step_mm give {count}")
+        if count > MOST_POSITIONS:
+            raise ValueError(f"may have {MOST_POSITIONS} positions; x_mm, y_mm and step_mm give {count}")
         if (self.sample_x_mm is None) != (self.sample_y_mm is None):
             raise ValueError("needs both sample_x_mm and sample_y_mm, or neither")
         for key, bounds in (("sample_x_mm", self.sample_x_mm), ("sample_y_mm", self.sample_y_mm)):
@@ -509,8 +509,8 @@ class IndentationTable(Table):
             raise ValueError(
                 f"needs {key} to span a whole number of steps of {step:g} mm; {low:g} to {high:g} are {steps:g}"
             )
-        if steps >= _MOST_POSITIONS:
-            raise ValueError(f"may have {_MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
+        if steps >= MOST_POSITIONS:
+            raise ValueError(f"may have {MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
 
     def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return the x and the y of the map in m, ends included; none where they follow from the array."""

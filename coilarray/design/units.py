@@ -57,7 +57,9 @@ class Table(BaseModel):
         known = sorted(field.alias or name for name, field in cls.model_fields.items())
         for key in table if isinstance(table, Mapping) else ():
             if key not in known:
-                close = difflib.get_close_matches(str(key), known, n=1) or [name for name in known if str(key) in name]
+                close = difflib.get_close_matches(str(key), known, n=1) or [
+                    name for name in known if len(str(key)) > 3 and str(key) in name
+                ]
                 hint = f"did you mean {close[0]}? Allowed" if close else "allowed"
                 raise PydanticCustomError(
                     "unknown_key", "{hint}", {"hint": f"has no key {key!r}; {hint} are {', '.join(known)}"}

@@ -6,8 +6,11 @@ import math
 
 import numpy as np
 
+from coilarray.errors import DesignError
 from coilarray.geometry import CoilArray
 
+MOST_POSITIONS = 100_000
+"""Most positions of a map."""
 _PARTS = (12.0, 6.0)  # of the narrowest coil: the step at most and at least resolves its response
 _POSITIONS = 2000.0  # of a map, as long as the step keeps to that
 _ROUND = 0.1e-3  # a step is a multiple of it, of five times it from there on
@@ -40,6 +43,11 @@ def array_window(
     -------
     tuple of tuple of float
         Multiples of the step.
+
+    Raises
+    ------
+    DesignError
+        A step that gives more than 100000 positions.
     """
     low, high = np.reshape(array.outline_bounds, (2, 2)) - origin
     if step is None:
@@ -56,6 +64,10 @@ def array_window(
         empty = last < first
         middle = (np.array(within[:2]) + within[2:]) / 2 / step
         first, last = np.where(empty, middle, first), np.where(empty, middle, last)
+    if math.prod((last - first + 1).tolist()) > MOST_POSITIONS:
+        raise DesignError(
+            f"indentation.step_mm of {step * 1e3:g} gives more than {MOST_POSITIONS} positions over all coils."
+        )
     x, y = (
         # divided by whole millimetres, not multiplied: positions are labels, and -26 mm is to be -0.026 m
         tuple(round((a + k) * step * 1e3, 9) / 1e3 for k in range(round(b - a) + 1))

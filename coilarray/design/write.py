@@ -34,7 +34,6 @@ from coilarray.geometry import (
     apothem_from_size,
     hull_outline,
 )
-from coilarray.geometry.connector import lead_out
 from coilarray.geometry.sheet import KPA_PER_MM
 from coilarray.geometry.spiral import Winding
 from coilarray.geometry.values import SIDES
@@ -111,10 +110,11 @@ def design_document(design: Design) -> dict[str, Any]:
 def _before_connector(array: CoilArray) -> tuple[CoilArray, dict[str, Any] | None]:
     """Return an array whose leads have not been led out, and the connector's table; None where it has none."""
     led = array.led_out
-    if led is None or lead_out(led.array, led.connector).placements != array.placements:
+    if led is None or led.placements != array.placements:
         return array, None  # the placements have been changed since
     table = {"side": led.connector.side} | _entries(led.connector, *list(ConnectorTable.model_fields)[1:])
-    return replace(led.array, stackup=array.stackup, board_margin=array.board_margin), table
+    stackup, margin, through = array.stackup, array.board_margin, array.through_holes
+    return replace(led.array, stackup=stackup, board_margin=margin, through_holes=through), table
 
 
 def as_file(design: Design | DesignFile) -> DesignFile:

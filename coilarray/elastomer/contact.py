@@ -282,6 +282,9 @@ def indent(
     The edge of a wide sample is far away and carries the traction of what lies beyond it: u_r = B/r (in plane strain
     a constant), the field of a layer that slides as a whole; that of a bonded layer has died out.
 
+    Under large deformations the sharp edge of a punch is rounded with 5 % of its radius, or with a quarter of the
+    greatest depth, at most 20 %, where that is more: the force at a depth then depends on the greatest one asked for.
+
     Examples
     --------
     >>> from coilarray.geometry import Hemisphere

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 from coilarray.errors import DesignError
+from coilarray.geometry.array import LatticeKind
 
 
 @dataclass(frozen=True)
 class Arrangement:
     """Where the coils lie: a lattice of the design file and how often it repeats."""
 
-    lattice: Literal["single", "linear", "square", "hexagonal", "rings"]
+    lattice: LatticeKind
     columns: int = 1
     rows: int = 1
 
@@ -54,10 +55,12 @@ def read_arrangement(coils: str, shape: str = "square") -> Arrangement:
     first, second = int(count), int(rows or 1)
     if ring and first in _RINGS:
         return Arrangement("rings", _RINGS[first])
-    if not 1 <= first <= 1000 or not 1 <= second <= 1000 or ring:
+    if not 1 <= first * second <= 1000 or ring:
         raise DesignError(_COILS.format(coils))
     if first == second == 1:
         return Arrangement("single")
-    if 1 in (first, second) and second == 1:
+    if second == 1:
         return Arrangement("linear", first)
+    if first == 1:  # a column, which a hexagonal lattice would make a zigzag
+        return Arrangement("square", 1, second)
     return Arrangement("hexagonal" if shape in ("hexagon", "circle") else "square", first, second)

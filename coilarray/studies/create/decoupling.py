@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -47,6 +48,7 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at
         No such pitch between 0.4 and 1 widths.
     """
 
+    @functools.cache
     def rough(pitch: float) -> float:
         return float(neighbour_coupling(rough_at(pitch)).mean())
 
@@ -59,7 +61,8 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at
             slope = (rough(found + _SLOPE * width) - rough(found)) / (_SLOPE * width)
             for _ in range(_CORRECTIONS):  # by what the rough model leaves out
                 found -= float(neighbour_coupling(design_at(found)).mean()) / slope
-            return round(found / _PITCH_STEP) * _PITCH_STEP
+            if inner - _SLOPE * width <= found <= outer + _SLOPE * width:
+                return round(found / _PITCH_STEP) * _PITCH_STEP
         outer, k_outer = inner, k_inner
     raise DesignError(
         f"neighbours of {width * 1e3:g} mm couple at every pitch from {_FROM * width * 1e3:.4g} to "
@@ -71,7 +74,6 @@ def neighbour_coupling(design: Design) -> FloatArray:
     """Coupling coefficients of all coils that lie nearest to each other, under the flat sheets."""
     centres = design.array.centres
     i, j = np.triu_indices(len(centres), 1)
-    distance = np.hypot(*(centres[i] - centres[j]).T)
-    near = distance <= _NEAREST * distance.min(initial=np.inf)
+    near = np.hypot(*(centres[i] - centres[j]).T) <= _NEAREST * design.array.least_distance
     k: FloatArray = coupling_matrix(design_inductance(design, accuracy="screen")[0])[i[near], j[near]]
     return k

@@ -131,8 +131,9 @@ def _winding(plan: Plan, inductance: float | None) -> Winding:
     usual = Room(radius, hole, max(_TRACE, rules.min_trace), max(_TRACE, closest))
     if inductance is None:
         usual = replace(usual, hole=max(_USUAL_HOLE * radius, hole))
-        if usual.most_turns:
-            return Winding(usual.most_turns, usual.trace_width, usual.gap)
+        for room in (usual, replace(usual, hole=hole, trace_width=rules.min_trace, gap=closest)):
+            if room.most_turns:
+                return Winding(room.most_turns, room.trace_width, room.gap)
         inductance = 0.0  # refused with the reason
     try:
         return _wind(plan, inductance, usual)

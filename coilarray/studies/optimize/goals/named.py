@@ -9,7 +9,7 @@ from typing import Any
 
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.write import as_file
-from coilarray.errors import CoilarrayError, GoalError
+from coilarray.errors import GoalError, NetworkError
 from coilarray.studies.optimize.goal import GOALS, Goal, check_goal, parse_goal
 from coilarray.studies.optimize.goals import ranges
 from coilarray.studies.optimize.goals.ranges import Range, rounded
@@ -217,8 +217,8 @@ def _smallest(file: DesignFile) -> _Part:
     constraints = [_fab(file)]
     for quantity, (part, side, says) in wanted.items():
         try:
-            now = evaluate(design, [quantity], accuracy="screen")[quantity]
-        except CoilarrayError:  # no converter oscillates with it: nothing to keep
+            now = evaluate(design, [quantity])[quantity]
+        except NetworkError:  # no converter oscillates with it: nothing to keep
             continue
         constraints.append(({"quantity": quantity, side: rounded(part * now, 3, up=side == "at_most")}, says))
     return _Part(

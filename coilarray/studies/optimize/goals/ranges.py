@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -133,16 +134,15 @@ def layer_choices(file: DesignFile) -> list[Range]:
     used = [layer for one in sets for layer in one]
     if len(set(used)) < len(used) or any(len(one) != size for one in sets):
         return []
-    choices = [sets]
+    choices, now = [sets], sorted(map(sorted, sets))
     for choice in _disjoint(names, size, len(sets)):
-        known = {frozenset(map(tuple, map(sorted, other))) for other in choices}
-        if frozenset(map(tuple, map(sorted, choice))) not in known:
+        if sorted(map(sorted, choice)) != now:
             choices.append(choice)
         if len(choices) > _MOST_CHOICES:
             return []
-    return [Range({"entry": "array.layers", "choices": choices}, "as it is, and the other ways to share the layers")][
-        : len(choices) - 1
-    ]
+    if len(choices) == 1:
+        return []
+    return [Range({"entry": "array.layers", "choices": choices}, "as it is, and the other ways to share the layers")]
 
 
 def termination_choices(file: DesignFile) -> list[Range]:
@@ -186,18 +186,17 @@ def _of_coils(file: DesignFile, begins: str) -> list[tuple[str, float]]:
     ]
 
 
-def _disjoint(names: tuple[str, ...], size: int, count: int) -> list[list[list[str]]]:
-    """Return the ways to choose so many sets of layers without a common one, whatever their order."""
+def _disjoint(names: tuple[str, ...], size: int, count: int) -> Iterator[list[list[str]]]:
+    """Give the ways to choose so many sets of layers without a common one, whatever their order."""
     if count == 0:
-        return [[]]
-    found = []
+        yield []
+        return
     for first in itertools.combinations(range(len(names)), size):
         # every set begins after the one before, so that no way is there twice
         for rest in _disjoint(
             tuple(n for k, n in enumerate(names) if k > first[0] and k not in first), size, count - 1
         ):
-            found.append([[names[k] for k in first], *rest])
-    return found
+            yield [[names[k] for k in first], *rest]
 
 
 def _touching(one: Placement, other: Placement, direction: npt.NDArray[np.float64]) -> float:
