@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -64,7 +65,8 @@ def write_step(array: CoilArray, path: Path, *, name: str, sheets: Sequence[Shee
     Notes
     -----
     One assembly of named and coloured parts, the keys of `coilarray.geometry.solids` and z = 0 at the top of the top
-    copper. Barrels, drilled holes and the free edges of pads are true cylinders; everything else has flat faces.
+    copper. Barrels, drilled holes and the free edges of pads are true cylinders; everything else has flat faces, also
+    the arcs of traces, as `faceted_prisms` makes them.
 
     Examples
     --------
@@ -78,11 +80,26 @@ def write_step(array: CoilArray, path: Path, *, name: str, sheets: Sequence[Shee
     if path.suffix.lower() not in (".step", ".stp"):
         raise OutputError(f"cannot write {path}: the suffix must be .step or .stp; got {path.suffix!r}.")
     import_extra("OCP.STEPCAFControl", "STEP files", package="cadquery-ocp-novtk", extra="step")
-    prisms = sheet_prisms(array, sheets) | board_prisms(array)
+    prisms = sheet_prisms(array, sheets) | faceted_prisms(array)
     circles = _circles(array)
     parts = {key: _part(prism, circles) for key, prism in prisms.items()}
     document = _document(name, parts)
     write_atomically(path, lambda temporary: _write(document, temporary, name))
+
+
+def faceted_prisms(array: CoilArray) -> dict[str, Prism]:
+    """Return the prisms of a board whose copper has the larger pieces of `Coil.current_lines` for arcs: fewer faces."""
+    prisms = board_prisms(array)
+    coils = {id(place.coil): place.coil for place in array.placements if any(place.coil.arcs)}
+    if not coils:
+        return prisms
+    made = {}
+    for key, coil in coils.items():
+        lines, widths = zip(*coil.current_lines(), strict=True)
+        made[key] = replace(coil, lines=lines, widths=widths, arcs=())
+    placements = (replace(place, coil=made.get(id(place.coil), place.coil)) for place in array.placements)
+    coarse = board_prisms(replace(array, placements=tuple(placements)))
+    return {key: coarse[key] if key.startswith("copper/") else prism for key, prism in prisms.items()}
 
 
 # ---- outlines: which of their edges are arcs
