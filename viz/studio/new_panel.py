@@ -38,7 +38,7 @@ class NewPanel(Panel):
         page, state = self._page, self._page.state
         state.new_over = bool(page.work.changed) and not discard
         if state.new_over:
-            state.new_problem = f"The changes of {page.work.file} are not saved; Discard loses them."
+            state.new_problem = page.work.unsaved
             return
         try:
             name, choices = choices_of(texts)
@@ -47,11 +47,20 @@ class NewPanel(Panel):
             state.new_problem = str(error)
             return
 
-        def done(document: Document) -> None:
-            page.take(replace(work_on(build_design_file(document, name), file), kept={}))
+        begun = page.work
 
         def failed(problem: str) -> None:
             state.new_problem, state.new_dialog = problem, True
+
+        def done(document: Document) -> None:
+            if page.work is not begun and page.work.changed:  # meanwhile
+                state.new_over = True
+                failed(page.work.unsaved)
+                return
+            try:
+                page.take(replace(work_on(build_design_file(document, name), file), kept={}))
+            except CoilarrayError as error:
+                failed(str(error))
 
         state.new_problem = ""
         state.new_dialog = not page.start_bar("new", name, with_progress, (make_design, name, choices), done, failed)
