@@ -26,7 +26,7 @@ from coilarray.viz.studio import numbers
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
-from coilarray.viz.studio.runs import front_rows, read_runs, run_folders
+from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders
 from coilarray.viz.studio.scene_panel import _legend
 from coilarray.viz.studio.shelf import Shelf
 from coilarray.viz.studio.switching import kept_settings, state_of, unit_fields
@@ -393,6 +393,12 @@ def test_a_new_design_replaces_no_changes_made_meanwhile(tmp_path, meanwhile, do
     assert page.state.new_problem.startswith(problem)
     assert page.state.new_dialog == bool(problem)
     assert len(taken) == (not problem)
+
+
+def test_a_front_shows_the_first_point_unless_it_is_the_start():
+    for start in (False, True):
+        points = (RunPoint("search 0", {}, {}, (1.0,), True, start), RunPoint("search 1", {}, {}, (2.0,), True, False))
+        assert Run("mine", (False,), points, 2).front == (() if start else (0,))
 
 
 @pytest.mark.slow
