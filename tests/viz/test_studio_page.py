@@ -334,7 +334,9 @@ def test_a_new_design_is_made_from_a_few_choices_and_asks_for_changes_first(page
     page.wait_for_selector("#new-problem:has-text('The changes of starter are not saved')")
     page.fill("#new-size", "wide")
     page.click("#make:has-text('Discard and make')")
-    page.wait_for_selector("#new-problem:has-text(\"size must be a number; got 'wide'.\")")
+    page.wait_for_selector(
+        "#new-problem:has-text(\"size must be a width, as 16, or width and height, as 20x12; got 'wide'.\")"
+    )
     browser.picture(page, "new")
     page.fill("#new-size", "16")
     page.click("#make:has-text('Make')")
