@@ -248,7 +248,8 @@ def test_a_pad_has_no_ellipses_which_are_those_of_a_row():
     document = {**OPENED.document, "array": {**OPENED.document["array"], **array}}
     touch = touched(sensor_of(build_design(document), bells(document, "pad")), 3e-3, 2e-3, 0.6e-3)
     assert touch.location.verdict == "found"
-    assert (touch.ellipses, crossing_line(touch)) == ({}, "ellipses: they are those of coils in a row along x")
+    line = "ellipses: none: the paper's model is for coils in one row along x"
+    assert (touch.ellipses, crossing_line(touch)) == ({}, line)
 
 
 def test_a_table_of_another_design_and_a_design_without_indenter_are_refused(starter, sensor):
