@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 import typer
 
 from coilarray.cli import shared
-from coilarray.cli.questions import ask_for_choices, read_size
+from coilarray.cli.questions import ask_for_choices, in_si
 from coilarray.cli.replacing import remember, require_own
 from coilarray.errors import DesignError, OutputError
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
 Overlap = Literal["none", "decoupled"]
-_UNITS = {"mm": 1e-3, "uH": 1e-6, "MHz": 1e6}
 
 
 def init(
@@ -109,12 +108,7 @@ def _made(name: str, chosen: Mapping[str, Any]) -> DesignFile:
     from coilarray.design.write import design_names
     from coilarray.studies.create import new_design
 
-    choices = {key: value for key, value in chosen.items() if not key.endswith(tuple(_UNITS))}
-    for key, value in chosen.items():
-        name_of, _, unit = key.rpartition("_")
-        if unit in _UNITS:
-            choices[name_of] = read_size(value) if key == "size_mm" else value * _UNITS[unit]
-    return new_design(design_names([name])[name], **choices)
+    return new_design(design_names([name])[name], **in_si(chosen))
 
 
 def _described(file: DesignFile, wanted: float | None) -> list[str]:

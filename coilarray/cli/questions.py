@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import typer
 
 from coilarray.errors import DesignError
 
+_UNITS = {"mm": 1e-3, "uH": 1e-6, "MHz": 1e6}  # at the ends of options
 _LONG = ("rectangle", "racetrack")  # shapes with a width and a height
 _FIT, _BESIDE, _DECOUPLED, _ANY = "fit", "side by side", "decoupled", "any"
 
@@ -16,16 +17,22 @@ _FIT, _BESIDE, _DECOUPLED, _ANY = "fit", "side by side", "decoupled", "any"
 def ask_for_choices(shapes: Sequence[str]) -> dict[str, Any]:
     """Ask for the choices of a new design, by the names of the options; each answer is checked at once."""
     from coilarray.design import fabs
-    from coilarray.studies.create import read_arrangement
+    from coilarray.studies.create import check_choices, read_arrangement
+
+    def checked_coils(text: str) -> str:
+        read_arrangement(text)
+        return text
+
+    def checked_size(text: str) -> str:
+        check_choices(**in_si({"shape": shape, "size_mm": text}))
+        return text
 
     typer.echo("A new design: Return takes what stands in brackets.")
-    coils = _ask(
-        "Coils: 1, 6 (a row), 4x4 (columns by rows) or 7-hex", "4x4", lambda text: _kept(text, read_arrangement)
-    )
+    coils = _ask("Coils: 1, 6 (a row), 4x4 (columns by rows) or 7-hex", "4x4", checked_coils)
     shape = _ask(f"Shape: {', '.join(shapes)}", "square", _one_of(shapes))
     sides, usual = ("Width x height", "20x12") if shape in _LONG else ("Width", "12")
     chosen = {"coils": coils, "shape": shape}
-    chosen["size_mm"] = _ask(f"{sides} of a coil in mm", usual, lambda text: _kept(text, read_size))
+    chosen["size_mm"] = _ask(f"{sides} of a coil in mm", usual, checked_size)
     chosen |= _ask("Inductance in µH, or as many turns as fit", _FIT, _number_or("inductance_uH", {_FIT: {}}))
     several = read_arrangement(coils).lattice != "single"
     if several:
@@ -38,15 +45,20 @@ def ask_for_choices(shapes: Sequence[str]) -> dict[str, Any]:
     return chosen
 
 
-def read_size(text: str) -> float | tuple[float, float]:
-    """Read a width, or width and height as 20x12, in mm; return it in m."""
-    try:
-        sides = [float(side) * 1e-3 for side in text.lower().replace("×", "x").split("x")]
-    except ValueError:
-        sides = []
-    if len(sides) not in (1, 2):
-        raise DesignError(f"--size-mm must be a width, as 16, or width and height, as 20x12; got {text!r}.")
-    return sides[0] if len(sides) == 1 else (sides[0], sides[1])
+def in_si(chosen: Mapping[str, Any]) -> dict[str, Any]:
+    """Return choices as `coilarray.studies.create.new_design` takes them, from those by the names of the options."""
+    from coilarray.studies.create import read_size
+
+    choices = {}
+    for key, value in chosen.items():
+        name, _, unit = key.rpartition("_")
+        if key == "size_mm":
+            choices[name] = read_size(value)
+        elif unit in _UNITS:
+            choices[name] = value * _UNITS[unit]
+        else:
+            choices[key] = value
+    return choices
 
 
 def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
@@ -57,12 +69,6 @@ def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
             return read(answer)
         except DesignError as error:
             typer.echo(f"  {error}")
-
-
-def _kept(text: str, read: Callable[[str], object]) -> str:
-    """Return a text that can be read."""
-    read(text)
-    return text
 
 
 def _one_of(words: Sequence[str]) -> Callable[[str], str]:
@@ -76,13 +82,16 @@ def _one_of(words: Sequence[str]) -> Callable[[str], str]:
 
 def _number_or(option: str, words: dict[str, dict[str, str]]) -> Callable[[str], dict[str, Any]]:
     """Return what reads a number for an option, or a word that stands for other options."""
+    from coilarray.studies.create import check_choices
 
     def read(text: str) -> dict[str, Any]:
         if text in words:
             return words[text]
         try:
-            return {option: float(text)}
+            choice = {option: float(text)}
         except ValueError:
             raise DesignError(f"{text!r} is no number and none of {', '.join(words)}.") from None
+        check_choices(**in_si(choice))
+        return choice
 
     return read

@@ -117,7 +117,9 @@ def test_init_makes_a_design_that_other_commands_take(capsys):
 @pytest.mark.slow
 def test_init_asks_on_a_terminal(capsys, monkeypatch):
     """Answers that cannot be are asked for again; Return takes the default."""
-    answers = iter(["9-hex", "2", "", "wide", "8", "", "8.5 mm", "11", "aisler-4-layer", "n"])
+    answers = iter(
+        ["9-hex", "2", "", "wide", "20x12", "-5", "8", "nan", "", "8.5 mm", "0", "11", "aisler-4-layer", "n"]
+    )
     asked = []
 
     def prompt(question, default):
@@ -130,9 +132,13 @@ def test_init_asks_on_a_terminal(capsys, monkeypatch):
     monkeypatch.setattr("typer.confirm", lambda question, default: next(answers) == "y")
     out = good(capsys, "init", "two")
     file = load_design_file("two.toml")
-    assert len(asked) == 9  # three of them twice
+    assert len(asked) == 13  # some of them again
     assert "coils must be as 1, 6 (a row)" in out
-    assert "--size-mm must be a width, as 16, or width and height, as 20x12; got 'wide'" in out
+    assert "size must be a width, as 16, or width and height, as 20x12; got 'wide'" in out
+    assert "size must be one number for a square; got 20 × 12 mm" in out
+    assert "size must be positive and finite; got -5 mm" in out
+    assert "inductance must be positive and finite; got nan µH" in out
+    assert "pitch must be positive and finite; got 0 mm" in out
     assert "'8.5 mm' is no number and none of side by side, decoupled" in out
     assert file.document["array"] == {
         "lattice": "linear", "columns": 2, "coil": "square", "pitch_mm": 11, "layers": [["L1", "L2"]],
@@ -240,8 +246,9 @@ test_mistakes_are_one_line = mistakes(
     (("matrix", "starter", "--out", "no/such/folder/m.csv"), "cannot write no/such/folder/m.csv: No such file"),
     (("init", "."), ". is a folder; name a file in it"),
     (("init", "d.txt"), "NAME must end in .toml; got d.txt"),
-    (("init", "d", "--size-mm", "1x2x3"), "--size-mm must be a width, as 16, or width and height, as 20x12"),
+    (("init", "d", "--size-mm", "1x2x3"), "size must be a width, as 16, or width and height, as 20x12"),
     (("init", "d", "--size-mm", "-3"), "size must be positive and finite; got -3 mm"),
+    (("init", "d", "--shape", "rectangle", "--size-mm", "20xnan"), "size must be positive and finite; got nan mm"),
     (("init", "d", "--coils", "5-hex"), "coils must be as 1, 6 (a row), 4x4"),
     (("init", "no/such/folder/d.toml"), "cannot write no/such/folder/d.toml"),
 )

@@ -19,6 +19,7 @@ from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal
 from coilarray.studies.optimize.study_file import FILE, open_study, points_found, study_name
 from coilarray.studies.optimize.trials import better_than
+from coilarray.viz.studio.runs import read_runs
 
 pytestmark = pytest.mark.slow
 
@@ -100,6 +101,8 @@ def test_start_comes_first_where_it_lies_inside(design, tmp_path):
     assert not other.start_inside
     assert other.start.changes == {}
     assert all(trial.changes["array.pitch_mm"] <= 13 for trial in other.trials)
+    for run, inside in zip(read_runs(tmp_path), (True, False), strict=True):  # as the studio knows it
+        assert [point.name for point in run.points if point.start] == ["search 0"] * inside
 
 
 @pytest.mark.parametrize(("sampler", "wanted"), [

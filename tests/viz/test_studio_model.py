@@ -3,6 +3,7 @@
 import math
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,8 +24,9 @@ from coilarray.localize.inverse import Location, Mode
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 from coilarray.viz.studio import numbers
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
+from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
-from coilarray.viz.studio.runs import front_rows, read_runs, run_folders
+from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders
 from coilarray.viz.studio.scene_panel import _legend
 from coilarray.viz.studio.shelf import Shelf
 from coilarray.viz.studio.switching import kept_settings, state_of, unit_fields
@@ -246,7 +248,8 @@ def test_a_pad_has_no_ellipses_which_are_those_of_a_row():
     document = {**OPENED.document, "array": {**OPENED.document["array"], **array}}
     touch = touched(sensor_of(build_design(document), bells(document, "pad")), 3e-3, 2e-3, 0.6e-3)
     assert touch.location.verdict == "found"
-    assert (touch.ellipses, crossing_line(touch)) == ({}, "ellipses: they are those of coils in a row along x")
+    line = "ellipses: none: the paper's model is for coils in one row along x"
+    assert (touch.ellipses, crossing_line(touch)) == ({}, line)
 
 
 def test_a_table_of_another_design_and_a_design_without_indenter_are_refused(starter, sensor):
@@ -360,6 +363,43 @@ def test_files_that_are_no_design_and_what_would_be_lost_are_known(starter, tmp_
         Shelf(tmp_path).open("broken.toml")
     with pytest.raises(DesignError, match=r"there is no file other\.toml"):
         Shelf(tmp_path).open("other.toml")
+
+
+class State(SimpleNamespace):
+    """Values of a page without one."""
+
+    def update(self, values):
+        vars(self).update(values)
+
+
+@pytest.mark.parametrize(
+    ("meanwhile", "document", "problem"),
+    [
+        (lambda work: work, OPENED.document, ""),
+        (lambda work: work.with_entry("array.pitch_mm", "12"), OPENED.document, "The changes of starter are not saved"),
+        (lambda work: work.with_entry("array.pitch_mm", "12").saved_as("saved.toml"), OPENED.document, ""),
+        (lambda work: work, {}, "mine: schema is missing"),
+    ],
+)
+def test_a_new_design_replaces_no_changes_made_meanwhile(tmp_path, meanwhile, document, problem):
+    called, ends, taken = {}, [], []
+    page = SimpleNamespace(
+        state=State(), trigger=called.__setitem__, work=work_on(OPENED, "starter"), take=taken.append,
+        setup=SimpleNamespace(shelf=Shelf(tmp_path)), start_bar=lambda *given: ends.append(given[4]) or True,
+    )  # fmt: skip
+    NewPanel(page)
+    called["make_design"]({"name": "mine", "coils": "2", "shape": "circle", "size": "16"})
+    page.work = meanwhile(page.work)
+    ends[0](document)
+    assert page.state.new_problem.startswith(problem)
+    assert page.state.new_dialog == bool(problem)
+    assert len(taken) == (not problem)
+
+
+def test_a_front_shows_the_first_point_unless_it_is_the_start():
+    for start in (False, True):
+        points = (RunPoint("search 0", {}, {}, (1.0,), True, start), RunPoint("search 1", {}, {}, (2.0,), True, False))
+        assert Run("mine", (False,), points, 2).front == (() if start else (0,))
 
 
 @pytest.mark.slow

@@ -4,13 +4,14 @@ import os
 import shutil
 import subprocess
 import sys
+from unittest.mock import MagicMock
 
 import pytest
 import pyvista
 from support.patience import PATIENCE
 
 from coilarray.viz.scenes.draw import draw, text_name
-from coilarray.viz.scenes.scene import Part, Scene, Text
+from coilarray.viz.scenes.scene import Part, Scene, Text, about_zero
 from coilarray.viz.scenes.window import add_switches
 
 pytestmark = pytest.mark.slow
@@ -120,6 +121,13 @@ def test_the_command_shows_a_window_until_it_is_closed(screen):
         child.terminate()
         _, errors = child.communicate(timeout=PATIENCE)
     assert errors == ""
+
+
+def test_a_switch_of_negative_values_has_the_colour_of_the_largest():
+    scale = about_zero("delta", "δ", "", [-1.0, 0.0])
+    plotter = MagicMock(window_size=(400, 300))
+    add_switches(Scene((Part("plate", pyvista.Plane(), "plate", scale=scale),)), plotter)
+    assert plotter.add_checkbox_button_widget.call_args.kwargs["color_on"] == scale.steps(2)[0]
 
 
 @pytest.mark.usefixtures("rendering")

@@ -67,12 +67,15 @@ def add_switches(scene: Scene, plotter: Any) -> dict[str, Callable[[bool], None]
 
     Returns the function of each switch by group: True shows the group, False hides it.
     """
+    from matplotlib.colors import to_rgb
+
     height = plotter.window_size[1]
     switches = {}
     for place, (group, colours) in enumerate(scene.groups.items()):
         switch = switches[group] = _switch(scene, plotter, group)
         y = height - _RIM - _BOX - place * _STEP
-        box = {"size": _BOX, "border_size": 2, "color_on": colours[-1], "color_off": "white"}
+        strongest = min(colours, key=lambda colour: sum(to_rgb(colour)))  # white is off, and zero on some scales
+        box = {"size": _BOX, "border_size": 2, "color_on": strongest, "color_off": "white"}
         plotter.add_checkbox_button_widget(switch, value=True, position=(_RIM, y), **box)
         letters = {"font_size": 7, "color": INK, "font_file": font_file()}  # PyVista's points have two pixels
         plotter.add_text(group, position=(_RIM + 1.5 * _BOX, y), name=f"name of switch {group}", **letters)

@@ -66,7 +66,7 @@ class DesignPanel(Panel):
         page = self._page
         name = str(name)
         if page.work.changed and name != discarded:
-            page.state.file_problem = f"The changes of {page.work.file} are not saved; Discard loses them."
+            page.state.file_problem = page.work.unsaved
             page.state.open_over = name
             return
         try:

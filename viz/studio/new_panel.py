@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from coilarray.compute.threads import Progress
 from coilarray.design.model import build_design_file
 from coilarray.errors import CoilarrayError, DesignError
-from coilarray.studies.create.arrangement import read_arrangement
+from coilarray.studies.create.arrangement import read_arrangement, read_size
 from coilarray.studies.create.plan import Shape
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.job import with_progress
@@ -38,7 +38,7 @@ class NewPanel(Panel):
         page, state = self._page, self._page.state
         state.new_over = bool(page.work.changed) and not discard
         if state.new_over:
-            state.new_problem = f"The changes of {page.work.file} are not saved; Discard loses them."
+            state.new_problem = page.work.unsaved
             return
         try:
             name, choices = choices_of(texts)
@@ -47,11 +47,20 @@ class NewPanel(Panel):
             state.new_problem = str(error)
             return
 
-        def done(document: Document) -> None:
-            page.take(replace(work_on(build_design_file(document, name), file), kept={}))
+        begun = page.work
 
         def failed(problem: str) -> None:
             state.new_problem, state.new_dialog = problem, True
+
+        def done(document: Document) -> None:
+            if page.work is not begun and page.work.changed:  # meanwhile
+                state.new_over = True
+                failed(page.work.unsaved)
+                return
+            try:
+                page.take(replace(work_on(build_design_file(document, name), file), kept={}))
+            except CoilarrayError as error:
+                failed(str(error))
 
         state.new_problem = ""
         state.new_dialog = not page.start_bar("new", name, with_progress, (make_design, name, choices), done, failed)
@@ -62,17 +71,14 @@ def choices_of(texts: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
 
     Examples
     --------
-    >>> choices_of({"name": "pad", "coils": "4x4", "shape": "rectangle", "size": "20x12", "inductance": "18"})
+    >>> choices_of({"name": "pad", "coils": "4x4", "shape": "rectangle", "size": "20×12", "inductance": "18"})
     ('pad', {'coils': '4x4', 'shape': 'rectangle', 'size': (0.02, 0.012), 'inductance': 1.8e-05})
     """
     given = {key: str(texts.get(key, "")).strip() for key in _FIRST}
     arrangement = read_arrangement(given["coils"], given["shape"])
     if arrangement.columns * arrangement.rows > MOST_COILS:
         raise DesignError(f"coils must be at most {MOST_COILS} for the studio to follow; got {given['coils']}.")
-    sides = [number_of("size", part) * 1e-3 for part in given["size"].lower().split("x")]
-    choices: dict[str, Any] = {
-        "coils": given["coils"], "shape": given["shape"], "size": sides[0] if len(sides) == 1 else tuple(sides)
-    }  # fmt: skip
+    choices: dict[str, Any] = {"coils": given["coils"], "shape": given["shape"], "size": read_size(given["size"])}
     if given["inductance"]:
         choices["inductance"] = number_of("inductance", given["inductance"]) * 1e-6
     if texts.get("decoupled"):

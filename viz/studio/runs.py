@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
 _MOST_SHOWN = 200
-_START = "search 0"  # name of the design from which a search begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +27,7 @@ class RunPoint:
     entries: dict[str, Any]  # varied ones of the design
     scores: tuple[float, ...]  # one for each objective
     feasible: bool  # keeps every bound
+    start: bool  # is the design from which the search began
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ class Run:
         for k in sorted(costs, key=lambda k: costs[k]):
             if not any(all(a <= b for a, b in zip(costs[other], costs[k], strict=True)) for other in best):
                 best.append(k)
-        return tuple(k for k in best if self.points[k].name != _START)
+        return tuple(k for k in best if not self.points[k].start)
 
 
 def run_folders(folder: Path) -> list[str]:
@@ -149,6 +149,7 @@ def _point(trial: FrozenTrial) -> RunPoint:
         {key: _value(value) for key, value in trial.params.items()},
         tuple(trial.values),
         all(violation <= 0 for violation in violations),
+        known.get("start", False),
     )
 
 

@@ -85,7 +85,7 @@ def _by_ellipses(
     sensor: Sensor, depth: float, row: tuple[float, float], readings: Mapping[str, float]
 ) -> tuple[Mapping[str, Ellipse], EllipsePosition | None, str]:
     if np.ptp(np.append(sensor.design.array.centres[:, 1], row[1])) > _IN_A_ROW:
-        return {}, None, "they are those of coils in a row along x"
+        return {}, None, "none: the paper's model is for coils in one row along x"
     fitted = _ellipse_model(sensor.model, round(depth, 6), row)
     if isinstance(fitted, str):
         return {}, None, fitted

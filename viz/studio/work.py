@@ -41,6 +41,11 @@ class Work:
         """True where it differs from its file."""
         return bool(self.opened.document != self.kept)
 
+    @property
+    def unsaved(self) -> str:
+        """Line for the page where a step would lose the changes."""
+        return f"The changes of {self.file} are not saved; Discard loses them."
+
     def with_entry(self, key: str, text: str) -> Work:
         """Set the entry of a dotted key to a typed number in its unit.
 

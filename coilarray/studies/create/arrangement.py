@@ -1,4 +1,4 @@
-"""How many coils there are and on which lattice they lie."""
+"""How many coils there are, on which lattice they lie, and their size, read from short texts."""
 
 from __future__ import annotations
 
@@ -64,3 +64,14 @@ def read_arrangement(coils: str, shape: str = "square") -> Arrangement:
     if first == 1:  # a column, which a hexagonal lattice would make a zigzag
         return Arrangement("square", 1, second)
     return Arrangement("hexagonal" if shape in ("hexagon", "circle") else "square", first, second)
+
+
+def read_size(text: str) -> float | tuple[float, float]:
+    """Read a coil's width, or width and height as 20x12, in mm; return it in m. DesignError for any other text."""
+    try:
+        sides = [float(side) * 1e-3 for side in text.lower().replace("×", "x").split("x")]
+    except ValueError:
+        sides = []
+    if len(sides) not in (1, 2):
+        raise DesignError(f"size must be a width, as 16, or width and height, as 20x12; got {text[:40]!r}.")
+    return sides[0] if len(sides) == 1 else (sides[0], sides[1])

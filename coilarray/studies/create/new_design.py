@@ -82,7 +82,9 @@ def new_design(
     >>> (design_inductance(pad)[0].diagonal() * 1e6).round(2).tolist()
     [5.0, 5.0]
     """
-    _check_choices(shape, size, inductance, pitch, overlap, frequency)
+    check_choices(
+        shape=shape, size=size, inductance=inductance, pitch=pitch, overlap=overlap, frequency=frequency
+    )  # fmt: skip
     arrangement = read_arrangement(coils, shape)
     sides = size if isinstance(size, tuple) else (size, size)
     if arrangement.lattice == "single" and (pitch is not None or overlap != "none"):
@@ -94,14 +96,16 @@ def new_design(
     return build_design_file(plain(replace(found, capacitance=capacitance).document), name)
 
 
-def _check_choices(
-    shape: Shape,
-    size: float | tuple[float, float],
-    inductance: float | None,
-    pitch: float | None,
-    overlap: Overlap,
-    frequency: float | None,
+def check_choices(
+    *,
+    shape: Shape = "hexagon",
+    size: float | tuple[float, float] = 16e-3,
+    inductance: float | None = None,
+    pitch: float | None = None,
+    overlap: Overlap = "none",
+    frequency: float | None = None,
 ) -> None:
+    """Refuse choices of `new_design` that can be seen to be impossible before any work: DesignError."""
     if shape not in SHAPES:
         raise DesignError(f"shape must be one of {', '.join(SHAPES)}; got {shape!r}.")
     if isinstance(size, tuple) and shape not in ("rectangle", "racetrack"):
@@ -113,8 +117,7 @@ def _check_choices(
     if pitch is not None and overlap != "none":
         raise DesignError("pitch and overlap cannot both be given: the overlap is that of the pitch.")
     sizes = size if isinstance(size, tuple) else (size,)
-    lengths = {"size": min(sizes), "pitch": pitch}
-    given = [(what, value, 1e3, "mm") for what, value in lengths.items()]
+    given = [(what, length, 1e3, "mm") for what, length in (*(("size", side) for side in sizes), ("pitch", pitch))]
     given += [("inductance", inductance, 1e6, "µH"), ("frequency", frequency, 1e-6, "MHz")]
     for what, number, scale, unit in given:
         if number is not None and not (math.isfinite(number) and number > 0):

@@ -101,13 +101,15 @@ def frozen_trial(
     """
     from optuna.trial import TrialState, create_trial
 
+    start = trial.name == "search 0" and start_parameters(axes) is not None
+    point = {"kind": trial.kind, "place": trial.place, "reason": trial.reason, "start": start}
     return create_trial(
         state=TrialState.PRUNED if trial.reason else TrialState.COMPLETE,
         values=None if trial.reason else list(trial.scores),
         params=dict(parameters),
         distributions=distributions_of(axes),
         user_attrs={
-            "point": {"kind": trial.kind, "place": trial.place, "reason": trial.reason, "study": dict(on_study or {})},
+            "point": {**point, "study": dict(on_study or {})},
             "quantities": dict(trial.quantities),
         },
         system_attrs=dict(on_trial or {}),
