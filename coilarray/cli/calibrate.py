@@ -10,6 +10,7 @@ import typer
 from coilarray import viz
 from coilarray.cli import shared
 from coilarray.cli.maps import is_recording, read_ellipses, read_map, recorded_map
+from coilarray.cli.replacing import remember, require_own
 from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from coilarray.studies.calibrate import Calibration, Plan
 
 _PAPER = "published"
+_FILES = ("calibration.html", "calibration.nc", "calibrated.toml")  # and the tables
 
 
 def calibrate(
@@ -46,9 +48,12 @@ def calibrate(
     cache: shared.Cache = None,
     out: Annotated[
         Path | None,
-        shared.out_option("Folder for page, tables, netCDF and the calibrated design (calibrated.toml)."),
+        shared.file_option(
+            ("--out", "-o"), "Folder for page, tables, netCDF and the calibrated design (calibrated.toml).", kept=True
+        ),
     ] = None,
     plot: Annotated[Path | None, shared.plot_option("data, model and what remains")] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -75,6 +80,7 @@ def calibrate(
     measured = _measured(data, calibration)
     if out is not None:
         make_folder(out)  # a folder that cannot be written is known before the work begins
+        require_own("calibrate", [out / name for name in _FILES], force=force)
     kept = open_store(cache)
     with (
         shared.resumable(lambda done: f"{done} evaluations are kept in {kept.folder}") as counting,
@@ -85,6 +91,7 @@ def calibrate(
     result = found.dataset
     tables, notes = report.calibration_tables(result), report.calibration_notes(result)
     written = [] if out is None else _write(found, out, data)
+    remember("calibrate", written)
     shared.draw(plot, lambda: viz.calibration_figure(result))
     best = str(result.combination.values[0])
     record = {"best": best, "values": dict(found.values), "notes": notes}
@@ -134,7 +141,7 @@ def _write(found: Calibration, out: Path, data: str) -> list[Path]:
     from coilarray.design.write import design_text
     from coilarray.report.calibration import calibration_tables, write_calibration_page
 
-    written = [out / "calibration.html", out / "calibration.nc", out / "calibrated.toml"]
+    written = [out / name for name in _FILES]
     write_calibration_page(found.dataset, written[0], data)
     save_dataset(found.dataset, written[1])
     write_text(written[2], design_text(found.design))

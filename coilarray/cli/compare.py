@@ -13,6 +13,7 @@ from coilarray import viz
 from coilarray.cli import shared
 from coilarray.cli.board_options import marked
 from coilarray.cli.maps import is_map, is_recording, read_response, recorded_map
+from coilarray.cli.replacing import remember, require_own
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
@@ -56,9 +57,13 @@ def compare(
         int, shared.number_option(("--replicates",), 0, 1000, "Noisy maps for the uncertainty of the ellipses.")
     ] = 16,
     out: Annotated[
-        Path | None, shared.out_option("Also write: one page (.html), or a folder with page, tables and netCDF.")
+        Path | None,
+        shared.file_option(
+            ("--out", "-o"), "Also write: one page (.html), or a folder with page, tables and netCDF.", kept=True
+        ),
     ] = None,
     picture: Annotated[Path | None, shared.plot_option("what remains and x0 of both", "--picture")] = None,
+    force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
@@ -80,6 +85,8 @@ def compare(
         shared.check_file("--out", out, (_PAGE,))
     elif out is not None:
         make_folder(out)  # a folder that cannot be written is known before the work begins
+    if out is not None:
+        require_own("compare", _own(out), force=force)
     largest_shift = None if largest_shift_mm is None else largest_shift_mm * 1e-3
     first, outlines = _response(measured, None, largest_shift, calibration, allow_violations)
     second, others = _response(simulated, first, largest_shift, None, allow_violations)
@@ -87,6 +94,7 @@ def compare(
     with shared.progress_bar("comparison") as progress:
         result = compare_responses(first, second, largest_shift=largest_shift, replicates=replicates, progress=progress)
     written = [] if out is None else _write(result, out, (measured, simulated), outlines)
+    remember("compare", written)
     shared.draw(picture, lambda: viz.comparison_figure(result, -1, outlines))
     files = [str(path) for path in (*written, picture) if path is not None]
     emulated = any(bool(one.attrs.get("emulated", 0)) for one in (first, second))
@@ -105,6 +113,11 @@ def compare(
 
 def _is_page(out: Path) -> bool:
     return out.suffix.lower() == _PAGE
+
+
+def _own(out: Path) -> list[Path]:
+    """Return the page, and in a folder the numbers, that the command writes beside tables."""
+    return [out] if _is_page(out) else [out / "comparison.html", out / "comparison.nc"]
 
 
 def _response(
@@ -176,12 +189,11 @@ def _write(result: xr.Dataset, out: Path, names: tuple[str, str], outlines: Sequ
     from coilarray.compute.netcdf import save_dataset
     from coilarray.report.comparison import comparison_tables, write_comparison_page
 
-    page = out if _is_page(out) else out / "comparison.html"
-    write_comparison_page(result, page, names, outlines)
-    if page == out:
-        return [page]
-    written = [page, out / "comparison.nc"]
-    save_dataset(result, written[-1])
+    written = _own(out)
+    write_comparison_page(result, written[0], names, outlines)
+    if _is_page(out):
+        return written
+    save_dataset(result, written[1])
     for table in comparison_tables(result):
         written.append(out / f"{table.name}.csv")
         write_text(written[-1], table.csv())

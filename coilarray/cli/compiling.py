@@ -17,11 +17,13 @@ _LAST = "paths._rows_sum-*.nbi"  # of the kernels that every command compiles: t
 def compiling_beside() -> Iterator[None]:
     """Compile kernels in another process while the block runs, and end it with the block.
 
-    Nothing happens where there is one core only, numba is switched off, or the kernels are on disk.
+    Nothing happens where there is one core only, numba is switched off, or the kernels are on disk; nor where numba may
+    not write beside them, since it then keeps them in the user's cache.
     """
     kept = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parents[1] / "electromagnetics/kernels/__pycache__")
     off = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
-    if off or (os.cpu_count() or 1) < 2 or any(kept.rglob(_LAST)):
+    there = next((folder for folder in (kept, *kept.parents) if os.access(folder, os.F_OK)), kept)
+    if off or (os.cpu_count() or 1) < 2 or any(kept.rglob(_LAST)) or not os.access(there, os.W_OK):
         yield
         return
     quiet = subprocess.DEVNULL

@@ -38,7 +38,8 @@ PICTURES = (".png", ".svg", ".pdf")
 def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = (), *, kept: bool = False) -> Any:
     """Return an option for a file to write, refused before any work: by `check_file`, where it has suffixes.
 
-    Of a command with the option --force, `replacing` refuses too, unless a file that exists is `kept` and read.
+    Of a command with the option --force, `replacing` refuses too, unless what exists is `kept`: a file that is read, or
+    a folder.
     """
 
     def check(context: typer.Context, path: Path | None) -> Path | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -100,15 +101,25 @@ def none_better(result: Optimization) -> str:
     if not start.feasible:
         why = f": {start.reason.rstrip('.')}" if start.reason else ""
         return f"no design is found that keeps all bounds; the design as it was does not either{why}"
-    kept = [trial for trial in result.trials if trial.feasible and trial.scores]
+    kept = [trial for trial in result.trials if trial.feasible and trial.scores and not _is_start(result, trial)]
     text = "no design is better than the one at hand, which keeps all bounds"
     objective = result.goal.objectives[0]
     if kept and len(result.goal.objectives) == 1:
         best = (max if objective.maximized else min)(trial.scores[0] for trial in kept)
         shown = f"{objective.quantity} is {start.quantities[objective.quantity]:.6g}"
-        goal = "" if objective.target is None else f", {start.scores[0]:.6g} from its target"
-        text += f": {shown} as it was{goal}, and {best:.6g} at best in the search"
+        goal, of_it = ("", "") if objective.target is None else (f", {start.scores[0]:.6g} from its target", " from it")
+        text += f": {shown} as it was{goal}, and {best:.6g}{of_it} at best in the search"
     return text
+
+
+def _is_start(result: Optimization, trial: Trial) -> bool:
+    """Whether a trial has the entries of the design as it was, but for rounding."""
+    return all(
+        value == axis.start
+        or (isinstance(value, float) and isinstance(axis.start, int | float) and math.isclose(value, axis.start))
+        for axis in result.axes
+        for value in [trial.changes[axis.entry]]
+    )
 
 
 def variable_table(result: Optimization, chosen: Sequence[Chosen]) -> Table:

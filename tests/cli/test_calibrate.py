@@ -45,6 +45,12 @@ def test_ellipses_of_table_a1_or_of_a_file(capsys, quick):
     for name in ("calibration.html", "calibration.nc", "calibrated.toml", "unknowns.csv", "data.csv"):
         assert f"wrote {Path('fit') / name}" in out
         assert (Path("fit") / name).is_file()
+    kept = Path("fit/calibrated.toml")
+    kept.write_text("mine", encoding="utf-8")
+    line = refused(capsys, "gast2020", "published", *options, "--out", "fit")
+    assert f"{kept} exists and is not as `coilarray calibrate` left it; --force replaces it" in line
+    assert kept.read_text(encoding="utf-8") == "mine"
+    assert run(capsys, "gast2020", "published", *options, "--out", "fit", "--force")[0] == 0
     Path("model.json").write_text(model_to_json(published_model()), encoding="utf-8")
     code, again, _ = run(capsys, "gast2020", "model.json", *options)
     assert code == 0

@@ -16,6 +16,7 @@ from support.optimize_points import StandIn
 from support.patience import PATIENCE
 
 from coilarray.errors import MissingDependencyError, OutputError
+from coilarray.report.optimization import none_better
 from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal
 from coilarray.studies.optimize.study_file import FILE, open_study, points_found, study_name
 from coilarray.studies.optimize.trials import better_than
@@ -172,11 +173,19 @@ def test_a_best_that_is_no_better_than_the_start(design, tmp_path):
         pitch = changes.get("array.pitch_mm", 13.28)
         return {**quantities({}), "worst_k": 1.0 + (pitch - 13.28) ** 2}
 
-    for high, inside in ((16, True), (13, False)):
-        goal = goal_of(trials=8, replaced=("high = 16", f"high = {high}"))
+    near = LEAST.replace('direction = "minimize"', "target = 0.5")
+    for high, inside, wanted, words in (
+        (16, True, LEAST, "worst_k is 1 as it was, and {:.6g}"),
+        (13, False, LEAST, "worst_k is 1 as it was, and {:.6g}"),
+        (16, True, near, "worst_k is 1 as it was, 0.5 from its target, and {:.6g} from it"),
+    ):
+        goal = goal_of(wanted, trials=8, replaced=("high = 16", f"high = {high}"))
         result = optimize_with(design, goal, tmp_path, StandIn(bowl))
         assert (result.start_inside, result.best, result.front) == (inside, None, ())
         assert all(trial.feasible for trial in result.trials)
+        tried = [trial.scores[0] for trial in result.trials if trial.changes != START]
+        assert len(tried) == 8 - inside
+        assert none_better(result).endswith(f": {words.format(min(tried))} at best in the search")
     # noise of the last bits is no gain, a start that breaks a bound is no rival
     start, goal = Trial("start", 0, {}, {}, (1.0,), {"bound": 0.0}), goal_of()
     noise, gain = (Trial("search", k, {}, {}, (score,), {"bound": 0.0}) for k, score in enumerate((1 - 1e-12, 0.9)))
