@@ -88,10 +88,9 @@ def _check(target: Path, to: Format, *, force: bool) -> None:
         folder = target if target.is_dir() else target.parent
         if not os.access(folder, os.W_OK | os.X_OK):
             raise OutputError(f"cannot write {target}: nothing may be written in the folder {folder}.")
-        present = [path for path in target.rglob("*") if path.is_file()] if target.is_dir() else [target]
+        require_own("export", target.rglob("*") if target.is_dir() else [target], force=force)
     except OSError as error:
         raise OutputError(f"cannot write {target}: {error.strerror}.") from None
-    require_own("export", present, force=force)
 
 
 def _check_project_folder(target: Path) -> None:

@@ -71,7 +71,7 @@ def init(
     from coilarray.design import bundled
     from coilarray.design.save import save_design
 
-    if file.is_dir():
+    if file.is_dir() and (file.suffix or file.name in ("", "..")):
         raise OutputError(f"{file} is a folder; name a file in it.")
     target = file if file.suffix else file.with_suffix(".toml")
     shared.check_file("NAME", target, (".toml",))

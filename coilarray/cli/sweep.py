@@ -100,7 +100,7 @@ def sweep(
     if wanted is not None:
         best = best_points(plan, result, wanted)
         data["best"] = [{"entries": dict(point.changes), "quantities": dict(point.quantities)} for point in best]
-        lines += _best_lines(best, wanted)
+        lines += _best_lines(best, wanted) if len(reasons) < points else ["no point gives a value to the goal"]
     if not as_json:
         rows = [_extremes(result, one.key, one.quantity.unit) for one in plan.requests]
         shared.print_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)

@@ -86,6 +86,7 @@ def test_version(capsys, monkeypatch):
 
 @pytest.mark.slow
 def test_init_copies_a_bundled_design(capsys):
+    Path("d").mkdir()  # is in nobody's way
     assert "wrote d.toml" in good(capsys, "init", "d", "--from", "gast2020")
     assert load_design("d.toml").name == "gast2020"
     good(capsys, "init", "d.toml", "--from", "starter")  # the command's own file
@@ -245,6 +246,7 @@ test_mistakes_are_one_line = mistakes(
     (("matrix", "starter", "--out", "m.s2p"), "a Touchstone file of 3 ports must end in .s3p; got m.s2p"),
     (("matrix", "starter", "--out", "no/such/folder/m.csv"), "cannot write no/such/folder/m.csv: No such file"),
     (("init", "."), ". is a folder; name a file in it"),
+    (("init", ".."), ".. is a folder; name a file in it"),
     (("init", "d.txt"), "NAME must end in .toml; got d.txt"),
     (("init", "d", "--size-mm", "1x2x3"), "size must be a width, as 16, or width and height, as 20x12"),
     (("init", "d", "--size-mm", "-3"), "size must be positive and finite; got -3 mm"),

@@ -89,8 +89,9 @@ def test_every_point_with_its_reason(capsys, expected):
 
 def test_a_sweep_without_any_result_has_an_empty_table(capsys):
     """Designs there are, but none has the quantity."""
-    assert main(["sweep", "gast_fem", "--vary", "board.margin_mm=1,2", "--quantity", "worst_k", *ONE]) == 0
+    assert main(["sweep", "gast_fem", "--vary", "board.margin_mm=1,2", "--goal", "minimize worst_k", *ONE]) == 0
     out = capsys.readouterr().out
+    assert "no point gives a value to the goal" in out.splitlines()
     assert out.splitlines()[1].split() == ["worst_k", "1", "–", "–"]
     assert "2 of 2 points have no result; the first: the design gast_fem has one coil alone" in out
 
