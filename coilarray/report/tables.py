@@ -62,6 +62,7 @@ class Column:
                 for value in values]  # fmt: skip
 
 
+_POSITION = ("x", "y")  # names of columns
 _TRUTH = {True: "yes", False: "no"}
 
 
@@ -119,14 +120,18 @@ class Table:
     def telling(self) -> Table:
         """Return the table for the page, without columns that say nothing.
 
-        Those are empty or zero in every row, or repeat the numbers of an earlier one in every row; the files have all.
+        Those are empty or zero in every row, or repeat the numbers of an earlier one of their unit in every row; the
+        files have all. A position keeps x and y unless they are zero.
         """
         columns = list(zip(*self.rows, strict=True))
         kept = [
             k
             for k, values in enumerate(columns)
             if not all(value == "" or (value == 0 and not isinstance(value, bool)) for value in values)
-            and not any(_same(values, columns[j]) for j in range(k))
+            and (
+                self.columns[k].name in _POSITION
+                or not any(self.columns[j].unit == self.columns[k].unit and _same(values, columns[j]) for j in range(k))
+            )
         ]
         rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
         return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)

@@ -66,8 +66,14 @@ def test_a_largest_response_at_the_edge_or_of_nothing_is_said_to_be_that():
 
 
 def test_a_page_leaves_out_columns_that_say_nothing():
-    columns = tuple(map(Column, ("coil", "f", "again", "zero", "kept", "empty", "share")))
-    rows = (("a", 1.0, 1.0, 0.0, False, "", 0.0), ("b", 2.0, 2.0 * (1 + 1e-15), 0.0, False, "", 0.5))
+    columns = (
+        *map(Column, ("coil", "f", "again", "zero", "kept", "empty", "share", "x", "y")),
+        Column("ohm", unit="Ω"),
+    )
+    rows = (
+        ("a", 1.0, 1.0, 0.0, False, "", 0.0, 1.0, 1.0, 1.0),
+        ("b", 2.0, 2.0 * (1 + 1e-15), 0.0, False, "", 0.5, 2.0, 2.0, 2.0),
+    )
     table = Table("t", "T", columns, rows).telling()
-    assert [column.name for column in table.columns] == ["coil", "f", "kept", "share"]
-    assert table.rows[1] == ("b", 2.0, False, 0.5)
+    assert [column.name for column in table.columns] == ["coil", "f", "kept", "share", "x", "y", "ohm"]
+    assert table.rows[1] == ("b", 2.0, False, 0.5, 2.0, 2.0, 2.0)
