@@ -498,7 +498,7 @@ def test_ctrl_c_ends_it_with_a_page_open_and_nothing_to_render(chromium, tmp_pat
         said = started.end()
         words = page.wait_for_selector("#gone").inner_text()
         assert words.startswith("The studio has ended, or cannot be reached.\nThis page comes back by itself")
-        browser.picture(page, "gone")
+        browser.picture(page, "gone", rests=False)
         with answering(urlsplit(started.url).port):
             page.wait_for_selector("text=here again")
         context.close()
