@@ -82,8 +82,9 @@ def _led(
             raise GeometryError(f"{place.name} has no leads to be led to a connector.")
     board = _turned(array, connector.side)
     blocked: _NoWayError | None = None
-    for near_first in (True, False):
-        order = _along_the_edge(board, near_first=near_first)
+    orders = [_along_the_edge(board, near_first=near_first) for near_first in (True, False)]
+    for begun in orders[: 1 if orders[0] == orders[1] else 2]:
+        order = begun
         grid = _Grid(board, connector, _pads(board, connector, order))
         for _ in range(_TRIES):
             try:

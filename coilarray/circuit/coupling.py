@@ -140,10 +140,11 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
     capacitance, problem = None, ""
     try:
         above = permittivity_above(design)
+        digest = digest_of(design.array, design.sheets, above)
         capacitance = _CAPACITANCES.get(
-            digest_of(design.array, design.sheets, above),
+            digest,
             lambda: kept_dataset(
-                ("capacitance", digest_of(design.array, design.sheets, above)),
+                ("capacitance", digest),
                 lambda: coil_capacitance(design.array, design.sheets, relative_permittivity=above),
             ),
         )
