@@ -194,9 +194,11 @@ class _Studio:
     # ------------------------------------------------------------------------ who may come in
 
     async def _guard(self, request: web.Request, handler: Callable[..., Any]) -> web.StreamResponse:
-        """Refuse other host names, scripts of other pages, and requests without the token."""
+        """Refuse other host names, scripts of other pages, and requests without the token; all of them at the end."""
         from aiohttp import web
 
+        if self._stop.is_set():  # a page that is loaded again now would find nothing, and would not say so
+            return web.Response(status=503, text="coilarray studio: it is ending.\n")
         problem = self._refusal(request)
         if problem:
             return web.Response(status=403, text=f"coilarray studio: {problem}\n", headers=_headers(request))

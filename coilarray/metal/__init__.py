@@ -1,0 +1,1 @@
+"""Metal near the coils: plates and balls that carry eddy currents."""
