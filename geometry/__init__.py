@@ -1,6 +1,7 @@
 """Geometry without physics: spirals, coils, stack-ups, arrays, copper, rules and solids."""
 
 from coilarray.geometry.array import CoilArray, Connector, Lattice, Placement, lattice, lattice_array
+from coilarray.geometry.ball import Ball
 from coilarray.geometry.coil import Coil, Leads, PlatedHole, Wound, hull_outline, path_coil, spiral_coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.connectivity import Barrel, NetCheck, NetFault, board_layers, check_nets, connected_pieces
@@ -17,7 +18,7 @@ from coilarray.geometry.spiral import Spiral, apothem_from_size
 from coilarray.geometry.stackup import Stackup
 
 __all__ = [
-    "EVEN", "MATERIALS", "MATERIAL_SOURCES", "Barrel", "Coil", "CoilArray", "Conductor", "Cone", "Connector",
+    "EVEN", "MATERIALS", "MATERIAL_SOURCES", "Ball", "Barrel", "Coil", "CoilArray", "Conductor", "Cone", "Connector",
     "CopperFeature", "CylinderEdge", "Disc", "Drill", "FabRules", "FinitePlate", "FlatPunch", "Hemisphere",
     "Indenter", "Lattice", "Leads", "Margin", "Material", "NetCheck", "NetFault", "Outline", "Paraboloid",
     "Placement", "Plate", "PlatedHole", "Polygon", "Rectangle", "Ring", "RoundedSpiral", "Seat", "Sheet", "Spiral",
