@@ -28,7 +28,7 @@ class ElastomerError(CoilarrayError, ValueError):
 
 
 class MetalError(CoilarrayError, ValueError):
-    """Metal near the coils whose currents cannot be computed: which body or value, what is allowed."""
+    """A body of metal or ferrite whose effect is not computed: which value, what is allowed."""
 
 
 class LocalizeError(CoilarrayError, ValueError):
