@@ -23,7 +23,7 @@ from coilarray.geometry import Target
 from coilarray.metal.target import target_inductance
 from coilarray.response.coordinates import origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
-from coilarray.response.target_range import STEPS, ranges_of
+from coilarray.response.target_range import ranges_of
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
