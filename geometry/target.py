@@ -76,6 +76,14 @@ class Target:
             return "plate"
         return type(self.body.outline).__name__.lower() if isinstance(self.body, FinitePlate) else "sphere"
 
+    @property
+    def extent(self) -> float:
+        """Distance in m from the body's lowest to its highest point."""
+        if isinstance(self.body, Plate | FinitePlate):
+            low, high = self.body.heights
+            return high - low
+        return 2 * self.body.radius
+
     def height(self, face: float, distance: float) -> float:
         """Height in m of the body's centre, of a plate without end its lower face, at a distance above a height.
 
