@@ -67,7 +67,9 @@ def target_inductance(
 
         endless = [plate for plate in plates if isinstance(plate, Plate)]
         if len(endless) < len(plates):
-            raise MetalError("a target without end beside plates with an outline is not computed: leave one of them out.")
+            raise MetalError(
+                "a target without end beside plates with an outline is not computed: leave one of them out."
+            )
         without = plate_inductance(source, endless, frequencies, sheets) if endless else 0.0
         changes = []
         for k, z in enumerate(heights):
