@@ -1,4 +1,4 @@
-"""Finite elements for a circular loop about the axis of a body: the inductance and loss of any axisymmetric materials."""
+"""Finite elements for a circular loop about the axis of a body: inductance and loss of any axisymmetric materials."""
 
 import numpy as np
 from scipy.sparse.linalg import splu
