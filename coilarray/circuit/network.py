@@ -200,7 +200,7 @@ def _solve_with_tank(
     network: Network,
     wiring: _Wiring,
     frequencies: FloatArray,
-    inductances: FloatArray,
+    inductances: FloatArray | ComplexArray,
     winding_capacitances: FloatArray | None = None,
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """As `_solve`, and the admittances (f,) in S with the tank's capacitor."""
@@ -272,11 +272,14 @@ def self_resonance_of(network: Network, result: StateResult) -> float:
 
 
 def resonances_near(
-    network: Network, result: StateResult, inductances: FloatArray, winding_capacitances: FloatArray | None = None
+    network: Network,
+    result: StateResult,
+    inductances: FloatArray | ComplexArray,
+    winding_capacitances: FloatArray | None = None,
 ) -> FloatArray:
     """Frequencies (cases,) in Hz of a resonance while inductances and capacitances change a little.
 
-    `inductances` (cases, n, n) in H and `winding_capacitances` (cases, n) in F replace the network's own; a change may
+    `inductances` (cases, n, n) in H, complex ones with losses L − jR/ω, and `winding_capacitances` (cases, n) in F replace the network's own; a change may
     make the latter negative, as the tank is in parallel. Newton's method on Im Y(f) = 0 for all cases at once, with the
     slope of the given resonance of this network: the error falls by about the relative change of L at every step. A
     NetworkError where it finds no resonance.
@@ -343,7 +346,11 @@ class _Wiring:
 
 
 def _solve(
-    network: Network, wiring: _Wiring, frequencies: FloatArray, across: FloatArray, inductances: FloatArray
+    network: Network,
+    wiring: _Wiring,
+    frequencies: FloatArray,
+    across: FloatArray,
+    inductances: FloatArray | ComplexArray,
 ) -> tuple[ComplexArray, ComplexArray]:
     """Impedances (f,) between the converter's sides in Ω and the coils' currents (f, n) in A per A fed in there.
 

@@ -16,7 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design.fab_limits import FabTable
-from coilarray.design.plates import PlateTable
+from coilarray.design.plates import MaterialTable, PlateTable
 from coilarray.design.scan_states import Passive, ScanState, terminated_state
 from coilarray.design.units import (
     SCALES,
@@ -401,8 +401,8 @@ class SheetTable(Table):
         return Sheet(**in_si(self))
 
 
-class RoundTable(Table):
-    """``[indenter]`` of every shape but the cone.
+class RoundTable(MaterialTable):
+    """``[indenter]`` of every shape but the cone; without a material it is nothing to the field.
 
     The radius of a paraboloid is that of curvature at its tip; a cylinder edge is a long cylinder that lies along y.
     """
@@ -420,7 +420,7 @@ _ROUND: Mapping[str, Callable[[float], Indenter]] = {
 }  # fmt: skip
 
 
-class ConeTable(Table):
+class ConeTable(MaterialTable):
     """``[indenter]`` with ``shape = "cone"``; the angle is between its axis and its side."""
 
     shape: Literal["cone"]

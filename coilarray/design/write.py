@@ -13,7 +13,7 @@ import numpy as np
 
 from coilarray.design.fab_limits import FabTable
 from coilarray.design.model import Circuit, Design, DesignFile, Indentation, build_design_file
-from coilarray.design.plates import flat_entries
+from coilarray.design.plates import flat_entries, material_entries
 from coilarray.design.tables import PASSIVE, SCHEMA, CircuitTable, ConnectorTable, half_side, map_positions
 from coilarray.design.units import SCALES, Table
 from coilarray.geometry import (
@@ -22,7 +22,6 @@ from coilarray.geometry import (
     Cone,
     FabRules,
     FinitePlate,
-    Indenter,
     Lattice,
     Leads,
     Plate,
@@ -100,7 +99,7 @@ def design_document(design: Design) -> dict[str, Any]:
     if design.sheets:
         document["elastomer"] = _sheet_tables(design.sheets)
         if design.indentation is not None:
-            document["indenter"] = _indenter_table(design.indentation.indenter)
+            document["indenter"] = _indenter_table(design.indentation)
             document["indentation"] = _indentation_table(design.indentation, names)
     if design.plates:
         document["plate"] = _plate_tables(design.plates)
@@ -371,13 +370,14 @@ def _plate_tables(plates: Sequence[Plate | FinitePlate]) -> list[dict[str, Any]]
     return tables
 
 
-def _indenter_table(indenter: Indenter) -> dict[str, Any]:
+def _indenter_table(setup: Indentation) -> dict[str, Any]:
+    indenter = setup.indenter
     table: dict[str, Any] = {"shape": indenter.name.replace(" ", "_")}
     if isinstance(indenter, Cone):
         table["half_angle_deg"] = _entry(indenter.half_angle, _DEG)
     if math.isfinite(indenter.radius):
         table["radius_mm"] = _entry(indenter.radius, _MM)
-    return table
+    return table if setup.material is None else table | material_entries(setup.material, _entry)
 
 
 def _uneven(seat: Unevenness) -> dict[str, Any]:

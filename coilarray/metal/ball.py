@@ -29,7 +29,6 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.constants import MU_0
 from coilarray.elastomer.coil_spectrum import coil_segments, harmonics_about, segment_centres, segment_spectra
-from coilarray.elastomer.flat_layer import magnetic_slab
 from coilarray.elastomer.flat_stack import flat_profile, reflection
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
@@ -45,6 +44,7 @@ _DOWN = 8  # steps of the continued fraction, in roots of a skin depth's part of
 _REFLECTED = 160  # nodes of the integral over the reflected waves
 _POSITIONS = 64  # at a time, which bounds the memory
 _SAME = 1e-9  # m; places that differ by less are one
+_TOUCHING = 1e-6  # m; a contact is only so exact
 
 
 def ball_inductance(
@@ -83,8 +83,6 @@ def ball_inductance(
     MetalError
         Centres or frequencies that are not allowed, a ball that reaches into the sheets or the coils, or comes so near
         to them that more than 120 multipoles count.
-    ElastomerError
-        Sheets with more than one magnetic region.
     MemoryLimitError
         More values than there is memory for.
 
@@ -116,7 +114,6 @@ def ball_inductance(
     if not len(at):
         return change
     _require_above(at, ball, sheets, copper)
-    magnetic_slab(sheets)  # more than one magnetic region is refused
     orders = _orders(ball, float(at[:, 2].min()) - copper)
     wavenumbers, weights = _wavenumbers(ball, at, middles, radius, copper, orders)
     heights, height_of = np.unique(np.round(at[:, 2] / _SAME), return_inverse=True)
@@ -262,7 +259,7 @@ def _require_above(at: FloatArray, ball: Ball, sheets: Sequence[Sheet], copper: 
         raise MetalError(f"coils must lie at z <= 0, below the sheets; one reaches z = {copper:.4g} m.")
     top = math.fsum(sheet.thickness for sheet in sheets)
     lowest = float(at[:, 2].min()) - ball.radius
-    if lowest < top - _SAME or lowest <= copper:
+    if lowest < top - _TOUCHING or lowest <= copper:
         raise MetalError(
             f"a ball must lie above the sheets and the copper, at z > {top * 1e3:.4g} mm; it reaches down to "
             f"z = {lowest * 1e3:.4g} mm."
