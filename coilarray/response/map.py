@@ -135,8 +135,8 @@ def response_map(
         ``inductance_change``, and the share of the material is ``metal_delta``, ``metal_inductance_change`` in H and
         ``metal_resistance_change`` in Ω, against the indenter at rest; the attributes ``indenter_material``,
         ``metal_frequency_Hz`` and ``rest_m`` say of what it is. With only near coils, ``delta`` is 0 for the states
-        beyond the attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out. The attribute
-        ``error_of_peak`` is the error allowed by `reach`, 0 for every coil.
+        beyond the attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out. The
+        attribute ``error_of_peak`` is the error allowed by `reach`, 0 for every coil.
 
     Raises
     ------
