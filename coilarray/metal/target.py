@@ -15,6 +15,7 @@ from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet, Target
 from coilarray.metal.ball import ball_inductance
 from coilarray.metal.finite_plates import moving_plate
+from coilarray.metal.flat_plates import plate_inductances
 
 _PIECES = 90  # of the rims of a plate in a mesh of the fineness 1
 _OF_ARM, _OF_GAP = 0.25, 1.0  # largest piece: of the largest circle's radius in the plate, and of the gap
@@ -69,20 +70,14 @@ def target_inductance(
     face, body = sum(sheet.thickness for sheet in sheets), target.body
     heights = [target.height(face, distance) for distance in distances]
     if isinstance(body, Plate):
-        from coilarray.metal.flat_plates import plate_inductance
-
         endless = [plate for plate in plates if isinstance(plate, Plate)]
         if len(endless) < len(plates):
             raise MetalError(
                 "a target without end beside plates with an outline is not computed: leave one of them out."
             )
-        without = plate_inductance(source, endless, frequencies, sheets) if endless else 0.0
-        changes = []
-        for k, z in enumerate(heights):
-            changes.append(plate_inductance(source, [*endless, replace(body, z=z)], frequencies, sheets) - without)
-            if progress is not None:
-                progress(k + 1, len(heights))
-        return np.repeat(np.array(changes)[:, None], len(places), axis=1)
+        cases = [endless, *([*endless, replace(body, z=z)] for z in heights)]
+        without, *changes = plate_inductances(source, cases, frequencies, sheets, progress=progress)
+        return np.repeat((np.array(changes) - without)[:, None], len(places), axis=1)
     if plates:
         raise MetalError(
             f"a target with an end beside plates is not computed; got {', '.join(plate.name for plate in plates)}."

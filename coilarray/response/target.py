@@ -21,7 +21,7 @@ from coilarray.compute.threads import Progress, ranges
 from coilarray.design.model import Design
 from coilarray.elastomer.flat_layer import magnetic_slab
 from coilarray.errors import MetalError
-from coilarray.geometry import FinitePlate, Target
+from coilarray.geometry import FinitePlate, Plate, Target
 from coilarray.metal.target import target_inductance
 from coilarray.response.coordinates import origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
@@ -196,8 +196,10 @@ def _changes(
             if part is not None:
                 found[k] = part.inductance.values - 1j * part.loss.values
     missing = [k for k in range(len(keys)) if k not in found]
-    # in air a plate with an outline is factorised once for all distances
-    sharing = isinstance(target.body, FinitePlate) and magnetic_slab(design.sheets) is None
+    # the spectra of the coils, and in air the factors of a plate with an outline, serve all distances
+    sharing = isinstance(target.body, Plate) or (
+        isinstance(target.body, FinitePlate) and magnetic_slab(design.sheets) is None
+    )
     blocks = [missing] if sharing and missing else [[k] for k in missing]
     for done, block in enumerate(blocks):
 
