@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.image import imsave
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from PIL import Image
 
 _DPI = 130
 _RIM = 0.1  # inches of white around a picture
@@ -36,7 +36,10 @@ def png_of(drawn: Axes | Figure) -> bytes:
     rim = round(_RIM * _DPI)
     rows, columns = (np.flatnonzero(inked.any(axis=k)) for k in (1, 0))
     cut = tuple(slice(max(0, at[0] - rim), at[-1] + 1 + rim) for at in (rows, columns))
-    imsave(buffer, np.ascontiguousarray(pixels[cut][..., :3]), format="png", dpi=_DPI, pil_kwargs={"compress_level": 3})
+    # Matplotlib's own imsave would look for colours in them first, which takes as long
+    Image.fromarray(np.ascontiguousarray(pixels[cut][..., :3])).save(
+        buffer, format="png", dpi=(_DPI, _DPI), compress_level=3
+    )
     return buffer.getvalue()
 
 
