@@ -13,7 +13,7 @@ import numpy.typing as npt
 from coilarray.errors import GeometryError
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.sheet import Sheet
-from coilarray.geometry.solids import sheet_solids, solids
+from coilarray.geometry.solids import board_solids, sheet_solids
 from coilarray.viz.datasets.board import barrel_mesh, board_mesh, copper_mesh, with_coil_values
 from coilarray.viz.datasets.elastomer import sheet_meshes
 from coilarray.viz.datasets.triangles import MM_PER_M, surface_of
@@ -86,7 +86,7 @@ def scene_of_board(
     `box` x_min, y_min, x_max, y_max in m shows that part, without rulers, barrels and names. `name_heights` in m, one
     or one for each coil, lift the names above what covers the coils. GeometryError for a layer that the board lacks.
     """
-    parts = solids(array)
+    parts = board_solids(array)
     copper = copper_parts(array, layers, colours, box, parts)
     board = cut_upright(board_mesh(parts), box)
     # copper may share a face with the board: draw the board just behind it
@@ -113,7 +113,7 @@ def copper_parts(
     parts: Mapping[str, trimesh.Trimesh] | None = None,
 ) -> tuple[Part, ...]:
     """Return the copper of a board alone, one part per layer with copper; arguments as for `scene_of_board`."""
-    parts = solids(array) if parts is None else parts
+    parts = board_solids(array) if parts is None else parts
     return tuple(
         _coloured(name, mesh, colour, colours)
         for name, colour in _shown_layers(array, layers).items()
