@@ -82,9 +82,9 @@ def board_solids(array: CoilArray) -> Mapping[str, trimesh.Trimesh]:
         alone = _coil_solids(array.stackup, array.through_holes, place.coil, place.layers, place.rotation)
         for kind, part, prism, solid in alone:
             key = f"copper/{part}/{place.name}" if kind == "copper" else f"barrel/{place.name}/{part}"
-            through = [one for one in others if kind == "copper" and part in one.layers]
-            closed = solid if not _meets(prism, through) else _extruded(_drilled(prism, through))
-            pieces[key] = trimesh.Trimesh(closed.vertices + away, closed.faces, process=False)
+            through = _meeting(prism, [one for one in others if kind == "copper" and part in one.layers])
+            whole = _extruded(_drilled(prism, through)) if through else solid
+            pieces[key] = trimesh.Trimesh(whole.vertices + away, whole.faces, process=False)
     laminate = _laminate(array)
     return pieces if laminate is None else {**pieces, "board": _extruded(laminate)}
 
@@ -199,7 +199,8 @@ def _drilled(prism: Prism, holes: Sequence[Drill]) -> Prism:
     return replace(prism, shape=shapely.difference(prism.shape, shapely.union_all([_hole(hole) for hole in holes])))
 
 
-def _meets(prism: Prism, holes: Sequence[Drill]) -> bool:
-    """Return whether a hole meets the outline of a prism."""
+def _meeting(prism: Prism, holes: Sequence[Drill]) -> list[Drill]:
+    """Return the holes that meet the outline of a prism."""
     at = np.array([(hole.x, hole.y) for hole in holes]).reshape(-1, 2)
-    return bool(shapely.dwithin(prism.shape, shapely.points(at), [hole.diameter / 2 for hole in holes]).any())
+    meets = shapely.dwithin(prism.shape, shapely.points(at), [hole.diameter / 2 for hole in holes])
+    return [hole for hole, met in zip(holes, meets.tolist(), strict=True) if met]

@@ -95,7 +95,7 @@ def scene_of_board(
     if box is not None:
         return Scene((*copper, *laminate))
     barrels = barrel_mesh(parts, array.names)
-    through = [Part("barrels", barrels, "barrels", BARREL)] if barrels.n_cells else []
+    through = [Part("barrels", barrels, "barrels", BARREL, closed=True)] if barrels.n_cells else []
     edges = [_edges("edges of board", board, "laminate", LAMINATE)] if laminate else []
     x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
     length = 0.012 * (x_max - x_min + y_max - y_min)
@@ -114,11 +114,12 @@ def copper_parts(
 ) -> tuple[Part, ...]:
     """Return the copper of a board alone, one part per layer with copper; arguments as for `scene_of_board`."""
     parts = board_solids(array) if parts is None else parts
-    return tuple(
-        _coloured(name, mesh, colour, colours)
-        for name, colour in _shown_layers(array, layers).items()
-        if (mesh := cut_upright(copper_mesh(parts, array.names, name), box)).n_cells
+    copper = tuple(
+        Part(name, mesh, name, colour, ambient=0.45, diffuse=0.6, closed=box is None)
+        for layer, colour in _shown_layers(array, layers).items()
+        if (mesh := cut_upright(copper_mesh(parts, array.names, layer), box)).n_cells and (name := f"{_COPPER}{layer}")
     )
+    return copper if colours is None else recoloured(copper, colours)
 
 
 def board_in_pieces(array: CoilArray) -> tuple[tuple[Part, ...], Scene]:
@@ -130,7 +131,14 @@ def board_in_pieces(array: CoilArray) -> tuple[tuple[Part, ...], Scene]:
 
 def recoloured(copper: Sequence[Part], colours: CoilColours) -> tuple[Part, ...]:
     """Give the copper of `copper_parts` other values of the coils."""
-    return tuple(_coloured(part.name.removeprefix(_COPPER), part.mesh, part.colour, colours) for part in copper)
+    values, scale = colours.values, colours.scale
+    return tuple(
+        replace(
+            part, mesh=with_coil_values(part.mesh, values, scale.array), colour=BARREL, scale=scale, ambient=0.7,
+            diffuse=0.35,
+        )
+        for part in copper
+    )  # fmt: skip
 
 
 def scene_of_sheets(array: CoilArray, sheets: Sequence[Sheet], lift: float = 0.0, spread: float = 0.0) -> Scene:
@@ -175,14 +183,6 @@ def _shown_layers(array: CoilArray, layers: Sequence[str] | None) -> dict[str, s
         if layer not in colours:
             raise GeometryError(f"the board has no copper layer {layer!r}; there are {', '.join(colours)}.")
     return {name: colour for name, colour in colours.items() if layers is None or name in layers}
-
-
-def _coloured(layer: str, copper: pyvista.DataSet, colour: str, colours: CoilColours | None) -> Part:
-    name = f"{_COPPER}{layer}"
-    if colours is None:
-        return Part(name, copper, name, colour, ambient=0.45, diffuse=0.6)
-    mesh = with_coil_values(copper, colours.values, colours.scale.array)
-    return Part(name, mesh, name, BARREL, colours.scale, ambient=0.7, diffuse=0.35)
 
 
 def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
