@@ -85,14 +85,14 @@ def target_inductance(
     positions = np.array([[x, y, z] for z in heights for x, y in places.tolist()])
     if isinstance(body, FinitePlate):
         gap = face + distances[0]  # from the copper at z = 0
-        fineness = _fineness(body, gap)
+        fineness = plate_fineness(body, gap)
         change = moving_plate(source, body, positions, frequencies, sheets, fineness=fineness, progress=progress)
     else:
         change = ball_inductance(source, body, positions, frequencies, sheets, progress=progress)
     return change.reshape(len(heights), len(places), *change.shape[1:])
 
 
-def _fineness(plate: FinitePlate, gap: float) -> float:
+def plate_fineness(plate: FinitePlate, gap: float) -> float:
     """Fineness of the mesh of a plate at a gap in m: its triangles must resolve its arms, and the field at the gap."""
     outline = shapely.Polygon(plate.outline.exterior, plate.outline.holes)
     arm = float(shapely.maximum_inscribed_circle(outline).length)
