@@ -17,11 +17,12 @@ from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import bundled
 from coilarray.design.digest import digest_of
 from coilarray.design.fab_limits import load_profile
+from coilarray.design.plates import check_plates
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state, terminated_state
 from coilarray.design.tables import PASSIVE, Document
 from coilarray.design.window import Positions, array_window
 from coilarray.errors import DesignError, GeometryError, NetworkError
-from coilarray.geometry import EVEN, Coil, CoilArray, FabRules, Indenter, Sheet, Unevenness
+from coilarray.geometry import EVEN, Coil, CoilArray, FabRules, FinitePlate, Indenter, Plate, Sheet, Unevenness
 from coilarray.geometry.connector import lead_out
 from coilarray.geometry.sheet import Base, Strain
 
@@ -148,12 +149,14 @@ class Design:
         Height in m of the plane on which reports show the field.
     name, title, source : str
         Name in results, words for people, and where the design is from.
+    plates : tuple of Plate or FinitePlate
+        Metal that stays where it is, above or below the board.
 
     Raises
     ------
     DesignError
-        Sheets of one name; an indentation that the sheets do not allow; a termination, state or origin of a coil that
-        there is not; or a state that cannot be.
+        Sheets or plates of one name; plates in the sheets, the coils or each other; an indentation that the sheets do
+        not allow; a termination, state or origin of a coil that there is not; or a state that cannot be.
 
     Examples
     --------
@@ -174,12 +177,17 @@ class Design:
     name: str = "design"
     title: str = ""
     source: str = ""
+    plates: tuple[Plate | FinitePlate, ...] = ()
 
     def __post_init__(self) -> None:
         names, known = self.array.names, ", ".join(self.array.names)
         sheets = [sheet.name for sheet in self.sheets]
         if len(set(sheets)) != len(sheets):
             raise DesignError(f"elastomer sheets must have different names; got {', '.join(sheets)}.")
+        if self.plates:
+            stackup = self.array.stackup
+            copper = {layer for place in self.array.placements for layer in place.layers}
+            check_plates(self.plates, self.top, min(stackup.span(layer)[0] for layer in copper))
         for coil in self.circuit.terminations:
             if coil not in names:
                 raise DesignError(f"circuit.terminations.{coil} names no coil; there are {known}.")
@@ -201,10 +209,9 @@ class Design:
                 raise DesignError(
                     f"elastomer.{k}.youngs_modulus_kPa is missing; [indentation] needs it of every sheet."
                 )
-        thickness = sum(sheet.thickness for sheet in self.sheets)
-        if self.sheets and setup.depths[-1] >= thickness:
+        if self.sheets and setup.depths[-1] >= self.top:
             raise DesignError(
-                f"indentation.depths_mm must be less than the {thickness * 1e3:g} mm of all sheets; "
+                f"indentation.depths_mm must be less than the {self.top * 1e3:g} mm of all sheets; "
                 f"got {setup.depths[-1] * 1e3:g}."
             )
         if setup.origin is not None:
@@ -219,6 +226,11 @@ class Design:
             x, y = array_window(self.array, setup.origin_point, setup.step, _touchable(setup))
             setup = replace(setup, x=x, y=y, over_array=(x, y))
         object.__setattr__(self, "indentation", setup)
+
+    @property
+    def top(self) -> float:
+        """Height in m of the upper face of all sheets; that of the board, 0, without."""
+        return sum(sheet.thickness for sheet in self.sheets)
 
     @cached_property
     def terminations(self) -> Mapping[str, Passive]:
@@ -249,9 +261,10 @@ class Design:
             places = (setup.x, setup.y, setup.origin_point, setup.sample_bounds or ())
             how = (setup.base, setup.strain, setup.sample_radius, setup.unevenness)
             pressed = (setup.indenter, setup.depths, *how, *map(np.array, places))
+        metal = [("plates", self.plates)] if self.plates else []
         return digest_of(
             self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,
-            self.terminations, self.plan, self.rules, self.field_height,
+            self.terminations, self.plan, self.rules, self.field_height, *metal,
         )  # fmt: skip
 
 
@@ -364,17 +377,27 @@ def _build(parsed: Document) -> Design:
     if parsed.connector is not None:
         with _named("connector"):
             array = lead_out(array, parsed.connector.build())
+    sheets = tuple(sheet.build() for sheet in parsed.elastomer)
     return Design(
         name=parsed.name,
         title=parsed.title or parsed.name,
         source=parsed.source,
         array=array,
-        sheets=tuple(sheet.build() for sheet in parsed.elastomer),
+        sheets=sheets,
         indentation=_indentation(parsed),
         circuit=_circuit(parsed, array.names),
         rules=parsed.fab.build(),
         field_height=parsed.field.height_mm * 1e-3,
+        plates=_plates(parsed, sum(sheet.thickness for sheet in sheets), -stackup.thickness),
     )
+
+
+def _plates(parsed: Document, top: float, underside: float) -> tuple[Plate | FinitePlate, ...]:
+    plates = []
+    for k, table in enumerate(parsed.plate):
+        with _named(f"plate.{k}"):
+            plates.append(table.build(top, underside))
+    return tuple(plates)
 
 
 def _circuit(parsed: Document, names: Sequence[str]) -> Circuit:

@@ -16,6 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design.fab_limits import FabTable
+from coilarray.design.plates import PlateTable
 from coilarray.design.scan_states import Passive, ScanState, terminated_state
 from coilarray.design.units import (
     SCALES,
@@ -612,6 +613,7 @@ class Document(Table):
     connector: ConnectorTable | None = None
     board: BoardTable = BoardTable()
     elastomer: list[SheetTable] = Field(default_factory=list)
+    plate: list[PlateTable] = Field(default_factory=list)
     indenter: Annotated[RoundTable | ConeTable, Field(discriminator="shape")] | None = None
     indentation: IndentationTable | None = None
     circuit: CircuitTable = CircuitTable()

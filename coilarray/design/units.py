@@ -18,7 +18,7 @@ SCALES: Mapping[str, float] = {
 
 _ENTRY_UNITS = {
     "mm": "mm", "um": "µm", "deg": "deg", "mrad": "mrad", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa",
-    "kPa_per_mm": "kPa/mm", "ohm": "ohm", "ohm_m": "ohm m", "percent": "%",
+    "kPa_per_mm": "kPa/mm", "MS_per_m": "MS/m", "ohm": "ohm", "ohm_m": "ohm m", "percent": "%",
 }  # fmt: skip
 
 
