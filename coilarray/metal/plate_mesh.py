@@ -115,7 +115,9 @@ def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0, above:
             f"at most {_MOST_NODES}."
         )
     if abs(area - expected) > 1e-6 * expected:
-        raise GeometryError(f"the outline of a plate could not be meshed: {area * 1e6:.6g} of {expected * 1e6:.6g} mm².")
+        raise GeometryError(
+            f"the outline of a plate could not be meshed: {area * 1e6:.6g} of {expected * 1e6:.6g} mm²."
+        )
     nodes = [np.column_stack((plane_points, np.full(len(plane_points), thickness / 2)))]
     heights = [1.0, _CORNER / fineness, 0.0] if thickness > _FIRST * inscribed / fineness else [1.0, 0.0]
     heights = [thickness / 2 * (1 - height) if 0 < height < 1 else thickness / 2 * height for height in heights]
@@ -145,7 +147,9 @@ def _divided(ring: shapely.LinearRing, along: float, wanted: Sizes) -> FloatArra
     pieces = []
     for start, side in zip(corners, sides, strict=False):
         length = math.hypot(*side)
-        middles = start + side * ((np.arange(max(1, math.ceil(length / along))) + 0.5)[:, None] * min(along / length, 1))
+        middles = start + side * (
+            (np.arange(max(1, math.ceil(length / along))) + 0.5)[:, None] * min(along / length, 1)
+        )
         count = math.ceil(length / min(along, float(wanted(middles).min())) - 1e-9)
         pieces.append(start + side * (np.arange(count) / count)[:, None])
     return np.concatenate(pieces)
@@ -176,13 +180,13 @@ def _has_room(loops: Sequence[FloatArray], inset: float) -> bool:
     outer, *holes = [_inset(loop, inset) for loop in loops]
     sides = [np.roll(loop, -1, axis=0) - loop for loop in loops]
     moved = [np.roll(loop, -1, axis=0) - loop for loop in (outer, *holes)]
-    forward = all(((old * new).sum(axis=1) > 0.1 * (old * old).sum(axis=1)).all() for old, new in zip(sides, moved))
+    forward = all(
+        ((old * new).sum(axis=1) > 0.1 * (old * old).sum(axis=1)).all() for old, new in zip(sides, moved, strict=True)
+    )
     return forward and bool(shapely.Polygon(outer, holes).is_valid)
 
 
-def _lattice(
-    loops: Sequence[FloatArray], step: float, finest: float, wanted: Sizes
-) -> tuple[FloatArray, IntArray]:
+def _lattice(loops: Sequence[FloatArray], step: float, finest: float, wanted: Sizes) -> tuple[FloatArray, IntArray]:
     """Points of a triangular lattice inside loops, and the triangles of the loops' points followed by these.
 
     Each step divided by two has the points of the coarser one among its own.
