@@ -533,7 +533,8 @@ def _check_metal(design: Design, axes: MapAxes, ball: Ball | None, rest: float) 
         raise MetalError(f"an indenter of {ball.material.name} is not computed beside plates; leave one of them out.")
     if ball is None and axes.depth[0] < 0:
         raise ElastomerError(
-            f"depths must be at least 0 of an indenter whose material does not count; got {axes.depth[0] * 1e3:.4g} mm."
+            f"depth of an indentation must be from 0 where no material of the indenter counts; "
+            f"got {axes.depth[0] * 1e3:.4g} mm."
         )
 
 

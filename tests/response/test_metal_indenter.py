@@ -79,7 +79,7 @@ def test_aluminium_lowers_and_ferrite_raises_the_response():
 
 
 def test_refusals():
-    refused(ElastomerError, r"depths must be at least 0 .* got -3 mm", nominal, PLAIN)
+    refused(ElastomerError, "depth of an indentation must be from 0 .* got -3 mm", nominal, PLAIN)
     refused(ElastomerError, "needs every coil: reach=None", nominal, of("steel"), reach=1e-3)
     refused(MetalError, "rest must be at least 0; got -0.001 m", nominal, of("steel"), rest=-1e-3)
     back = replace(of("steel"), plates=(Plate("back", -10e-3, 1e-3, MATERIALS["steel"]),))
