@@ -16,13 +16,15 @@ from coilarray.geometry.sheet import EVEN, Seat, Sheet, Unevenness
 from coilarray.geometry.solids import solids
 from coilarray.geometry.spiral import Spiral, apothem_from_size
 from coilarray.geometry.stackup import Stackup
+from coilarray.geometry.target import Target
 
 __all__ = [
-    "EVEN", "MATERIALS", "MATERIAL_SOURCES", "Ball", "Barrel", "Coil", "CoilArray", "Conductor", "Cone", "Connector",
-    "CopperFeature", "CylinderEdge", "Disc", "Drill", "FabRules", "FinitePlate", "FlatPunch", "Hemisphere",
-    "Indenter", "Lattice", "Leads", "Margin", "Material", "NetCheck", "NetFault", "Outline", "Paraboloid",
-    "Placement", "Plate", "PlatedHole", "Polygon", "Rectangle", "Ring", "RoundedSpiral", "Seat", "Sheet", "Spiral",
-    "Stackup", "Unevenness", "Wound", "apothem_from_size", "board_layers", "board_outline", "check_nets",
-    "check_rules", "connected_pieces", "copper_by_layer", "copper_features", "drills", "hull_outline", "lattice",
-    "lattice_array", "lead_out", "path_coil", "require_kept", "require_rules", "solids", "spiral_coil",
+    "EVEN", "MATERIALS", "MATERIAL_SOURCES", "Ball", "Barrel", "Coil", "CoilArray", "Conductor", "Cone",
+    "Connector", "CopperFeature", "CylinderEdge", "Disc", "Drill", "FabRules", "FinitePlate", "FlatPunch",
+    "Hemisphere", "Indenter", "Lattice", "Leads", "Margin", "Material", "NetCheck", "NetFault", "Outline",
+    "Paraboloid", "Placement", "Plate", "PlatedHole", "Polygon", "Rectangle", "Ring", "RoundedSpiral", "Seat",
+    "Sheet", "Spiral", "Stackup", "Target", "Unevenness", "Wound", "apothem_from_size", "board_layers",
+    "board_outline", "check_nets", "check_rules", "connected_pieces", "copper_by_layer", "copper_features",
+    "drills", "hull_outline", "lattice", "lattice_array", "lead_out", "path_coil", "require_kept", "require_rules",
+    "solids", "spiral_coil",
 ]  # fmt: skip
