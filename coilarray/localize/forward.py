@@ -162,8 +162,9 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     names = tuple(str(name) for name in response["state"].values)
     table = response_spline(x, y, depth, delta, zero_plane=zero_plane)
     parameters = ("x", "y", "distance") if is_of_target(response) else PARAMETERS
-    axes = {"x": table.x, "y": table.y, "depth": table.depth}
-    return ForwardModel(states=names, parameters=parameters, spline=table.spline, **axes)
+    return ForwardModel(
+        states=names, parameters=parameters, x=table.x, y=table.y, depth=table.depth, spline=table.spline
+    )
 
 
 def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
