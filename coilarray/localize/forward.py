@@ -194,7 +194,8 @@ def checked_axes(response: xr.Dataset, what: str, least: int) -> tuple[FloatArra
     x, y, depth = (np.asarray(response[name].values, dtype=np.float64) for name in PARAMETERS)
     for name, axis, count in (("x", x, least), ("y", y, least), ("depth", depth, 1)):
         if 1 < len(axis) < count or not len(axis):
-            raise LocalizeError(f"{what} must have one or at least {count} positions along {name}; got {len(axis)}.")
+            least_one = f"{'one or ' if count > 1 else ''}at least {count}"
+            raise LocalizeError(f"{what} must have {least_one} positions along {name}; got {len(axis)}.")
         if not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
             raise LocalizeError(f"{name} of {what} must be finite and rise; got {axis}.")
     return x, y, depth
