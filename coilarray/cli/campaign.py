@@ -18,6 +18,7 @@ from coilarray.cli.shared import (
     AsJson,
     DesignArgument,
     check_file,
+    from_map_origin,
     lengths,
     open_design,
     print_result,
@@ -47,10 +48,7 @@ def campaign(
     resume: Annotated[bool, typer.Option("--resume", help="Continue the recording where the file exists.")] = False,
     x_mm: Annotated[
         str | None,
-        typer.Option(
-            help="Positions along x, not on the board but from the map's origin, as 0,5 or START:STOP:COUNT; the "
-            "design's by default."
-        ),
+        typer.Option(help="Positions on the board along x, as 0,5 or START:STOP:COUNT; the design's by default."),
     ] = None,
     y_mm: Annotated[str | None, typer.Option(help="The same along y.")] = None,
     depth_mm: Annotated[str | None, typer.Option(help="Depths of the indentation, likewise.")] = None,
@@ -106,6 +104,7 @@ def campaign(
     if response is not None and response.resolve() == out.resolve():
         raise OutputError(f"--response must be another file than the recording {out}.")
     opened = open_design(design, allow_violations=allow_violations)
+    x, y = from_map_origin(opened, x, y)
     from coilarray.hardware.record.campaign import design_campaign
     from coilarray.hardware.record.recorder import open_recorder
     from coilarray.hardware.record.recording import open_recording

@@ -21,7 +21,7 @@ def response(
     depth_mm: shared.Depths = None,
     x_mm: Annotated[
         str | None,
-        typer.Option(help="Positions along x, not on the board but from the map's origin, as 0,5 or START:STOP:COUNT."),
+        typer.Option(help="Positions on the board along x, as 0,5 or START:STOP:COUNT; the design's by default."),
     ] = None,
     y_mm: Annotated[str | None, typer.Option(help="Positions along y, in the same form.")] = None,
     tilt: Annotated[tuple[float, float], typer.Option(help="Rise of the sample along x and y, mm per mm.")] = (
@@ -82,6 +82,7 @@ def response(
     from coilarray.response.map import Imperfections, response_map
 
     opened = shared.open_design(design, allow_violations=allow_violations)
+    x, y = shared.from_map_origin(opened, x, y)
     offset = (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3)
     imperfections = Imperfections(tilt, offset, depth_error_mm * 1e-3, errors, noise=noise, seed=seed)
     parts = out.with_name(f"{out.name}.parts")

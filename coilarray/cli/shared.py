@@ -151,6 +151,16 @@ def design_record(design: Design) -> dict[str, str]:
     return {"design": design.name, "design_hash": design.digest}
 
 
+def from_map_origin(
+    design: Design, x: Sequence[float] | None, y: Sequence[float] | None
+) -> tuple[tuple[float, ...] | None, ...]:
+    """Return positions of options, in m on the board, as counted from the origin of the design's map."""
+    from coilarray.response.coordinates import from_board
+
+    origin = (0.0, 0.0) if design.indentation is None else design.indentation.origin_point
+    return tuple(None if row is None else from_board(row, at) for row, at in zip((x, y), origin, strict=True))
+
+
 def lengths(option: str, text: str) -> list[float]:
     """Convert a rising list or range in mm, as 0.5,1 or START:STOP:COUNT, to m; ElastomerError where it is neither."""
     import numpy as np
