@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
-from coilarray.cli.shared import from_map_origin, print_json
+from coilarray.cli.shared import print_json
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
@@ -104,9 +104,8 @@ class BoardOptions:
         path = self.emulation.get("path")
         if path is None:
             return None
-        times, x, y, depths = zip(*path, strict=True)
-        x, y = from_map_origin(design, x, y)
-        return list(zip(times, x, y, depths, strict=True))
+        at_x, at_y = (0.0, 0.0) if design.indentation is None else design.indentation.origin_point
+        return [(time, x - at_x, y - at_y, depth) for time, x, y, depth in path]
 
 
 def board_command(*, without: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:

@@ -95,7 +95,7 @@ def campaign(
 
     Example: coilarray campaign --port /dev/ttyACM0 --stage grbl:/dev/ttyUSB0 --reach-mm -30,30,-10,10,1.2 --resume
     """
-    x, y, depths = (
+    *places, depths = (
         None if text is None else lengths(option, text)
         for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm), ("--depth-mm", depth_mm))
     )
@@ -104,7 +104,7 @@ def campaign(
     if response is not None and response.resolve() == out.resolve():
         raise OutputError(f"--response must be another file than the recording {out}.")
     opened = open_design(design, allow_violations=allow_violations)
-    x, y = from_map_origin(opened, x, y)
+    x, y = from_map_origin(opened, *places)
     from coilarray.hardware.record.campaign import design_campaign
     from coilarray.hardware.record.recorder import open_recorder
     from coilarray.hardware.record.recording import open_recording
