@@ -109,7 +109,8 @@ def campaign(
     from coilarray.hardware.record.recorder import open_recorder
     from coilarray.hardware.record.recording import open_recording
 
-    make_stage = _stage_maker(stage, reach_mm, clearance_mm, options.port)
+    origin = (0.0, 0.0) if opened.indentation is None else opened.indentation.origin_point
+    make_stage = _stage_maker(stage, reach_mm, clearance_mm, options.port, origin)
     grid = design_campaign(
         opened, x=x, y=y, depths=depths, repeats=repeats, scans=average, dwell=dwell_s, speed=speed_mm_s * 1e-3
     )
@@ -193,7 +194,7 @@ def _positions_in_lines() -> Iterator[Progress]:
 
 
 def _stage_maker(
-    stage: str | None, reach_mm: str | None, clearance_mm: float | None, port: str
+    stage: str | None, reach_mm: str | None, clearance_mm: float | None, port: str, origin: tuple[float, float]
 ) -> Callable[[Board], Stage]:
     """Return a function that makes the stage once the board is open; options that do not fit are refused at once."""
     kind, _, stage_port = (stage or _PERSON).partition(":")
@@ -211,7 +212,7 @@ def _stage_maker(
     from coilarray.hardware.wire.serial_ports import open_serial_port
 
     if reach_mm is None:
-        return lambda board: PersonStage(_ask) if board.emulator is None else EmulatedStage(board.emulator)
+        return lambda board: PersonStage(_ask, origin) if board.emulator is None else EmulatedStage(board.emulator)
     try:
         x_min, x_max, y_min, y_max, depth = (float(part) * 1e-3 for part in reach_mm.split(","))
     except ValueError:
