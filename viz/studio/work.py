@@ -64,7 +64,10 @@ class Work:
     def with_entries(self, changes: Mapping[str, Any]) -> Work:
         """Set several entries at once, to values as for `coilarray.design.vary.vary`; errors as in `with_entry`."""
         _require_few_coils(self.opened.values, changes)
-        document = vary_chosen(self.opened.document, changes)
+        return self.with_document(vary_chosen(self.opened.document, changes))
+
+    def with_document(self, document: Mapping[str, Any]) -> Work:
+        """Return it with another document; errors as in `with_entry`."""
         try:
             opened = build_design_file(document, self.design.name, self.opened.text)
         except DesignError as error:
