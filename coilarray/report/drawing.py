@@ -145,6 +145,7 @@ def _draw(questions: BinaryIO, answers: BinaryIO) -> None:
             function, arguments = pickle.load(questions)
         except EOFError:
             return
+        answer: tuple[Any, Exception | None]
         try:
             answer = function(*arguments), None
         except Exception as error:
