@@ -48,7 +48,7 @@ _WATCH = """() => {
 
 
 def _times() -> list[dict[str, float]]:
-    """Move the slider by a step again and again."""
+    """Move the slider by a step again and again, always to a pitch that was not there before."""
     times = []
     with (
         browser.served("gast2020", OPENBLAS_NUM_THREADS="1") as studio,
@@ -57,11 +57,11 @@ def _times() -> list[dict[str, float]]:
     ):
         slider = page.locator("[data-key='array.pitch_mm'] [role=slider]")
         slider.focus()
-        for k in range(STEPS + 1):
+        for _ in range(STEPS + 1):
             browser.drawn(page)
             browser.at_rest(page)
             page.evaluate(_WATCH)
-            page.keyboard.press("ArrowRight" if k % 2 else "ArrowLeft")
+            page.keyboard.press("ArrowRight")
             page.wait_for_function("since.full && since.picture")
             times.append(_read(page))
     return times[1:]  # the first one warms up

@@ -97,7 +97,7 @@ class SceneView:
         if self._scene is None:
             return
         self._plotter.set_background("white")
-        self._plotter.renderer.clear_actors()  # and not its lights
+        self._plotter.renderer.RemoveAllViewProps()  # and not its lights
         draw_parts(_fitted(self._scene, self._size), self._plotter)
         self._aim()
         self._drawn_size = self._size
@@ -106,14 +106,15 @@ class SceneView:
     def _hide(self) -> None:
         if self._scene is None:
             return
+        actors = self._plotter.actors  # which PyVista makes anew each time
         for part in self._scene.parts:
             if part.group:
-                self._plotter.actors[part.name].SetVisibility(part.group not in self._hidden)
+                actors[part.name].SetVisibility(part.group not in self._hidden)
         for text in self._scene.texts:
             height = _letters(text, self._drawn_size)
             name = f"{text_name(text.group, height, text.bold, text.always)}-labels"
-            if text.group and name in self._plotter.actors:
-                self._plotter.actors[name].SetVisibility(text.group not in self._hidden)
+            if text.group and name in actors:
+                actors[name].SetVisibility(text.group not in self._hidden)
 
     def _aim(self) -> None:
         if self._scene is not None:
