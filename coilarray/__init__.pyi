@@ -56,6 +56,14 @@ from .geometry.indenter import CylinderEdge as CylinderEdge
 from .geometry.indenter import FlatPunch as FlatPunch
 from .geometry.indenter import Hemisphere as Hemisphere
 from .geometry.indenter import Paraboloid as Paraboloid
+from .geometry.material import MATERIALS as MATERIALS
+from .geometry.material import Material as Material
+from .geometry.plate import Disc as Disc
+from .geometry.plate import FinitePlate as FinitePlate
+from .geometry.plate import Plate as Plate
+from .geometry.plate import Polygon as Polygon
+from .geometry.plate import Rectangle as Rectangle
+from .geometry.plate import Ring as Ring
 from .geometry.rounded_spiral import RoundedSpiral as RoundedSpiral
 from .geometry.rules import FabRules as FabRules
 from .geometry.rules import check_rules as check_rules

@@ -7,6 +7,8 @@ from coilarray.geometry.connectivity import Barrel, NetCheck, NetFault, board_la
 from coilarray.geometry.connector import lead_out
 from coilarray.geometry.copper import CopperFeature, Drill, board_outline, copper_by_layer, copper_features, drills
 from coilarray.geometry.indenter import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
+from coilarray.geometry.material import MATERIAL_SOURCES, MATERIALS, Material
+from coilarray.geometry.plate import Disc, FinitePlate, Outline, Plate, Polygon, Rectangle, Ring
 from coilarray.geometry.rounded_spiral import RoundedSpiral
 from coilarray.geometry.rules import FabRules, Margin, check_rules, require_kept, require_rules
 from coilarray.geometry.sheet import EVEN, Seat, Sheet, Unevenness
@@ -15,10 +17,11 @@ from coilarray.geometry.spiral import Spiral, apothem_from_size
 from coilarray.geometry.stackup import Stackup
 
 __all__ = [
-    "EVEN", "Barrel", "Coil", "CoilArray", "Conductor", "Cone", "Connector", "CopperFeature", "CylinderEdge",
-    "Drill", "FabRules", "FlatPunch", "Hemisphere", "Indenter", "Lattice", "Leads", "Margin", "NetCheck",
-    "NetFault", "Paraboloid", "Placement", "PlatedHole", "RoundedSpiral", "Seat", "Sheet", "Spiral", "Stackup",
-    "Unevenness", "Wound", "apothem_from_size", "board_layers", "board_outline", "check_nets", "check_rules",
-    "connected_pieces", "copper_by_layer", "copper_features", "drills", "hull_outline", "lattice", "lattice_array",
-    "lead_out", "path_coil", "require_kept", "require_rules", "solids", "spiral_coil",
+    "EVEN", "MATERIALS", "MATERIAL_SOURCES", "Barrel", "Coil", "CoilArray", "Conductor", "Cone", "Connector",
+    "CopperFeature", "CylinderEdge", "Disc", "Drill", "FabRules", "FinitePlate", "FlatPunch", "Hemisphere",
+    "Indenter", "Lattice", "Leads", "Margin", "Material", "NetCheck", "NetFault", "Outline", "Paraboloid",
+    "Placement", "Plate", "PlatedHole", "Polygon", "Rectangle", "Ring", "RoundedSpiral", "Seat", "Sheet", "Spiral",
+    "Stackup", "Unevenness", "Wound", "apothem_from_size", "board_layers", "board_outline", "check_nets",
+    "check_rules", "connected_pieces", "copper_by_layer", "copper_features", "drills", "hull_outline", "lattice",
+    "lattice_array", "lead_out", "path_coil", "require_kept", "require_rules", "solids", "spiral_coil",
 ]  # fmt: skip
