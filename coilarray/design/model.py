@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from coilarray.design.scan_states import Passive, ScanState, Switches, check_sta
 from coilarray.design.tables import PASSIVE, Document
 from coilarray.design.window import Positions, array_window
 from coilarray.errors import DesignError, GeometryError, NetworkError
-from coilarray.geometry import EVEN, Coil, CoilArray, FabRules, Indenter, Sheet, Unevenness
+from coilarray.geometry import EVEN, Coil, CoilArray, FabRules, Indenter, Plate, Sheet, Target, Unevenness
 from coilarray.geometry.connector import lead_out
 from coilarray.geometry.sheet import Base, Strain
 
@@ -140,6 +140,8 @@ class Design:
         Elastomer on top of the board, upwards.
     indentation : Indentation or None
         How the elastomer is pressed; None where nothing is known of it.
+    target : Target or None
+        A body of metal or ferrite that is moved over the board; None where there is none.
     circuit : Circuit
         Switches, tank, terminations and scan.
     rules : FabRules
@@ -174,6 +176,7 @@ class Design:
     name: str = "design"
     title: str = ""
     source: str = ""
+    target: Target | None = None
 
     def __post_init__(self) -> None:
         names, known = self.array.names, ", ".join(self.array.names)
@@ -193,6 +196,10 @@ class Design:
             raise DesignError(str(error)) from None
         if self.indentation is not None:
             self._check_indentation(self.indentation)
+        if self.target is not None:
+            endless = isinstance(self.target.body, Plate) and not self.target.x
+            target = replace(self.target, x=(0.0,), y=(0.0,)) if endless else self.target
+            object.__setattr__(self, "target", _over_array(target, self.array, "target"))
 
     def _check_indentation(self, setup: Indentation) -> None:
         """Refuse what the sheets do not allow, and find the origin on the board and the positions over the array."""
@@ -201,24 +208,17 @@ class Design:
                 raise DesignError(
                     f"elastomer.{k}.youngs_modulus_kPa is missing; [indentation] needs it of every sheet."
                 )
-        thickness = sum(sheet.thickness for sheet in self.sheets)
-        if self.sheets and setup.depths[-1] >= thickness:
+        if self.sheets and setup.depths[-1] >= self.top:
             raise DesignError(
-                f"indentation.depths_mm must be less than the {thickness * 1e3:g} mm of all sheets; "
+                f"indentation.depths_mm must be less than the {self.top * 1e3:g} mm of all sheets; "
                 f"got {setup.depths[-1] * 1e3:g}."
             )
-        if setup.origin is not None:
-            if setup.origin not in self.array.names:
-                raise DesignError(
-                    f"indentation.origin names no coil; there are {', '.join(self.array.names)}; got {setup.origin!r}."
-                )
-            place = self.array.placements[self.array.names.index(setup.origin)]
-            if setup.origin_point != (place.x, place.y):
-                setup = replace(setup, origin_point=(place.x, place.y))
-        if (setup.x, setup.y) == setup.over_array:
-            x, y = array_window(self.array, setup.origin_point, setup.step, _touchable(setup))
-            setup = replace(setup, x=x, y=y, over_array=(x, y))
-        object.__setattr__(self, "indentation", setup)
+        object.__setattr__(self, "indentation", _over_array(setup, self.array, "indentation", _touchable(setup)))
+
+    @property
+    def top(self) -> float:
+        """Height in m of the highest face: that of the sheets, or 0, that of a board without."""
+        return sum(sheet.thickness for sheet in self.sheets)
 
     @cached_property
     def terminations(self) -> Mapping[str, Passive]:
@@ -249,10 +249,33 @@ class Design:
             places = (setup.x, setup.y, setup.origin_point, setup.sample_bounds or ())
             how = (setup.base, setup.strain, setup.sample_radius, setup.unevenness)
             pressed = (setup.indenter, setup.depths, *how, *map(np.array, places))
+        moved: tuple[object, ...] = ()
+        if (target := self.target) is not None:
+            places = (target.x, target.y, target.origin_point)
+            moved = ("target", target.body, target.distances, *map(np.array, places))
         return digest_of(
             self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,
-            self.terminations, self.plan, self.rules, self.field_height,
+            self.terminations, self.plan, self.rules, self.field_height, *moved,
         )  # fmt: skip
+
+
+_Placed = TypeVar("_Placed", Indentation, Target)
+
+
+def _over_array(
+    setup: _Placed, array: CoilArray, table: str, within: tuple[float, float, float, float] | None = None
+) -> _Placed:
+    """Find the origin of a map on the board, and its positions over the array where it has none of its own."""
+    if setup.origin is not None:
+        if setup.origin not in array.names:
+            raise DesignError(f"{table}.origin names no coil; there are {', '.join(array.names)}; got {setup.origin!r}.")
+        place = array.placements[array.names.index(setup.origin)]
+        if setup.origin_point != (place.x, place.y):
+            setup = replace(setup, origin_point=(place.x, place.y))
+    if (setup.x, setup.y) == setup.over_array:
+        x, y = array_window(array, setup.origin_point, setup.step, within, table)
+        setup = replace(setup, x=x, y=y, over_array=(x, y))
+    return setup
 
 
 def _touchable(setup: Indentation) -> tuple[float, float, float, float] | None:
@@ -371,6 +394,7 @@ def _build(parsed: Document) -> Design:
         array=array,
         sheets=tuple(sheet.build() for sheet in parsed.elastomer),
         indentation=_indentation(parsed),
+        target=_target(parsed),
         circuit=_circuit(parsed, array.names),
         rules=parsed.fab.build(),
         field_height=parsed.field.height_mm * 1e-3,
@@ -410,24 +434,25 @@ def _indentation(parsed: Document) -> Indentation | None:
         raise DesignError(f"[{there}] needs the table [{missing}] too.")
     if not parsed.elastomer:
         raise DesignError("[indentation] needs at least one [[elastomer]] to press on.")
-    x, y = table.positions()
-    at_x, at_y = (0.0, 0.0) if table.origin_mm is None else table.origin_mm
     with _named("indenter"):
         body = indenter.build()
     return Indentation(
         indenter=body,
         depths=tuple(depth * 1e-3 for depth in table.depths_mm),
-        x=x,
-        y=y,
         base=table.support(),
-        origin=table.origin,
-        origin_point=(at_x * 1e-3, at_y * 1e-3),
         sample_radius=None if table.sample_radius_mm is None else table.sample_radius_mm * 1e-3,
         sample_bounds=table.sample_bounds(),
         strain=table.strain,
         unevenness=table.unevenness(),
-        step=None if table.step_mm is None or x else table.step_mm * 1e-3,
+        **table.places(),
     )
+
+
+def _target(parsed: Document) -> Target | None:
+    if parsed.target is None:
+        return None
+    with _named("target"):
+        return parsed.target.build()
 
 
 def _assumed_by_profile(name: str | None, given: frozenset[str]) -> dict[str, str]:
