@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -51,6 +52,10 @@ class Plate:
     def heights(self) -> tuple[float, float]:
         """Heights in m of its lower and its upper face."""
         return self.z, self.z + self.thickness
+
+    def lifted(self, height: float) -> Plate:
+        """Return the plate moved up by a height in m."""
+        return replace(self, z=self.z + height)
 
 
 @dataclass(frozen=True)
@@ -214,13 +219,18 @@ class FinitePlate:
         normal = np.array([-cos * rise, -sin * rise, run])
         return np.array([cos * along - sin * across, sin * along + cos * across, normal])
 
-    def on_board(self, points: FloatArray) -> FloatArray:
+    def on_board(self, points: FloatArray | Sequence[Point]) -> FloatArray:
         """Places on the board in m, shape (n, 3), of points of the mid-plane in its own x and y in m, shape (n, 2)."""
-        return np.asarray(np.array(self.centre) + points @ self.axes[:2])
+        return np.asarray(np.array(self.centre) + np.asarray(points) @ self.axes[:2])
+
+    def lifted(self, height: float) -> FinitePlate:
+        """Return the plate moved up by a height in m."""
+        x, y, z = self.centre
+        return replace(self, centre=(x, y, z + height))
 
     @property
     def heights(self) -> tuple[float, float]:
         """Heights in m of its lowest and its highest point."""
-        z = self.on_board(np.array(self.outline.exterior))[:, 2]
+        z = self.on_board(self.outline.exterior)[:, 2]
         half = self.thickness / 2 * math.cos(self.tilt)
         return float(z.min()) - half, float(z.max()) + half

@@ -17,11 +17,23 @@ from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import bundled
 from coilarray.design.digest import digest_of
 from coilarray.design.fab_limits import load_profile
+from coilarray.design.plates import check_plates
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state, terminated_state
 from coilarray.design.tables import PASSIVE, Document
 from coilarray.design.window import Positions, array_window
 from coilarray.errors import DesignError, GeometryError, NetworkError
-from coilarray.geometry import EVEN, Coil, CoilArray, FabRules, Indenter, Plate, Sheet, Target, Unevenness
+from coilarray.geometry import (
+    EVEN,
+    Coil,
+    CoilArray,
+    FabRules,
+    FinitePlate,
+    Indenter,
+    Plate,
+    Sheet,
+    Target,
+    Unevenness,
+)
 from coilarray.geometry.connector import lead_out
 from coilarray.geometry.sheet import Base, Strain
 
@@ -140,8 +152,6 @@ class Design:
         Elastomer on top of the board, upwards.
     indentation : Indentation or None
         How the elastomer is pressed; None where nothing is known of it.
-    target : Target or None
-        A body of metal or ferrite that is moved over the board; None where there is none.
     circuit : Circuit
         Switches, tank, terminations and scan.
     rules : FabRules
@@ -150,12 +160,16 @@ class Design:
         Height in m of the plane on which reports show the field.
     name, title, source : str
         Name in results, words for people, and where the design is from.
+    plates : tuple of Plate or FinitePlate
+        Metal that stays where it is, above or below the board.
+    target : Target or None
+        Body of metal or ferrite that is moved over the board; None where there is none.
 
     Raises
     ------
     DesignError
-        Sheets of one name; an indentation that the sheets do not allow; a termination, state or origin of a coil that
-        there is not; or a state that cannot be.
+        Sheets or plates of one name; plates in the sheets, the coils or each other; an indentation that the sheets do
+        not allow; a termination, state or origin of a coil that there is not; or a state that cannot be.
 
     Examples
     --------
@@ -176,6 +190,7 @@ class Design:
     name: str = "design"
     title: str = ""
     source: str = ""
+    plates: tuple[Plate | FinitePlate, ...] = ()
     target: Target | None = None
 
     def __post_init__(self) -> None:
@@ -183,6 +198,10 @@ class Design:
         sheets = [sheet.name for sheet in self.sheets]
         if len(set(sheets)) != len(sheets):
             raise DesignError(f"elastomer sheets must have different names; got {', '.join(sheets)}.")
+        if self.plates:
+            stackup = self.array.stackup
+            copper = {layer for place in self.array.placements for layer in place.layers}
+            check_plates(self.plates, self.top, min(stackup.span(layer)[0] for layer in copper))
         for coil in self.circuit.terminations:
             if coil not in names:
                 raise DesignError(f"circuit.terminations.{coil} names no coil; there are {known}.")
@@ -200,6 +219,14 @@ class Design:
             endless = isinstance(self.target.body, Plate) and not self.target.x
             target = replace(self.target, x=(0.0,), y=(0.0,)) if endless else self.target
             object.__setattr__(self, "target", _over_array(target, self.array, "target"))
+            highest = self.top + target.distances[-1] + target.extent
+            for plate in self.plates:
+                if self.top <= plate.heights[0] < highest:
+                    raise DesignError(
+                        f"target.distances_mm must keep the target below the plate {plate.name!r}, which begins "
+                        f"{(plate.heights[0] - self.top) * 1e3:g} mm above the sheets or the board; the target reaches "
+                        f"up to {(highest - self.top) * 1e3:g} mm."
+                    )
 
     def _check_indentation(self, setup: Indentation) -> None:
         """Refuse what the sheets do not allow, and find the origin on the board and the positions over the array."""
@@ -217,7 +244,7 @@ class Design:
 
     @property
     def top(self) -> float:
-        """Height in m of the highest face: that of the sheets, or 0, that of a board without."""
+        """Height in m of the upper face of all sheets; that of the board, 0, without."""
         return sum(sheet.thickness for sheet in self.sheets)
 
     @cached_property
@@ -249,13 +276,13 @@ class Design:
             places = (setup.x, setup.y, setup.origin_point, setup.sample_bounds or ())
             how = (setup.base, setup.strain, setup.sample_radius, setup.unevenness)
             pressed = (setup.indenter, setup.depths, *how, *map(np.array, places))
-        moved: tuple[object, ...] = ()
+        metal: tuple[object, ...] = (("plates", self.plates),) if self.plates else ()
         if (target := self.target) is not None:
             places = (target.x, target.y, target.origin_point)
-            moved = ("target", target.body, target.distances, *map(np.array, places))
+            metal += ("target", target.body, target.distances, *map(np.array, places))
         return digest_of(
             self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,
-            self.terminations, self.plan, self.rules, self.field_height, *moved,
+            self.terminations, self.plan, self.rules, self.field_height, *metal,
         )  # fmt: skip
 
 
@@ -387,18 +414,28 @@ def _build(parsed: Document) -> Design:
     if parsed.connector is not None:
         with _named("connector"):
             array = lead_out(array, parsed.connector.build())
+    sheets = tuple(sheet.build() for sheet in parsed.elastomer)
     return Design(
         name=parsed.name,
         title=parsed.title or parsed.name,
         source=parsed.source,
         array=array,
-        sheets=tuple(sheet.build() for sheet in parsed.elastomer),
+        sheets=sheets,
         indentation=_indentation(parsed),
         target=_target(parsed),
         circuit=_circuit(parsed, array.names),
         rules=parsed.fab.build(),
         field_height=parsed.field.height_mm * 1e-3,
+        plates=_plates(parsed, sum(sheet.thickness for sheet in sheets), -stackup.thickness),
     )
+
+
+def _plates(parsed: Document, top: float, underside: float) -> tuple[Plate | FinitePlate, ...]:
+    plates = []
+    for k, table in enumerate(parsed.plate):
+        with _named(f"plate.{k}"):
+            plates.append(table.build(top, underside))
+    return tuple(plates)
 
 
 def _circuit(parsed: Document, names: Sequence[str]) -> Circuit:

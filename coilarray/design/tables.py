@@ -16,9 +16,10 @@ from pydantic_core import PydanticCustomError
 
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design.fab_limits import FabTable
-from coilarray.design.target_table import FlatTarget, SphereTarget
 from coilarray.design.places_table import PlacesTable
+from coilarray.design.plates import PlateTable
 from coilarray.design.scan_states import Passive, ScanState, terminated_state
+from coilarray.design.target_table import FlatTarget, SphereTarget
 from coilarray.design.units import (
     SCALES,
     Degrees,
@@ -554,6 +555,7 @@ class Document(Table):
     connector: ConnectorTable | None = None
     board: BoardTable = BoardTable()
     elastomer: list[SheetTable] = Field(default_factory=list)
+    plate: list[PlateTable] = Field(default_factory=list)
     indenter: Annotated[RoundTable | ConeTable, Field(discriminator="shape")] | None = None
     indentation: IndentationTable | None = None
     target: Annotated[FlatTarget | SphereTarget, Field(discriminator="shape")] | None = None

@@ -14,6 +14,7 @@ import numpy as np
 from coilarray.design.fab_limits import FabTable
 from coilarray.design.model import Circuit, Design, DesignFile, Indentation, build_design_file
 from coilarray.design.places_table import map_positions
+from coilarray.design.plates import flat_entries, material_entries
 from coilarray.design.tables import PASSIVE, SCHEMA, CircuitTable, ConnectorTable, half_side
 from coilarray.design.units import SCALES, Table
 from coilarray.geometry import (
@@ -22,9 +23,11 @@ from coilarray.geometry import (
     CoilArray,
     Cone,
     FabRules,
+    FinitePlate,
     Indenter,
     Lattice,
     Leads,
+    Plate,
     PlatedHole,
     RoundedSpiral,
     Seat,
@@ -49,7 +52,7 @@ _LISTS_OF_NAMES = re.compile(r"""\[\n(?:\s*\["[^\[\]\n]*\],\n)+\s*\]""")
 _LONGEST_LINE = 120
 _TURNED = 1e-12  # rad
 _PICOMETRE = 1e-12
-_PLACES = ("lines_mm", "outline_mm", "x_mm", "y_mm")
+_PLACES = ("lines_mm", "outline_mm", "corners_mm", "holes_mm", "x_mm", "y_mm", "z_mm")
 _VIA = ("drill_mm", "pad_mm", "plating_um")
 _MM, _UM, _PF, _DEG = (SCALES[unit] for unit in ("mm", "um", "pF", "deg"))
 _WORDS = {passive: word for word, passive in PASSIVE.items()}
@@ -102,6 +105,8 @@ def design_document(design: Design) -> dict[str, Any]:
         if design.indentation is not None:
             document["indenter"] = _indenter_table(design.indentation.indenter)
             document["indentation"] = _indentation_table(design.indentation, names)
+    if design.plates:
+        document["plate"] = _plate_tables(design.plates)
     if design.target is not None:
         document["target"] = _target_table(design.target, names)
     document["circuit"] = _circuit_table(design.circuit, names)
@@ -355,6 +360,20 @@ def _sheet_tables(sheets: Sequence[Sheet]) -> list[dict[str, Any]]:
         }
         for sheet in sheets
     ]
+
+
+def _plate_tables(plates: Sequence[Plate | FinitePlate]) -> list[dict[str, Any]]:
+    names = design_names(plate.name for plate in plates)
+    tables = []
+    for plate in plates:
+        table = {"name": names[plate.name], **flat_entries(plate, _entry, _place)}
+        if isinstance(plate, FinitePlate):
+            x, y, z = plate.centre
+            table |= {"x_mm": _place(x), "y_mm": _place(y), "z_mm": _place(z - plate.thickness / 2)}
+        else:
+            table["z_mm"] = _place(plate.z)
+        tables.append(table)
+    return tables
 
 
 def _indenter_table(indenter: Indenter) -> dict[str, Any]:
