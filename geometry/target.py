@@ -69,6 +69,21 @@ class Target:
         if isinstance(self.body, Plate) and max(len(self.x), len(self.y)) > 1:
             raise GeometryError("a plate without end is the same everywhere: its target must have one x and one y.")
 
+    @property
+    def kind(self) -> str:
+        """What the body is, in a word as in design files: ``"plate"``, ``"disc"``, ``"sphere"``."""
+        if isinstance(self.body, Plate):
+            return "plate"
+        return type(self.body.outline).__name__.lower() if isinstance(self.body, FinitePlate) else "sphere"
+
+    @property
+    def extent(self) -> float:
+        """Distance in m from the body's lowest to its highest point."""
+        if isinstance(self.body, Plate | FinitePlate):
+            low, high = self.body.heights
+            return high - low
+        return 2 * self.body.radius
+
     def height(self, face: float, distance: float) -> float:
         """Height in m of the body's centre, of a plate without end its lower face, at a distance above a height.
 

@@ -200,7 +200,7 @@ def _solve_with_tank(
     network: Network,
     wiring: _Wiring,
     frequencies: FloatArray,
-    inductances: FloatArray,
+    inductances: FloatArray | ComplexArray,
     winding_capacitances: FloatArray | None = None,
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """As `_solve`, and the admittances (f,) in S with the tank's capacitor."""
@@ -271,21 +271,40 @@ def self_resonance_of(network: Network, result: StateResult) -> float:
     return math.inf if crossing is None else crossing
 
 
+def solve_cases(
+    network: Network, state: ScanState, frequencies: FloatArray, inductances: FloatArray | ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Impedances in Ω of one state and admittances with the tank in S, (cases,), each at a frequency (cases,) in Hz.
+
+    `inductances` (cases, n, n) in H replace the network's own; their imaginary parts are losses, −ΔR/ω.
+    """
+    impedance, _, admittance = _solve_with_tank(network, _wire(network, state), frequencies, inductances)
+    return impedance, admittance
+
+
 def resonances_near(
-    network: Network, result: StateResult, inductances: FloatArray, winding_capacitances: FloatArray | None = None
+    network: Network,
+    result: StateResult,
+    inductances: FloatArray | Callable[[FloatArray], ComplexArray],
+    winding_capacitances: FloatArray | None = None,
+    *,
+    cases: int | None = None,
 ) -> FloatArray:
     """Frequencies (cases,) in Hz of a resonance while inductances and capacitances change a little.
 
     `inductances` (cases, n, n) in H and `winding_capacitances` (cases, n) in F replace the network's own; a change may
-    make the latter negative, as the tank is in parallel. Newton's method on Im Y(f) = 0 for all cases at once, with the
+    make the latter negative, as the tank is in parallel. A function gives the inductances at the frequencies (cases,)
+    of as many `cases`, their losses as imaginary parts −ΔR/ω. Newton's method on Im Y(f) = 0 for all cases at once, with the
     slope of the given resonance of this network: the error falls by about the relative change of L at every step. A
     NetworkError where it finds no resonance.
     """
     f0 = result.frequency
     slope = susceptance_slope(network, result.state, f0)
-    frequencies, wiring = np.full(len(inductances), f0), _wire(network, result.state)
+    count = len(inductances) if isinstance(inductances, np.ndarray) else cases
+    frequencies, wiring = np.full(count or 0, f0), _wire(network, result.state)
     for _ in range(NEWTON_STEPS):
-        solved = _solve_with_tank(network, wiring, frequencies, inductances, winding_capacitances)
+        changed = inductances if isinstance(inductances, np.ndarray) else inductances(frequencies)
+        solved = _solve_with_tank(network, wiring, frequencies, changed, winding_capacitances)
         step = solved[2].imag / slope
         frequencies -= step
         if not len(step) or np.abs(step).max() <= NEWTON_TOLERANCE * f0:
@@ -343,11 +362,16 @@ class _Wiring:
 
 
 def _solve(
-    network: Network, wiring: _Wiring, frequencies: FloatArray, across: FloatArray, inductances: FloatArray
+    network: Network,
+    wiring: _Wiring,
+    frequencies: FloatArray,
+    across: FloatArray,
+    inductances: FloatArray | ComplexArray,
 ) -> tuple[ComplexArray, ComplexArray]:
     """Impedances (f,) between the converter's sides in Ω and the coils' currents (f, n) in A per A fed in there.
 
-    `inductances` (n, n) and the capacitances `across` the coils (n,) may have one more axis in front, (f,).
+    `inductances` (n, n) and the capacitances `across` the coils (n,) may have one more axis in front, (f,); imaginary
+    parts of the former are losses, −ΔR/ω.
     """
     omega = 2 * math.pi * frequencies
     n = len(network.names)

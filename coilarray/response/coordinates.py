@@ -10,13 +10,14 @@ from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
     from coilarray.design.model import Indentation
+    from coilarray.geometry import Target
 
 __all__ = ["axis_label", "on_board", "origin_attributes", "origin_of"]
 
 _BOARD = "board"
 
 
-def origin_attributes(setup: Indentation) -> dict[str, str | float]:
+def origin_attributes(setup: Indentation | Target) -> dict[str, str | float]:
     """Return the attributes of a response that say what its positions count from: a name, and x and y in m."""
     x, y = setup.origin_point
     return {"origin": setup.origin or _BOARD, "origin_x": float(x), "origin_y": float(y)}

@@ -18,7 +18,7 @@ from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.elastomer.dent import Dent, Motion, dent_of
 from coilarray.elastomer.finite_sample import Sample, SampleCorrection, sample_correction
 from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
-from coilarray.errors import ElastomerError
+from coilarray.errors import CoilarrayError, ElastomerError
 from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Sheet
 from coilarray.geometry.sheet import Base, Strain
 
@@ -165,16 +165,17 @@ def map_axes(
     """
     setup = indentation_of(design)
     given = (("depths", depths, setup.depths), ("x", x, setup.x), ("y", y, setup.y))
-    return MapAxes(*(_axis(name, default if values is None else values) for name, values, default in given))
+    return MapAxes(*(checked_axis(name, default if values is None else values) for name, values, default in given))
 
 
-def _axis(name: str, values: npt.ArrayLike) -> FloatArray:
+def checked_axis(name: str, values: npt.ArrayLike, error: type[CoilarrayError] = ElastomerError) -> FloatArray:
+    """Return the axis of a map in m, shape (n,); `error` for values that are not finite and rising, or beyond 1 m."""
     array = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if array.ndim != 1 or not array.size or not np.isfinite(array).all() or (np.diff(array) <= 0).any():
-        raise ElastomerError(f"{name} must be finite and rising, in m; got {array}.")
+        raise error(f"{name} must be finite and rising, in m; got {array}.")
     if np.abs(array).max() > _FARTHEST:
         limit = f"at most {_FARTHEST * 1e3:g} mm from the map's origin"
-        raise ElastomerError(f"{name} must be {limit}; got {array * 1e3} mm.")
+        raise error(f"{name} must be {limit}; got {array * 1e3} mm.")
     return array
 
 
