@@ -294,9 +294,9 @@ def resonances_near(
 
     `inductances` (cases, n, n) in H and `winding_capacitances` (cases, n) in F replace the network's own; a change may
     make the latter negative, as the tank is in parallel. A function gives the inductances at the frequencies (cases,)
-    of as many `cases`, their losses as imaginary parts −ΔR/ω. Newton's method on Im Y(f) = 0 for all cases at once, with the
-    slope of the given resonance of this network: the error falls by about the relative change of L at every step. A
-    NetworkError where it finds no resonance.
+    of as many `cases`, their losses as imaginary parts −ΔR/ω. Newton's method on Im Y(f) = 0 for all cases at once,
+    with the slope of the given resonance of this network: the error falls by about the relative change of L at every
+    step. A NetworkError where it finds no resonance.
     """
     f0 = result.frequency
     slope = susceptance_slope(network, result.state, f0)

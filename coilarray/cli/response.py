@@ -19,11 +19,8 @@ if TYPE_CHECKING:
 def response(
     design: shared.DesignArgument = None,
     depth_mm: shared.Depths = None,
-    x_mm: Annotated[
-        str | None,
-        typer.Option(help="Positions along x, not on the board but from the map's origin, as 0,5 or START:STOP:COUNT."),
-    ] = None,
-    y_mm: Annotated[str | None, typer.Option(help="Positions along y, in the same form.")] = None,
+    x_mm: shared.PlacesX = None,
+    y_mm: shared.PlacesY = None,
     tilt: Annotated[tuple[float, float], typer.Option(help="Rise of the sample along x and y, mm per mm.")] = (
         0.0,
         0.0,
@@ -38,10 +35,7 @@ def response(
     ] = None,
     noise: Annotated[float, typer.Option(help="Relative standard deviation of each reading of L.")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
-    ideal: Annotated[
-        bool,
-        typer.Option("--ideal/--strays", help="Leave alternating-current resistance and strays out of the circuit."),
-    ] = False,
+    ideal: shared.Ideal = False,
     dielectric: Annotated[
         bool, typer.Option("--dielectric", help="Include the change of the coils' capacitance by the dent.")
     ] = False,

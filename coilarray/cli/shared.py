@@ -110,6 +110,14 @@ Cache = Annotated[
 Depths = Annotated[
     str | None, typer.Option("--depth-mm", help="Depths, as 0.5,1 or START:STOP:COUNT; the design's by default.")
 ]
+PlacesX = Annotated[
+    str | None,
+    typer.Option(help="Positions along x, not on the board but from the map's origin, as 0,5 or START:STOP:COUNT."),
+]
+PlacesY = Annotated[str | None, typer.Option(help="Positions along y, in the same form.")]
+Ideal = Annotated[
+    bool, typer.Option("--ideal/--strays", help="Leave alternating-current resistance and strays out of the circuit.")
+]
 Noise = Annotated[float, typer.Option("--noise", help="Standard deviation of δ in a reading.")]
 NumbersFile = Annotated[Path, out_option("File to write: .nc (netCDF) or .csv.", ".nc", ".csv")]
 OthersOpen = Annotated[bool, typer.Option("--others-open", help="All other coils open.")]

@@ -295,7 +295,9 @@ def _over_array(
     """Find the origin of a map on the board, and its positions over the array where it has none of its own."""
     if setup.origin is not None:
         if setup.origin not in array.names:
-            raise DesignError(f"{table}.origin names no coil; there are {', '.join(array.names)}; got {setup.origin!r}.")
+            raise DesignError(
+                f"{table}.origin names no coil; there are {', '.join(array.names)}; got {setup.origin!r}."
+            )
         place = array.placements[array.names.index(setup.origin)]
         if setup.origin_point != (place.x, place.y):
             setup = replace(setup, origin_point=(place.x, place.y))

@@ -421,7 +421,11 @@ def _indentation_table(setup: Indentation, names: Mapping[str, str]) -> dict[str
 def _target_table(target: Target, names: Mapping[str, str]) -> dict[str, Any]:
     body = target.body
     if isinstance(body, Ball):
-        table = {"shape": "sphere", "diameter_mm": _entry(body.radius, _MM / 2), **material_entries(body.material, _entry)}
+        table = {
+            "shape": "sphere",
+            "diameter_mm": _entry(body.radius, _MM / 2),
+            **material_entries(body.material, _entry),
+        }
     else:
         table = {"shape": "plate", **flat_entries(body, _entry, _place)}
     table["distances_mm"] = [_number(1e3 * v, v, lambda mm: mm / 1e3) for v in target.distances]

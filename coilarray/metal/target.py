@@ -13,8 +13,6 @@ from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet, Target
 from coilarray.metal.ball import ball_inductance
-from coilarray.metal.eddy_modes import moving_plate
-from coilarray.metal.flat_plates import plate_inductance
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -65,9 +63,13 @@ def target_inductance(
     face, body = sum(sheet.thickness for sheet in sheets), target.body
     heights = [target.height(face, distance) for distance in distances]
     if isinstance(body, Plate):
+        from coilarray.metal.flat_plates import plate_inductance
+
         endless = [plate for plate in plates if isinstance(plate, Plate)]
         if len(endless) < len(plates):
-            raise MetalError("a target without end beside plates with an outline is not computed: leave one of them out.")
+            raise MetalError(
+                "a target without end beside plates with an outline is not computed: leave one of them out."
+            )
         without = plate_inductance(source, endless, frequencies, sheets) if endless else 0.0
         changes = []
         for k, z in enumerate(heights):
@@ -81,6 +83,8 @@ def target_inductance(
         )
     positions = np.array([[x, y, z] for z in heights for x, y in places.tolist()])
     if isinstance(body, FinitePlate):
+        from coilarray.metal.eddy_modes import moving_plate
+
         change = moving_plate(source, body, positions, frequencies, sheets, progress=progress)
     else:
         change = ball_inductance(source, body, positions, frequencies, sheets, progress=progress)
