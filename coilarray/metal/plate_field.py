@@ -12,6 +12,7 @@ induced E = ẑ × ∇(jω b/k²), so that the current through a layer is K = �
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -22,7 +23,7 @@ import numpy.typing as npt
 from coilarray.constants import MU_0
 from coilarray.elastomer.coil_spectrum import Segments, coil_segments, gradients_on_grid, segment_spectra
 from coilarray.electromagnetics.source import Source
-from coilarray.errors import GeometryError
+from coilarray.errors import MetalError
 from coilarray.geometry import Plate, Sheet
 
 FloatArray = npt.NDArray[np.float64]
@@ -231,7 +232,7 @@ def plate_field(
 
     Raises
     ------
-    GeometryError
+    MetalError
         A height beside the copper.
     """
     segments = coil_segments(source)
@@ -239,12 +240,17 @@ def plate_field(
     lowest = float(points[:, 2].min())
     beside = z[(z <= 0) & (z >= lowest)]
     if beside.size:
-        raise GeometryError(
+        raise MetalError(
             f"B beside plates is computed above the board and below its copper at {lowest * 1e3:.4g} mm; "
             f"got a height of {beside[0] * 1e3:.4g} mm."
         )
     beyond = np.where(z > 0, z, lowest - z)
-    k, weights = _rule(_extent(points, x, y), _DECAYS / float(beyond.min()))
+    up, down = _layers(plates, sheets, lowest)
+    ways = [
+        _least_way(*((up, down) if height > 0 else (down, up)), away)
+        for height, away in zip(z.tolist(), beyond.tolist(), strict=True)
+    ]
+    k, weights = _rule(_extent(points, x, y), _DECAYS / min(ways))
     waves = _waves(segments, currents, plates, sheets, lowest, k, frequency)
     found = np.zeros((len(x), len(y), len(z), 3), dtype=np.complex128)
     for above, side in ((True, waves.up), (False, waves.down)):
@@ -324,6 +330,19 @@ def _on_grid(
     return total
 
 
+def _least_way(side: Sequence[_Layer], other: Sequence[_Layer], beyond: float) -> float:
+    """Least way in m of a wave from the copper to a place `beyond` it, by way of the nearest body on either side."""
+    near, far = (_gap(one) for one in (side, other))
+    return beyond if beyond >= near else min(2 * near - beyond, 2 * far + beyond)
+
+
+def _gap(side: Sequence[_Layer]) -> float:
+    """Thickness in m of the air before the first body; inf where there is none."""
+    if not side:
+        return math.inf
+    return side[0].thickness if side[0] == _Layer(side[0].thickness) else 0.0
+
+
 def _extent(points: FloatArray, x: FloatArray, y: FloatArray) -> float:
     """Largest horizontal distance in m of a place from a coil's corner."""
     ends = np.array([x[[0, -1]], y[[0, -1]]])
@@ -335,7 +354,7 @@ def _rule(extent: float, highest: float) -> tuple[FloatArray, FloatArray]:
     """Gauss–Legendre nodes and weights in 1/m from 0 to the highest wavenumber, two a period of e^{ikx} and some."""
     count = int(np.ceil(highest * extent / np.pi)) + 20
     if count > _MOST_WAVENUMBERS:
-        raise GeometryError(
+        raise MetalError(
             f"B at {_DECAYS / highest * 1e3:.3g} mm from the coils on {extent * 1e3:.4g} mm would need {count} "
             f"wavenumbers; {_MOST_WAVENUMBERS} are allowed: choose places farther from the board."
         )

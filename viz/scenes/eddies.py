@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -10,8 +11,9 @@ import xarray as xr
 
 from coilarray.circuit.operating_field import operating_currents
 from coilarray.design.model import Design
-from coilarray.geometry import Plate
+from coilarray.geometry import FinitePlate, Plate
 from coilarray.metal.plate_field import plate_currents
+from coilarray.response.target import target_of
 from coilarray.viz.datasets.metal import Eddies
 from coilarray.viz.scenes.board import Box
 
@@ -19,34 +21,68 @@ ComplexArray = npt.NDArray[np.complex128]
 Phasors = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], ComplexArray]
 """Points (n, 3) in m, normals (n, 3) and complex current densities (n, 3) in A/m of one body."""
 
-ALONG = 26
-"""Number of arrows along the longest side of a plate without end."""
+_ALONG = 20  # number of arrows along the longest side of a plate without end
+_BLURRED = 0.4  # of their distance, over which the current of each is averaged
 
 
-def working_currents(
-    design: Design, coupling: xr.Dataset, coil: str, current: float, *, terminated: bool
-) -> tuple[ComplexArray, float]:
-    """Return the currents of all coils in A while one carries `current` A, and its frequency in Hz."""
+@dataclass(frozen=True, eq=False)
+class WorkingPoint:
+    """Currents of all coils in A, shape (n,), while one of them carries `current`, at a frequency in Hz."""
+
+    currents: ComplexArray
+    current: float
+    frequency: float
+
+
+def working_point(design: Design, coupling: xr.Dataset, coil: str, current: float, *, terminated: bool) -> WorkingPoint:
+    """Return the operation in which a coil is measured with a current in A, without a target."""
     currents = current * operating_currents(design, coupling, coil, terminated=terminated)
-    return currents, float(coupling.frequency.sel(coil=coil))
+    return WorkingPoint(currents, current, float(coupling.frequency.sel(coil=coil)))
 
 
-def endless_eddies(
-    design: Design, plates: Sequence[Plate], currents: ComplexArray, frequency: float, within: Box
+def eddies_of_plates(
+    design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint, within: Box
+) -> list[Phasors | None]:
+    """Return the eddy currents of the plates of a design; those without end over the rectangle `within` in m."""
+    endless = [plate for plate in plates if isinstance(plate, Plate)]
+    return [*_endless(design, endless, endless, operation, within), *(None for _ in plates[len(endless) :])]
+
+
+def eddies_of_target(
+    design: Design, place: tuple[float, float], distances: Sequence[float], operation: WorkingPoint, within: Box
+) -> list[Phasors | None]:
+    """Return the eddy currents of the target over a place on the board, at distances, all in m; None for a ball."""
+    if not distances:
+        return []
+    target = target_of(design)
+    body, found = target.body, list[Phasors | None]()
+    for distance in distances:
+        height = target.height(design.top, distance)
+        if isinstance(body, Plate):
+            moved = replace(body, z=height)
+            beside = [plate for plate in design.plates if isinstance(plate, Plate)]
+            found += _endless(design, [moved], [moved, *beside], operation, within)
+        else:
+            found.append(None)
+    return found
+
+
+def _endless(
+    design: Design, shown: Sequence[Plate], plates: Sequence[Plate], operation: WorkingPoint, within: Box
 ) -> list[Phasors]:
-    """Return the eddy currents of plates without end on a grid over the rectangle `within` in m, on the near face."""
-    if not plates:
+    """Eddy currents of the first plates of `plates`, those `shown`, on a grid over the face near the coils."""
+    if not shown:
         return []
     x_min, y_min, x_max, y_max = within
-    step = max(x_max - x_min, y_max - y_min) / ALONG
+    step = max(x_max - x_min, y_max - y_min) / _ALONG
     x, y = (np.linspace(low, high, round((high - low) / step) + 1) for low, high in ((x_min, x_max), (y_min, y_max)))
-    density = plate_currents(design.array, currents, plates, frequency, x, y, design.sheets, blur=step / 2)
+    array, sheets = design.array, design.sheets
+    density = plate_currents(array, operation.currents, plates, operation.frequency, x, y, sheets, blur=_BLURRED * step)
     found = []
-    for plate, K in zip(plates, density, strict=True):
+    for plate, K in zip(shown, density, strict=False):
         above = plate.z >= 0
-        face = plate.heights[0] if above else plate.heights[1]
         flat = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-        points = np.column_stack((flat, np.full(len(flat), face)))
+        points = np.column_stack((flat, np.full(len(flat), plate.heights[0] if above else plate.heights[1])))
         normals = np.broadcast_to([0.0, 0.0, -1.0 if above else 1.0], points.shape)
         found.append((points, normals, np.column_stack((K.reshape(-1, 2), np.zeros(len(flat))))))
     return found

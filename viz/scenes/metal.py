@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _GLASS, _DENSER = 0.22, 0.45  # opacities of what covers the board, and of what covers a part of it
 _BEYOND = 0.06  # of the board's longer side, by which a plate without end is drawn beyond it
 _DECADES = 1.5  # range of current densities that the colours resolve, in powers of ten
-_ARROWS = 26  # number of arrows along the longest side of a plate
+_ARROWS = 20  # number of arrows along the longest side of a body
 _SHARP = 30.0  # angle in degrees of an edge that is drawn
 
 
@@ -108,7 +108,8 @@ def _body_words(body: Body) -> str:
     """Return material and thickness or diameter of a body, as in a legend."""
     if isinstance(body, Ball):
         return f"ball of {_material(body.material)}, {body.radius * 2e3:g} mm"
-    return f"{_material(body.material)}, {body.thickness * 1e3:g} mm"
+    end = ", without end" if isinstance(body, Plate) else ""
+    return f"{_material(body.material)}, {body.thickness * 1e3:g} mm{end}"
 
 
 def _material(material: Material) -> str:
@@ -119,4 +120,4 @@ def _cut_note(bodies: Sequence[Body]) -> tuple[str, ...]:
     endless = [body.name for body in bodies if isinstance(body, Plate)]
     if not endless:
         return ()
-    return (f"Plate{'s' if len(endless) > 1 else ''} without end, drawn as far as the board: {', '.join(endless)}.",)
+    return (f"Without end, and drawn as far as the board: {', '.join(endless)}.",)
