@@ -143,8 +143,9 @@ def view(
         asked = View(
             show=items, layers=None if layers is None else tuple(name.strip() for name in layers.split(",")),
             coil=coil, others_open=others_open, current=current_mA * 1e-3, spacing=spacing,
-            at=None if at_mm is None else (at_mm[0] * 1e-3, at_mm[1] * 1e-3), depth=depth, distance=distance, response=draped,
-            table=kept_table(opened, table) if "location" in items else None, reading=located, noise=noise,
+            at=None if at_mm is None else (at_mm[0] * 1e-3, at_mm[1] * 1e-3), depth=depth, distance=distance,
+            response=draped, table=kept_table(opened, table) if "location" in items else None, reading=located,
+            noise=noise,
         )  # fmt: skip
         wanted.show(_scene(opened, asked), opened.name)
     if movie is not None:

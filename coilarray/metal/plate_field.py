@@ -48,8 +48,8 @@ class _Layer:
 class _Side:
     """Layers outwards from the coils, and b of all wavenumbers (k,) in them over that at their inner face.
 
-    `ratios` are q at each layer's outer face over c, of shape (layers, k), `growths` γ in 1/m and `faces` b at its inner
-    face; `reflection` is ρ (k,) at the first one.
+    `ratios` are q at each layer's outer face over c, of shape (layers, k), `growths` γ in 1/m and `faces` b at its
+    inner face; `reflection` is ρ (k,) at the first one.
     """
 
     layers: tuple[_Layer, ...]

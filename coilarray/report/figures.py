@@ -86,16 +86,17 @@ def field_pictures(
     across = _outline(design, active)[:, 0]
     height = f"{design.field_height * 1e3:g} mm above the board"
     outlines = [_outline(design, name) for name in design.array.names]
+    where = "beside the plates" if design.plates else "in free space"
     return [
         draw(
             "field_line",
-            f"B_z along x through {active}, {height}, in free space.",
+            f"B_z along x through {active}, {height}, {where}.",
             viz.plot_field_lines(line, coil=(float(across.min()), float(across.max()))),
         ),
         *(
             draw(
                 f"field_map_{k}",
-                f"B_z of {active} {height}, in free space, per ampere{'' if len(plane) == 1 else f': {label}'}.",
+                f"B_z of {active} {height}, {where}, per ampere{'' if len(plane) == 1 else f': {label}'}.",
                 viz.plot_field_map(field, outlines=outlines),
             )
             for k, (label, field) in enumerate(plane.items())
@@ -153,6 +154,19 @@ def response_pictures(design: Design, response: xr.Dataset) -> Iterator[Picture]
     elif response.sizes["depth"] > 1:
         depths = viz.plot_response_profile(response, state, None, along=along)
         yield draw("response_depths", f"δ of {state} along {along} for each depth.", depths)
+
+
+def target_pictures(design: Design, target: xr.Dataset) -> Iterator[Picture]:
+    """Show what a target does against its distance, and as maps at the least one."""
+    caption = (
+        "|δ|, inductance, quality factor and frequency of the states over the distance of the target, where it moves "
+        "each the most; dotted: the noise of δ, and the values without the target."
+    )
+    yield draw("target", caption, viz.target_figure(target))
+    if min(target.sizes["x"], target.sizes["y"]) > 1:
+        least = f"{float(target.distance[0]) * 1e3:g} mm"
+        caption = f"δ of each state over the place of the target, {least} away, with the outlines of the coils."
+        yield draw("target_maps", caption, viz.response_figure(target, map_outlines(design, target)))
 
 
 def position_pictures(design: Design, positions: MapPositions, published: EllipseModel | None) -> list[Picture]:

@@ -12,6 +12,7 @@ import xarray as xr
 from coilarray.circuit.operating_field import operating_currents
 from coilarray.design.model import Design
 from coilarray.geometry import FinitePlate, Plate
+from coilarray.metal.finite_plates import eddy_currents
 from coilarray.metal.plate_field import plate_currents
 from coilarray.response.target import target_of
 from coilarray.viz.datasets.metal import Eddies
@@ -42,29 +43,42 @@ def working_point(design: Design, coupling: xr.Dataset, coil: str, current: floa
 
 def eddies_of_plates(
     design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint, within: Box
-) -> list[Phasors | None]:
+) -> list[Phasors]:
     """Return the eddy currents of the plates of a design; those without end over the rectangle `within` in m."""
     endless = [plate for plate in plates if isinstance(plate, Plate)]
-    return [*_endless(design, endless, endless, operation, within), *(None for _ in plates[len(endless) :])]
+    outlined = [plate for plate in plates if isinstance(plate, FinitePlate)]
+    return [
+        *_endless(design, endless, endless, operation, within),
+        *(_outlined(design, plate, operation) for plate in outlined),
+    ]
 
 
 def eddies_of_target(
     design: Design, place: tuple[float, float], distances: Sequence[float], operation: WorkingPoint, within: Box
 ) -> list[Phasors | None]:
     """Return the eddy currents of the target over a place on the board, at distances, all in m; None for a ball."""
-    if not distances:
-        return []
-    target = target_of(design)
-    body, found = target.body, list[Phasors | None]()
+    found: list[Phasors | None] = []
     for distance in distances:
+        target = target_of(design)
         height = target.height(design.top, distance)
-        if isinstance(body, Plate):
-            moved = replace(body, z=height)
+        if isinstance(target.body, Plate):
+            moved = replace(target.body, z=height)
             beside = [plate for plate in design.plates if isinstance(plate, Plate)]
             found += _endless(design, [moved], [moved, *beside], operation, within)
+        elif isinstance(target.body, FinitePlate):
+            found.append(_outlined(design, replace(target.body, centre=(*place, height)), operation))
         else:
             found.append(None)
     return found
+
+
+def _outlined(design: Design, plate: FinitePlate, operation: WorkingPoint) -> Phasors:
+    """Eddy currents of a plate with an outline, at the middles of the triangles of its surface."""
+    found = eddy_currents(design.array, plate, operation.frequency, design.sheets)
+    first, second, third = np.moveaxis(found.corners, 1, 0)
+    normals = np.cross(second - first, third - first)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    return found.corners.mean(axis=1), normals, np.tensordot(operation.currents, found.density, axes=1)
 
 
 def _endless(

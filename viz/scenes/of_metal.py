@@ -85,7 +85,7 @@ def scene_of_metal(
         if not plates and not steps:
             raise MetalError(f"eddy currents need plates or a target in the picture of {design.name}.")
         operation = working_point(design, coupling(), coil, current, terminated=terminated)
-        phasors = [one for one in eddies_of_plates(design, plates, operation, within) if one is not None]
+        phasors = eddies_of_plates(design, plates, operation, within)
         moved = eddies_of_target(design, place, steps, operation, within)
         shown_now, when = at_their_largest([*phasors, *(one for one in moved if one is not None)])
         of_plates, rest = shown_now[: len(phasors)], iter(shown_now[len(phasors) :])
