@@ -83,7 +83,9 @@ def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0) -> Hal
     area = _area(plane_points, np.concatenate(triangles))
     expected = sum(_loop_area(loop) for loop in loops)
     if abs(area - expected) > 1e-6 * expected:
-        raise GeometryError(f"the outline of a plate could not be meshed: {area * 1e6:.6g} of {expected * 1e6:.6g} mm².")
+        raise GeometryError(
+            f"the outline of a plate could not be meshed: {area * 1e6:.6g} of {expected * 1e6:.6g} mm²."
+        )
     nodes = [np.column_stack((plane_points, np.full(len(plane_points), thickness / 2)))]
     heights = [1.0, _CORNER / fineness, 0.0] if thickness > _FIRST * inscribed / fineness else [1.0, 0.0]
     heights = [thickness / 2 * (1 - height) if 0 < height < 1 else thickness / 2 * height for height in heights]

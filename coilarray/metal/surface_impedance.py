@@ -73,8 +73,9 @@ def model_error(material: Material, thickness: float, frequency: float, scale: f
     kappa = 2 / scale
     gamma = cmath.sqrt(kappa**2 + (1 + 1j) ** 2 / material.skin_depth(frequency) ** 2)
     local = surface_impedance(material, thickness, frequency)
-    tanh, own = cmath.tanh(min(gamma.real, 40 / thickness) * thickness / 2 + 0.5j * gamma.imag * thickness), math.tanh(
-        kappa * thickness / 2
+    tanh, own = (
+        cmath.tanh(min(gamma.real, 40 / thickness) * thickness / 2 + 0.5j * gamma.imag * thickness),
+        math.tanh(kappa * thickness / 2),
     )
     exact = MU_0 / (gamma * tanh - kappa * own), MU_0 / (gamma / tanh - kappa / own)
     e = math.exp(-kappa * thickness)

@@ -29,7 +29,7 @@ from coilarray.viz.scenes.metal import (
 )
 from coilarray.viz.scenes.scene import Scene
 
-_STEPS = 12  # positions of the slider of a distance, at least
+_STEPS = 9  # positions of the slider of a distance, at least
 _NEAR = 0.05  # relative distance of a position in between from one that the design gives
 _SHOWN_STATES = 8  # whose δ stand in a line
 
@@ -72,8 +72,8 @@ def scene_of_metal(
     within = around_board(design.array)
     plates = design.plates if "plates" in shown else ()
     scene = scene_of_plates(plates, within)
-    steps = _steps(design, distance) if "target" in shown else []
-    place = _place(design, coil, at) if "target" in shown else (0.0, 0.0)
+    steps = steps_of(design, distance) if "target" in shown else []
+    place = target_place(design, coil, at) if "target" in shown else (0.0, 0.0)
     numbers = None
     if steps:
         origin = target_of(design).origin_point
@@ -129,7 +129,7 @@ def percent(delta: xr.DataArray) -> str:
     return f"{float(delta) * 100:+.3g} %".replace("-", "−")
 
 
-def _steps(design: Design, distance: float | None) -> list[float]:
+def steps_of(design: Design, distance: float | None = None) -> list[float]:
     """Return the distances of the design in m, others between them where it has few, and the wanted one."""
     given = target_of(design).distances
     between = np.geomspace(given[0], given[-1], _STEPS).tolist() if 1 < len(given) < _STEPS else []
@@ -138,7 +138,7 @@ def _steps(design: Design, distance: float | None) -> list[float]:
     return sorted({*given, *wanted, *(one for one in between if one not in near)})
 
 
-def _place(design: Design, coil: str, at: tuple[float, float] | None) -> tuple[float, float]:
+def target_place(design: Design, coil: str, at: tuple[float, float] | None) -> tuple[float, float]:
     """Return x and y of the target on the board in m."""
     if at is not None:
         return at

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -66,7 +66,15 @@ class Work:
     def with_entries(self, changes: Mapping[str, Any]) -> Work:
         """Set several entries at once, to values as for `coilarray.design.vary.vary`; errors as in `with_entry`."""
         _require_few_coils(self.opened.values, changes)
-        document = vary_document(self.opened.document, changes)
+        return self._rebuilt(vary_document(self.opened.document, changes), changes)
+
+    def with_tables(self, tables: Mapping[str, Any]) -> Work:
+        """Set whole tables of the file by their names, None for none; errors as in `with_entry`."""
+        document = {**self.opened.document, **tables}
+        return self._rebuilt({name: table for name, table in document.items() if table is not None}, tables)
+
+    def _rebuilt(self, document: dict[str, Any], changes: Iterable[str]) -> Work:
+        """Build a changed document, in which the keys of `changes` are no longer assumed."""
         document["assumed"] = assumed = dict(document.get("assumed", {}))
         for name, key in itertools.product(list(assumed), changes):
             # what was chosen is no longer assumed; the dots keep array.pitch apart from array.pitch_mm
