@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,7 @@ from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
 from coilarray.design.model import Design
-from coilarray.errors import MetalError, NetworkError
+from coilarray.errors import MetalError
 from coilarray.geometry import Target
 from coilarray.metal.target import target_inductance
 from coilarray.response.coordinates import origin_attributes
@@ -27,8 +29,9 @@ from coilarray.response.target_range import ranges_of
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
-_BAND = (1 / 1.6, 2.2)  # of the resonances without a target: L from a fifth to two and a half times itself
-_NODES = 11  # frequencies of the band; a polynomial of log f through them errs by 1e-5 of the change
+_MARGIN = (0.02, 0.2)  # of the band of log f: at least, and of its width
+_INTERPOLATION = 1e-5  # error of the change between the frequencies at which it is computed
+_MOST_NODES = 16
 _BYTES_A_VALUE = 48.0  # a complex number as computed, in the store, and as the circuit takes it
 _CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _QUANTITIES = (
@@ -98,7 +101,7 @@ def target_map(
         A design without a target, axes that are not finite and rising, a distance that is not positive, and what
         `coilarray.metal.target.target_inductance` refuses.
     NetworkError
-        A state without a resonance, or one that the target moves out of the band that is computed.
+        A state without a resonance, also with the target.
     MemoryLimitError
         More values than there is memory for.
     OutputError
@@ -106,8 +109,8 @@ def target_map(
 
     Notes
     -----
-    ΔL − jΔR/ω of the target is computed at a few frequencies of a band about the resonances, and every place and
-    distance is solved in the whole circuit at its own resonance.
+    ΔL − jΔR/ω of the target is computed at a few frequencies of the band in which all resonances lie, which follows
+    from the least distance, and every place and distance is solved in the whole circuit at its own resonance.
     """
     target = target_of(design)
     given = (("distances", distances, target.distances), ("x", x, target.x), ("y", y, target.y))
@@ -116,12 +119,16 @@ def target_map(
         raise MetalError(f"distances of a target must be above zero; got {axes.depth[0] * 1e3:g} mm.")
     coils, cases = len(design.array.names), int(np.prod(axes.shape))
     what = f"{len(axes.depth)} distances at {len(axes.x) * len(axes.y)} places with {coils} coils"
-    require_memory(_BYTES_A_VALUE * cases * _NODES * coils**2, f"a target map of {what}", "compute it in pieces")
+    require_memory(_BYTES_A_VALUE * cases * _MOST_NODES * coils**2, f"a target map of {what}", "compute it in pieces")
     network = design_circuit(design, ideal=ideal) if network is None else network
     alone = [resonate(network, state) for state in design.plan]
-    nodes = _nodes([one.frequency for one in alone])
-    change = _changes(design, axes, nodes, parts, progress).reshape(cases, len(nodes), coils, coils)
-    near = _Change(np.log(nodes), change)
+    resonances = np.array([one.frequency for one in alone])
+    middle = np.exp(np.log(resonances).mean(keepdims=True))
+    nearest = replace(axes, depth=axes.depth[:1])
+    guess = _Change(np.log(middle), _changes(design, nearest, middle, parts, None))
+    moved = np.array([_through_circuit(network, one, guess, nearest)["frequency"] for one in alone])
+    nodes = _nodes(np.append(moved, resonances))
+    near = _Change(np.log(nodes), _changes(design, axes, nodes, parts, progress))
     solved = [_through_circuit(network, one, near, axes) for one in alone]
     by_state = {name: np.stack([one[name] for one in solved], axis=-1) for name, _, _ in _QUANTITIES}
     base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
@@ -130,22 +137,31 @@ def target_map(
     return _dataset(design, target, axes, noise, network, by_state, base, middle, matrix)
 
 
-def _nodes(resonances: list[float]) -> FloatArray:
-    """Frequencies in Hz at which a target is computed: Chebyshev points of log f."""
-    low, high = np.log([_BAND[0] * min(resonances), _BAND[1] * max(resonances)])
-    angle = np.pi * (np.arange(_NODES)[::-1] + 0.5) / _NODES
-    return np.asarray(np.exp((low + high) / 2 + (high - low) / 2 * np.cos(angle)))
+def _nodes(resonances: FloatArray) -> FloatArray:
+    """Frequencies in Hz at which a target is computed, Chebyshev points of log f: as many as the band needs.
+
+    The change over log f has its nearest poles at ±jπ/2, those of one time constant, and polynomials through n points
+    of a band of the half width w err by ρ⁻ⁿ, ρ = π/(2w) + √(π²/(4w²) + 1) (Trefethen, Approximation Theory, ch. 8).
+    """
+    low, high = np.log(resonances.min()), np.log(resonances.max())
+    margin = max(_MARGIN[0], _MARGIN[1] * (high - low))
+    half = (high - low) / 2 + margin
+    pole = np.pi / 2 / half
+    count = min(math.ceil(-math.log(_INTERPOLATION) / math.log(pole + math.hypot(pole, 1))), _MOST_NODES)
+    angle = np.pi * (np.arange(count)[::-1] + 0.5) / count
+    return np.asarray(np.exp((low + high) / 2 + half * np.cos(angle)))
 
 
 class _Change:
-    """ΔL − jΔR/ω in H of many cases, each at a frequency of its own."""
+    """ΔL − jΔR/ω in H of many cases, each at a frequency of its own, from values at nodes of log f."""
 
     def __init__(self, nodes: FloatArray, values: ComplexArray) -> None:
-        self._lagrange, self._values = BarycentricInterpolator(nodes, np.eye(len(nodes))), values
+        self._lagrange = BarycentricInterpolator(nodes, np.eye(len(nodes))) if len(nodes) > 1 else None
+        self._values = values.reshape(-1, *values.shape[2:])
 
     def __call__(self, frequencies: FloatArray, cases: slice = slice(None)) -> ComplexArray:
         """Return the change (cases, n, n) at frequencies (cases,) in Hz."""
-        shares = self._lagrange(np.log(frequencies))
+        shares = np.ones((len(frequencies), 1)) if self._lagrange is None else self._lagrange(np.log(frequencies))
         return np.asarray(np.einsum("cf,cfij->cij", shares, self._values[cases], optimize=True))
 
 
@@ -194,16 +210,6 @@ def _through_circuit(network: Network, alone: Resonance, near: _Change, axes: Ma
             return network.inductance + near(frequencies, cases)
 
         frequency = resonances_near(network, alone, inductances, cases=stop - start)
-        low, high = (edge * alone.frequency for edge in _BAND)
-        out = (frequency < low) | (frequency > high)
-        if out.any():
-            k = start + int(np.flatnonzero(out)[0])
-            distance = axes.depth[k // (len(axes.x) * len(axes.y))]
-            raise NetworkError(
-                f"state {alone.state.name}: the target at {distance * 1e3:g} mm moves the resonance from "
-                f"{alone.frequency:.4g} to {frequency[out][0]:.4g} Hz, beyond {low:.4g} to {high:.4g} Hz; "
-                "begin with a greater distance."
-            )
         parts.append((frequency, *solve_cases(network, alone.state, frequency, inductances(frequency))))
     frequency, impedance, admittance = (np.concatenate(part) for part in zip(*parts, strict=True))
     with np.errstate(divide="ignore"):
@@ -238,7 +244,7 @@ def _dataset(
     shape = (*axes.shape, len(names), len(names))
     centres = design.array.centres - target.origin_point
     rows = [
-        ("delta", (*place, "state"), (L / L_0 - 1).reshape(*axes.shape, -1), "1", "relative change of inductance"),
+        ("delta", (*place, "state"), (L / L_0 - 1).reshape(*axes.shape, -1), "1", "δ"),
         ("base_inductance", ("state",), L_0, "H", "L_0 as the converter sees it"),
         *((name, (*place, "state"), by_state[name].reshape(*axes.shape, -1), unit, words)
           for name, unit, words in _QUANTITIES),
@@ -254,7 +260,7 @@ def _dataset(
     made = xr.Dataset(
         variables(*rows),
         coords={
-            "distance": ("distance", axes.depth, {"units": "m", "long_name": "distance of the target"}),
+            "distance": ("distance", axes.depth, {"units": "m", "long_name": "distance"}),
             "y": ("y", axes.y, {"units": "m"}),
             "x": ("x", axes.x, {"units": "m"}),
             "state": [state.name for state in design.plan],

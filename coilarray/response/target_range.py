@@ -74,7 +74,7 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
     rows_of = (
         ("best_x", ("state",), response.x.values[columns], "m", "x where |δ| is the largest"),
         ("best_y", ("state",), response.y.values[rows], "m", "y where |δ| is the largest"),
-        ("distance_deviation", ("distance", "state"), deviation, "m", "standard deviation of the distance"),
+        ("distance_deviation", ("distance", "state"), deviation, "m", "± distance"),
         ("range", ("state",), found[0], "m", f"distance at which |δ| is {FACTOR:g} times the noise"),
         ("range_is_least", ("state",), least[0], "", "whether the range is longer"),
         ("resolved_distance", ("step", "state"), found[1:], "m", "distance up to which a step is told"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -68,9 +70,12 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
     if quantity == "delta":
         ax.set_yscale("log")
         noise = float(response.attrs["noise"])
-        ax.axhline(noise, color=GREY, linewidth=0.8, linestyle=":", label="noise", zorder=0)
+        ax.axhline(noise, color=GREY, linewidth=1.2, linestyle=":", label="noise")
+    else:
+        ax.ticklabel_format(axis="y", useOffset=False)
     if distance[-1] > _LOGARITHMIC * distance[0]:
         ax.set_xscale("log")
+        style.logarithmic_ticks(ax.xaxis, math.log10(distance[-1] / distance[0]))
     style.faint_grid(ax)
     label = _SHOWN[quantity] if quantity == "delta" else shown.label(_SHOWN[quantity])
     ax.set(xlabel=MM.label("distance"), ylabel=label)
@@ -92,7 +97,8 @@ def target_figure(response: xr.Dataset) -> Figure:
         ax.get_legend().remove()
     for ax in panels[:2]:
         ax.set_xlabel("")
-    style.legend_beside(panels[1])
+    curves, names = panels[0].get_legend_handles_labels()
+    panels[1].legend(curves, names, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     words = f"{response.attrs['material'].replace('_', ' ')} {response.attrs['target']}"
     style.main_title(figure, f"Target: {words}")
     return figure
