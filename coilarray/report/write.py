@@ -39,7 +39,7 @@ from coilarray.report import (
 )
 from coilarray.report.page import now, render_page
 from coilarray.report.position import MapPositions, map_position_table, map_positions
-from coilarray.report.words import array_words
+from coilarray.report.words import array_words, metal_words
 from coilarray.response.answering import coils_outside
 from coilarray.response.coordinates import on_board, origin_of
 from coilarray.response.map import response_map
@@ -215,6 +215,7 @@ def write_report(
         "provenance": {**provenance(design), "date": now()},
         "title": design.title or design.name,
         "board": array_words(design.array),
+        "metal": metal_words(design),
         "source": design.source,
         "capacitance_F": design.circuit.capacitance,
         "short_resistance_ohm": design.circuit.short_resistance,
