@@ -13,6 +13,7 @@ from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet, Target
 from coilarray.metal.ball import ball_inductance
+from coilarray.metal.finite_plates import moving_plate
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -83,8 +84,6 @@ def target_inductance(
         )
     positions = np.array([[x, y, z] for z in heights for x, y in places.tolist()])
     if isinstance(body, FinitePlate):
-        from coilarray.metal.eddy_modes import moving_plate
-
         change = moving_plate(source, body, positions, frequencies, sheets, progress=progress)
     else:
         change = ball_inductance(source, body, positions, frequencies, sheets, progress=progress)

@@ -13,7 +13,7 @@ import xarray as xr
 from scipy.interpolate import BarycentricInterpolator
 
 from coilarray.circuit.coupling import design_circuit, provenance
-from coilarray.circuit.network import Network, Resonance, resonances_near, resonate, solve_cases
+from coilarray.circuit.network import Network, Resonance, changed_resonances, resonate
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Store, content_key
@@ -209,8 +209,7 @@ def _through_circuit(network: Network, alone: Resonance, near: _Change, axes: Ma
         def inductances(frequencies: FloatArray, cases: slice = slice(start, stop)) -> ComplexArray:
             return network.inductance + near(frequencies, cases)
 
-        frequency = resonances_near(network, alone, inductances, cases=stop - start)
-        parts.append((frequency, *solve_cases(network, alone.state, frequency, inductances(frequency))))
+        parts.append(changed_resonances(network, alone, inductances, stop - start))
     frequency, impedance, admittance = (np.concatenate(part) for part in zip(*parts, strict=True))
     with np.errstate(divide="ignore"):
         return {
