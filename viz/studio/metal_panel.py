@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError
-from coilarray.geometry import MATERIALS
+from coilarray.geometry import MATERIALS, Plate
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.entries import number_of
@@ -45,6 +45,7 @@ class MetalPanel(Panel):
             "body_materials": list(MATERIALS), "body_sizes": dict(SIZES), "body_problem": "", "has_target": False,
             "distances": [], "distance_at": 0, "target_rows": [], "target_problem": "", "target_place": ["", ""],
             "show_eddies": False,
+            "target_endless": False,
         }  # fmt: skip
         page.state.client_only("body_form")
         super().__init__(
@@ -57,6 +58,7 @@ class MetalPanel(Panel):
         state = self._page.state
         state.bodies, state.body_problem = body_rows(design), ""
         state.has_target = design.target is not None
+        state.target_endless = design.target is not None and isinstance(design.target.body, Plate)
         if anew:
             self._place, self._step = None, 0
         if design.target is None:
