@@ -39,10 +39,10 @@ ComplexArray = npt.NDArray[np.complex128]
 
 # −ln of the error of the rules over the spectrum, and the largest one of the images' sum against the reflection
 _DIGITS: dict[Accuracy, float] = {"full": 16.0, "screen": 8.0}
-_FIT: dict[Accuracy, float] = {"full": 1e-5, "screen": 1e-4}
+_FIT: dict[Accuracy, float] = {"full": 3e-5, "screen": 1e-4}
 _LONGEST = 1e-3  # radians across the board; longer waves carry 1e-10 of the inductance
 _AROUND = 160.0  # radians across the board; the spectrum takes waves so short, images those beyond
-_FITTED, _RATIO, _SMALLEST = 200, 1.5, 1e-6  # waves of a fit, steps of its distances, and its singular values
+_FITTED, _RATIO, _SMALLEST = 200, 1.25, 1e-7  # waves of a fit, steps of its distances, and its singular values
 
 
 def plate_inductance(
@@ -86,7 +86,7 @@ def plate_inductance(
     -----
     The current density is uniform in every bar, and paths with open ends are taken as they are, as in
     `layer_inductance`. Else exact at any frequency, to 1e-6 of the largest entry. A plate nearer than a sixth of the
-    board's extent costs up to twenty times one `mutual_inductance` more.
+    board's extent costs up to thirty times one `mutual_inductance` more.
 
     Examples
     --------
