@@ -333,6 +333,8 @@ class DesignFile:
         Keys whose values are assumed, with the reason.
     values : mapping of str to object
         Every value by its dotted key, defaults included, in the units of the keys.
+    text : str
+        The file as it was read, whose comments and layout `coilarray.design.save.save_design` keeps; empty for none.
     """
 
     design: Design
@@ -340,6 +342,7 @@ class DesignFile:
     given: frozenset[str]
     assumed: Mapping[str, str]
     values: Mapping[str, object]
+    text: str = ""
 
 
 def load_design(name_or_path: str | Path | None = None) -> Design:
@@ -377,7 +380,7 @@ def parse_design(text: str, origin: str = "design") -> Design:
 
 def parse_design_file(text: str, origin: str = "design") -> DesignFile:
     """Read a design file from its text; `origin` names it in messages. See `load_design_file`."""
-    return build_design_file(bundled.DESIGNS.parse(text, origin), origin)
+    return build_design_file(bundled.DESIGNS.parse(text, origin), origin, text)
 
 
 def build_design(document: Mapping[str, Any], origin: str = "design") -> Design:
@@ -388,8 +391,11 @@ def build_design(document: Mapping[str, Any], origin: str = "design") -> Design:
     return build_design_file(document, origin).design
 
 
-def build_design_file(document: Mapping[str, Any], origin: str = "design") -> DesignFile:
-    """Check a document and keep it with the design that it describes. See `build_design`."""
+def build_design_file(document: Mapping[str, Any], origin: str = "design", text: str = "") -> DesignFile:
+    """Check a document and keep it, and a text with its comments, with the design that it describes.
+
+    See `build_design`.
+    """
     parsed = bundled.DESIGNS.check(Document, document, origin)
     try:
         design = _build(parsed)
@@ -401,7 +407,7 @@ def build_design_file(document: Mapping[str, Any], origin: str = "design") -> De
         raise DesignError(f"{origin}: {error}") from None
     given = frozenset(_flatten(document))
     assumed = {**_assumed_by_profile(parsed.fab.profile, given), **parsed.assumed}
-    return DesignFile(design, document, given, assumed, values)
+    return DesignFile(design, document, given, assumed, values, text)
 
 
 def _build(parsed: Document) -> Design:

@@ -400,12 +400,12 @@ class SheetTable(Table):
 
 
 class RoundTable(Table):
-    """``[indenter]`` of every shape but the cone.
+    """``[indenter]`` of every shape without an edge.
 
     The radius of a paraboloid is that of curvature at its tip; a cylinder edge is a long cylinder that lies along y.
     """
 
-    shape: Literal["hemisphere", "paraboloid", "flat_punch", "cylinder_edge"]
+    shape: Literal["hemisphere", "paraboloid", "cylinder_edge"]
     radius_mm: Millimetres
 
     def build(self) -> Indenter:
@@ -414,8 +414,20 @@ class RoundTable(Table):
 
 
 _ROUND: Mapping[str, Callable[[float], Indenter]] = {
-    "hemisphere": Hemisphere, "paraboloid": Paraboloid, "flat_punch": FlatPunch, "cylinder_edge": CylinderEdge,
+    "hemisphere": Hemisphere, "paraboloid": Paraboloid, "cylinder_edge": CylinderEdge,
 }  # fmt: skip
+
+
+class PunchTable(Table):
+    """``[indenter]`` with ``shape = "flat_punch"``."""
+
+    shape: Literal["flat_punch"]
+    radius_mm: Millimetres
+    edge_radius_mm: Millimetres | None = None
+
+    def build(self) -> FlatPunch:
+        """Return the indenter in SI."""
+        return FlatPunch(self.radius_mm * _MM, _edge(self.edge_radius_mm))
 
 
 class ConeTable(Table):
@@ -424,11 +436,16 @@ class ConeTable(Table):
     shape: Literal["cone"]
     half_angle_deg: HalfAngle
     radius_mm: Millimetres | None = None
+    edge_radius_mm: Millimetres | None = None
 
     def build(self) -> Cone:
         """Return the indenter in SI."""
-        angle = self.half_angle_deg * _DEG
-        return Cone(angle) if self.radius_mm is None else Cone(angle, self.radius_mm * _MM)
+        radius = math.inf if self.radius_mm is None else self.radius_mm * _MM
+        return Cone(self.half_angle_deg * _DEG, radius, _edge(self.edge_radius_mm))
+
+
+def _edge(radius_mm: float | None) -> float | None:
+    return None if radius_mm is None else radius_mm * _MM
 
 
 SeatSlope = Annotated[float, Field(ge=-1, le=1)]
@@ -556,7 +573,7 @@ class Document(Table):
     board: BoardTable = BoardTable()
     elastomer: list[SheetTable] = Field(default_factory=list)
     plate: list[PlateTable] = Field(default_factory=list)
-    indenter: Annotated[RoundTable | ConeTable, Field(discriminator="shape")] | None = None
+    indenter: Annotated[RoundTable | PunchTable | ConeTable, Field(discriminator="shape")] | None = None
     indentation: IndentationTable | None = None
     target: Annotated[FlatTarget | SphereTarget, Field(discriminator="shape")] | None = None
     circuit: CircuitTable = CircuitTable()

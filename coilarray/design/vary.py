@@ -92,6 +92,18 @@ def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> di
     return dict(varied)
 
 
+def vary_chosen(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """As `vary_document`; what is chosen is no longer assumed."""
+    varied = vary_document(document, changes)
+    assumed = {
+        name: reason
+        for name, reason in document.get("assumed", {}).items()
+        # the dots keep array.pitch apart from array.pitch_mm
+        if not any(f"{key}.".startswith(f"{name}.") or f"{name}.".startswith(f"{key}.") for key in changes)
+    }
+    return {key: value for key, value in varied.items() if key != "assumed"} | ({"assumed": assumed} if assumed else {})
+
+
 def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:
     """Copy a table or list with one entry set; what lies beside it is shared."""
     if isinstance(table, list):

@@ -24,6 +24,7 @@ from coilarray.geometry import (
     Cone,
     FabRules,
     FinitePlate,
+    FlatPunch,
     Indenter,
     Lattice,
     Leads,
@@ -382,6 +383,8 @@ def _indenter_table(indenter: Indenter) -> dict[str, Any]:
         table["half_angle_deg"] = _entry(indenter.half_angle, _DEG)
     if math.isfinite(indenter.radius):
         table["radius_mm"] = _entry(indenter.radius, _MM)
+    if isinstance(indenter, Cone | FlatPunch) and indenter.edge_radius is not None:
+        table["edge_radius_mm"] = _entry(indenter.edge_radius, _MM)
     return table
 
 

@@ -19,8 +19,9 @@ from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
 from coilarray.design.model import Design
+from coilarray.elastomer.flat_layer import magnetic_slab
 from coilarray.errors import MetalError
-from coilarray.geometry import Target
+from coilarray.geometry import FinitePlate, Plate, Target
 from coilarray.metal.target import target_inductance
 from coilarray.response.coordinates import origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
@@ -125,7 +126,9 @@ def target_map(
     resonances = np.array([one.frequency for one in alone])
     middle = np.exp(np.log(resonances).mean(keepdims=True))
     nearest = replace(axes, depth=axes.depth[:1])
-    guess = _Change(np.log(middle), _changes(design, nearest, middle, parts, None))
+    first = _changes(design, nearest, middle, parts, None)
+    _require_passive(network, first, nearest)
+    guess = _Change(np.log(middle), first)
     moved = np.array([_through_circuit(network, one, guess, nearest)["frequency"] for one in alone])
     nodes = _nodes(np.append(moved, resonances))
     near = _Change(np.log(nodes), _changes(design, axes, nodes, parts, progress))
@@ -150,6 +153,17 @@ def _nodes(resonances: FloatArray) -> FloatArray:
     count = min(math.ceil(-math.log(_INTERPOLATION) / math.log(pole + math.hypot(pole, 1))), _MOST_NODES)
     angle = np.pi * (np.arange(count)[::-1] + 0.5) / count
     return np.asarray(np.exp((low + high) / 2 + half * np.cos(angle)))
+
+
+def _require_passive(network: Network, change: ComplexArray, axes: MapAxes) -> None:
+    """Refuse changes that no passive body makes: the inductance matrix must stay positive definite."""
+    least = np.linalg.eigvalsh(network.inductance + change.real)[..., 0]
+    for distance, values in zip(axes.depth, least, strict=True):
+        if values.min() <= 0:
+            raise MetalError(
+                f"a target at {distance * 1e3:g} mm is too near for the model of its currents, which would make an "
+                "inductance negative; begin with a greater distance."
+            )
 
 
 class _Change:
@@ -182,20 +196,27 @@ def _changes(
             if part is not None:
                 found[k] = part.inductance.values - 1j * part.loss.values
     missing = [k for k in range(len(keys)) if k not in found]
-    for done, k in enumerate(missing):
-        distance = axes.depth[k : k + 1].tolist()
+    # the spectra of the coils, and in air the factors of a plate with an outline, serve all distances
+    sharing = isinstance(target.body, Plate) or (
+        isinstance(target.body, FinitePlate) and magnetic_slab(design.sheets) is None
+    )
+    blocks = [missing] if sharing and missing else [[k] for k in missing]
+    for done, block in enumerate(blocks):
 
         def counted(within: int, total: int, done: int = done) -> None:
             if progress is not None:
-                progress(100 * done + 100 * within // total, 100 * len(missing))
+                progress(100 * done + 100 * within // total, 100 * len(blocks))
 
-        found[k] = target_inductance(
-            design.array, target, places, distance, frequencies, design.sheets, design.plates, progress=counted
-        )[0]
-        if parts is not None:
-            dims = ("place", "frequency", "coil", "other")
-            part = xr.Dataset({"inductance": (dims, found[k].real), "loss": (dims, -found[k].imag)})
-            store.put_dataset(keys[k], part)
+        change = target_inductance(
+            design.array, target, places, axes.depth[block].tolist(), frequencies, design.sheets, design.plates,
+            progress=counted,
+        )  # fmt: skip
+        for k, values in zip(block, change, strict=True):
+            found[k] = values
+            if parts is not None:
+                dims = ("place", "frequency", "coil", "other")
+                part = xr.Dataset({"inductance": (dims, values.real), "loss": (dims, -values.imag)})
+                store.put_dataset(keys[k], part)
     return np.stack([found[k] for k in range(len(keys))])
 
 

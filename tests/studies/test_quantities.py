@@ -517,15 +517,22 @@ def test_a_target_is_that_of_its_map_over_the_coil_or_where_it_is_asked():
         assert far[f"target_{name}[coil2,distance_mm=3]"] == pytest.approx(scale * float(values[1]), rel=1e-9)
     assert near["target_delta[coil2]"] < far["target_delta[coil2,distance_mm=3]"] < 0
     beside = value(design, "target_delta[coil2,x_mm=6,y_mm=-2]")
-    assert beside == pytest.approx(float(target_map(design, distances=[1e-3], x=[6e-3], y=[-2e-3]).delta[0, 0, 0, 1]), rel=1e-9)
+    assert beside == pytest.approx(
+        float(target_map(design, distances=[1e-3], x=[6e-3], y=[-2e-3]).delta[0, 0, 0, 1]), rel=1e-9
+    )
     told = ranges_of(target_map(design, x=[x], y=[y]), 1e-4).sel(state="coil2")
     assert value(design, "target_range_mm[coil2,noise=0.0001]") == pytest.approx(float(told.range) * 1e3, rel=1e-9)
     deviation = value(design, "target_deviation_um[coil2,noise=0.0001,distance_mm=3]")
     assert deviation == pytest.approx(float(told.distance_deviation[1]) * 1e6, rel=1e-9)
-    assert value(design, "parallel_resistance_kohm[coil2]") == pytest.approx(float(over.base_parallel_resistance) * 1e-3, rel=1e-9)
+    assert value(design, "parallel_resistance_kohm[coil2]") == pytest.approx(
+        float(over.base_parallel_resistance) * 1e-3, rel=1e-9
+    )
     for lacking, message in (
         (STARTER, r"the design starter has no \[target\]"),
-        (replace(design, target=replace(ball, distances=(1e-3,))), "two distances of the target at least; starter has one"),
+        (
+            replace(design, target=replace(ball, distances=(1e-3,))),
+            "two distances of the target at least; starter has one",
+        ),
     ):
         with pytest.raises(GoalError, match=message):
             value(lacking, "target_range_mm[coil2]")

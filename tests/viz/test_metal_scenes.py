@@ -1,4 +1,4 @@
-"""Metal in scenes: bodies where they lie, eddy currents as they flow, and a slider that says what the library computes."""
+"""Metal in scenes: bodies where they lie, currents as they flow, and a slider that says what the library computes."""
 
 import math
 from dataclasses import replace
