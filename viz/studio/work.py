@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-<<<<<<< HEAD
-import itertools
-from collections.abc import Iterable, Mapping
-=======
 from collections.abc import Mapping
->>>>>>> target
 from dataclasses import dataclass, replace
 from typing import Any
 
 from coilarray.design.model import Design, DesignFile, build_design_file
 from coilarray.design.save import file_text
-from coilarray.design.vary import vary_chosen
+from coilarray.design.vary import no_longer_assumed, vary_chosen
 from coilarray.errors import DesignError
 from coilarray.viz.studio.entries import number_of
 
@@ -69,26 +64,14 @@ class Work:
     def with_entries(self, changes: Mapping[str, Any]) -> Work:
         """Set several entries at once, to values as for `coilarray.design.vary.vary`; errors as in `with_entry`."""
         _require_few_coils(self.opened.values, changes)
-<<<<<<< HEAD
-        return self._rebuilt(vary_document(self.opened.document, changes), changes)
+        return self._rebuilt(vary_chosen(self.opened.document, changes))
 
     def with_tables(self, tables: Mapping[str, Any]) -> Work:
         """Set whole tables of the file by their names, None for none; errors as in `with_entry`."""
-        document = {**self.opened.document, **tables}
-        return self._rebuilt({name: table for name, table in document.items() if table is not None}, tables)
+        document = {name: table for name, table in {**self.opened.document, **tables}.items() if table is not None}
+        return self._rebuilt(no_longer_assumed(document, tables))
 
-    def _rebuilt(self, document: dict[str, Any], changes: Iterable[str]) -> Work:
-        """Build a changed document, in which the keys of `changes` are no longer assumed."""
-        document["assumed"] = assumed = dict(document.get("assumed", {}))
-        for name, key in itertools.product(list(assumed), changes):
-            # what was chosen is no longer assumed; the dots keep array.pitch apart from array.pitch_mm
-            if f"{key}.".startswith(f"{name}.") or f"{name}.".startswith(f"{key}."):
-                assumed.pop(name, None)
-        if not assumed:
-            del document["assumed"]
-=======
-        document = vary_chosen(self.opened.document, changes)
->>>>>>> target
+    def _rebuilt(self, document: Mapping[str, Any]) -> Work:
         try:
             opened = build_design_file(document, self.design.name, self.opened.text)
         except DesignError as error:
