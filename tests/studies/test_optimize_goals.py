@@ -53,7 +53,7 @@ pitch_mm = 15.0
 layers = [["L1", "L2"]]
 """
 )
-ONE = parse_design_file(
+SINGLE = (
     SQUARE
     + """
 [array]
@@ -62,6 +62,17 @@ coil = "sq"
 columns = 1
 pitch_mm = 15.0
 layers = [["L1", "L2"]]
+"""
+)
+ONE = parse_design_file(SINGLE)
+MOVED = parse_design_file(
+    SINGLE
+    + """
+[target]
+shape = "sphere"
+material = "brass"
+diameter_mm = 8
+distances_mm = [1, 2, 6]
 """
 )
 FREE = parse_design_file(
@@ -91,7 +102,7 @@ def margin(design):
     (PAD, ("worst_k", "decouple")), (ONE, ("smallest",)), (FREE, ("worst_k", "decouple")),
     (load_design("starter"), ("worst_k", "decouple", "position_error")),
     (load_design("gast2020"), ("worst_k", "decouple", "position_error")),
-    (load_design("proximity"), ("range", "resolution")),
+    (MOVED, ("range", "resolution")),
 ])  # fmt: skip
 def test_the_design_itself_lies_within_its_goals(file, names):
     for name in names:
@@ -129,9 +140,9 @@ def test_what_each_goal_takes_from_the_design():
     bounds = {bound.quantity: bound.at_least for bound in small.constraints}
     assert bounds["inductance_uH[coil1]"] == pytest.approx(wanted["inductance_uH[coil1]"], rel=1e-2)
     assert bounds["q"] == pytest.approx(0.8 * wanted["q"], rel=1e-2)
-    told = derive_goal(["range", "resolution"], load_design("proximity")).goal
+    told = derive_goal(["range", "resolution"], MOVED).goal
     assert [one.wish for one in told.objectives] == [
-        "maximize target_range_mm[coil1]", "minimize target_deviation_um[coil1,distance_mm=6]",
+        "maximize target_range_mm[coil1]", "minimize target_deviation_um[coil1,distance_mm=2]",
     ]  # fmt: skip
     trace = variable(small, "coils.sq.trace_width_mm")
     assert (trace.low, trace.high) == (0.1, 0.3)  # the limit of [fab], and what it is

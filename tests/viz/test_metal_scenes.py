@@ -18,12 +18,14 @@ from coilarray.viz.scenes.of_design import View, board_and_metal, scene_of_desig
 ALUMINIUM = MATERIALS["aluminium"]
 
 
+BACKPLANE = Plate("backplane", -6e-3, 1e-3, ALUMINIUM)
+
+
 @pytest.fixture(scope="module")
 def design():
-    """The starter board on an aluminium plate, with a steel ball that is moved over it."""
-    backplane = Plate("backplane", -6e-3, 1e-3, ALUMINIUM)
+    """The starter board, with a steel ball that is moved over it."""
     ball = Target(Ball(4e-3, MATERIALS["steel"]), (1e-3, 4e-3), (0.0, 8e-3), (0.0, 3e-3))
-    return replace(load_design("starter"), plates=(backplane,), target=ball)
+    return replace(load_design("starter"), target=ball)
 
 
 @pytest.fixture(scope="module")
@@ -43,11 +45,13 @@ def test_the_solid_of_a_plate_is_its_outline_times_its_thickness_where_it_lies()
 
 def test_plates_and_target_lie_where_the_design_says(design, shown):
     parts = {part.name: part for part in shown.parts}
+    plated = scene_of_design(replace(design, plates=(BACKPLANE,), target=None), View(show=("board", "plates")))
+    parts |= {part.name: part for part in plated.parts}
     low_x, low_y, high_x, high_y = around_board(design.array)
-    bounds = np.array([low_x, high_x, low_y, high_y, *design.plates[0].heights]) * 1e3
+    bounds = np.array([low_x, high_x, low_y, high_y, *BACKPLANE.heights]) * 1e3
     np.testing.assert_allclose(parts["plate backplane"].mesh.bounds, bounds, rtol=1e-6)  # single precision
     assert parts["plate backplane"].group == "backplane: aluminium, 1 mm, without end"
-    assert "Without end, and drawn as far as the board: backplane." in shown.notes
+    assert "Without end, and drawn as far as the board: backplane." in plated.notes
     centre = design.array.centres[design.array.names.index("coil2")]
     nearest = [min(values, key=lambda value, c=c: abs(value - c)) for values, c in zip(
         (design.target.x, design.target.y), centre, strict=True)]  # fmt: skip
@@ -84,10 +88,10 @@ def test_eddy_currents_run_against_the_coil(design):
     scene = scene_of_design(bare, View(show=("plates", "eddies"), coil="coil2", current=1.0, others_open=True))
     (arrows,) = (part.mesh for part in scene.parts if part.name == "eddies of plate 0")
     (path,) = (one.vertices for one in bare.array.conductors() if one.name == "coil2")
-    turning = np.cross(path[:-1, :2], path[1:, :2]).sum()
+    turning = np.cross(path[:-1], path[1:])[:, 2].sum()
     points, K = np.asarray(arrows.points, dtype=float), np.asarray(arrows.point_data[EDDY])
-    middle = bare.array.centres[1] * 1e3
-    assert np.sign(np.cross(points[:, :2] - middle, K[:, :2]).sum()) == -np.sign(turning)
+    away = points - [*(bare.array.centres[1] * 1e3), shield.z * 1e3]
+    assert np.sign(np.cross(away, K)[:, 2].sum()) == -np.sign(turning)
     np.testing.assert_allclose(np.linalg.norm(K, axis=1), arrows.point_data[EDDY_AMOUNT], rtol=1e-6)
     # on the face towards the coils, but for the arrows' own thickness
     assert np.abs(points[:, 2] - shield.z * 1e3).max() < 1.5
@@ -108,7 +112,7 @@ def test_eddy_currents_of_every_body_have_one_scale(design):
     ]
     assert strongest == sorted(strongest, reverse=True)  # the nearer, the stronger
     (scale,) = scene.scales
-    assert scale.high == pytest.approx(strongest[0], rel=0.5)  # the strongest place may lie between the arrows
+    assert scale.high == pytest.approx(strongest[0], rel=0.5)  # but for 2 % of the places, most of them at the rim
 
 
 def test_what_is_not_there_is_refused(design):

@@ -23,6 +23,7 @@ Phasors = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], ComplexArray]
 """Points (n, 3) in m, normals (n, 3) and complex current densities (n, 3) in A/m of one body."""
 
 _ALONG = 20  # number of arrows along the longest side of a plate without end
+_FLAT = 0.9  # cosine of the angle between face and triangle: the rest is the rim
 _BLURRED = 0.4  # of their distance, over which the current of each is averaged
 
 
@@ -73,12 +74,18 @@ def eddies_of_target(
 
 
 def _outlined(design: Design, plate: FinitePlate, operation: WorkingPoint) -> Phasors:
-    """Eddy currents of a plate with an outline, at the middles of the triangles of its surface."""
+    """Eddy currents through the thickness of a plate with an outline, at the triangles of its face near the coils."""
     found = eddy_currents(design.array, plate, operation.frequency, design.sheets)
-    first, second, third = np.moveaxis(found.corners, 1, 0)
+    density = np.tensordot(operation.currents, found.density, axes=1)
+    half = len(density) // 2  # the upper half, and its mirror image in the same order
+    through = density[:half] + density[half:]
+    near = found.corners[half:] if plate.heights[0] >= 0 else found.corners[:half]
+    first, second, third = np.moveaxis(near, 1, 0)
     normals = np.cross(second - first, third - first)
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    return found.corners.mean(axis=1), normals, np.tensordot(operation.currents, found.density, axes=1)
+    normals *= np.sign(normals[:, 2:]) * (-1 if plate.heights[0] >= 0 else 1)
+    face = np.abs(normals @ plate.axes[2]) > _FLAT
+    return near.mean(axis=1)[face], normals[face], through[face]
 
 
 def _endless(

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 _GLASS, _DENSER = 0.22, 0.45  # opacities of what covers the board, and of what covers a part of it
 _BEYOND = 0.06  # of the board's longer side, by which a plate without end is drawn beyond it
 _DECADES = 1.5  # range of current densities that the colours resolve, in powers of ten
-_ARROWS = 20  # number of arrows along the longest side of a body
+_ARROWS, _MOST_ARROWS = 20, 32  # arrows along the longest side of a body, and of all that is shown
+_STRONG = 0.98  # quantile of the current densities that has the last colour: at rims they grow without end
 _SHARP = 30.0  # angle in degrees of an edge that is drawn
 
 
@@ -69,15 +70,20 @@ def scene_of_target(body: Body, positions: Sequence[Position], within: Box, scal
         for part in _glass(f"target {step}", mesh, group, METAL, isinstance(body, Plate)):
             parts.append(_at(part, step))
         if position.eddies is not None and scale is not None:
-            parts += [_at(part, step) for part in eddy_parts(f"eddies {step}", position.eddies, scale)]
+            parts += [_at(part, step) for part in eddy_parts(f"eddies {step}", position.eddies, scale, within)]
     labels = tuple(f"{position.distance * 1e3:g} mm" for position in positions)
     slider = Slider("distance of the target", labels, tuple(position.lines for position in positions), first)
     return Scene(tuple(parts), notes=_cut_note([body]), slider=slider)
 
 
-def eddy_parts(name: str, eddies: Eddies, scale: Scale) -> tuple[Part, ...]:
-    """Return the eddy currents of a body as arrows in the colours of a scale; none where they are below it."""
-    spacing = float(np.ptp(eddies.points, axis=0).max()) / _ARROWS
+def eddy_parts(name: str, eddies: Eddies, scale: Scale, within: Box) -> tuple[Part, ...]:
+    """Return the eddy currents of a body as arrows in the colours of a scale; none where they are below it.
+
+    `within` is the rectangle in m that is shown, whose size says how small an arrow may be.
+    """
+    x_min, y_min, x_max, y_max = within
+    least = max(x_max - x_min, y_max - y_min) / _MOST_ARROWS
+    spacing = max(float(np.ptp(eddies.points, axis=0).max()) / _ARROWS, least)
     arrows = eddy_arrows(eddies, spacing, scale.high).threshold(scale.low, scalars=EDDY_AMOUNT)
     if not arrows.n_cells:
         return ()
@@ -85,8 +91,9 @@ def eddy_parts(name: str, eddies: Eddies, scale: Scale) -> tuple[Part, ...]:
 
 
 def scale_of_eddies(all_eddies: Sequence[Eddies]) -> Scale:
-    """Return one logarithmic scale of current densities up to the largest one."""
-    largest = max((float(np.linalg.norm(one.density, axis=1).max(initial=0.0)) for one in all_eddies), default=0.0)
+    """Return one logarithmic scale of current densities up to the largest ones."""
+    amounts = [np.linalg.norm(one.density, axis=1) for one in all_eddies]
+    largest = max((float(np.quantile(amount, _STRONG)) for amount in amounts if amount.size), default=0.0)
     high = largest if largest > 0 else 1.0
     return Scale(EDDY_AMOUNT, "eddy current", "A/m", high / 10**_DECADES, high, logarithmic=True)
 

@@ -10,6 +10,7 @@ import xarray as xr
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.errors import MetalError
+from coilarray.geometry import FinitePlate
 from coilarray.response.target import target_map, target_of
 from coilarray.viz.datasets.metal import Eddies
 from coilarray.viz.scenes.eddies import (
@@ -93,7 +94,7 @@ def scene_of_metal(
         scene += Scene(notes=_eddy_notes(design, coil, operation, when, none_in_target=bool(steps) and None in moved))
     scale = scale_of_eddies([*of_plates, *(one for one in of_target if one is not None)])
     for number, one in enumerate(of_plates):
-        scene += Scene(eddy_parts(f"eddies of plate {number}", one, scale))
+        scene += Scene(eddy_parts(f"eddies of plate {number}", one, scale, within))
     if numbers is None:
         return scene
     target, lines = (
@@ -130,10 +131,14 @@ def percent(delta: xr.DataArray) -> str:
 
 
 def steps_of(design: Design, distance: float | None = None) -> list[float]:
-    """Return the distances of the design in m, others between them where it has few, and the wanted one."""
-    given = target_of(design).distances
-    between = np.geomspace(given[0], given[-1], _STEPS).tolist() if 1 < len(given) < _STEPS else []
-    wanted = [] if distance is None else [distance]
+    """Return the distances of the design in m, others between them where it has few, and the wanted one.
+
+    A plate with an outline over magnetic sheets takes seconds for each, and has none in between.
+    """
+    target = target_of(design)
+    given, wanted = target.distances, [] if distance is None else [distance]
+    slow = isinstance(target.body, FinitePlate) and any(sheet.relative_permeability > 1 for sheet in design.sheets)
+    between = np.geomspace(given[0], given[-1], _STEPS).tolist() if 1 < len(given) < _STEPS and not slow else []
     near = {one for one in between if min(abs(one / other - 1) for other in (*given, *wanted)) < _NEAR}
     return sorted({*given, *wanted, *(one for one in between if one not in near)})
 

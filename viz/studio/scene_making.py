@@ -81,7 +81,7 @@ def metal_scene(board: BoardParts, moved: Moved | None, step: int, coupling: xr.
         eddies, when = at_their_largest([*phasors, *found])
         scale = scale_of_eddies(eddies)
         for number, one in enumerate(eddies[: len(phasors)]):
-            scene += Scene(eddy_parts(f"eddies of plate {number}", one, scale))
+            scene += Scene(eddy_parts(f"eddies of plate {number}", one, scale, within))
         of_target = eddies[-1] if found else None
         scene += Scene(notes=(f"Eddy currents {when}; 1 mA in {coil}.",))
     for distance in distances:

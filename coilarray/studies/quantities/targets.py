@@ -36,7 +36,7 @@ def _with_target(name: str, unit: str, variable: str, scale: float, says: str) -
     @quantity(name, unit, "target", f"{says}, with the target at a distance", COIL, *_OVER)
     def with_target(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
         at = _over(evaluation, options, [evaluation.distance(options.get("distance_mm"))])
-        return scale * float(at[variable].values[0, 0, 0])
+        return scale * float(at[variable].item())
 
     return with_target
 
