@@ -520,7 +520,7 @@ def test_a_target_is_that_of_its_map_over_the_coil_or_where_it_is_asked():
     assert beside == pytest.approx(
         float(target_map(design, distances=[1e-3], x=[6e-3], y=[-2e-3]).delta[0, 0, 0, 1]), rel=1e-9
     )
-    told = ranges_of(target_map(design, x=[x], y=[y]), 1e-4).sel(state="coil2")
+    told = ranges_of(target_map(design, x=[x], y=[y]), 1e-4).isel(state=1)
     assert value(design, "target_range_mm[coil2,noise=0.0001]") == pytest.approx(float(told.range) * 1e3, rel=1e-9)
     deviation = value(design, "target_deviation_um[coil2,noise=0.0001,distance_mm=3]")
     assert deviation == pytest.approx(float(told.distance_deviation[1]) * 1e6, rel=1e-9)

@@ -99,7 +99,8 @@ def test_eddy_currents_run_against_the_coil(design):
 
 
 @pytest.mark.slow
-def test_eddy_currents_of_every_body_have_one_scale(design):
+def test_eddy_currents_of_every_body_have_one_scale(design, monkeypatch):
+    monkeypatch.setattr("coilarray.viz.scenes.of_metal._STEPS", 0)  # no positions between those of the design
     body = FinitePlate("target", Disc(6e-3), (0.0, 0.0, 0.0), 1e-3, ALUMINIUM)
     moving = replace(design, sheets=(), indentation=None, target=Target(body, (1e-3, 3e-3), (0.0,), (0.0,)))
     strip = FinitePlate("strip", Rectangle(30e-3, 6e-3), (0.0, 0.0, -8e-3), 0.5e-3, ALUMINIUM)

@@ -50,7 +50,9 @@ def ball_mesh(radius: float, centre: tuple[float, float, float]) -> pyvista.Poly
 
     meridians, circles = _BALL
     middle = tuple(MM_PER_M * value for value in centre)
-    ball: pyvista.PolyData = pyvista.Sphere(MM_PER_M * radius, middle, (0, 0, 1), meridians, circles)
+    ball: pyvista.PolyData = pyvista.Sphere(
+        radius=MM_PER_M * radius, center=middle, theta_resolution=meridians, phi_resolution=circles
+    )
     return ball
 
 
