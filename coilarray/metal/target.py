@@ -10,6 +10,7 @@ import numpy.typing as npt
 import shapely
 
 from coilarray.compute.threads import Progress
+from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet, Target
@@ -34,6 +35,7 @@ def target_inductance(
     sheets: Sequence[Sheet] = (),
     plates: Sequence[Plate | FinitePlate] = (),
     *,
+    accuracy: Accuracy = "full",
     progress: Progress | None = None,
 ) -> ComplexArray:
     """Change of the impedance matrix of coils by a target, as a complex inductance.
@@ -54,6 +56,8 @@ def target_inductance(
         Sheets on the board, upwards.
     plates : sequence of Plate or FinitePlate
         Metal that stays where it is.
+    accuracy : {"full", "screen"}
+        Accuracy of a target without end, see `coilarray.metal.flat_plates.plate_inductance`.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -76,7 +80,7 @@ def target_inductance(
                 "a target without end beside plates with an outline is not computed: leave one of them out."
             )
         cases = [endless, *([*endless, replace(body, z=z)] for z in heights)]
-        without, *changes = plate_inductances(source, cases, frequencies, sheets, progress=progress)
+        without, *changes = plate_inductances(source, cases, frequencies, sheets, accuracy=accuracy, progress=progress)
         return np.repeat((np.array(changes) - without)[:, None], len(places), axis=1)
     if plates:
         raise MetalError(
