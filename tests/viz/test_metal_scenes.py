@@ -8,7 +8,7 @@ import pytest
 
 from coilarray import load_design
 from coilarray.errors import MetalError
-from coilarray.geometry import MATERIALS, Ball, Disc, FinitePlate, Plate, Rectangle, Ring, Target
+from coilarray.geometry import MATERIALS, Ball, Disc, FinitePlate, Plate, Ring, Target
 from coilarray.geometry.solids import plate_solid
 from coilarray.response.target import target_map
 from coilarray.viz.datasets.metal import EDDY, EDDY_AMOUNT
@@ -81,37 +81,39 @@ def test_every_position_says_what_the_library_computes(design, shown):
     assert still.slider is None
 
 
+COPPER = MATERIALS["copper"]
+
+
 @pytest.mark.slow
-def test_eddy_currents_run_against_the_coil(design):
-    shield = Plate("shield", design.top + 1e-3, 2e-3, MATERIALS["copper"])
-    bare = replace(design, plates=(shield,), target=None)
+@pytest.mark.parametrize("shield", [
+    Plate("shield", 5e-3, 2e-3, COPPER), FinitePlate("shield", Disc(12e-3), (0.0, 0.0, 6e-3), 2e-3, COPPER)
+])  # fmt: skip
+def test_eddy_currents_run_against_the_coil(design, shield):
+    bare = replace(design, plates=(shield,), target=None, sheets=(), indentation=None)
     scene = scene_of_design(bare, View(show=("plates", "eddies"), coil="coil2", current=1.0, others_open=True))
     (arrows,) = (part.mesh for part in scene.parts if part.name == "eddies of plate 0")
     (path,) = (one.vertices for one in bare.array.conductors() if one.name == "coil2")
     turning = np.cross(path[:-1], path[1:])[:, 2].sum()
     points, K = np.asarray(arrows.points, dtype=float), np.asarray(arrows.point_data[EDDY])
-    away = points - [*(bare.array.centres[1] * 1e3), shield.z * 1e3]
+    away = points - [*(bare.array.centres[1] * 1e3), 5.0]
     assert np.sign(np.cross(away, K)[:, 2].sum()) == -np.sign(turning)
     np.testing.assert_allclose(np.linalg.norm(K, axis=1), arrows.point_data[EDDY_AMOUNT], rtol=1e-6)
     # on the face towards the coils, but for the arrows' own thickness
-    assert np.abs(points[:, 2] - shield.z * 1e3).max() < 1.5
-    assert any("while the coil's current is largest" in note for note in scene.notes)  # copper of two skin depths
+    assert np.abs(points[:, 2] - 5.0).max() < 1.5
+    assert any("while the coil's current is largest" in note for note in scene.notes)  # copper of many skin depths
 
 
 @pytest.mark.slow
-def test_eddy_currents_of_every_body_have_one_scale(design, monkeypatch):
+def test_eddy_currents_at_all_distances_have_one_scale(design, monkeypatch):
     monkeypatch.setattr("coilarray.viz.scenes.of_metal._STEPS", 0)  # no positions between those of the design
     body = FinitePlate("target", Disc(6e-3), (0.0, 0.0, 0.0), 1e-3, ALUMINIUM)
     moving = replace(design, sheets=(), indentation=None, target=Target(body, (1e-3, 3e-3), (0.0,), (0.0,)))
-    strip = FinitePlate("strip", Rectangle(30e-3, 6e-3), (0.0, 0.0, -8e-3), 0.5e-3, ALUMINIUM)
-    scene = scene_of_design(replace(moving, plates=(strip,), target=None), View(show=("plates", "eddies")))
-    assert {part.name for part in scene.parts} >= {"eddies of plate 0", "plate strip", "edges of plate strip"}
-    scene = scene_of_design(replace(moving, plates=()), View(show=("target", "eddies"), distance=2e-3))
-    assert scene.slider.labels[scene.slider.first] == "2 mm"
+    scene = scene_of_design(moving, View(show=("target", "eddies"), distance=3e-3))
+    assert scene.slider.labels[scene.slider.first] == "3 mm"
     strongest = [
         float(part.mesh.point_data[EDDY_AMOUNT].max()) for part in scene.parts if part.name.startswith("eddies")
     ]
-    assert strongest == sorted(strongest, reverse=True)  # the nearer, the stronger
+    assert strongest[0] > 1.1 * strongest[1]  # the nearer, the stronger
     (scale,) = scene.scales
     assert scale.high == pytest.approx(strongest[0], rel=0.5)  # but for 2 % of the places, most of them at the rim
 

@@ -527,6 +527,7 @@ def test_metal_is_added_moved_and_removed(page):
     page.wait_for_function("document.querySelector('#distance').innerText === 'target at 4 mm'")
     assert [row.split("\t") for row in page.evaluate(rows)] == target_rows(expected, len(expected.distances) - 1)
     # another size: what stands there is pale until it is that of the new one
+    page.get_by_role("button", name="Target", exact=True).click()
     browser.enter(page, "target.diameter_mm", "4")
     page.wait_for_function("document.querySelector('#target-rows').closest('.stale')")
     page.wait_for_function("!document.querySelector('#target-rows').closest('.stale')")

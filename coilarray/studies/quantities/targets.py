@@ -60,8 +60,9 @@ def _range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 )  # fmt: skip
 def _deviation(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     distance = evaluation.distance(options.get("distance_mm"))
-    found = ranges_of(_every_distance(evaluation, options, distance), options.get("noise", _USUAL_NOISE))
-    return float(found.distance_deviation.sel(distance=distance, method="nearest").item()) * 1e6
+    known = _every_distance(evaluation, options, distance)
+    deviations = ranges_of(known, options.get("noise", _USUAL_NOISE)).distance_deviation.values[:, 0]
+    return float(deviations[np.abs(known.distance.values - distance).argmin()]) * 1e6
 
 
 def _every_distance(evaluation: Evaluation, options: Mapping[str, Any], wanted: float | None = None) -> xr.Dataset:
