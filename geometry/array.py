@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations, pairwise
 from typing import Literal
 
@@ -259,7 +260,7 @@ class CoilArray:
         gaps = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
         return float(gaps[~np.eye(len(gaps), dtype=bool)].min(initial=np.inf))
 
-    @property
+    @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
         """Edges of the board in m: x_min, y_min, x_max, y_max."""
         points, reach = [], []

@@ -306,14 +306,17 @@ def changed_resonances(
 
 
 def resonances_near(
-    network: Network, result: StateResult, inductances: FloatArray, winding_capacitances: FloatArray | None = None
+    network: Network,
+    result: StateResult,
+    inductances: FloatArray | ComplexArray,
+    winding_capacitances: FloatArray | None = None,
 ) -> FloatArray:
     """Frequencies (cases,) in Hz of a resonance while inductances and capacitances change a little.
 
-    `inductances` (cases, n, n) in H and `winding_capacitances` (cases, n) in F replace the network's own; a change may
-    make the latter negative, as the tank is in parallel. Newton's method on Im Y(f) = 0 for all cases at once, with the
-    slope of the given resonance of this network: the error falls by about the relative change of L at every step. A
-    NetworkError where it finds no resonance.
+    `inductances` (cases, n, n) in H, or L − jR/ω with losses, and `winding_capacitances` (cases, n) in F replace the
+    network's own; a change may make the latter negative, as the tank is in parallel. Newton's method on Im Y(f) = 0 for
+    all cases at once, with the slope of the given resonance of this network: the error falls by about the relative
+    change of L at every step. A NetworkError where it finds no resonance.
     """
     f0 = result.frequency
     slope = susceptance_slope(network, result.state, f0)

@@ -39,6 +39,13 @@ def response(
     dielectric: Annotated[
         bool, typer.Option("--dielectric", help="Include the change of the coils' capacitance by the dent.")
     ] = False,
+    metal: Annotated[
+        bool, typer.Option("--metal/--no-metal", help="Count the indenter's material, where it has one.")
+    ] = True,
+    rest_distance_mm: Annotated[
+        float,
+        typer.Option(help="Height over the sheets of an indenter with a material while L_0 is read; inf: far away."),
+    ] = 0.0,
     reach: Annotated[
         str,
         typer.Option(
@@ -59,6 +66,10 @@ def response(
     the board, a .nc those from the map's origin, and where that is. An interrupted map goes on from the folder
     FILE.parts when the same command runs again. On large boards only the coils near the indenter are counted, and a
     line says so; --reach all counts every coil.
+
+    An indenter with a material (indenter.material of the design) also changes δ by its eddy currents and its
+    magnetisation, against L_0 read as it just touches; their share stands beside δ. Of such an indenter a depth below 0
+    is a height over the sheets: --depth-mm=-5,-1,0,1.
 
     Example: coilarray response gast2020 --depth-mm 0.5,1 --out map.nc --plot map.png
     """
@@ -85,7 +96,7 @@ def response(
         with shared.progress_bar("response") as progress:
             result = response_map(
                 opened, depths=depths, x=x, y=y, reach=counted, imperfections=imperfections, ideal=ideal,
-                dielectric=dielectric, parts=parts, progress=progress,
+                dielectric=dielectric, metal=metal, rest=rest_distance_mm * 1e-3, parts=parts, progress=progress,
             )  # fmt: skip
     except NetworkError:
         store.discard(store.keys() - kept)  # of no use: going on would end in the same way

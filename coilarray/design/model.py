@@ -24,11 +24,14 @@ from coilarray.design.window import Positions, array_window
 from coilarray.errors import DesignError, GeometryError, NetworkError
 from coilarray.geometry import (
     EVEN,
+    Ball,
     Coil,
     CoilArray,
     FabRules,
     FinitePlate,
+    Hemisphere,
     Indenter,
+    Material,
     Plate,
     Sheet,
     Target,
@@ -109,11 +112,15 @@ class Indentation:
         Distance in m of the positions that `Design` sets; it follows from the coils by default.
     over_array : tuple of tuple of float
         The x and y that `Design` has set; another array gives others.
+    material : Material or None
+        What a hemisphere is made of, where it carries eddy currents or is magnetic: it then counts as a `ball` of its
+        radius. None for what the field does not meet, such as plastics.
 
     Raises
     ------
     DesignError
-        No depth, x without y, or depths that do not rise from above zero.
+        No depth, x without y, depths that do not rise from above zero, or a material of another indenter than a
+        hemisphere.
     """
 
     indenter: Indenter
@@ -129,8 +136,14 @@ class Indentation:
     unevenness: Unevenness = EVEN
     step: float | None = None
     over_array: Positions = ((), ())
+    material: Material | None = None
 
     def __post_init__(self) -> None:
+        if self.material is not None and not isinstance(self.indenter, Hemisphere):
+            raise DesignError(
+                'indenter.material needs shape = "hemisphere", which counts as a ball of its radius; '
+                f"got a {self.indenter.name} of {self.material.name}."
+            )
         if not self.depths or bool(self.x) != bool(self.y):
             raise DesignError("an indentation must have at least one depth, and one x and one y or none of both.")
         if not all(shallow < deep for shallow, deep in pairwise((0.0, *self.depths))):
@@ -138,6 +151,11 @@ class Indentation:
                 f"depths of an indentation must rise from above zero; "
                 f"got {', '.join(f'{depth * 1e3:g}' for depth in self.depths)} mm."
             )
+
+    @property
+    def ball(self) -> Ball | None:
+        """The ball that the indenter is to the field of the coils; None without a material."""
+        return None if self.material is None else Ball(self.indenter.radius, self.material)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,6 +294,7 @@ class Design:
             places = (setup.x, setup.y, setup.origin_point, setup.sample_bounds or ())
             how = (setup.base, setup.strain, setup.sample_radius, setup.unevenness)
             pressed = (setup.indenter, setup.depths, *how, *map(np.array, places))
+            pressed += () if setup.material is None else (setup.material,)
         metal: tuple[object, ...] = (("plates", self.plates),) if self.plates else ()
         if (target := self.target) is not None:
             places = (target.x, target.y, target.origin_point)
@@ -490,6 +509,7 @@ def _indentation(parsed: Document) -> Indentation | None:
         strain=table.strain,
         unevenness=table.unevenness(),
         **table.places(),
+        material=indenter.substance("indenter"),
     )
 
 

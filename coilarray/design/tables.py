@@ -17,7 +17,7 @@ from pydantic_core import PydanticCustomError
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design.fab_limits import FabTable
 from coilarray.design.places_table import PlacesTable
-from coilarray.design.plates import PlateTable
+from coilarray.design.plates import MaterialTable, PlateTable
 from coilarray.design.scan_states import Passive, ScanState, terminated_state
 from coilarray.design.target_table import FlatTarget, SphereTarget
 from coilarray.design.units import (
@@ -399,8 +399,8 @@ class SheetTable(Table):
         return Sheet(**in_si(self))
 
 
-class RoundTable(Table):
-    """``[indenter]`` of every shape without an edge.
+class RoundTable(MaterialTable):
+    """``[indenter]`` of every shape without an edge; without a material it is nothing to the field.
 
     The radius of a paraboloid is that of curvature at its tip; a cylinder edge is a long cylinder that lies along y.
     """
@@ -418,7 +418,7 @@ _ROUND: Mapping[str, Callable[[float], Indenter]] = {
 }  # fmt: skip
 
 
-class PunchTable(Table):
+class PunchTable(MaterialTable):
     """``[indenter]`` with ``shape = "flat_punch"``."""
 
     shape: Literal["flat_punch"]
@@ -430,7 +430,7 @@ class PunchTable(Table):
         return FlatPunch(self.radius_mm * _MM, _edge(self.edge_radius_mm))
 
 
-class ConeTable(Table):
+class ConeTable(MaterialTable):
     """``[indenter]`` with ``shape = "cone"``; the angle is between its axis and its side."""
 
     shape: Literal["cone"]

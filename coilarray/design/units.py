@@ -12,9 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 SCALES: Mapping[str, float] = {
-    "mm": 1e-3, "um": 1e-6, "deg": math.pi / 180, "mrad": 1e-3, "kPa": 1e3, "pF": 1e-12, "nH": 1e-9, "percent": 1e-2,
+    "mm": 1e-3, "um": 1e-6, "deg": math.pi / 180, "mrad": 1e-3, "kPa": 1e3, "pF": 1e-12, "nH": 1e-9, "uH": 1e-6,
+    "MHz": 1e6, "percent": 1e-2,
 }  # fmt: skip
-"""SI value of each unit that stands at the end of a key."""
+"""SI value of each unit that stands at the end of a key or an option."""
 
 _ENTRY_UNITS = {
     "mm": "mm", "um": "µm", "deg": "deg", "mrad": "mrad", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa",

@@ -25,7 +25,6 @@ from coilarray.geometry import (
     FabRules,
     FinitePlate,
     FlatPunch,
-    Indenter,
     Lattice,
     Leads,
     Plate,
@@ -104,7 +103,7 @@ def design_document(design: Design) -> dict[str, Any]:
     if design.sheets:
         document["elastomer"] = _sheet_tables(design.sheets)
         if design.indentation is not None:
-            document["indenter"] = _indenter_table(design.indentation.indenter)
+            document["indenter"] = _indenter_table(design.indentation)
             document["indentation"] = _indentation_table(design.indentation, names)
     if design.plates:
         document["plate"] = _plate_tables(design.plates)
@@ -377,7 +376,8 @@ def _plate_tables(plates: Sequence[Plate | FinitePlate]) -> list[dict[str, Any]]
     return tables
 
 
-def _indenter_table(indenter: Indenter) -> dict[str, Any]:
+def _indenter_table(setup: Indentation) -> dict[str, Any]:
+    indenter = setup.indenter
     table: dict[str, Any] = {"shape": indenter.name.replace(" ", "_")}
     if isinstance(indenter, Cone):
         table["half_angle_deg"] = _entry(indenter.half_angle, _DEG)
@@ -385,7 +385,7 @@ def _indenter_table(indenter: Indenter) -> dict[str, Any]:
         table["radius_mm"] = _entry(indenter.radius, _MM)
     if isinstance(indenter, Cone | FlatPunch) and indenter.edge_radius is not None:
         table["edge_radius_mm"] = _entry(indenter.edge_radius, _MM)
-    return table
+    return table if setup.material is None else table | material_entries(setup.material, _entry)
 
 
 def _uneven(seat: Unevenness) -> dict[str, Any]:

@@ -19,7 +19,8 @@ coils.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -28,8 +29,7 @@ from scipy.special import gammaln
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.constants import MU_0
-from coilarray.elastomer.coil_spectrum import coil_segments, harmonics_about, segment_centres, segment_spectra
-from coilarray.elastomer.flat_layer import magnetic_slab
+from coilarray.elastomer.coil_spectrum import Segments, coil_segments, harmonics_about, segment_centres, segment_spectra
 from coilarray.elastomer.flat_stack import flat_profile, reflection
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
@@ -39,7 +39,7 @@ FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
 _LEFT_OUT = 1e-7  # of the energy: multipoles of higher order
-_FEWEST, _MOST = 4, 120  # multipoles
+_FEWEST, _MOST = 8, 120  # multipoles
 _DECAYS = 16.0  # of the shortest wave from the coils to the ball
 _DOWN = 8  # steps of the continued fraction, in roots of a skin depth's part of the radius
 _REFLECTED = 160  # nodes of the integral over the reflected waves
@@ -83,8 +83,6 @@ def ball_inductance(
     MetalError
         Centres or frequencies that are not allowed, a ball that reaches into the sheets or the coils, or comes so near
         to them that more than 120 multipoles count.
-    ElastomerError
-        Sheets with more than one magnetic region.
     MemoryLimitError
         More values than there is memory for.
 
@@ -106,90 +104,122 @@ def ball_inductance(
     >>> round(float(change[0, 0, 0, 0].real * 1e15), 2), round(-2 * np.pi * 2.5e-3**3 * B**2 / MU_0 * 1e15, 2)
     (-2.53, -2.47)
     """
-    at, frequency = _checked(centres, frequencies)
+    at = np.asarray(centres, dtype=np.float64)
+    if at.ndim != 2 or at.shape[1] != 3 or not np.isfinite(at).all():
+        raise MetalError(f"centres of a ball must be finite and of shape (n, 3); got shape {at.shape}.")
+    _require_above(at, ball, sheets)
+
+    def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
+        return _over_flat(height, sheets, alpha, wavenumbers, ball)
+
+    return multipole_inductance(source, ball, at, frequencies, answer, progress=progress)
+
+
+def multipole_inductance(
+    source: Source,
+    ball: Ball,
+    at: FloatArray,
+    frequencies: npt.ArrayLike,
+    answer: Callable[[float, FloatArray, ComplexArray], Multipoles],
+    *,
+    progress: Progress | None = None,
+) -> ComplexArray:
+    """`ball_inductance` with any surroundings that are the same all round the ball.
+
+    `answer` takes the height of the ball's centre in m, the wavenumbers (k,) in 1/m and the polarisabilities of the
+    ball, shape (f, orders), and returns its `Multipoles`.
+    """
+    frequency = np.asarray(frequencies, dtype=np.float64)
+    if frequency.ndim != 1 or not frequency.size or not (np.isfinite(frequency) & (frequency >= 0)).all():
+        raise MetalError(f"frequencies must be one row of finite numbers of at least 0; got {frequency} Hz.")
     coils = coil_segments(source)
     middles, radius = segment_centres(coils)
-    copper = max(float(max(coil.start[:, 2].max(), coil.stop[:, 2].max())) for coil in coils)
+    copper = _highest_copper(coils, at, ball)
     shape = (len(at), len(frequency), len(coils), len(coils))
     require_memory(16.0 * math.prod(shape), f"a ball at {len(at)} places with {len(coils)} coils", "compute in pieces")
     change = np.zeros(shape, dtype=np.complex128)
     if not len(at):
         return change
-    _require_above(at, ball, sheets, copper)
-    magnetic_slab(sheets)  # more than one magnetic region is refused
     orders = _orders(ball, float(at[:, 2].min()) - copper)
     wavenumbers, weights = _wavenumbers(ball, at, middles, radius, copper, orders)
     heights, height_of = np.unique(np.round(at[:, 2] / _SAME), return_inverse=True)
-    seen = [_Seen(ball, height * _SAME, frequency, sheets, wavenumbers, weights, orders) for height in heights.tolist()]
     places, place_of = np.unique(np.round(at[:, :2] / _SAME), axis=0, return_inverse=True)
-    place_of = place_of.ravel()
+    height_of, place_of = height_of.ravel(), place_of.ravel()
+    alpha = polarisabilities(ball.radius, ball.material, frequency, orders)
+    seen = [answer(height * _SAME, wavenumbers, alpha) for height in heights.tolist()]
+    scale = weights * wavenumbers / (2 * np.pi)
     spectra = segment_spectra(coils, wavenumbers)
     blocks = ranges(len(places), _POSITIONS)
     for done, (start, stop) in enumerate(blocks, start=1):
-        incident = harmonics_about(spectra, places[start:stop] * _SAME, orders)
+        incident = harmonics_about(spectra, places[start:stop] * _SAME, orders) * scale[:, None, None, None]
         for number, one in enumerate(seen):
             rows = np.flatnonzero((place_of >= start) & (place_of < stop) & (height_of == number))
-            change[rows] = one.change(incident[:, place_of[rows] - start])
+            if len(rows):
+                change[rows] = -4 * np.pi * MU_0 * ball.radius * one.product(incident[:, place_of[rows] - start])
         if progress is not None:
             progress(done, len(blocks))
     return change
 
 
-class _Seen:
-    """A ball at one height as the coils see it: weights of every wave, and the response of its multipoles."""
+@dataclass(frozen=True, eq=False)
+class Multipoles:
+    """The multipoles of a ball and what they answer, for every harmonic m from 0 on and l from max(m, 1).
 
-    def __init__(
-        self,
-        ball: Ball,
-        height: float,
-        frequencies: FloatArray,
-        sheets: Sequence[Sheet],
-        wavenumbers: FloatArray,
-        weights: FloatArray,
-        orders: int,
-    ) -> None:
-        thicknesses = [sheet.thickness for sheet in sheets]
-        permeabilities = [sheet.relative_permeability for sheet in sheets]
-        top = math.fsum(thicknesses)
-        above = flat_profile(wavenumbers, np.array([top]), thicknesses, permeabilities)[0]
-        fall = wavenumbers * (height - top)
-        nodes, rule = np.polynomial.legendre.leggauss(_REFLECTED)
-        highest = _highest(ball, orders)
-        k, rule = (nodes + 1) / 2 * highest, rule / 2 * highest
-        returned = reflection(k, thicknesses[::-1], permeabilities[::-1]) * rule * ball.radius
-        alpha = polarisabilities(ball.radius, ball.material, frequencies, orders)
-        self._frequencies = len(frequencies)
-        self._weights: list[FloatArray] = []
-        self._responses: list[ComplexArray] = []
-        for m in range(orders + 1):
-            first = max(m, 1)
-            order = np.arange(first, orders + 1)
-            incident = _multipoles(wavenumbers * ball.radius, fall, order, m) * above
-            self._weights.append(incident * weights * wavenumbers * math.sqrt(ball.radius) / (2 * np.pi))
-            sent = _multipoles(k * ball.radius, k * (height - top), order, m)
-            own = alpha[:, first - 1 :]
-            total = np.eye(len(order)) - (sent * returned) @ sent.T * own[:, None]
-            # 4π (8π with both parts) of −μ0 Σ α a², from Green's theorem on a sphere about the ball
-            part = -(4 if m == 0 else 8) * np.pi * MU_0
-            self._responses.append(
-                part * np.linalg.solve(total.transpose(0, 2, 1), own[..., None] * np.eye(len(order)))
-            )
+    Parameters
+    ----------
+    fields : sequence of ndarray, shape (orders, k)
+        Multipoles of the field at the ball for the incident waves e^{−kz} J_m(kr), scaled so that those of the waves
+        alone are the weights w_l e^{−kz} of the module's text.
+    answers : sequence of ndarray, shape (f, orders, orders)
+        Strengths of the ball's own multipoles for these, all reflections included.
+    """
 
-    def change(self, incident: ComplexArray) -> ComplexArray:
-        """Change in H, shape (positions, f, coils, coils), for harmonics (k, positions, coils, orders) of the coils."""
+    fields: Sequence[FloatArray]
+    answers: Sequence[ComplexArray]
+
+    def product(self, incident: ComplexArray) -> ComplexArray:
+        """Fields times answers times fields, shape (positions, f, coils, coils).
+
+        `incident`, shape (k, positions, coils, orders), are the harmonics of the coils.
+        """
         wavenumbers, positions, coils, _ = incident.shape
-        if not positions:
-            return np.zeros((0, self._frequencies, coils, coils), dtype=np.complex128)
 
         def of(m: int) -> ComplexArray:
             waves = np.ascontiguousarray(incident[..., m]).reshape(wavenumbers, -1).view(np.float64)
-            field = (self._weights[m] @ waves).reshape(-1, positions, coils, 2)
+            field = (self.fields[m] @ waves).reshape(-1, positions, coils, 2)
             field = field.transpose(1, 3, 2, 0)[:, None]  # positions, 1, real and imaginary part, coils, multipoles
-            answer = field @ self._responses[m][:, None] @ field.swapaxes(-1, -2)
-            return np.asarray(answer.sum(axis=2))
+            product = (field @ self.answers[m][:, None] @ field.swapaxes(-1, -2)).sum(axis=2)
+            return np.asarray(product if m == 0 else 2 * product)  # m and −m
 
-        total = np.sum(run_blocks(of, range(len(self._weights))), axis=0)
+        total = np.sum(run_blocks(of, range(len(self.fields))), axis=0)
         return np.asarray((total + total.swapaxes(-1, -2)) / 2)
+
+
+def _over_flat(
+    height: float, sheets: Sequence[Sheet], alpha: ComplexArray, wavenumbers: FloatArray, ball: Ball
+) -> Multipoles:
+    """Return the multipoles of a ball whose centre is at a height in m over flat sheets."""
+    thicknesses = [sheet.thickness for sheet in sheets]
+    permeabilities = [sheet.relative_permeability for sheet in sheets]
+    top, orders = math.fsum(thicknesses), alpha.shape[1]
+    above = flat_profile(wavenumbers, np.array([top]), thicknesses, permeabilities)[0]
+    nodes, rule = np.polynomial.legendre.leggauss(_REFLECTED)
+    highest = _highest(ball, orders)
+    k, rule = (nodes + 1) / 2 * highest, rule / 2 * highest
+    sent_back = reflection(k, thicknesses[::-1], permeabilities[::-1]) * rule * ball.radius
+    fields, answers = [], []
+    for m in range(orders + 1):
+        order = np.arange(max(m, 1), orders + 1)
+        fields.append(_multipoles(wavenumbers * ball.radius, wavenumbers * (height - top), order, m) * above)
+        sent = _multipoles(k * ball.radius, k * (height - top), order, m)
+        answers.append(answer_of(alpha[:, order[0] - 1 :], (sent * sent_back) @ sent.T))
+    return Multipoles(fields, answers)
+
+
+def answer_of(alpha: ComplexArray, returned: FloatArray) -> ComplexArray:
+    """Strengths (1 − αS)⁻¹ α of the multipoles, shape (f, orders, orders); S is what of them is sent back."""
+    identity = np.eye(alpha.shape[1])
+    return np.asarray(np.linalg.solve(identity - alpha[..., None] * returned, alpha[..., None] * identity))
 
 
 def polarisabilities(radius: float, material: Material, frequencies: FloatArray, orders: int) -> ComplexArray:
@@ -247,23 +277,25 @@ def _wavenumbers(
     return (nodes + 1) / 2 * highest, weights / 2 * highest
 
 
-def _checked(centres: npt.ArrayLike, frequencies: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    at, frequency = np.asarray(centres, dtype=np.float64), np.asarray(frequencies, dtype=np.float64)
-    if at.ndim != 2 or at.shape[1] != 3 or not np.isfinite(at).all():
-        raise MetalError(f"centres of a ball must be finite and of shape (n, 3); got shape {at.shape}.")
-    if frequency.ndim != 1 or not frequency.size or not (np.isfinite(frequency) & (frequency >= 0)).all():
-        raise MetalError(f"frequencies must be one row of finite numbers of at least 0; got {frequency} Hz.")
-    return at, frequency
-
-
-def _require_above(at: FloatArray, ball: Ball, sheets: Sequence[Sheet], copper: float) -> None:
-    """Refuse coils above the board, and a ball that reaches into the sheets or to the copper."""
+def _highest_copper(coils: Sequence[Segments], at: FloatArray, ball: Ball) -> float:
+    """Height of the highest copper in m, which must lie on the board and below the ball."""
+    copper = max(float(max(coil.start[:, 2].max(), coil.stop[:, 2].max())) for coil in coils)
     if copper > 0:
         raise MetalError(f"coils must lie at z <= 0, below the sheets; one reaches z = {copper:.4g} m.")
-    top = math.fsum(sheet.thickness for sheet in sheets)
-    lowest = float(at[:, 2].min()) - ball.radius
-    if lowest < top - _SAME or lowest <= copper:
+    lowest = float(at[:, 2].min(initial=math.inf)) - ball.radius
+    if lowest <= copper:
         raise MetalError(
-            f"a ball must lie above the sheets and the copper, at z > {top * 1e3:.4g} mm; it reaches down to "
+            f"a ball must lie above the copper, at z > {copper * 1e3:.4g} mm; it reaches down to "
+            f"z = {lowest * 1e3:.4g} mm."
+        )
+    return copper
+
+
+def _require_above(at: FloatArray, ball: Ball, sheets: Sequence[Sheet]) -> None:
+    top = math.fsum(sheet.thickness for sheet in sheets)
+    lowest = float(at[:, 2].min(initial=math.inf)) - ball.radius
+    if lowest < top - _SAME:
+        raise MetalError(
+            f"a ball must lie above the sheets, at z >= {top * 1e3:.4g} mm; it reaches down to "
             f"z = {lowest * 1e3:.4g} mm."
         )

@@ -12,7 +12,6 @@ size, with the currents' mirror images in M and b. Then ΔL = bᵀψ is symmetri
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,7 +20,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from coilarray.compute.memory import require_memory
-from coilarray.compute.threads import ranges, run_blocks, serial_algebra
+from coilarray.compute.threads import ranges, run_blocks
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.kernels.triangles import triangle_pairs
 from coilarray.metal.plate_mesh import HalfBody

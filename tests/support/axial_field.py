@@ -1,4 +1,4 @@
-"""Finite elements for a circular loop about the axis of a body: inductance and loss of any axisymmetric materials."""
+"""Finite elements for circular loops about the axis of any materials: what these do to inductance and loss."""
 
 import numpy as np
 from scipy.sparse.linalg import splu
@@ -12,9 +12,9 @@ FAR = 0.16  # m, where the potential is held at zero
 def loop_inductance(loops, materials, frequency, near, edges, finest):
     """ΔL − jΔR/ω in H, shape (loops,), of loops (radius, height) in m by materials, against vacuum on the same mesh.
 
-    `materials(r, z)` gives relative permeability and conductivity at points. Elements within their own size of a line of
-    `edges(r, z)`, the distances in m from all surfaces, are divided until they are at most `finest` m; those where
-    `near(r, z)` holds are at most 8 times larger.
+    `materials(r, z)` gives relative permeability and conductivity at points; faces at every 2 mm are on lines of the
+    mesh. Elements within their own size of a surface, from which `edges(r, z)` are the distances in m, are divided
+    until they are at most `finest` m; those where `near(r, z)` holds are at most 8 times larger.
     """
     outwards = np.array([0, 2, 4, 6, 8, 10, 12, 14, 16, 20, 26, 36, 52, 80, 120, FAR * 1e3]) * 1e-3
     mesh = MeshTri.init_tensor(outwards, np.concatenate((-outwards[:0:-1], outwards)))
@@ -54,4 +54,4 @@ def loop_inductance(loops, materials, frequency, near, edges, finest):
     if frequency:
         filled = filled + 2j * np.pi * frequency * MU_0 * loss.assemble(basis, conductivity=sigma)
     fields = [splu(m[free][:, free].tocsc()).solve(sources[free].astype(m.dtype)) for m in (vacuum, filled)]
-    return 2 * np.pi * MU_0 * (sources[free] * (fields[1] - fields[0])).sum(axis=0), basis.N
+    return 2 * np.pi * MU_0 * (sources[free] * (fields[1] - fields[0])).sum(axis=0)

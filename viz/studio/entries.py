@@ -22,6 +22,10 @@ _COIL = {
     "corner_radius_mm": "corner radius", "trace_width_mm": "trace width", "gap_mm": "gap", "sides": "sides",
     "first_corner_deg": "first corner",
 }  # fmt: skip
+_LEADS = {
+    "length_mm": "length of the leads", "spacing_mm": "distance of the terminals", "pad_mm": "pads of the terminals",
+    "drill_mm": "holes of the terminals",
+}  # fmt: skip
 _ARRAY = {
     "pitch_mm": "pitch", "columns": "columns", "rows": "rows", "rings": "rings",
     "direction_deg": "direction of the rows", "rotation_deg": "rotation of each coil",
@@ -106,6 +110,7 @@ def text_of(value: float) -> str:
 def _entries(values: Mapping[str, object]) -> Iterator[Entry]:
     for name in dict.fromkeys(key.split(".")[1] for key in values if key.startswith("coils.")):
         yield from _table(values, f"coils.{name}", f"Coil {name}", _COIL)
+        yield from _table(values, f"coils.{name}.leads", f"Coil {name}", _LEADS)
     yield from _table(values, "array", "Array", _ARRAY)
     for k in itertools.takewhile(lambda k: f"elastomer.{k}.name" in values, itertools.count()):
         yield from _table(values, f"elastomer.{k}", f"Elastomer {values[f'elastomer.{k}.name']}", _SHEET)

@@ -64,14 +64,15 @@ class Work:
     def with_entries(self, changes: Mapping[str, Any]) -> Work:
         """Set several entries at once, to values as for `coilarray.design.vary.vary`; errors as in `with_entry`."""
         _require_few_coils(self.opened.values, changes)
-        return self._rebuilt(vary_chosen(self.opened.document, changes))
+        return self.with_document(vary_chosen(self.opened.document, changes))
 
     def with_tables(self, tables: Mapping[str, Any]) -> Work:
         """Set whole tables of the file by their names, None for none; errors as in `with_entry`."""
         document = {name: table for name, table in {**self.opened.document, **tables}.items() if table is not None}
-        return self._rebuilt(no_longer_assumed(document, tables))
+        return self.with_document(no_longer_assumed(document, tables))
 
-    def _rebuilt(self, document: Mapping[str, Any]) -> Work:
+    def with_document(self, document: Mapping[str, Any]) -> Work:
+        """Return it with another document; errors as in `with_entry`."""
         try:
             opened = build_design_file(document, self.design.name, self.opened.text)
         except DesignError as error:
