@@ -74,24 +74,22 @@ def eddies_of_target(
 
 
 def _outlined(design: Design, plate: FinitePlate, operation: WorkingPoint) -> Phasors:
-    """Eddy currents through the thickness of a plate with an outline, at the triangles of its face near the coils."""
+    """Eddy currents through the thickness of a plate with an outline, at the triangles of its upper face."""
     found = eddy_currents(design.array, plate, operation.frequency, design.sheets)
     density = np.tensordot(operation.currents, found.density, axes=1)
     half = len(density) // 2  # the upper half, and its mirror image in the same order
-    through = density[:half] + density[half:]
-    near = found.corners[half:] if plate.heights[0] >= 0 else found.corners[:half]
-    first, second, third = np.moveaxis(near, 1, 0)
+    upper, through = found.corners[:half], density[:half] + density[half:]
+    first, second, third = np.moveaxis(upper, 1, 0)
     normals = np.cross(second - first, third - first)
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    normals *= np.sign(normals[:, 2:]) * (-1 if plate.heights[0] >= 0 else 1)
-    face = np.abs(normals @ plate.axes[2]) > _FLAT
-    return near.mean(axis=1)[face], normals[face], through[face]
+    face = normals @ plate.axes[2] > _FLAT
+    return upper.mean(axis=1)[face], normals[face], through[face]
 
 
 def _endless(
     design: Design, shown: Sequence[Plate], plates: Sequence[Plate], operation: WorkingPoint, within: Box
 ) -> list[Phasors]:
-    """Eddy currents of the first plates of `plates`, those `shown`, on a grid over the face near the coils."""
+    """Eddy currents of the first plates of `plates`, those `shown`, on a grid over their upper faces."""
     if not shown:
         return []
     x_min, y_min, x_max, y_max = within
@@ -101,10 +99,9 @@ def _endless(
     density = plate_currents(array, operation.currents, plates, operation.frequency, x, y, sheets, blur=_BLURRED * step)
     found = []
     for plate, K in zip(shown, density, strict=False):
-        above = plate.z >= 0
         flat = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-        points = np.column_stack((flat, np.full(len(flat), plate.heights[0] if above else plate.heights[1])))
-        normals = np.broadcast_to([0.0, 0.0, -1.0 if above else 1.0], points.shape)
+        points = np.column_stack((flat, np.full(len(flat), plate.heights[1])))
+        normals = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
         found.append((points, normals, np.column_stack((K.reshape(-1, 2), np.zeros(len(flat))))))
     return found
 
