@@ -46,9 +46,12 @@ class ForwardModel(ResponseSpline):
         (states,).
     states : tuple of str
         Names of the states in the order of every axis of states.
+    parameters : tuple of str
+        Names of the coordinates; the last one is the distance of a target.
     """
 
     states: tuple[str, ...]
+    parameters: tuple[str, ...] = PARAMETERS
 
     def select(self, states: Sequence[str]) -> ForwardModel:
         """Return the model of some of the states, in the given order; for example without a broken coil.
@@ -83,7 +86,7 @@ class ForwardModel(ResponseSpline):
         if out is not None:
             axis, value = out
             raise LocalizeError(
-                f"{PARAMETERS[axis]} of a point must be in the table, {self.lower[axis]:.4g} to "
+                f"{self.parameters[axis]} of a point must be in the table, {self.lower[axis]:.4g} to "
                 f"{self.upper[axis]:.4g} m; got {value:.4g} m."
             )
         return array
@@ -158,7 +161,9 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     delta, (x, y, depth) = _table(over_depth(response))
     names = tuple(str(name) for name in response["state"].values)
     table = response_spline(x, y, depth, delta, zero_plane=zero_plane)
-    return ForwardModel(states=names, x=table.x, y=table.y, depth=table.depth, spline=table.spline)
+    parameters = ("x", "y", "distance") if is_of_target(response) else PARAMETERS
+    axes = {"x": table.x, "y": table.y, "depth": table.depth}
+    return ForwardModel(states=names, parameters=parameters, spline=table.spline, **axes)
 
 
 def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:

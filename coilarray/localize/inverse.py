@@ -96,9 +96,9 @@ class Mode:
 
     @property
     def known_deviations(self) -> tuple[float | None, ...]:
-        """Standard deviations of x, y and depth in m as far as there are unknowns; None for one that is known or too large.
+        """Standard deviations of x, y and depth in m, to the last unknown.
 
-        Too large is one of `UNKNOWN_DEVIATION` or more.
+        None for one of `UNKNOWN_DEVIATION` or more, and for a coordinate that the table fixes.
         """
         found = dict(zip(self.unknowns, self.deviations.tolist(), strict=True))
         values = (found.get(k, np.inf) for k in range(max(found) + 1))
@@ -286,7 +286,8 @@ def _solve_block(
 ) -> list[Location]:
     nothing = ((readings / sigma) ** 2).sum(axis=1)
     pressed = np.flatnonzero(chdtrc(len(model.states), nothing) <= alarm)
-    result = [_nothing(float(value), len(model.states)) for value in nothing]
+    reason = "nothing is pressed" if model.parameters == PARAMETERS else "no target is noticed"
+    result = [_nothing(float(value), len(model.states), reason) for value in nothing]
     if len(pressed):
         minima = _minima(model, readings[pressed], sigma, confidence)
         ends = np.searchsorted(minima.owner, np.arange(len(pressed) + 1)).tolist()
@@ -307,6 +308,7 @@ class _Minima:
     gaussian: BoolArray
     edge: BoolArray
     free: list[int]  # numbers of the unknowns among x, y and depth
+    names: tuple[str, ...]  # of x, y and depth
     pressure: FloatArray  # fall of χ² that lies beyond the border of the table, were the model linear there
 
     def is_new(self, first: int, k: int) -> bool:
@@ -317,7 +319,7 @@ class _Minima:
     def mode(self, k: int) -> Mode:
         """Return minimum k as a result."""
         x, y, depth = self.points[k].tolist()
-        border = tuple(PARAMETERS[axis] for axis, at in zip(self.free, self.edge[k].tolist(), strict=True) if at)
+        border = tuple(self.names[axis] for axis, at in zip(self.free, self.edge[k].tolist(), strict=True) if at)
         gaussian, free = bool(self.gaussian[k]), tuple(self.free)
         return Mode(x, y, depth, self.fisher[k], float(self.chi_square[k]), gaussian, border, free)
 
@@ -341,7 +343,7 @@ def _minima(model: ForwardModel, readings: FloatArray, sigma: FloatArray, confid
     pressure[points[:, 2] <= 0] = 0  # no indentation is shallower than none
     gaussian = known & _is_gaussian(model, readings[owner], points, chi_square, fisher, sigma, quantile)
     edge = ((points <= model.lower) | (points >= model.upper))[:, model.free]
-    return _Minima(owner, points, chi_square, fisher, gaussian, edge, model.free, pressure)
+    return _Minima(owner, points, chi_square, fisher, gaussian, edge, model.free, model.parameters, pressure)
 
 
 def _is_gaussian(
@@ -368,9 +370,9 @@ def _is_gaussian(
     return result
 
 
-def _nothing(chi_square: float, states: int) -> Location:
+def _nothing(chi_square: float, states: int, what: str) -> Location:
     probability = float(chdtrc(states, chi_square))
-    reason = f"nothing is pressed: noise alone makes such a reading with a probability of {probability:.2g}."
+    reason = f"{what}: noise alone makes such a reading with a probability of {probability:.2g}."
     return Location("nothing pressed", reason, (), chi_square, states, probability)
 
 

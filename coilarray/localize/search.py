@@ -44,10 +44,10 @@ _LEAST_DAMPING = 1e-10  # of the trace of the normal matrix, which a state witho
 class Scan:
     """Cells of the table, with the linear model around each.
 
-    `shape` counts the cells along x, y and depth, of which `free` are unknown; `size`, shape (unknowns,), is that of one in m, and `centres`, shape
-    (cells, 3), are in m. `scaled` (cells, states) is the model at the centre over the noise, `slopes` (cells, states,
-    unknowns) its change over a cell over the noise, J, and `forms` (1 + unknowns, states, cells) `scaled` and the
-    columns of Q.
+    `shape` counts the cells along x, y and depth, of which `free` are unknown; `size`, shape (unknowns,), is that of
+    one in m, and `centres`, shape (cells, 3), are in m. `scaled` (cells, states) is the model at the centre over the
+    noise, `slopes` (cells, states, unknowns) its change over a cell over the noise, J, and `forms` (1 + unknowns,
+    states, cells) `scaled` and the columns of Q.
     """
 
     shape: tuple[int, int, int]

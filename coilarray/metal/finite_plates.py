@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 from scipy.linalg import lu_factor, lu_solve
 
 from coilarray.compute.memory import require_memory
@@ -20,7 +21,7 @@ from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.plate import FinitePlate
 from coilarray.metal.field_at_plate import field_at
 from coilarray.metal.half_body import EddyBody, pair_integrals
-from coilarray.metal.plate_mesh import plate_mesh
+from coilarray.metal.plate_mesh import Footprint, plate_mesh
 from coilarray.metal.surface_impedance import SurfaceImpedance, model_error, surface_impedance
 
 FloatArray = npt.NDArray[np.float64]
@@ -196,19 +197,21 @@ def _prepared(
             + ("" if math.isinf(bottom) else f", or below z = {bottom * 1e3:.4g} mm, the lowest copper")
             + f"; {plate.name!r} reaches from {low[first] * 1e3:.4g} to {high[first] * 1e3:.4g} mm."
         )
-    body = EddyBody(plate_mesh(plate.outline, plate.thickness, fineness))
     nearest = float(np.where(low > top, low - float(corners[:, 2].max()), bottom - high).min())
     radius = min(float(np.ptp(path.vertices[:, :2], axis=0).min()) / 2 for path in paths)
+    hulls = [shapely.convex_hull(shapely.linestrings(path.vertices[:, :2])) for path in paths]
+    area = shapely.union_all([shapely.transform(hull, lambda xy, at=at: xy - at) for hull in hulls for at in where[:, :2]])
+    body = EddyBody(plate_mesh(plate.outline, plate.thickness, fineness, Footprint(area, nearest, radius)))
     scale = min(body.mesh.inscribed, nearest + radius)
     for f in frequencies.tolist():
-        error = model_error(plate.material, plate.thickness, f, scale)
+        error = model_error(plate.material, plate.thickness, f, body.mesh.inscribed, scale)
         if error > LARGEST_ERROR:
             raise GeometryError(
                 f"skin depth or thickness of a finite plate must be small against {scale * 1e3:.3g} mm, its inscribed "
                 f"radius or the coils'; {plate.name!r}, {plate.thickness * 1e3:.3g} mm thick, has a skin depth of "
                 f"{plate.material.skin_depth(f) * 1e3:.3g} mm at {f:.4g} Hz, and its ΔL would err by {error:.0%}."
             )
-    return body, [surface_impedance(plate.material, plate.thickness, f) for f in frequencies.tolist()]
+    return body, [surface_impedance(plate.material, plate.thickness, f, body.mesh.inscribed) for f in frequencies.tolist()]
 
 
 def _linked(

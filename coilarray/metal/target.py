@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-import shapely
 
 from coilarray.compute.threads import Progress
 from coilarray.electromagnetics.inductance import Accuracy
@@ -17,10 +16,6 @@ from coilarray.geometry import FinitePlate, Plate, Sheet, Target
 from coilarray.metal.ball import ball_inductance
 from coilarray.metal.finite_plates import moving_plate
 from coilarray.metal.flat_plates import plate_inductances
-
-_PIECES = 90  # of the rims of a plate in a mesh of the fineness 1
-_OF_ARM, _OF_GAP = 0.25, 1.0  # largest piece: of the largest circle's radius in the plate, and of the gap
-_FINEST = 4.0
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -88,17 +83,7 @@ def target_inductance(
         )
     positions = np.array([[x, y, z] for z in heights for x, y in places.tolist()])
     if isinstance(body, FinitePlate):
-        gap = face + distances[0]  # from the copper at z = 0
-        fineness = _fineness(body, gap)
-        change = moving_plate(source, body, positions, frequencies, sheets, fineness=fineness, progress=progress)
+        change = moving_plate(source, body, positions, frequencies, sheets, progress=progress)
     else:
         change = ball_inductance(source, body, positions, frequencies, sheets, progress=progress)
     return change.reshape(len(heights), len(places), *change.shape[1:])
-
-
-def _fineness(plate: FinitePlate, gap: float) -> float:
-    """Fineness of the mesh of a plate at a gap in m: its triangles must resolve its arms, and the field at the gap."""
-    outline = shapely.Polygon(plate.outline.exterior, plate.outline.holes)
-    arm = float(shapely.maximum_inscribed_circle(outline).length)
-    finest = min(_OF_ARM * arm, _OF_GAP * gap)
-    return min(max(outline.length / _PIECES / finest, 1.0), _FINEST)

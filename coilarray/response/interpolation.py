@@ -91,9 +91,10 @@ def response_spline(
 ) -> ResponseSpline:
     """Interpolate values (x, y, depth, …) along one axis after the other, at rising coordinates in m, shape (n,) each.
 
-    Cubic in x and y, of one or at least 4 positions each, with C. de Boor's not-a-knot ends (A Practical Guide to Splines, ch.
-    IV); in depth cubic from four planes on, with fewer the polynomial through them. `zero_plane` adds values of 0 at
-    the depth 0 to a table of more than one depth that has no depth 0. `in_root` interpolates over the root of the
+    Cubic in x and y, of one or at least 4 positions each, with C. de Boor's not-a-knot ends (A Practical Guide to
+    Splines, ch. IV); in depth cubic from four planes on, with fewer the polynomial through them. `zero_plane` adds
+    values of 0 at the depth 0 to a table of more than one depth that has no depth 0. `in_root` interpolates over the
+    root of the
     depth, with no slope at the first one, which must be 0.
     """
     if zero_plane and len(depth) > 1 and depth[0] > 0:
