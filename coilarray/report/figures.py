@@ -19,6 +19,7 @@ from coilarray.geometry import Indenter
 from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.report.position import MapPositions
 from coilarray.response.answering import middle_state
+from coilarray.viz.scenes.of_design import View, scene_of_design
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,6 +44,9 @@ def board_picture(design: Design) -> list[Picture]:
     problem = viz.rendering_problem()
     if problem is None:
         caption = "The board; lengths in mm."
+        if design.plates:
+            scene = scene_of_design(design, View(show=("board", "plates")))
+            return [_render("board", caption, lambda path: viz.save_picture(scene, path, size=_SIZE))]
         return [_render("board", caption, lambda path: viz.save_board_picture(design.array, path, size=_SIZE))]
     return [draw("board", f"The board from above; lengths in mm. {problem}", viz.plot_board(design.array))]
 

@@ -14,7 +14,9 @@ from coilarray.report.tables import Column, Table, Value, dataset_table
 _CONDUCTIVITY = DisplayUnit("MS/m", 1e-6, 4, significant=True)
 _SHORT = DisplayUnit("mm", 1e3, 3, significant=True)
 _RATIO = DisplayUnit(digits=3, significant=True)
-_COMPARED = ("effective_inductance", "effective_resistance", "quality_factor", "frequency")
+_COMPARED = {
+    "effective_inductance": "L_eff", "effective_resistance": "R_eff", "quality_factor": "Q", "frequency": "f"
+}  # fmt: skip
 
 
 def plate_table(design: Design, frequency: float) -> Table:
@@ -47,12 +49,11 @@ def plate_table(design: Design, frequency: float) -> Table:
 def beside_plates_table(scan: xr.Dataset, without: xr.Dataset) -> Table:
     """Return one row for each state: L, R, Q and f beside the plates and without them, as the converter sees them."""
     rows: dict[str, xr.DataArray] = {}
-    for name in _COMPARED:
-        words = str(scan[name].attrs["long_name"])
-        rows[name] = scan[name]
+    for name, words in _COMPARED.items():
+        rows[name] = scan[name].assign_attrs(long_name=words)
         rows[f"{name}_without"] = without[name].assign_attrs(long_name=f"{words} without plates")
     change = scan.effective_inductance / without.effective_inductance - 1
-    rows["plate_change"] = change.assign_attrs(long_name="change of the inductance by the plates", units="1")
+    rows["plate_change"] = change.assign_attrs(long_name="change of L_eff", units="1")
     both = xr.Dataset(rows)
-    names = ("state", *(one for name in _COMPARED for one in (f"{name}_without", name)), "plate_change")
+    names = ("state", *(one for name in _COMPARED for one in (name, f"{name}_without")), "plate_change")
     return dataset_table("beside_plates", "States beside the plates", both, names, {"plate_change": PERCENT})

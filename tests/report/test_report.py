@@ -384,6 +384,8 @@ def test_metal_has_a_section_with_its_numbers(tmp_path):
     for row in table(made, "beside_plates"):
         change = float(row["effective_inductance_H"]) / float(row["effective_inductance_without_H"]) - 1
         assert float(row["plate_change"]) == pytest.approx(change, rel=1e-9)
+        assert change < -0.01  # a screen behind the coils takes flux
+        assert float(row["quality_factor"]) < float(row["quality_factor_without"])
     ranges = {row["state"]: float(row["range_m"]) for row in table(made, "target_range")}
     assert all(0.5e-3 < distance <= 8e-3 for distance in ranges.values())
     deltas = [float(row["delta"]) for row in table(made, "target") if row["state"] == "coil1"]
