@@ -19,7 +19,6 @@ from coilarray.geometry import Indenter
 from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.report.position import MapPositions
 from coilarray.response.answering import middle_state
-from coilarray.viz.scenes.of_design import View, scene_of_design
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,6 +44,8 @@ def board_picture(design: Design) -> list[Picture]:
     if problem is None:
         caption = "The board; lengths in mm."
         if design.plates:
+            from coilarray.viz.scenes.of_design import View, scene_of_design  # all that a scene may compute
+
             scene = scene_of_design(design, View(show=("board", "plates")))
             return [_render("board", caption, lambda path: viz.save_picture(scene, path, size=_SIZE))]
         return [_render("board", caption, lambda path: viz.save_board_picture(design.array, path, size=_SIZE))]
