@@ -93,8 +93,8 @@ Goals = Annotated[
     list[str] | None,
     typer.Option(
         "--goal",
-        help="worst_k, decouple, position_error or smallest (board), which fit any design; or minimize QUANTITY, "
-        "maximize QUANTITY or QUANTITY=VALUE; repeat for several.",
+        help="worst_k, decouple, position_error, smallest (board), or range and resolution (of a target), which fit "
+        "any design; or minimize QUANTITY, maximize QUANTITY or QUANTITY=VALUE; repeat for several.",
     ),
 ]
 Workers = Annotated[

@@ -128,7 +128,7 @@ class NumbersPanel(Panel):
         self._page.switches.solve()
         with self._page.state:
             self._page.arrived("circuit", found[0])
-        if self._page.state.tab == "switches":
+        if self._page.state.tab == "switches" or self._page.state.show_eddies:
             self._page.redraw()
 
     def _fail_circuit(self, design: Design, problem: str) -> None:
