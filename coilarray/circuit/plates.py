@@ -17,7 +17,6 @@ from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate
 from coilarray.metal.finite_plates import moving_plate
 from coilarray.metal.flat_plates import plate_inductance
-from coilarray.metal.target import plate_fineness
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -87,8 +86,4 @@ def _plate_inductance(design: Design, frequencies: FloatArray, accuracy: Accurac
             f"plate.{design.plates.index(bounded[0])} {bounded[0].name!r} has an outline and is computed only without "
             f"other plates; there are {len(design.plates)}."
         )
-    plate, heights = bounded[0], np.concatenate([path.vertices[:, 2] for path in paths])
-    low, high = plate.heights
-    fineness = plate_fineness(plate, float(max(low - heights.max(), heights.min() - high)))
-    change = moving_plate(paths, plate, [plate.centre], frequencies, sheets, fineness=fineness)
-    return np.asarray(change[0])
+    return np.asarray(moving_plate(paths, bounded[0], [bounded[0].centre], frequencies, sheets)[0])
