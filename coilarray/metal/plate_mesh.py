@@ -24,7 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 _ALONG = 90  # pieces of all rims together, where the plate is not narrow
-_WIDEST, _FINEST = 0.7, 0.06  # largest and smallest piece of the rim, of the inscribed radius
+_WIDEST, _FINEST = 1.4, 0.06  # largest and smallest piece of the rim, of the inscribed radius
 _FIRST, _GROWTH, _STRIPS = 0.02, 2.0, 0.35  # first strip, ratio of neighbours and width of all, of the inscribed radius
 _LATTICE = 0.08  # step of the lattice inside, of the inscribed radius, where the rim's pieces are not longer
 _CORNER = 0.25  # of half the thickness: height of the strip of the rim below its edge
