@@ -246,7 +246,7 @@ def _coupled(matrix: ComplexArray, b: FloatArray) -> ComplexArray:
         x = lu_solve(factors, some.reshape(len(b), -1), check_finite=False).reshape(some.shape)
         parts.append(-np.einsum("upi,upj->pij", some, x, optimize=True))
     both = np.concatenate(parts)
-    return np.asarray(both + both.transpose(0, 2, 1)) / 2
+    return np.asarray((both + both.transpose(0, 2, 1)) / 2, dtype=np.complex128)
 
 
 def _together(body: EddyBody, impedance: SurfaceImpedance) -> ComplexArray:

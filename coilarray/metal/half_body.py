@@ -122,9 +122,9 @@ class EddyBody:
         ]
         made = []
         for sign, basis in zip((1, -1), bases, strict=True):
-            dense = basis.T @ (M[0] + sign * M[1]) @ basis
+            dense = np.asarray(basis.T @ (M[0] + sign * M[1]) @ basis)
             stiff = [(basis.T @ part @ basis).toarray() for part in parts]
-            made.append(Parity(sign, basis, (dense + dense.T) * 0.5, *stiff))
+            made.append(Parity(sign, basis, (dense + dense.T) / 2, *stiff))
         return made[0], made[1]
 
     @property

@@ -161,7 +161,7 @@ def _inset(loop: FloatArray, inset: float) -> FloatArray:
     sides /= np.hypot(*sides.T)[:, None]
     normal = np.column_stack((-sides[:, 1], sides[:, 0]))
     before = np.roll(normal, 1, axis=0)
-    return loop + inset * (normal + before) / (1 + (normal * before).sum(axis=1))[:, None]
+    return np.asarray(loop + inset * (normal + before) / (1 + (normal * before).sum(axis=1))[:, None])
 
 
 def _insets(loops: Sequence[FloatArray], inscribed: float, along: float, fineness: float) -> list[float]:
