@@ -1,6 +1,7 @@
 """Geometry without physics: spirals, coils, stack-ups, arrays, copper, rules and solids."""
 
 from coilarray.geometry.array import CoilArray, Connector, Lattice, Placement, lattice, lattice_array
+from coilarray.geometry.ball import Ball
 from coilarray.geometry.coil import Coil, Leads, PlatedHole, Wound, hull_outline, path_coil, spiral_coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.connectivity import Barrel, NetCheck, NetFault, board_layers, check_nets, connected_pieces
@@ -15,13 +16,15 @@ from coilarray.geometry.sheet import EVEN, Seat, Sheet, Unevenness
 from coilarray.geometry.solids import solids
 from coilarray.geometry.spiral import Spiral, apothem_from_size
 from coilarray.geometry.stackup import Stackup
+from coilarray.geometry.target import Target
 
 __all__ = [
-    "EVEN", "MATERIALS", "MATERIAL_SOURCES", "Barrel", "Coil", "CoilArray", "Conductor", "Cone", "Connector",
-    "CopperFeature", "CylinderEdge", "Disc", "Drill", "FabRules", "FinitePlate", "FlatPunch", "Hemisphere",
-    "Indenter", "Lattice", "Leads", "Margin", "Material", "NetCheck", "NetFault", "Outline", "Paraboloid",
-    "Placement", "Plate", "PlatedHole", "Polygon", "Rectangle", "Ring", "RoundedSpiral", "Seat", "Sheet", "Spiral",
-    "Stackup", "Unevenness", "Wound", "apothem_from_size", "board_layers", "board_outline", "check_nets",
-    "check_rules", "connected_pieces", "copper_by_layer", "copper_features", "drills", "hull_outline", "lattice",
-    "lattice_array", "lead_out", "path_coil", "require_kept", "require_rules", "solids", "spiral_coil",
+    "EVEN", "MATERIALS", "MATERIAL_SOURCES", "Ball", "Barrel", "Coil", "CoilArray", "Conductor", "Cone",
+    "Connector", "CopperFeature", "CylinderEdge", "Disc", "Drill", "FabRules", "FinitePlate", "FlatPunch",
+    "Hemisphere", "Indenter", "Lattice", "Leads", "Margin", "Material", "NetCheck", "NetFault", "Outline",
+    "Paraboloid", "Placement", "Plate", "PlatedHole", "Polygon", "Rectangle", "Ring", "RoundedSpiral", "Seat",
+    "Sheet", "Spiral", "Stackup", "Target", "Unevenness", "Wound", "apothem_from_size", "board_layers",
+    "board_outline", "check_nets", "check_rules", "connected_pieces", "copper_by_layer", "copper_features",
+    "drills", "hull_outline", "lattice", "lattice_array", "lead_out", "path_coil", "require_kept", "require_rules",
+    "solids", "spiral_coil",
 ]  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations, pairwise
 from typing import Literal
 
@@ -17,6 +18,7 @@ from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.values import SIDES, FloatArray, IntArray, Side, place_in_mm, require_positive
 
+_NEAREST = 1.01  # of the least distance: what counts as a neighbour
 _SAME_PLACE = 1e-9  # m; distances that differ by less are equal
 
 
@@ -260,6 +262,13 @@ class CoilArray:
         return float(gaps[~np.eye(len(gaps), dtype=bool)].min(initial=np.inf))
 
     @property
+    def neighbours(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of coils, by their numbers, that are as near to each other as any two, to within a hundredth."""
+        one, other = np.triu_indices(len(self.placements), 1)
+        near = np.hypot(*(self.centres[one] - self.centres[other]).T) <= _NEAREST * self.least_distance
+        return tuple(zip(one[near].tolist(), other[near].tolist(), strict=True))
+
+    @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
         """Edges of the board in m: x_min, y_min, x_max, y_max."""
         points, reach = [], []

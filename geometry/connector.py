@@ -27,7 +27,8 @@ from coilarray.geometry.values import SIDES, FloatArray, IntArray, Side
 
 _ACROSS = 4.0  # length of a way across a winding, over that beside it
 _MOST_NODES = 90_000  # of the grid: a larger board gets a coarser one
-_TRIES = 6  # orders of the coils, each time that which found no way first
+_SHARE = 0.49  # of a piece between two corners, which each may round: they must not meet
+_TRIES = 4  # orders of the coils, each time that which found no way first
 _LOOK_AHEAD = 10  # corners of a way that one may replace
 _NANOMETRE = 9  # digits of m: rounding errors of a design's lengths are to lead no other way
 _AROUND = 4.0  # room around coils and pads, in pitches of the pads
@@ -367,13 +368,13 @@ def _straightened(way: FloatArray) -> FloatArray:
 
 
 def _rounded(corners: FloatArray, radius: float) -> tuple[FloatArray, tuple[Arc, ...]]:
-    """Round the corners of a line with a radius in m, or as far as half of its pieces allow."""
+    """Round the corners of a line with a radius in m, or as far as nearly half of its pieces allow."""
     step = np.diff(corners, axis=0)
     length = np.hypot(*step.T)
     along = step / length[:, None]
     cosine = np.clip((along[:-1] * along[1:]).sum(axis=1), -1 + 1e-9, 1)
     tangent = np.sqrt((1 - cosine) / (1 + cosine))
-    room = np.minimum(length[:-1], length[1:]) / 2
+    room = _SHARE * np.minimum(length[:-1], length[1:])
     return rounded_line(corners, np.minimum(radius, room / np.maximum(tangent, 1e-9)).tolist())
 
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
 Overlap = Literal["none", "decoupled"]
+Side = Literal["right", "top", "left", "bottom"]
 
 
 def init(
@@ -46,6 +47,9 @@ def init(
     frequency_MHz: Annotated[
         float | None, typer.Option("--frequency-MHz", help="Frequency to choose the tank's capacitance for.")
     ] = None,
+    connector: Annotated[
+        Side | None, typer.Option(help="Edge of the board to which the leads of all coils run.")
+    ] = None,
     elastomer: Annotated[
         bool | None,
         typer.Option("--elastomer/--no-elastomer", help="A magnetic elastomer on the board, and what presses on it."),
@@ -63,6 +67,8 @@ def init(
 
     Example: coilarray init flower.toml --coils 7-hex --overlap decoupled --inductance-uH 18
 
+    Example: coilarray init strip.toml --coils 6 --connector bottom
+
     Example: coilarray init power.toml --coils 1 --shape circle --size-mm 40 --no-elastomer
 
     Example: coilarray init starter.toml --from starter
@@ -78,8 +84,8 @@ def init(
     require_own("init", [target], force=force)
     given = {
         "coils": coils, "shape": shape, "size_mm": size_mm, "inductance_uH": inductance_uH, "layers": layers,
-        "fab": fab, "pitch_mm": pitch_mm, "overlap": overlap, "frequency_MHz": frequency_MHz, "elastomer": elastomer,
-        "title": title,
+        "fab": fab, "pitch_mm": pitch_mm, "overlap": overlap, "frequency_MHz": frequency_MHz, "connector": connector,
+        "elastomer": elastomer, "title": title,
     }  # fmt: skip
     chosen: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     if copied is not None:
@@ -93,7 +99,7 @@ def init(
         return
     if not chosen:
         asking = sys.stdin.isatty() and sys.stdout.isatty()
-        chosen = ask_for_choices(get_args(Shape)) if asking else {"overlap": "decoupled"}
+        chosen = ask_for_choices(get_args(Shape), get_args(Side)) if asking else {"overlap": "decoupled"}
     with shared.progress_bar("layers, winding, pitch, terminals and tank"):
         made = _made(target.stem, chosen)
     save_design(made, target)

@@ -9,12 +9,11 @@ import typer
 
 from coilarray.errors import DesignError
 
-_UNITS = {"mm": 1e-3, "uH": 1e-6, "MHz": 1e6}  # at the ends of options
 _LONG = ("rectangle", "racetrack")  # shapes with a width and a height
-_FIT, _BESIDE, _DECOUPLED, _ANY = "fit", "side by side", "decoupled", "any"
+_FIT, _BESIDE, _DECOUPLED, _ANY, _NONE = "fit", "side by side", "decoupled", "any", "none"
 
 
-def ask_for_choices(shapes: Sequence[str]) -> dict[str, Any]:
+def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, Any]:
     """Ask for the choices of a new design, by the names of the options; each answer is checked at once."""
     from coilarray.design import fabs
     from coilarray.studies.create import check_choices, read_arrangement
@@ -38,6 +37,10 @@ def ask_for_choices(shapes: Sequence[str]) -> dict[str, Any]:
     if several:
         beside = {_BESIDE: {}, _DECOUPLED: {"overlap": _DECOUPLED}}
         chosen |= _ask(f"Pitch in mm, {_BESIDE}, or {_DECOUPLED} by overlap", _BESIDE, _number_or("pitch_mm", beside))
+    at = (_NONE, *edges)
+    edge = _ask(f"Leads of all coils to a connector at an edge: {', '.join(at)}", _NONE, _one_of(at))
+    if edge != _NONE:
+        chosen["connector"] = edge
     fab = _ask(f"Board house: {_ANY}, {', '.join(fabs.names())}", _ANY, _one_of((_ANY, *fabs.names())))
     if fab != _ANY:
         chosen["fab"] = fab
@@ -47,6 +50,7 @@ def ask_for_choices(shapes: Sequence[str]) -> dict[str, Any]:
 
 def in_si(chosen: Mapping[str, Any]) -> dict[str, Any]:
     """Return choices as `coilarray.studies.create.new_design` takes them, from those by the names of the options."""
+    from coilarray.design.units import SCALES
     from coilarray.studies.create import read_size
 
     choices = {}
@@ -54,8 +58,8 @@ def in_si(chosen: Mapping[str, Any]) -> dict[str, Any]:
         name, _, unit = key.rpartition("_")
         if key == "size_mm":
             choices[name] = read_size(value)
-        elif unit in _UNITS:
-            choices[name] = value * _UNITS[unit]
+        elif unit in SCALES:
+            choices[name] = value * SCALES[unit]
         else:
             choices[key] = value
     return choices

@@ -1,4 +1,4 @@
-"""Designs as commented files: the comments are those that the bundled ``starter`` has for the same keys."""
+"""Designs as commented files: the comments are those of the file, else those of the bundled ``starter``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 
 from coilarray.compute.files import write_text
 from coilarray.design import bundled
+from coilarray.design.edit import edited_text
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.write import design_text, document_text
 
@@ -24,8 +25,8 @@ def save_design(design: Design | DesignFile, path: str | Path) -> None:
     Parameters
     ----------
     design : Design or DesignFile
-        A file keeps its keys and the reasons of what is assumed, but not comments of its own; of a design made in
-        Python all keys are written.
+        A file keeps its keys, its comments and its layout; of a design made in Python all keys are written, with the
+        comments that the bundled ``starter`` has for them.
     path : str or Path
         File to write; what is there is replaced.
 
@@ -34,8 +35,12 @@ def save_design(design: Design | DesignFile, path: str | Path) -> None:
     OutputError
         A file that cannot be written.
     """
-    text = document_text(design.document) if isinstance(design, DesignFile) else design_text(design)
-    write_text(Path(path), with_comments(text))
+    write_text(Path(path), file_text(design) if isinstance(design, DesignFile) else with_comments(design_text(design)))
+
+
+def file_text(file: DesignFile) -> str:
+    """Return the text of a design file that says its document, as close to the text it is from as can be."""
+    return edited_text(file.text, file.document) or with_comments(document_text(file.document))
 
 
 def with_comments(text: str) -> str:

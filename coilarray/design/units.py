@@ -12,9 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 SCALES: Mapping[str, float] = {
-    "mm": 1e-3, "um": 1e-6, "deg": math.pi / 180, "mrad": 1e-3, "kPa": 1e3, "pF": 1e-12, "nH": 1e-9, "percent": 1e-2,
+    "mm": 1e-3, "um": 1e-6, "deg": math.pi / 180, "mrad": 1e-3, "kPa": 1e3, "pF": 1e-12, "nH": 1e-9, "uH": 1e-6,
+    "MHz": 1e6, "percent": 1e-2,
 }  # fmt: skip
-"""SI value of each unit that stands at the end of a key."""
+"""SI value of each unit that stands at the end of a key or an option."""
 
 _ENTRY_UNITS = {
     "mm": "mm", "um": "µm", "deg": "deg", "mrad": "mrad", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa",
@@ -42,6 +43,10 @@ Millimetres = Annotated[float, Field(gt=0, le=10_000)]
 Micrometres = Annotated[float, Field(gt=0, le=100_000)]
 LimitMillimetres = Annotated[float, Field(ge=0, le=10_000)]
 Position = Annotated[float, Field(ge=-100_000, le=100_000)]
+Point = Annotated[list[Position], Field(min_length=2, max_length=2)]
+Range = Annotated[list[Position], Field(min_length=2, max_length=2)]
+Degrees = Annotated[float, Field(ge=-36_000, le=36_000)]
+Relative = Annotated[float, Field(ge=1, le=1e6)]
 Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+][A-Za-z0-9_.+-]*$")]
 
 

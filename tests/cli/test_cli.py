@@ -119,7 +119,7 @@ def test_init_makes_a_design_that_other_commands_take(capsys):
 def test_init_asks_on_a_terminal(capsys, monkeypatch):
     """Answers that cannot be are asked for again; Return takes the default."""
     answers = iter(
-        ["9-hex", "2", "", "wide", "20x12", "-5", "8", "nan", "", "8.5 mm", "0", "11", "aisler-4-layer", "n"]
+        ["9-hex", "2", "", "wide", "20x12", "-5", "8", "nan", "", "8.5 mm", "0", "11", "", "aisler-4-layer", "n"]
     )
     asked = []
 
@@ -133,7 +133,7 @@ def test_init_asks_on_a_terminal(capsys, monkeypatch):
     monkeypatch.setattr("typer.confirm", lambda question, default: next(answers) == "y")
     out = good(capsys, "init", "two")
     file = load_design_file("two.toml")
-    assert len(asked) == 13  # some of them again
+    assert len(asked) == 14  # some of them again
     assert "coils must be as 1, 6 (a row)" in out
     assert "size must be a width, as 16, or width and height, as 20x12; got 'wide'" in out
     assert "size must be one number for a square; got 20 × 12 mm" in out
@@ -300,6 +300,7 @@ def test_a_failed_report_leaves_nothing_half_written(capsys, monkeypatch, functi
     text = read("gast_fem")  # one coil, here without elastomer: the quickest of all reports
     bare = text[: text.index("[[elastomer]]")] + text[text.index("[circuit]") : text.index("[assumed]")]
     Path("d.toml").write_text(bare, encoding="utf-8")
+    monkeypatch.setenv("COILARRAY_THREADS", "1")  # pictures are drawn in this process
     monkeypatch.setattr("coilarray.viz.rendering_problem", lambda: "not here")
     monkeypatch.setattr(function, failing)
     assert message in refused(capsys, "report", "d.toml")

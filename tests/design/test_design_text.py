@@ -1,5 +1,7 @@
 """Arrays written as design files: what is read back is the array to 1 nm, with its assumptions and shared shapes."""
 
+import dataclasses
+import difflib
 import math
 import tomllib
 
@@ -10,8 +12,10 @@ from hypothesis import strategies as st
 from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, reference_board
 
 from coilarray import load_design, load_design_file
+from coilarray.design.edit import edited_text
 from coilarray.design.model import Design, parse_design, parse_design_file
-from coilarray.design.save import save_design, with_comments
+from coilarray.design.save import file_text, save_design, with_comments
+from coilarray.design.vary import vary_chosen
 from coilarray.design.write import design_document, design_names, design_text, document_text, shape_names
 from coilarray.errors import DesignError
 from coilarray.geometry import CoilArray, Placement, PlatedHole, Spiral, Stackup, path_coil, spiral_coil
@@ -184,3 +188,82 @@ def test_text_of_a_document_reads_back_as_the_document(name):
     design = load_design(name)
     document = design_document(design) | {"elastomer": [{"name": "a", "thickness_mm": 1.0}] * 6}
     assert tomllib.loads(document_text(document)) == document
+
+
+COMMENTED = """# of the file
+schema = 1   # version
+
+# above a table
+[stackup] # behind its header
+layers = ["L1", "L#2"]   # a sign in a text
+copper_um = [
+  35.0, # in a list
+  # on a line of its own
+  35.0,
+] # behind it
+# at the end of a table
+
+# above a table below another
+[coils.hex.via]
+drill_mm = 0.2
+
+# first of a list
+[[elastomer]]
+name = "base" # its name
+thickness_mm = 3.0
+
+# second of a list
+[[elastomer]]
+name = "top"
+E_kPa = 1.0 # its own
+
+[circuit]
+ends = { coil1 = "open" } # inline
+# at the very end
+"""
+
+
+def edited(**changes):
+    return edited_text(COMMENTED, tomllib.loads(COMMENTED) | changes).splitlines()
+
+
+def replaced(**lines):
+    """The lines of the text with some replaced, by their numbers, or left out."""
+    text = COMMENTED.splitlines()
+    new = [lines.get(f"n{k}", [line]) for k, line in enumerate(text)]
+    return [line for part in new for line in part]
+
+
+def test_comments_stay_where_a_document_changes():
+    """Every place of a comment, and every kind of change: value, in a list, of a list of tables, new and removed."""
+    document = tomllib.loads(COMMENTED)
+    assert edited() == COMMENTED.splitlines()
+    stackup, (base, top) = document["stackup"], document["elastomer"]
+    assert edited(schema=2, title="new") == replaced(n1=["schema = 2   # version", 'title = "new"'])
+    assert edited(stackup=stackup | {"copper_um": [35.0, 70.0], "layers": ["L1"]}) == replaced(
+        n5=['layers = ["L1"]   # a sign in a text'], n9=["  70.0,"]
+    )
+    assert edited(coils={"hex": {"via": {"drill_mm": 0.3}}}) == replaced(n15=["drill_mm = 0.3"])
+    assert edited(coils={"hex": {"gap_mm": 0.1, "via": {"drill_mm": 0.2}}}) == replaced(
+        n13=["[coils.hex]", "gap_mm = 0.1", COMMENTED.splitlines()[13]]
+    )
+    assert edited(elastomer=[top]) == replaced(**{f"n{k}": [] for k in range(17, 22)})
+    assert edited(elastomer=[top, base])[17:26] == [*COMMENTED.splitlines()[22:26], "", *COMMENTED.splitlines()[17:21]]
+    assert edited(elastomer=[base | {"name": "low"}, top]) == replaced(n19=['name = "low" # its name'])
+    assert edited(elastomer=[base, top, {"name": "lid"}])[27:30] == ["[[elastomer]]", 'name = "lid"', ""]
+    assert edited(circuit={"ends": {"coil1": "open", "coil2": "load"}, "C_pF": 9})[28:31] == [
+        'ends = { coil1 = "open", coil2 = "load" } # inline', "# at the very end", "C_pF = 9"
+    ]  # fmt: skip
+    assert edited(assumed={"a.b": "why"})[-3:] == ["", "[assumed]", '"a.b" = "why"']
+
+
+@pytest.mark.parametrize("name", ["gast2020", "gast_fem", "starter"])
+def test_a_file_with_a_changed_entry_keeps_its_text(name):
+    file = load_design_file(name)
+    changes = {"board.margin_mm": 3.25, "circuit.capacitance_pF": 91}
+    changed = dataclasses.replace(file, document=vary_chosen(file.document, changes))
+    before, after = file.text.splitlines(), file_text(changed).splitlines()
+    different = [line for line in difflib.ndiff(before, after) if line[0] in "+-"]
+    assert len(different) <= 3 * len(changes)  # two lines of each, and a reason why it was assumed
+    assert tomllib.loads("\n".join(after)) == changed.document
+    assert sum("#" in line for line in after) == sum("#" in line for line in before)

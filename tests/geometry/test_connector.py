@@ -25,6 +25,7 @@ from coilarray.geometry import (
     spiral_coil,
 )
 from coilarray.geometry.connectivity import Barrel
+from coilarray.geometry.connector import _rounded
 
 SMALL = Leads(1.3e-3, 1.6e-3, PlatedHole(0.4e-3, 0.8e-3))
 
@@ -70,6 +71,12 @@ def test_a_design_keeps_its_connector():
     assert document["connector"] == {"side": "top", "pitch_mm": 2.0, "distance_mm": 4.0}
     assert document["array"]["lattice"] == "square"
     assert build_design(document).digest == Design(led).digest
+
+
+def test_corners_that_share_a_short_piece_are_rounded_apart():
+    line, arcs = _rounded(np.array([[0, 0], [1e-3, 0], [1.1e-3, 1e-4], [2e-3, 1e-4]]), 1.0)
+    assert len(arcs) == 2
+    assert np.hypot(*np.diff(line, axis=0).T).min() > 1e-9
 
 
 def test_connectors_that_cannot_be():

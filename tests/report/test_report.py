@@ -58,8 +58,9 @@ def causes_of(design):
 def drawn_report(design, folder, *, circuit=True, **options):
     """Write a report without 3-D rendering, without the circuit's part where that is not wanted."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COILARRAY_THREADS", "1")  # pictures are drawn in this process
         patch.setattr("coilarray.viz.rendering_problem", lambda: "no rendering in this test")
-        patch.setattr(figures, "_DPI", 40)
+        patch.setattr("coilarray.report.png._DPI", 40)
         patch.setattr("coilarray.report.write._SWEEP_POINTS", 8)
         if not circuit:
             patch.setattr("coilarray.report.write._circuit", lambda *_: (None, None, "left out of this test"))
@@ -353,6 +354,45 @@ array.placements = [{ name = "a", coil = "pin", layers = ["top"], x_mm = 0, y_mm
     assert not re.search("Indentation|magnetic sheets", page)
     assert made.data["indentation_problem"] == ""
     assert not any((made.folder / name).exists() for name in ("scan.nc", "indentation.nc"))
+
+
+METAL = """
+[[plate]]
+name = "backplane"
+material = "aluminium"
+thickness_mm = 1.0
+distance_mm = 3.0
+side = "below"
+[target]
+shape = "plate"
+material = "copper"
+thickness_mm = 2.0
+distances_mm = [0.5, 2, 8]
+"""
+
+
+def test_metal_has_a_section_with_its_numbers(tmp_path):
+    few = re.sub(r"\[indenter\].*?(?=\n\[circuit\])", "", FEW, flags=re.DOTALL)
+    made = drawn_report(parse_design(few + METAL), tmp_path)
+    page = made.page.read_text(encoding="utf-8")
+    assert "<h2>Metal" in page
+    assert "with the plate backplane of aluminium and a copper plate as target;" in page
+    (plate,) = table(made, "plates")
+    depth, f = float(plate["skin_depth_m"]), float(table(made, "coils")[0]["frequency_Hz"])
+    assert depth == pytest.approx(0.0661 / np.sqrt(0.61 * f), rel=0.05)  # 66 µm of copper at 1 MHz: 61 % IACS
+    assert float(plate["thickness_over_skin_depth"]) == pytest.approx(1e-3 / depth, rel=1e-12)
+    for row in table(made, "beside_plates"):
+        change = float(row["effective_inductance_H"]) / float(row["effective_inductance_without_H"]) - 1
+        assert float(row["plate_change"]) == pytest.approx(change, rel=1e-9)
+        assert change < -0.01  # a screen behind the coils takes flux
+        assert float(row["quality_factor"]) < float(row["quality_factor_without"])
+    ranges = {row["state"]: float(row["range_m"]) for row in table(made, "target_range")}
+    assert all(0.5e-3 < distance <= 8e-3 for distance in ranges.values())
+    deltas = [float(row["delta"]) for row in table(made, "target") if row["state"] == "coil1"]
+    assert deltas == sorted(deltas)  # the nearer, the less inductance
+    assert deltas[-1] < 0
+    assert "target.nc" in {path.name for path in made.folder.iterdir()}
+    assert made.data["target_problem"] == made.data["field_problem"] == ""
 
 
 @pytest.mark.parametrize(("old", "new", "problem", "dent"), [

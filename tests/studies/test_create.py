@@ -117,12 +117,27 @@ def test_neighbours_that_overlap_do_not_couple(coils, layers):
     assert all(margin.kept for margin in check_rules(design.array, design.rules))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("coils", ["3", "2x2"])
+def test_leads_run_to_a_connector(coils):
+    """At the side asked for, on a board that keeps every rule; coils of several rows get ways between them."""
+    choices = {"shape": "square", "size": 8e-3, "elastomer": False}
+    file = new_design("led", coils, connector="right", **choices)
+    array = file.design.array
+    assert file.document["connector"]["side"] == "right"
+    ends = np.vstack([place.to_board(place.coil.terminal_points) for place in array.placements])
+    assert np.ptp(ends[:, 0]) < 1e-12  # one row of pads
+    assert ends[0, 0] > max(place.x for place in array.placements) + choices["size"] / 2
+    assert all(margin.kept for margin in check_rules(array, file.design.rules))
+
+
 REFUSED = {
     "shape": ({"shape": "star"}, "shape must be one of hexagon, square, circle, rectangle, racetrack; got 'star'"),
     "sides": ({"size": (20e-3, 12e-3)}, "size must be one number for a hexagon; got 20 × 12 mm"),
     "size": ({"size": -1e-3}, "size must be positive and finite; got -1 mm"),
     "inductance": ({"inductance": math.nan}, "inductance must be positive and finite; got nan µH"),
     "overlap": ({"overlap": "some"}, "overlap must be none or decoupled; got 'some'"),
+    "connector": ({"connector": "up"}, "connector must be one of right, top, left, bottom; got 'up'"),
     "both": ({"overlap": "decoupled", "pitch": 1e-2}, "pitch and overlap cannot both be given"),
     "layers": ({"layers": 3}, "layers must be 1 or a multiple of 2; got 3"),
     "fab": ({"fab": "nobody"}, "there is no fab profile 'nobody'"),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from coilarray.compute.threads import Progress
 from coilarray.design.model import build_design_file
 from coilarray.errors import CoilarrayError, DesignError
+from coilarray.geometry.values import SIDES
 from coilarray.studies.create.arrangement import read_arrangement, read_size
 from coilarray.studies.create.plan import Shape
 from coilarray.viz.studio.entries import number_of
@@ -20,7 +21,10 @@ from coilarray.viz.studio.work import MOST_COILS, work_on
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
-_FIRST = {"name": "mine", "coils": "4x4", "shape": "hexagon", "size": "16", "inductance": "", "decoupled": False}
+_FIRST = {
+    "name": "mine", "coils": "4x4", "shape": "hexagon", "size": "16", "inductance": "", "connector": "none",
+    "decoupled": False,
+}  # fmt: skip
 
 
 class NewPanel(Panel):
@@ -28,8 +32,8 @@ class NewPanel(Panel):
 
     def __init__(self, page: Page) -> None:
         values = {
-            "new_dialog": False, "new_shapes": list(get_args(Shape)), "choice": _FIRST, "new_problem": "",
-            "new_over": False,
+            "new_dialog": False, "new_shapes": list(get_args(Shape)), "new_edges": ["none", *SIDES],
+            "choice": _FIRST, "new_problem": "", "new_over": False,
         }  # fmt: skip
         super().__init__(page, values, make_design=self._make)
 
@@ -81,6 +85,8 @@ def choices_of(texts: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     choices: dict[str, Any] = {"coils": given["coils"], "shape": given["shape"], "size": read_size(given["size"])}
     if given["inductance"]:
         choices["inductance"] = number_of("inductance", given["inductance"]) * 1e-6
+    if given["connector"] not in ("", "none"):
+        choices["connector"] = given["connector"]
     if texts.get("decoupled"):
         choices["overlap"] = "decoupled"
     return given["name"], choices

@@ -4,27 +4,32 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import math
 import secrets
+import time
 import traceback
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from importlib import resources
 from typing import Any
 
 from coilarray.design.model import Design
 from coilarray.viz.studio.board_panel import BoardPanel
+from coilarray.viz.studio.build_panel import BuildPanel
 from coilarray.viz.studio.calculator import Calculator
 from coilarray.viz.studio.design_panel import DesignPanel
 from coilarray.viz.studio.job import PATIENCE, Job, Outcome, Task
+from coilarray.viz.studio.metal_panel import MetalPanel
 from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers_panel import NumbersPanel
+from coilarray.viz.studio.panel import template
 from coilarray.viz.studio.runs_panel import RunsPanel
 from coilarray.viz.studio.scene_panel import ScenePanel
 from coilarray.viz.studio.services import Services
 from coilarray.viz.studio.shelf import Shelf
 from coilarray.viz.studio.switches_panel import SwitchesPanel
 from coilarray.viz.studio.touch_panel import TouchPanel
+from coilarray.viz.studio.trail import Trail
 from coilarray.viz.studio.work import Work
 
 
@@ -38,8 +43,9 @@ class Setup:
     rendering_problem: str | None  # why there is no picture in three dimensions
 
 
-_PARTS = ("bar", "drawer", "scene", "numbers", "switches", "touch", "runs", "board", "dialogs")
-_FOLLOWING = ("scene", "numbers", "rules", "circuit")  # results that a change of the design makes stale
+_PARTS = ("bar", "drawer", "scene", "numbers", "build", "switches", "touch", "metal", "runs", "board", "dialogs")
+_FOLLOWING = ("scene", "numbers", "rules", "circuit", "target")  # results that a change of the design makes stale
+_JOINED = 1.0  # s: what a slider changes within it is undone as one
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "running": False}
 
 
@@ -51,20 +57,29 @@ class Page:
 
         self.setup = setup
         self.key, self.secret = secrets.token_hex(16), secrets.token_hex(16)  # the client makes all letters small
-        self.work = work
+        self.work, self._trail, self._changed_at = work, Trail(), -math.inf
         self.server: Any = get_server(self.key, client_type="vue3")
         self.server.cli.set_defaults(authKey=self.secret)
         self.state: Any = self.server.state
-        self.calculator = Calculator(setup.threads)
+        self.calculator, self.scenes = (
+            Calculator(setup.threads),
+            Calculator(setup.threads),
+        )  # neither waits for the other
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
         self.endpoint: Any = None  # of its messages
-        self.state.update({"problem": "", "job": _NO_JOB, "stale": [], "shown_accuracy": ""})
+        self.state.update(
+            {"problem": "", "job": _NO_JOB, "stale": [], "shown_accuracy": "", "can_undo": False, "can_redo": False}
+        )
         self.trigger("cancel_job", lambda: self.stop_job(self.state.job["name"]))
+        self.trigger("undo", lambda: self._follow_trail(back=True))
+        self.trigger("redo", lambda: self._follow_trail(back=False))
         self.scene = ScenePanel(self)
         self.numbers = NumbersPanel(self)
+        self.build = BuildPanel(self)
         self.switches = SwitchesPanel(self)
         self.touch = TouchPanel(self)
+        self.metal = MetalPanel(self)
         self.runs = RunsPanel(self)
         self.board = BoardPanel(self)
         self.design = DesignPanel(self)
@@ -87,6 +102,7 @@ class Page:
         from trame_vtk.modules.vtk import HELPERS_PER_SERVER
 
         self.calculator.close()
+        self.scenes.close()
         self.runs.close()
         jobs = list(self._jobs.values())
         for job in jobs:
@@ -116,16 +132,37 @@ class Page:
 
     def take(self, work: Work, *, typed: bool = False) -> None:
         """Show another or a changed design; `typed` where it comes from the fields."""
+        if work.file != self.work.file:
+            self._trail = Trail()
+        elif work is not self.work and not (typed and time.monotonic() - self._changed_at < _JOINED):
+            self._trail = self._trail.left(self.work)
+        self._changed_at = time.monotonic() if typed else -math.inf
+        self._show(work, typed=typed)
+
+    def _follow_trail(self, *, back: bool) -> None:
+        """Show the design before the last change, or the one that was undone last."""
+        if self._trail.before if back else self._trail.after:
+            self._trail, work = (self._trail.undo if back else self._trail.redo)(self.work)
+            self._changed_at = -math.inf
+            self._show(work, typed=False)
+
+    def _show(self, work: Work, *, typed: bool) -> None:
         other = set(work.design.array.names) != set(self.work.design.array.names) or work.file != self.work.file
+        if work.kept is not self.work.kept:
+            self.numbers.forget_saved()
         self.work = work
         with self.state:
+            self.state.can_undo, self.state.can_redo = bool(self._trail.before), bool(self._trail.after)
+            self.build.show(work)
             self.design.show(work, typed=typed)
             self.switches.show(work.design)
             self.touch.show(work.design, anew=other)
+            self.metal.show(work.design, anew=other)
             self.board.show(work.design)
             self.numbers.wait()
             self.state.scene_rests = False
-            self.state.stale = [name for name in _FOLLOWING if name != "scene" or self.scene.steps()]
+            asked = {"scene": self.scene.steps(), "target": self.metal.steps(work.design)}
+            self.state.stale = [name for name in _FOLLOWING if asked.get(name, True)]
             self._say_accuracy()
         self.follow()
 
@@ -133,11 +170,12 @@ class Page:
         """Compute everything that depends on the design."""
         design, numbers = self.work.design, self.numbers
         accurate = [numbers.rules(design), numbers.full(design), numbers.solve(design)]
-        self.calculator.ask([numbers.rough(design), *self.scene.steps(), *accurate])
+        self.redraw()
+        self.calculator.ask([numbers.rough(design), *accurate, *self.metal.steps(design)])
 
     def redraw(self) -> None:
         """Compute the scene of the current tab again."""
-        self.calculator.ask(self.scene.steps())
+        self.scenes.ask(self.scene.steps())
 
     def is_current(self, design: Design) -> bool:
         """Return whether a design is the current one."""
@@ -223,7 +261,7 @@ class Page:
         elif accuracy == "screen":
             self.state.shown_accuracy = "rough"
         else:
-            self.state.shown_accuracy = "computing" if {"rules", "circuit"} & set(stale) else "full accuracy"
+            self.state.shown_accuracy = "computing" if {"rules", "circuit", "target"} & set(stale) else "full accuracy"
 
     def _bind(self, server: Any) -> None:
         self.endpoint = server["ws"]
@@ -238,12 +276,8 @@ class Page:
     def _build_layout(self) -> None:
         from trame.ui.vuetify3 import VAppLayout
 
-        text = _template("page")
+        text = template("page")
         for name in _PARTS:
-            text = text.replace(f"<!-- {name} -->", _template(name))
+            text = text.replace(f"<!-- {name} -->", template(name))
         with VAppLayout(self.server) as layout:
             layout.root.add_child(text.replace("<!-- view -->", self.scene.html))
-
-
-def _template(name: str) -> str:
-    return resources.files("coilarray.viz.studio").joinpath("html", f"{name}.html").read_text(encoding="utf-8")

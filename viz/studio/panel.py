@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -17,3 +18,8 @@ class Panel:
         page.state.update(values)
         for name, function in triggers.items():
             page.trigger(name, function)
+
+
+def template(name: str) -> str:
+    """Return a part of the page from the folder ``html``."""
+    return resources.files("coilarray.viz.studio").joinpath("html", f"{name}.html").read_text(encoding="utf-8")

@@ -15,13 +15,13 @@ import socket
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coilarray.errors import CoilarrayError, OutputError
 from coilarray.geometry.extras import import_extra
 from coilarray.viz.offscreen import rendering_problem
+from coilarray.viz.studio.panel import template
 from coilarray.viz.studio.services import Services
 from coilarray.viz.studio.shelf import Shelf
 from coilarray.viz.studio.work import Work
@@ -233,9 +233,9 @@ class _Studio:
                 status=503, text=f"coilarray studio: {_TOO_MANY}; close one, and load this one again.\n"
             )
         text = (_client_folder() / "index.html").read_text(encoding="utf-8")
-        gone = resources.files("coilarray.viz.studio").joinpath("html", "gone.html").read_text(encoding="utf-8")
+        own = "".join(template(name) for name in ("gone", "keys"))
         text = re.sub("<title>.*?</title>", "<title>coilarray studio</title>", text)
-        return web.Response(text=text.replace("<head>", f"<head>{_TAB}{gone}", 1), content_type="text/html")
+        return web.Response(text=text.replace("<head>", f"<head>{_TAB}{own}", 1), content_type="text/html")
 
     async def _loading(self, _: web.Request) -> web.Response:
         """Return the text of the page until its session begins."""

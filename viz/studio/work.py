@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from coilarray.design.model import Design, DesignFile, build_design_file
-from coilarray.design.save import with_comments
-from coilarray.design.vary import vary_document
-from coilarray.design.write import document_text
+from coilarray.design.save import file_text
+from coilarray.design.vary import no_longer_assumed, vary_chosen
 from coilarray.errors import DesignError
 from coilarray.viz.studio.entries import number_of
 
@@ -66,16 +64,17 @@ class Work:
     def with_entries(self, changes: Mapping[str, Any]) -> Work:
         """Set several entries at once, to values as for `coilarray.design.vary.vary`; errors as in `with_entry`."""
         _require_few_coils(self.opened.values, changes)
-        document = vary_document(self.opened.document, changes)
-        document["assumed"] = assumed = dict(document.get("assumed", {}))
-        for name, key in itertools.product(list(assumed), changes):
-            # what was chosen is no longer assumed; the dots keep array.pitch apart from array.pitch_mm
-            if f"{key}.".startswith(f"{name}.") or f"{name}.".startswith(f"{key}."):
-                assumed.pop(name, None)
-        if not assumed:
-            del document["assumed"]
+        return self.with_document(vary_chosen(self.opened.document, changes))
+
+    def with_tables(self, tables: Mapping[str, Any]) -> Work:
+        """Set whole tables of the file by their names, None for none; errors as in `with_entry`."""
+        document = {name: table for name, table in {**self.opened.document, **tables}.items() if table is not None}
+        return self.with_document(no_longer_assumed(document, tables))
+
+    def with_document(self, document: Mapping[str, Any]) -> Work:
+        """Return it with another document; errors as in `with_entry`."""
         try:
-            opened = build_design_file(document, self.design.name)
+            opened = build_design_file(document, self.design.name, self.opened.text)
         except DesignError as error:
             raise DesignError(str(error).removeprefix(f"{self.design.name}: ")) from None
         require_small(opened.design)
@@ -83,11 +82,11 @@ class Work:
 
     def saved_as(self, file: str) -> Work:
         """Return it after it was saved to a file."""
-        return replace(self, file=file, kept=self.opened.document)
+        return replace(self, opened=replace(self.opened, text=self.text()), file=file, kept=self.opened.document)
 
     def text(self) -> str:
-        """Return the design file, with the comments that explain its keys and none of its own."""
-        return with_comments(document_text(self.opened.document))
+        """Return the design file, with its comments."""
+        return file_text(self.opened)
 
 
 def work_on(opened: DesignFile, file: str) -> Work:

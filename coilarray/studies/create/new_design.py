@@ -9,7 +9,9 @@ from typing import Literal, get_args
 from coilarray.design.model import DesignFile, build_design_file
 from coilarray.design.vary import plain
 from coilarray.errors import DesignError
+from coilarray.geometry.values import SIDES, Side
 from coilarray.studies.create.arrangement import read_arrangement
+from coilarray.studies.create.connector import with_connector
 from coilarray.studies.create.layout import Wishes, lay_out
 from coilarray.studies.create.plan import SHAPES, Plan, Shape
 from coilarray.studies.create.tank import tank_capacitance
@@ -30,6 +32,7 @@ def new_design(
     overlap: Overlap = "none",
     elastomer: bool = True,
     frequency: float | None = None,
+    connector: Side | None = None,
     title: str = "",
 ) -> DesignFile:
     """Make a design that a board house can make and a converter can read, from a few choices.
@@ -61,6 +64,8 @@ def new_design(
         Lay an elastomer with a magnetic sheet on the board, and an indenter that presses into it.
     frequency : float, optional
         Frequency in Hz of a coil with its tank; by default as `coilarray.studies.create.tank.tank_capacitance` chooses.
+    connector : {"right", "top", "left", "bottom"}, optional
+        Edge of the board to which the leads of all coils are led; coils may then lie a little further apart.
     title : str
         Title in reports; by default it says what the design is.
 
@@ -83,7 +88,8 @@ def new_design(
     [5.0, 5.0]
     """
     check_choices(
-        shape=shape, size=size, inductance=inductance, pitch=pitch, overlap=overlap, frequency=frequency
+        shape=shape, size=size, inductance=inductance, pitch=pitch, overlap=overlap, frequency=frequency,
+        connector=connector
     )  # fmt: skip
     arrangement = read_arrangement(coils, shape)
     sides = size if isinstance(size, tuple) else (size, size)
@@ -93,6 +99,8 @@ def new_design(
     found = lay_out(plan, Wishes(inductance, layers, fab, pitch, overlap == "decoupled"))
     one = found.one
     capacitance = tank_capacitance(lambda value: replace(one, capacitance=value).design, frequency)
+    if connector is not None:
+        found = with_connector(found, connector, movable=found.sets == 1 and pitch is None and found.pitch > 0)
     return build_design_file(plain(replace(found, capacitance=capacitance).document), name)
 
 
@@ -104,6 +112,7 @@ def check_choices(
     pitch: float | None = None,
     overlap: Overlap = "none",
     frequency: float | None = None,
+    connector: str | None = None,
 ) -> None:
     """Refuse choices of `new_design` that can be seen to be impossible before any work: DesignError."""
     if shape not in SHAPES:
@@ -114,6 +123,8 @@ def check_choices(
         )
     if overlap not in get_args(Overlap):
         raise DesignError(f"overlap must be none or decoupled; got {overlap!r}.")
+    if connector is not None and connector not in SIDES:
+        raise DesignError(f"connector must be one of {', '.join(SIDES)}; got {connector!r}.")
     if pitch is not None and overlap != "none":
         raise DesignError("pitch and overlap cannot both be given: the overlap is that of the pitch.")
     sizes = size if isinstance(size, tuple) else (size,)

@@ -62,6 +62,7 @@ class Plan:
     lead: float = 2e-3
     capacitance: float = 330e-12
     rough: bool = False  # arcs and round ends as few straight sides, for quick estimates
+    connector: Mapping[str, Any] | None = None  # keys of its table
 
     @property
     def width(self) -> float:
@@ -109,6 +110,8 @@ class Plan:
             "array": {**self.arrangement.keys, "coil": self.shape, **pitch, "layers": own[:1] if alone else own},
             "board": {"margin_mm": max(2.0, math.ceil(self.rules.min_edge_clearance * 1e3))},
         }
+        if self.connector is not None:
+            document["connector"] = dict(self.connector)
         if self.elastomer:
             document |= self._elastomer()
         return document | {

@@ -7,15 +7,15 @@ import io
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import tomli_w
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.files import make_folder, write_text
 from coilarray.design.model import DesignFile
-from coilarray.design.vary import vary_document
+from coilarray.design.save import file_text
+from coilarray.design.vary import vary_chosen
 from coilarray.studies.optimize.importance import importance
 from coilarray.studies.optimize.run import Optimization
 from coilarray.studies.optimize.trials import Trial
@@ -85,19 +85,12 @@ def trial_text(file: DesignFile, trial: Trial, label: str) -> str:
     Entries that were chosen are no longer marked as assumed.
     """
     design = file.design
-    document = vary_document(file.document, trial.changes)
+    document = vary_chosen(file.document, trial.changes)
     document["name"] = f"{design.name}-{label}"
     document["title"] = f"{design.title or design.name} – {label}"
-    assumed = {
-        key: reason
-        for key, reason in document.get("assumed", {}).items()
-        if not any(entry == key or entry.startswith(f"{key}.") for entry in trial.changes)
-    }
-    document["assumed"] = assumed
-    if not assumed:
-        del document["assumed"]
     found = ", ".join(f"{key} = {value:.6g}" for key, value in trial.quantities.items())
-    return f"# {design.name} as changed by coilarray optimize ({trial.name}): {found}\n\n{tomli_w.dumps(document)}"
+    text = file_text(replace(file, document=document))
+    return f"# {design.name} as changed by coilarray optimize ({trial.name}): {found}\n\n{text}"
 
 
 def trials_csv(result: Optimization) -> str:

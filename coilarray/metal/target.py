@@ -1,0 +1,89 @@
+"""What a body that is moved over the board does to the coils, whichever body it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.threads import Progress
+from coilarray.electromagnetics.inductance import Accuracy
+from coilarray.electromagnetics.source import Source
+from coilarray.errors import MetalError
+from coilarray.geometry import FinitePlate, Plate, Sheet, Target
+from coilarray.metal.ball import ball_inductance
+from coilarray.metal.finite_plates import moving_plate
+from coilarray.metal.flat_plates import plate_inductances
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+
+def target_inductance(
+    source: Source,
+    target: Target,
+    places: FloatArray,
+    distances: Sequence[float],
+    frequencies: FloatArray,
+    sheets: Sequence[Sheet] = (),
+    plates: Sequence[Plate | FinitePlate] = (),
+    *,
+    accuracy: Accuracy = "full",
+    progress: Progress | None = None,
+) -> ComplexArray:
+    """Change of the impedance matrix of coils by a target, as a complex inductance.
+
+    Parameters
+    ----------
+    source : Source
+        The coils.
+    target : Target
+        The body; its own places and distances do not count.
+    places : ndarray, shape (p, 2)
+        Places of its centre on the board in m.
+    distances : sequence of float, length d
+        Distances in m of its nearest point from the upper face of the sheets, or of the board without.
+    frequencies : ndarray, shape (f,)
+        Frequencies in Hz, rising.
+    sheets : sequence of Sheet
+        Sheets on the board, upwards.
+    plates : sequence of Plate or FinitePlate
+        Metal that stays where it is.
+    accuracy : {"full", "screen"}
+        Accuracy of a target without end, see `coilarray.metal.flat_plates.plate_inductance`.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Returns
+    -------
+    ndarray of complex, shape (d, p, f, n, n)
+        ΔZ/(jω) = ΔL − jΔR/ω in H, with the target less without.
+
+    Raises
+    ------
+    MetalError
+        A body together with sheets or plates with which it is not computed, and what the solver of the body refuses.
+    """
+    face, body = sum(sheet.thickness for sheet in sheets), target.body
+    heights = [target.height(face, distance) for distance in distances]
+    if isinstance(body, Plate):
+        endless = [plate for plate in plates if isinstance(plate, Plate)]
+        if len(endless) < len(plates):
+            raise MetalError(
+                "a target without end beside plates with an outline is not computed: leave one of them out."
+            )
+        cases = [endless, *([*endless, replace(body, z=z)] for z in heights)]
+        without, *changes = plate_inductances(source, cases, frequencies, sheets, accuracy=accuracy, progress=progress)
+        return np.repeat((np.array(changes) - without)[:, None], len(places), axis=1)
+    if plates:
+        raise MetalError(
+            f"a target with an end beside plates is not computed; got {', '.join(plate.name for plate in plates)}."
+        )
+    positions = np.array([[x, y, z] for z in heights for x, y in places.tolist()])
+    if isinstance(body, FinitePlate):
+        change = moving_plate(source, body, positions, frequencies, sheets, progress=progress)
+    else:
+        change = ball_inductance(source, body, positions, frequencies, sheets, progress=progress)
+    return change.reshape(len(heights), len(places), *change.shape[1:])

@@ -1,0 +1,78 @@
+"""Tab in which a design is built: its coils and their places, lattice, layers, leads, sheets and seat."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from coilarray.errors import CoilarrayError
+from coilarray.geometry.values import SIDES
+from coilarray.viz.studio import structure
+from coilarray.viz.studio.entries import number_of, text_of
+from coilarray.viz.studio.panel import Panel
+from coilarray.viz.studio.services import Document
+from coilarray.viz.studio.work import Work
+
+if TYPE_CHECKING:
+    from coilarray.viz.studio.page import Page
+
+
+class BuildPanel(Panel):
+    """Panel with what a design is made of."""
+
+    def __init__(self, page: Page) -> None:
+        values = {
+            "build": {"coils": [], "sheets": []}, "build_problem": "", "build_lattices": list(structure.LATTICES),
+            "build_bases": list(structure.BASES), "build_edges": ["none", *SIDES],
+        }  # fmt: skip
+        super().__init__(
+            page, values, add_coil=lambda: self._change(structure.add_coil),
+            remove_coil=lambda name: self._change(structure.remove_coil, str(name)), place_coil=self._place,
+            set_lattice=lambda kind: self._change(structure.set_lattice, str(kind)),
+            set_layers=lambda count: self._change(structure.set_layers, int(count)),
+            set_leads=lambda there: self._change(structure.set_leads, there=bool(there)),
+            set_connector=lambda edge: self._change(structure.set_connector, str(edge)),
+            add_sheet=lambda: self._change(structure.add_sheet),
+            remove_sheet=lambda index: self._change(structure.remove_sheet, int(index)),
+            set_base=lambda base: self._change(structure.set_base, str(base)),
+        )  # fmt: skip
+
+    def show(self, work: Work) -> None:
+        """Show what a design is made of."""
+        document, array = work.opened.document, work.design.array
+        array = array if array.led_out is None else array.led_out.array
+        state = self._page.state
+        state.build_problem = ""
+        state.build = {
+            "coils": [
+                {
+                    "name": place.name, "x": text_of(place.x * 1e3), "y": text_of(place.y * 1e3),
+                    "turn": text_of(math.degrees(place.rotation)),
+                }
+                for place in array.placements
+            ],
+            "lattice": document["array"]["lattice"],
+            "layers": len(array.stackup.names),
+            "leads": all(place.coil.terminal is not None for place in array.placements),
+            "connector": document.get("connector", {}).get("side", "none" if "connector" not in document else "bottom"),
+            "sheets": [sheet.name for sheet in work.design.sheets],
+            "base": document["indentation"].get("base", "bonded") if "indentation" in document else "",
+        }  # fmt: skip
+
+    def _place(self, name: str, x: str, y: str, turn: str) -> None:
+        try:
+            numbers = [number_of(key, str(text)) for key, text in (("x", x), ("y", y), ("turn", turn))]
+        except CoilarrayError as error:
+            self._page.state.build_problem = str(error)
+            return
+        self._change(structure.place_coil, str(name), *numbers)
+
+    def _change(self, function: Callable[..., Document], *arguments: Any, **named: Any) -> None:
+        """Change the document of the design; what cannot be gives one line and changes nothing."""
+        page = self._page
+        try:
+            document = function(page.work.opened.document, page.work.design, *arguments, **named)
+            page.take(page.work.with_document(document))
+        except CoilarrayError as error:
+            page.state.build_problem = str(error)

@@ -1,0 +1,192 @@
+"""What a design is made of, changed in its document: coils, their places and lattice, layers, leads and sheets."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, get_args
+
+from coilarray.design.model import Design
+from coilarray.errors import DesignError
+from coilarray.geometry.array import LatticeKind
+from coilarray.viz.studio.services import Document
+
+LATTICES = (*get_args(LatticeKind), "free")
+"""Kinds of lattice that an array may have."""
+
+BASES = ("bonded", "frictionless", "seat")
+"""What the lowest sheet may lie on."""
+
+_SHEET = {"thickness_mm": 1.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 100.0}
+_INDENTED = {"indenter": {"shape": "hemisphere", "radius_mm": 2.0}, "indentation": {"depths_mm": [0.3]}}
+_SEAT = 1000.0  # kPa/mm
+_APART = 1.25  # pitches of a first coil to a second, in widths of the coil
+
+
+def add_coil(document: Document, design: Design) -> Document:
+    """Add a coil beside the rightmost one, on the layers that come after its; the array is then one of free places."""
+    places = _placements(document, design)
+    names = [place["name"] for place in places]
+    k = next(k for k in range(1, len(names) + 2) if f"coil{k}" not in names)
+    rightmost = max(places, key=lambda place: float(place["x_mm"]))
+    layers = list(dict.fromkeys(tuple(place["layers"]) for place in places))
+    following = layers[(layers.index(tuple(rightmost["layers"])) + 1) % len(layers)]
+    lattice = design.array.lattice
+    pitch = lattice.pitch if lattice is not None and lattice.pitch else _APART * _width(design)
+    x = round(rightmost["x_mm"] + pitch * 1e3, 6)
+    added = {**rightmost, "name": f"coil{k}", "layers": list(following), "x_mm": x}
+    return _free(document, [*places, added])
+
+
+def remove_coil(document: Document, design: Design, name: str) -> Document:
+    """Remove a coil and what is said of it alone; the array is then one of free places."""
+    places = [place for place in _placements(document, design) if place["name"] != name]
+    if not places:
+        raise DesignError(f"{name} cannot be removed: an array must have a coil.")
+    changed = _free(document, places)
+    used = {place["coil"] for place in places}
+    changed["coils"] = {shape: table for shape, table in document["coils"].items() if shape in used}
+    ends = dict(document.get("circuit", {}).get("terminations", {}))
+    if ends.pop(name, None) is not None:
+        changed["circuit"] = {**document["circuit"], "terminations": ends}
+    return _assumed(changed, lambda key: key if key.split(".")[0] != "coils" or key.split(".")[1] in used else None)
+
+
+def place_coil(document: Document, design: Design, name: str, x: float, y: float, turn: float) -> Document:
+    """Place a coil at x and y in mm, turned by an angle in degrees; the array is then one of free places."""
+    new = {"x_mm": x, "y_mm": y, "rotation_deg": turn}
+    places = _placements(document, design)
+    return _free(document, [{**place, **new} if place["name"] == name else place for place in places])
+
+
+def set_lattice(document: Document, design: Design, kind: str) -> Document:
+    """Lay coils of the first shape on a lattice of a kind, about as many as there are, or give each its own place."""
+    if kind == "free":
+        return _free(document, _placements(document, design))
+    places, old = _placements(document, design), document["array"]
+    count, root = len(places), max(1, round(math.sqrt(len(places))))
+    sizes: Mapping[str, dict[str, Any]] = {
+        "single": {}, "linear": {"columns": count}, "square": {"columns": root, "rows": math.ceil(count / root)},
+        "hexagonal": {"columns": root, "rows": math.ceil(count / root)}, "rings": {"rings": 1},
+    }  # fmt: skip
+    if kind not in sizes:
+        raise DesignError(f"array.lattice must be one of {', '.join(LATTICES)}; got {kind!r}.")
+    layers = list(dict.fromkeys(tuple(place["layers"]) for place in places))
+    pitch = old.get("pitch_mm", round(_APART * _width(design) * 1e3, 2))
+    table = {"lattice": kind, "coil": places[0]["coil"], **sizes[kind]} | (
+        {} if kind == "single" else {"pitch_mm": pitch}
+    )
+    table["layers"] = [list(each) for each in (layers[:1] if kind == "single" else layers)]
+    kept = {key: old[key] for key in ("direction_deg", "rotation_deg") if key in old}
+    return _assumed({**document, "array": table | kept}, lambda key: None if key.startswith("array.") else key)
+
+
+def set_layers(document: Document, _: Design, count: int) -> Document:
+    """Give the board a number of copper layers: new ones like the lowest, or the lowest ones removed."""
+    stackup = document["stackup"]
+    names = list(stackup["layers"])
+    if not 1 <= count <= 64:
+        raise DesignError(f"stackup.layers must be 1 to 64; got {count}.")
+    free = (name for k in range(1, 2 * count + len(names) + 1) if (name := f"L{k}") not in names)
+    names = [*names, *(next(free) for _ in range(count - len(names)))][:count]
+    table = {**stackup, "layers": names}
+    usual = {"copper_thickness_um": (35.0, 0), "dielectric_thickness_mm": (0.2, 1), "dielectric_epsilon_r": (4.5, 1)}
+    for key, (value, less) in usual.items():
+        values = list(stackup.get(key, []))
+        table[key] = (values + [values[-1] if values else value] * count)[: count - less]
+    return {**document, "stackup": table}
+
+
+def set_leads(document: Document, _: Design, *, there: bool) -> Document:
+    """Give every wound coil leads and terminals, or none."""
+    coils = dict(document["coils"])
+    for shape, table in coils.items():
+        if table.get("shape") != "path":
+            rest = {key: value for key, value in table.items() if key != "leads"}
+            coils[shape] = rest | ({"leads": table.get("leads", {})} if there else {})
+    changed = {**document, "coils": coils}
+    return changed if there else _assumed(changed, lambda key: None if re.match(r"coils\..*\.leads\.", key) else key)
+
+
+def set_connector(document: Document, _: Design, edge: str) -> Document:
+    """Lead all coils to a connector at an edge; ``"none"`` for none."""
+    if edge != "none":
+        return {**document, "connector": {**document.get("connector", {}), "side": edge}}
+    rest = {key: table for key, table in document.items() if key != "connector"}
+    return _assumed(rest, lambda key: None if key.startswith("connector.") else key)
+
+
+def add_sheet(document: Document, _: Design) -> Document:
+    """Add a sheet on top of the others."""
+    sheets = list(document.get("elastomer", []))
+    names = [sheet["name"] for sheet in sheets]
+    name = next(name for k in range(1, len(names) + 2) if (name := f"sheet{k}") not in names)
+    return (_INDENTED if not sheets else {}) | {**document, "elastomer": [*sheets, {"name": name, **_SHEET}]}
+
+
+def remove_sheet(document: Document, _: Design, index: int) -> Document:
+    """Remove a sheet by its number from below; with the last one goes what presses on it."""
+    sheets = list(document.get("elastomer", []))
+    if not 0 <= index < len(sheets):
+        raise DesignError(f"elastomer must have a sheet of number {index}; there are {len(sheets)}.")
+    del sheets[index]
+    gone = () if sheets else ("elastomer", "indenter", "indentation")
+    changed = {key: table for key, table in ({**document, "elastomer": sheets}).items() if key not in gone}
+
+    def renamed(key: str) -> str | None:
+        table, _, rest = key.partition(".")
+        if table in gone:
+            return None
+        if table != "elastomer":
+            return key
+        number, _, entry = rest.partition(".")
+        k = int(number)
+        return None if k == index else f"elastomer.{k - (k > index)}.{entry}"
+
+    return _assumed(changed, renamed)
+
+
+def set_base(document: Document, _: Design, base: str) -> Document:
+    """Let the lowest sheet lie bonded or without friction on the board, or on a soft seat."""
+    if base not in BASES:
+        raise DesignError(f"indentation.base must be one of {', '.join(BASES)}; got {base!r}.")
+    if "indentation" not in document:
+        raise DesignError("indentation is missing: a base is of sheets that are pressed.")
+    table = {key: value for key, value in document["indentation"].items() if not key.startswith("seat_")}
+    seat = {"seat_stiffness_kPa_per_mm": _SEAT} if base == "seat" else {}
+    changed = {**document, "indentation": {**table, "base": base, **seat}}
+    return _assumed(changed, lambda key: None if key.startswith("indentation.seat_") else key)
+
+
+def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
+    """Return the places of all coils as a file has them; of coils whose leads are led out, as before."""
+    if document["array"]["lattice"] == "free":
+        return [dict(place) for place in document["array"]["placements"]]
+    array = design.array if design.array.led_out is None else design.array.led_out.array
+    return [
+        {
+            "name": place.name, "coil": document["array"]["coil"], "layers": list(place.layers),
+            "x_mm": round(place.x * 1e3, 6), "y_mm": round(place.y * 1e3, 6),
+            "rotation_deg": round(math.degrees(place.rotation), 9),
+        }
+        for place in array.placements
+    ]  # fmt: skip
+
+
+def _free(document: Document, places: list[dict[str, Any]]) -> dict[str, Any]:
+    changed = {**document, "array": {"lattice": "free", "placements": places}}
+    return _assumed(changed, lambda key: None if key.startswith("array.") else key)
+
+
+def _width(design: Design) -> float:
+    """Width in m of the first coil's outline."""
+    x = design.array.placements[0].coil.outline[:, 0]
+    return float(x.max() - x.min())
+
+
+def _assumed(document: Mapping[str, Any], renamed: Callable[[str], str | None]) -> dict[str, Any]:
+    """Rename the keys of what is assumed, or leave them out."""
+    reasons = {new: why for key, why in document.get("assumed", {}).items() if (new := renamed(key)) is not None}
+    rest = {key: table for key, table in document.items() if key != "assumed"}
+    return rest | ({"assumed": reasons} if reasons else {})
