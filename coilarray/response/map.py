@@ -63,6 +63,7 @@ Variable = tuple[tuple[str, ...], FloatArray, Mapping[str, str]]
 _POSITIONS = 1000  # in a part of a resumable map, which is of one depth
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances that the circuit takes, and a copy on the way
+_BYTES_OF_METAL = 80.0  # more with an indenter of metal: complex changes, their copies, and two variables
 _CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _ERRORS = (1e-4, 0.1)  # of the peak; being linear leaves out up to 4e-5 (tests/response/test_near_response.py)
 _AUTO_VALUES = 5_000_000  # of the inductance changes; above, "auto" leaves far coils out
@@ -182,7 +183,7 @@ def response_map(
     axes, coils = map_axes(design, depths, x, y), len(design.array.names)
     ball = indentation_of(design).ball if metal else None
     error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=ball is not None)
-    _require_room(axes, coils, len(design.plan), error)
+    _require_room(axes, coils, len(design.plan), error, metal=ball is not None)
     _check_metal(design, axes, ball, rest)
     pressed = experiment(design, axes, true)
 
@@ -457,7 +458,7 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool,
     return reach
 
 
-def _require_room(axes: MapAxes, coils: int, states: int, error: float) -> None:
+def _require_room(axes: MapAxes, coils: int, states: int, error: float, *, metal: bool = False) -> None:
     """Refuse a map that is too large before anything of it is computed."""
     depths, places = len(axes.depth), len(axes.x) * len(axes.y)
     what = f"{depths} depths at {places} positions with {coils} coils"
@@ -470,7 +471,8 @@ def _require_room(axes: MapAxes, coils: int, states: int, error: float) -> None:
             f"{what} are {values} inductance changes; at most {_MOST_VALUES} are allowed: compute the map in pieces "
             "or with reach."
         )
-    require_memory(_BYTES_A_VALUE * values, f"a map of {what}", "compute it in pieces")
+    a_value = _BYTES_A_VALUE + metal * _BYTES_OF_METAL
+    require_memory(a_value * values, f"a map of {what}", "compute it in pieces")
 
 
 def _changes(
