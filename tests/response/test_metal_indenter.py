@@ -78,7 +78,7 @@ def test_a_material_put_into_a_map_is_that_of_the_design(steel, plain):
 def test_aluminium_lowers_and_ferrite_raises_the_response(plain):
     for name, sign in (("aluminium", -1), ("ferrite", 1)):
         share = with_material(PLAIN, plain, MATERIALS[name], ideal=True, mesh=MESH).metal_delta
-        assert (share.values[1, 0, 0] * sign > 0).all()  # as the coils' own inductances, whatever the others do
+        assert (share.values[1, 0, 0] * sign > 0).all()  # both states, with the other coil shorted
 
 
 def test_refusals():
