@@ -24,10 +24,10 @@ from coilarray.elastomer.dielectric import dent_capacitance
 from coilarray.elastomer.face_shift import shift_energy, shift_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.source import Source
-from coilarray.errors import ElastomerError, MetalError, NetworkError
-from coilarray.geometry import Ball, Conductor, Material
-from coilarray.metal.indenter import indenter_inductance
+from coilarray.errors import ElastomerError, NetworkError
+from coilarray.geometry import Conductor, Material
 from coilarray.response.coordinates import origin_attributes
+from coilarray.response.metal_share import Variable, check_metal, metal_attributes, metal_share, metal_variables
 from coilarray.response.near import near_response
 from coilarray.response.setup import (
     Experiment,
@@ -57,8 +57,6 @@ ComplexArray = npt.NDArray[np.complex128]
 Reach = float | Literal["auto"] | None
 """Which coils count at a position: None for all, the allowed error of δ relative to its peak, or "auto"."""
 
-Variable = tuple[tuple[str, ...], FloatArray, Mapping[str, str]]
-"""A variable of a dataset: dimensions, values and attributes."""
 
 _POSITIONS = 1000  # in a part of a resumable map, which is of one depth
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
@@ -184,7 +182,7 @@ def response_map(
     ball = indentation_of(design).ball if metal else None
     error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=ball is not None)
     _require_room(axes, coils, len(design.plan), error, metal=ball is not None)
-    _check_metal(design, axes, ball, rest)
+    check_metal(design, axes, ball, rest)
     pressed = experiment(design, axes, true)
 
     def flat_network() -> Network:
@@ -212,10 +210,10 @@ def response_map(
         changes, left_out = {}, {"error_of_peak": 0.0}
         if ball is not None:
             frequency = float(np.mean([one.frequency for one in flats]))
-            share = _metal(pressed, design.array, ball, frequency, rest, mesh)
+            share = metal_share(pressed, design.array, ball, frequency, rest, mesh)
             both = _through_circuit(flat, flats, change + share, capacitance_change)
-            changes = _metal_variables(axes, both - delta, share, frequency)
-            left_out |= _metal_attributes(ball, frequency, rest)
+            changes = metal_variables(axes, both - delta, share, frequency)
+            left_out |= metal_attributes(ball, frequency, rest)
             delta, change = both, change + share.real
         base = np.array([_converted(flat, one) for one in flats])
         changes |= {
@@ -334,16 +332,16 @@ def with_material(
     solid = replace(design, indentation=replace(indentation_of(design), material=material))
     axes = map_axes(design, response.depth, response.x, response.y)
     ball = indentation_of(solid).ball
-    _check_metal(solid, axes, ball, rest)
+    check_metal(solid, axes, ball, rest)
     assert ball is not None  # it has the material
     capacitance = design.circuit.switches.tank_capacitance
     frequency = float((1 / np.sqrt(response.base_inductance * capacitance)).mean()) / (2 * np.pi)
     pressed = experiment(solid, axes, imperfections)
-    share = _metal(pressed, design.array, ball, frequency, rest, mesh or LayerMesh())
-    variables = _metal_variables(axes, np.zeros((*share.shape[:2], response.sizes["state"])), share, frequency)
+    share = metal_share(pressed, design.array, ball, frequency, rest, mesh or LayerMesh())
+    variables = metal_variables(axes, np.zeros((*share.shape[:2], response.sizes["state"])), share, frequency)
     whole = respond(
         design,
-        response.assign(variables).assign_attrs(_metal_attributes(ball, frequency, rest)),
+        response.assign(variables).assign_attrs(metal_attributes(ball, frequency, rest)),
         inductance_change=response.inductance_change.values + variables["metal_inductance_change"][1],
         ideal=ideal,
     )
@@ -368,7 +366,7 @@ def inductance_changes(
     does not. Errors for a design, axes or a contact as `response_map`.
     """
     ball = None if frequency is None else indentation_of(design).ball
-    _check_metal(design, axes, ball, 0.0)
+    check_metal(design, axes, ball, 0.0)
     source = design.array.conductors() if paths is None else paths
     pressed = experiment(design, axes, imperfections)
     change = np.zeros((len(pressed.axes.depth), len(pressed.points), len(source), len(source)))
@@ -376,7 +374,7 @@ def inductance_changes(
         change += _dented(source, levels, pressed.points, LayerMesh(), progress)
     change += _shift(pressed, source, LayerMesh())
     if ball is not None and frequency is not None:
-        change += _metal(pressed, source, ball, frequency, 0.0, LayerMesh()).real
+        change += metal_share(pressed, source, ball, frequency, 0.0, LayerMesh()).real
     return change.reshape(*axes.shape, len(source), len(source))
 
 
@@ -525,60 +523,6 @@ def _shift_of_states(pressed: Experiment, states: StateSensitivity, mesh: LayerM
     places = pressed.points - origin
     energy = shift_energy(design.array, design.sheets, pressed.correction, places, origin, mesh, currents, currents)
     return np.asarray((states.weights * energy).real)
-
-
-def _check_metal(design: Design, axes: MapAxes, ball: Ball | None, rest: float) -> None:
-    """Refuse an indenter of metal where it is not computed, and depths that only such a one has."""
-    if not rest >= 0:
-        raise MetalError(f"rest must be at least 0; got {rest} m.")
-    if ball is not None and design.plates:
-        raise MetalError(f"an indenter of {ball.material.name} is not computed beside plates; leave one of them out.")
-    if ball is None and axes.depth[0] < 0:
-        raise ElastomerError(
-            f"depth of an indentation must be from 0 where no material of the indenter counts; "
-            f"got {axes.depth[0] * 1e3:.4g} mm."
-        )
-
-
-def _metal(
-    pressed: Experiment, source: Source, ball: Ball, frequency: float, rest: float, mesh: LayerMesh
-) -> ComplexArray:
-    """Share of the indenter's material in the changes in H, (depths, places, coils, coils), against it at rest.
-
-    What a finite sample adds to its dents is left out: it is a small part of a share.
-    """
-    total: ComplexArray | float = 0.0
-    for level in (level for level in pressed.levels if not level.coarse):
-        first = level.dents[0]
-        flat = replace(first, displacement=np.zeros_like(first.displacement))
-        at_rest = indenter_inductance(source, ball, flat, pressed.points, frequency, rest)
-        parts = [
-            indenter_inductance(source, ball, dent, pressed.points, frequency, above, mesh=mesh) - at_rest
-            for dent, above in zip(level.dents, pressed.above.tolist(), strict=True)
-        ]
-        total = total + np.einsum("dp,dpij->dpij", level.shares, parts)
-    return np.asarray(total)
-
-
-def _metal_variables(axes: MapAxes, delta: FloatArray, share: ComplexArray, frequency: float) -> dict[str, Variable]:
-    """Return the variables of the material's share."""
-    matrix = ("depth", "y", "x", "coil", "other")
-    values = share.reshape(*axes.shape, *share.shape[2:])
-    loss = -2 * np.pi * frequency * values.imag
-    return {
-        "metal_delta": (
-            ("depth", "y", "x", "state"), delta.reshape(*axes.shape, -1),
-            {"units": "1", "long_name": "share of the indenter's material in delta"},
-        ),
-        "metal_inductance_change": (
-            matrix, values.real, {"units": "H", "long_name": "share of the indenter's material"}
-        ),
-        "metal_resistance_change": (matrix, loss, {"units": "ohm", "long_name": "eddy-current loss in the indenter"}),
-    }  # fmt: skip
-
-
-def _metal_attributes(ball: Ball, frequency: float, rest: float) -> dict[str, object]:
-    return {"metal_frequency_Hz": frequency, "rest_m": rest, "indenter_material": ball.material.name}
 
 
 def _converted(network: Network, flat: Resonance) -> float:
