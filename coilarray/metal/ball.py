@@ -43,7 +43,7 @@ _FEWEST, _MOST = 8, 120  # multipoles
 _DECAYS = 16.0  # of the shortest wave from the coils to the ball
 _DOWN = 8  # steps of the continued fraction, in roots of a skin depth's part of the radius
 _REFLECTED = 160  # nodes of the integral over the reflected waves
-_POSITIONS = 64  # at a time, which bounds the memory
+_AT_ONCE = 4_000_000  # harmonics of the coils, which bounds the memory to 64 MB
 _SAME = 1e-9  # m; places that differ by less are one
 
 
@@ -149,7 +149,7 @@ def multipole_inductance(
     seen = [answer(height * _SAME, wavenumbers, alpha) for height in heights.tolist()]
     scale = weights * wavenumbers / (2 * np.pi)
     spectra = segment_spectra(coils, wavenumbers)
-    blocks = ranges(len(places), _POSITIONS)
+    blocks = ranges(len(places), max(1, _AT_ONCE // (len(wavenumbers) * len(coils) * (orders + 1))))
     for done, (start, stop) in enumerate(blocks, start=1):
         incident = harmonics_about(spectra, places[start:stop] * _SAME, orders) * scale[:, None, None, None]
         for number, one in enumerate(seen):

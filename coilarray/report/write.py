@@ -332,7 +332,10 @@ def _position_tables(positions: MapPositions, compare: bool) -> list[tables.Tabl
 
 
 def _distortion_tables(distortion: xr.Dataset) -> list[tables.Table]:
-    return [localize_tables.residual_table(distortion), localize_tables.cause_table(distortion)]
+    made = [localize_tables.residual_table(distortion), localize_tables.cause_table(distortion)]
+    if "indenter" in distortion.dims:  # not in files of earlier versions
+        made.append(localize_tables.indenter_table(distortion))
+    return [table for table in made if table.rows]
 
 
 def _position_summary(positions: MapPositions) -> dict[str, object]:

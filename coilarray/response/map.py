@@ -24,10 +24,10 @@ from coilarray.elastomer.dielectric import dent_capacitance
 from coilarray.elastomer.face_shift import shift_energy, shift_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.source import Source
-from coilarray.errors import ElastomerError, MetalError, NetworkError
-from coilarray.geometry import Ball, Conductor, Material
-from coilarray.metal.indenter import indenter_inductance
+from coilarray.errors import ElastomerError, NetworkError
+from coilarray.geometry import Conductor, Material
 from coilarray.response.coordinates import origin_attributes
+from coilarray.response.metal_share import Variable, check_metal, metal_attributes, metal_share, metal_variables
 from coilarray.response.near import near_response
 from coilarray.response.setup import (
     Experiment,
@@ -57,12 +57,11 @@ ComplexArray = npt.NDArray[np.complex128]
 Reach = float | Literal["auto"] | None
 """Which coils count at a position: None for all, the allowed error of δ relative to its peak, or "auto"."""
 
-Variable = tuple[tuple[str, ...], FloatArray, Mapping[str, str]]
-"""A variable of a dataset: dimensions, values and attributes."""
 
 _POSITIONS = 1000  # in a part of a resumable map, which is of one depth
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances that the circuit takes, and a copy on the way
+_BYTES_OF_METAL = 80.0  # more with an indenter of metal: complex changes, their copies, and two variables
 _CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _ERRORS = (1e-4, 0.1)  # of the peak; being linear leaves out up to 4e-5 (tests/response/test_near_response.py)
 _AUTO_VALUES = 5_000_000  # of the inductance changes; above, "auto" leaves far coils out
@@ -182,8 +181,8 @@ def response_map(
     axes, coils = map_axes(design, depths, x, y), len(design.array.names)
     ball = indentation_of(design).ball if metal else None
     error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=ball is not None)
-    _require_room(axes, coils, len(design.plan), error)
-    _check_metal(design, axes, ball, rest)
+    _require_room(axes, coils, len(design.plan), error, metal=ball is not None)
+    check_metal(design, axes, ball, rest)
     pressed = experiment(design, axes, true)
 
     def flat_network() -> Network:
@@ -211,10 +210,10 @@ def response_map(
         changes, left_out = {}, {"error_of_peak": 0.0}
         if ball is not None:
             frequency = float(np.mean([one.frequency for one in flats]))
-            share = _metal(pressed, design.array, ball, frequency, rest, mesh)
+            share = metal_share(pressed, design.array, ball, frequency, rest, mesh)
             both = _through_circuit(flat, flats, change + share, capacitance_change)
-            changes = _metal_variables(axes, both - delta, share, frequency)
-            left_out |= _metal_attributes(ball, frequency, rest)
+            changes = metal_variables(axes, both - delta, share, frequency)
+            left_out |= metal_attributes(ball, frequency, rest)
             delta, change = both, change + share.real
         base = np.array([_converted(flat, one) for one in flats])
         changes |= {
@@ -333,16 +332,16 @@ def with_material(
     solid = replace(design, indentation=replace(indentation_of(design), material=material))
     axes = map_axes(design, response.depth, response.x, response.y)
     ball = indentation_of(solid).ball
-    _check_metal(solid, axes, ball, rest)
+    check_metal(solid, axes, ball, rest)
     assert ball is not None  # it has the material
     capacitance = design.circuit.switches.tank_capacitance
     frequency = float((1 / np.sqrt(response.base_inductance * capacitance)).mean()) / (2 * np.pi)
     pressed = experiment(solid, axes, imperfections)
-    share = _metal(pressed, design.array, ball, frequency, rest, mesh or LayerMesh())
-    variables = _metal_variables(axes, np.zeros((*share.shape[:2], response.sizes["state"])), share, frequency)
+    share = metal_share(pressed, design.array, ball, frequency, rest, mesh or LayerMesh())
+    variables = metal_variables(axes, np.zeros((*share.shape[:2], response.sizes["state"])), share, frequency)
     whole = respond(
         design,
-        response.assign(variables).assign_attrs(_metal_attributes(ball, frequency, rest)),
+        response.assign(variables).assign_attrs(metal_attributes(ball, frequency, rest)),
         inductance_change=response.inductance_change.values + variables["metal_inductance_change"][1],
         ideal=ideal,
     )
@@ -367,7 +366,7 @@ def inductance_changes(
     does not. Errors for a design, axes or a contact as `response_map`.
     """
     ball = None if frequency is None else indentation_of(design).ball
-    _check_metal(design, axes, ball, 0.0)
+    check_metal(design, axes, ball, 0.0)
     source = design.array.conductors() if paths is None else paths
     pressed = experiment(design, axes, imperfections)
     change = np.zeros((len(pressed.axes.depth), len(pressed.points), len(source), len(source)))
@@ -375,7 +374,7 @@ def inductance_changes(
         change += _dented(source, levels, pressed.points, LayerMesh(), progress)
     change += _shift(pressed, source, LayerMesh())
     if ball is not None and frequency is not None:
-        change += _metal(pressed, source, ball, frequency, 0.0, LayerMesh()).real
+        change += metal_share(pressed, source, ball, frequency, 0.0, LayerMesh()).real
     return change.reshape(*axes.shape, len(source), len(source))
 
 
@@ -457,7 +456,7 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool,
     return reach
 
 
-def _require_room(axes: MapAxes, coils: int, states: int, error: float) -> None:
+def _require_room(axes: MapAxes, coils: int, states: int, error: float, *, metal: bool = False) -> None:
     """Refuse a map that is too large before anything of it is computed."""
     depths, places = len(axes.depth), len(axes.x) * len(axes.y)
     what = f"{depths} depths at {places} positions with {coils} coils"
@@ -470,7 +469,8 @@ def _require_room(axes: MapAxes, coils: int, states: int, error: float) -> None:
             f"{what} are {values} inductance changes; at most {_MOST_VALUES} are allowed: compute the map in pieces "
             "or with reach."
         )
-    require_memory(_BYTES_A_VALUE * values, f"a map of {what}", "compute it in pieces")
+    a_value = _BYTES_A_VALUE + metal * _BYTES_OF_METAL
+    require_memory(a_value * values, f"a map of {what}", "compute it in pieces")
 
 
 def _changes(
@@ -525,6 +525,7 @@ def _shift_of_states(pressed: Experiment, states: StateSensitivity, mesh: LayerM
     return np.asarray((states.weights * energy).real)
 
 
+<<<<<<< HEAD
 def _check_metal(design: Design, axes: MapAxes, ball: Ball | None, rest: float) -> None:
     """Refuse an indenter of metal where it is not computed, and depths that only such a one has."""
     if not rest >= 0:
@@ -577,6 +578,8 @@ def _metal_attributes(ball: Ball, frequency: float, rest: float) -> dict[str, ob
     return {"metal_frequency_Hz": frequency, "rest_m": rest, "indenter_material": ball.material.name}
 
 
+=======
+>>>>>>> sphere
 def _converted(network: Network, flat: Resonance) -> float:
     """L_0 in H as the converter sees a state."""
     return 1 / ((2 * np.pi * flat.frequency) ** 2 * network.switches.tank_capacitance)
