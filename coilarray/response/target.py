@@ -26,7 +26,7 @@ from coilarray.geometry import FinitePlate, Plate, Target
 from coilarray.metal.target import target_inductance
 from coilarray.response.coordinates import origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
-from coilarray.response.target_range import ranges_of
+from coilarray.response.target_range import ranges_of, require_noise
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -115,6 +115,7 @@ def target_map(
     from the least distance, and every place and distance is solved in the whole circuit at its own resonance.
     """
     target = target_of(design)
+    require_noise(noise)
     given = (("distances", distances, target.distances), ("x", x, target.x), ("y", y, target.y))
     axes = MapAxes(*(checked_axis(name, own if values is None else values, MetalError) for name, values, own in given))
     if axes.depth[0] <= 0:
