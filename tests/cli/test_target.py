@@ -61,4 +61,6 @@ def test_what_is_wrong_is_one_line(ball, capsys):
     assert "the design gast_fem has no [target]" in refused(capsys, "target", "gast_fem")
     assert "distances of a target must be above zero" in refused(capsys, "target", "ball.toml", "--distance-mm", "0,1")
     assert "noise must be positive" in refused(capsys, "target", "ball.toml", "--ideal", "--noise", "0")
+    good(capsys, "target", "ball.toml", "--ideal")
+    assert "target.nc is no response: it must have delta over depth" in refused(capsys, "fit", "target.nc")
     assert "--out must end in .nc or .csv" in refused(capsys, "target", "ball.toml", "--out", "t.txt")
