@@ -68,7 +68,7 @@ def test_tables_have_the_plates_at_the_working_frequency(bare: ca.Design, shield
     np.testing.assert_allclose(result.plate_inductance, expected.real, atol=1e-5 * scale)
     np.testing.assert_allclose(result.plate_resistance, -2 * np.pi * working * expected.imag, rtol=1e-3)
     np.testing.assert_allclose(result.inductance - result.plate_inductance, design_inductance(bare)[0], rtol=1e-12)
-    assert (result.quality_factor.values < 0.5 * ca.couple_design(bare).quality_factor.values).all()
+    assert (result.quality_factor.values < 0.75 * ca.couple_design(bare).quality_factor.values).all()
     assert result.attrs["left_out"].endswith("capacitance of the plates")
 
 
