@@ -49,8 +49,7 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
     -----
     Between the distances ln |δ| is a cubic spline, as δ falls about exponentially; δ itself where it changes its sign.
     """
-    if not (np.isfinite(noise) and noise > 0):
-        raise MetalError(f"noise must be positive and finite; got {noise}.")
+    require_noise(noise)
     distance = response.distance.values
     delta = response.delta.transpose("distance", "state", "y", "x").values
     flat = delta.reshape(*delta.shape[:2], -1)
@@ -82,6 +81,12 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
     )
     step = ("step", np.array(STEPS), {"units": "m", "long_name": "change of distance"})
     return xr.Dataset(variables(*rows_of), coords={"step": step}, attrs={"noise": noise, "range_factor": FACTOR})
+
+
+def require_noise(noise: float) -> None:
+    """Refuse noise of δ that is not positive and finite: MetalError."""
+    if not (np.isfinite(noise) and noise > 0):
+        raise MetalError(f"noise must be positive and finite; got {noise}.")
 
 
 Curve = Callable[[FloatArray], FloatArray]
