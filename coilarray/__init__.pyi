@@ -44,6 +44,7 @@ from .geometry.array import Connector as Connector
 from .geometry.array import Lattice as Lattice
 from .geometry.array import Placement as Placement
 from .geometry.array import lattice_array as lattice_array
+from .geometry.ball import Ball as Ball
 from .geometry.coil import Coil as Coil
 from .geometry.coil import Leads as Leads
 from .geometry.coil import PlatedHole as PlatedHole
@@ -56,6 +57,14 @@ from .geometry.indenter import CylinderEdge as CylinderEdge
 from .geometry.indenter import FlatPunch as FlatPunch
 from .geometry.indenter import Hemisphere as Hemisphere
 from .geometry.indenter import Paraboloid as Paraboloid
+from .geometry.material import MATERIALS as MATERIALS
+from .geometry.material import Material as Material
+from .geometry.plate import Disc as Disc
+from .geometry.plate import FinitePlate as FinitePlate
+from .geometry.plate import Plate as Plate
+from .geometry.plate import Polygon as Polygon
+from .geometry.plate import Rectangle as Rectangle
+from .geometry.plate import Ring as Ring
 from .geometry.rounded_spiral import RoundedSpiral as RoundedSpiral
 from .geometry.rules import FabRules as FabRules
 from .geometry.rules import check_rules as check_rules
@@ -64,6 +73,7 @@ from .geometry.sheet import Sheet as Sheet
 from .geometry.spiral import Spiral as Spiral
 from .geometry.spiral import apothem_from_size as apothem_from_size
 from .geometry.stackup import Stackup as Stackup
+from .geometry.target import Target as Target
 from .localize.comparison import compare_responses as compare_responses
 from .localize.ellipse import fit_ellipses as fit_ellipses
 from .localize.forward import forward_model as forward_model
@@ -71,6 +81,7 @@ from .localize.inverse import locate as locate
 from .report.write import write_report as write_report
 from .response.map import response_map as response_map
 from .response.setup import Imperfections as Imperfections
+from .response.target import target_map as target_map
 from .response.two_dimensional import line_response as line_response
 from .studies.calibrate.calibration import calibrate as calibrate
 from .studies.calibrate.plan import load_plan as load_plan

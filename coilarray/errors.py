@@ -27,6 +27,10 @@ class ElastomerError(CoilarrayError, ValueError):
     """An indentation that cannot be, or a contact that does not converge: what, which value, what is allowed."""
 
 
+class MetalError(CoilarrayError, ValueError):
+    """A body of metal or ferrite whose effect is not computed: which value, what is allowed."""
+
+
 class LocalizeError(CoilarrayError, ValueError):
     """A response or reading that gives no position: which coil or value, what is allowed."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations, pairwise
 from typing import Literal
 
@@ -267,7 +268,7 @@ class CoilArray:
         near = np.hypot(*(self.centres[one] - self.centres[other]).T) <= _NEAREST * self.least_distance
         return tuple(zip(one[near].tolist(), other[near].tolist(), strict=True))
 
-    @property
+    @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
         """Edges of the board in m: x_min, y_min, x_max, y_max."""
         points, reach = [], []

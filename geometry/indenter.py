@@ -100,9 +100,42 @@ class Paraboloid(_Body):
         return math.sqrt(2 * self.radius * height)
 
 
+EDGE = 0.1
+"""Radius of the rounded edge of a punch over the punch's own, where none is given: it takes some 5 % of the force."""
+
+
+class _Edged:
+    """An indenter that ends with an edge, rounded for large deformations: a sharp one would cut the sheet."""
+
+    radius: float
+    edge_radius: float | None
+    name: ClassVar[str]
+
+    @property
+    def rounding(self) -> float:
+        """Radius of the edge in m; inf where there is no edge."""
+        return EDGE * self.radius if self.edge_radius is None else self.edge_radius
+
+    def _check_edge(self) -> None:
+        edge = self.edge_radius
+        if edge is not None and not (0 < edge <= self.radius and math.isfinite(self.radius)):
+            raise GeometryError(
+                f"edge radius of a {self.name} must be positive and at most its radius, {self.radius * 1e3:g} mm; "
+                f"got {edge * 1e3:g} mm."
+            )
+
+
 @dataclass(frozen=True)
-class FlatPunch(_Body):
-    """The flat end of a rod, whose `radius` in m is positive and finite; GeometryError otherwise.
+class FlatPunch(_Edged, _Body):
+    """The flat end of a rod.
+
+    Parameters
+    ----------
+    radius : float
+        Radius in m, positive and finite; GeometryError otherwise.
+    edge_radius : float, optional
+        Radius in m of its rounded edge under large deformations, at most `radius`; 10 % of it by default. Linear
+        elasticity takes the edge as sharp, and so does `profile`.
 
     Examples
     --------
@@ -110,7 +143,12 @@ class FlatPunch(_Body):
     array([ 0.,  0., inf])
     """
 
+    edge_radius: float | None = None
     name: ClassVar[str] = "flat punch"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check_edge()
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
         """Height above the tip in m at the radii `r` in m: 0 under the punch, inf beyond it."""
@@ -122,7 +160,7 @@ class FlatPunch(_Body):
 
 
 @dataclass(frozen=True)
-class Cone:
+class Cone(_Edged):
     """A cone with its tip down.
 
     Raises GeometryError for an angle or a radius that is not allowed.
@@ -133,6 +171,8 @@ class Cone:
         Angle between the axis and the surface in rad, between 0 and π/2; near π/2 the cone is blunt.
     radius : float, optional
         Radius in m at which the cone ends, positive; without it the cone has no end.
+    edge_radius : float, optional
+        Radius in m of the rounded edge there, as that of a `FlatPunch`.
 
     Examples
     --------
@@ -142,6 +182,7 @@ class Cone:
 
     half_angle: float
     radius: float = math.inf
+    edge_radius: float | None = None
     name: ClassVar[str] = "cone"
     symmetry: ClassVar[Symmetry] = "axial"
 
@@ -150,6 +191,7 @@ class Cone:
             raise GeometryError(f"half angle of a cone must be between 0 and π/2 rad; got {self.half_angle} rad.")
         if not self.radius > 0:
             raise GeometryError(f"radius of a cone must be positive; got {self.radius} m.")
+        self._check_edge()
 
     @property
     def reach(self) -> float:

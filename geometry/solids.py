@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,9 +12,11 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import GeometryError
-from coilarray.geometry.array import CoilArray
+from coilarray.geometry.array import CoilArray, Placement
+from coilarray.geometry.coil import Coil
 from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, disc, drills
 from coilarray.geometry.sheet import Sheet
+from coilarray.geometry.stackup import Stackup
 
 if TYPE_CHECKING:
     import trimesh
@@ -59,7 +61,7 @@ def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.
     (['copper/top/A', 'sheet/base'], 0.07)
     """
     on_top = sheet_solids(array, sheets)
-    return {key: solid.copy() for key, solid in _board(array).items()} | on_top
+    return {key: solid.copy() for key, solid in board_solids(array).items()} | on_top
 
 
 def sheet_solids(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, trimesh.Trimesh]:
@@ -67,21 +69,60 @@ def sheet_solids(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, trimesh
     return {key: _extruded(prism) for key, prism in sheet_prisms(array, sheets).items()}
 
 
-@functools.lru_cache(maxsize=1)  # a report shows one board in two scenes
-def _board(array: CoilArray) -> dict[str, trimesh.Trimesh]:
-    """Copper, barrels and laminate; kept, so callers get copies."""
-    return {key: _extruded(prism) for key, prism in board_prisms(array).items()}
+@lru_cache(maxsize=1)  # a report shows one board in two scenes
+def board_solids(array: CoilArray) -> Mapping[str, trimesh.Trimesh]:
+    """Build copper, barrels and laminate of `solids`; they are kept for the next caller, who must not change them."""
+    import trimesh  # takes longer to import than the rest of the geometry together
+
+    holes = _holes(array)
+    pieces: dict[str, trimesh.Trimesh] = {}
+    for place in array.placements:
+        others = [replace(one, x=one.x - place.x, y=one.y - place.y) for one in holes if one.net != place.name]
+        away = np.array([place.x, place.y, 0.0])
+        alone = _coil_solids(array.stackup, array.through_holes, place.coil, place.layers, place.rotation)
+        for kind, part, prism, solid in alone:
+            key = f"copper/{part}/{place.name}" if kind == "copper" else f"barrel/{place.name}/{part}"
+            through = _meeting(prism, [one for one in others if kind == "copper" and part in one.layers])
+            whole = _extruded(_drilled(prism, through)) if through else solid
+            pieces[key] = trimesh.Trimesh(whole.vertices + away, whole.faces, process=False)
+    laminate = _laminate(array)
+    return pieces if laminate is None else {**pieces, "board": _extruded(laminate)}
+
+
+@lru_cache(maxsize=64)  # of coils that are only moved, nothing is built again
+def _coil_solids(
+    stackup: Stackup, through_holes: bool, coil: Coil, layers: tuple[str, ...], rotation: float
+) -> tuple[tuple[str, str, Prism, trimesh.Trimesh], ...]:
+    """Build the copper and barrels of a coil at the origin: kind, layer or number, outline with heights, and solid."""
+    place = Placement("", coil, layers, 0.0, 0.0, rotation)
+    alone = CoilArray(stackup, (place,), through_holes=through_holes)
+    copper = [("copper", layer, prism) for layer, _, prism in _copper(alone)]
+    barrels = [("barrel", str(n), prism) for _, n, prism in _barrels(alone)]
+    return tuple((kind, part, prism, _extruded(prism)) for kind, part, prism in (*copper, *barrels))
 
 
 def _extruded(prism: Prism) -> trimesh.Trimesh:
     """Make a closed prism over every polygon of the outline."""
-    import trimesh  # takes longer to import than the rest of the geometry together
+    import trimesh
+    from mapbox_earcut import triangulate_float64
 
-    pieces = shapely.get_parts(prism.shape)
-    height = prism.top - prism.bottom
-    meshes = [trimesh.creation.extrude_polygon(piece, height, engine="earcut") for piece in pieces]
-    vertices, faces = trimesh.util.append_faces([mesh.vertices for mesh in meshes], [mesh.faces for mesh in meshes])
-    return trimesh.Trimesh(vertices + np.array([0.0, 0.0, prism.bottom]), faces, process=False)
+    vertices, faces = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)]
+    for piece in shapely.get_parts(prism.shape):
+        rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(piece)]
+        flat, n = np.vstack(rings), sum(map(len, rings))
+        ends = np.cumsum([len(ring) for ring in rings], dtype=np.uint32)
+        lid = triangulate_float64(flat, ends).reshape(-1, 3).astype(np.int64)
+        (ux, uy), (vx, vy) = ((flat[lid[:, k]] - flat[lid[:, 0]]).T for k in (1, 2))
+        if (ux * vy - uy * vx).sum() < 0:  # clockwise
+            lid = lid[:, ::-1]
+        edges = lid[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        # the triangles leave out corners on straight lines: their own rim closes the walls
+        start, end = edges[~np.isin(edges @ (n, 1), edges @ (1, n))].T
+        first = sum(map(len, vertices))
+        walls = (np.column_stack((start, end, end + n)), np.column_stack((start, end + n, start + n)))
+        faces.append(first + np.vstack((lid + n, lid[:, ::-1], *walls)))
+        vertices += [np.column_stack((flat, np.full(n, height))) for height in (prism.bottom, prism.top)]
+    return trimesh.Trimesh(np.vstack(vertices), np.vstack(faces), process=False)
 
 
 @dataclass(frozen=True)
@@ -98,23 +139,37 @@ class Prism:
 
 def board_prisms(array: CoilArray) -> dict[str, Prism]:
     """Divide a board into copper, barrels and laminate, by the keys of `coilarray.geometry.solids`."""
-    stackup = array.stackup
-    holes = [hole for hole in drills(array) if hole.drilled]
-    pieces: dict[str, Prism] = {}
+    copper = {f"copper/{layer}/{net}": prism for layer, net, prism in _copper(array)}
+    barrels = {f"barrel/{net}/{n}": prism for net, n, prism in _barrels(array)}
+    laminate = _laminate(array)
+    return {**copper, **barrels, **({} if laminate is None else {"board": laminate})}
+
+
+def _copper(array: CoilArray) -> Iterator[tuple[str, str, Prism]]:
+    """Give layer, net and prism of all copper without its holes."""
+    holes = _holes(array)
     for layer, nets in copper_by_layer(array).items():
-        drilled = shapely.union_all([_hole(hole) for hole in holes if layer in hole.layers])
-        for net, copper in nets.items():
-            pieces[f"copper/{layer}/{net}"] = Prism(shapely.difference(copper, drilled), *stackup.span(layer))
+        through = [hole for hole in holes if layer in hole.layers]
+        for net, shape in nets.items():
+            yield layer, net, _drilled(Prism(shape, *array.stackup.span(layer)), through)
+
+
+def _barrels(array: CoilArray) -> Iterator[tuple[str, int, Prism]]:
+    """Give net, number and prism of the barrel in every hole."""
+    stackup, holes = array.stackup, _holes(array)
     for net in array.names:
         for n, hole in enumerate(hole for hole in holes if hole.net == net):
             wall = shapely.difference(_hole(hole), disc(hole.x, hole.y, hole.diameter - 2 * hole.plating))
-            bottom, top = stackup.span(hole.layers[-1])[0], stackup.span(hole.layers[0])[1]
-            pieces[f"barrel/{net}/{n}"] = Prism(wall, bottom, top)
-    if len(stackup.names) > 1:
-        through = shapely.union_all([_hole(hole) for hole in holes if hole.layers == stackup.names])
-        bottom, top = stackup.span(stackup.names[-1])[1], stackup.span(stackup.names[0])[0]
-        pieces["board"] = Prism(shapely.difference(board_outline(array), through), bottom, top)
-    return pieces
+            yield net, n, Prism(wall, stackup.span(hole.layers[-1])[0], stackup.span(hole.layers[0])[1])
+
+
+def _laminate(array: CoilArray) -> Prism | None:
+    """Return the laminate; None for a board of one copper layer."""
+    stackup = array.stackup
+    if len(stackup.names) == 1:
+        return None
+    whole = Prism(board_outline(array), stackup.span(stackup.names[-1])[1], stackup.span(stackup.names[0])[0])
+    return _drilled(whole, [hole for hole in _holes(array) if hole.layers == stackup.names])
 
 
 def sheet_prisms(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, Prism]:
@@ -131,5 +186,21 @@ def sheet_prisms(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, Prism]:
     return pieces
 
 
+def _holes(array: CoilArray) -> list[Drill]:
+    return [hole for hole in drills(array) if hole.drilled]
+
+
 def _hole(hole: Drill) -> shapely.Polygon:
     return disc(hole.x, hole.y, hole.diameter)
+
+
+def _drilled(prism: Prism, holes: Sequence[Drill]) -> Prism:
+    """Cut holes out of a prism."""
+    return replace(prism, shape=shapely.difference(prism.shape, shapely.union_all([_hole(hole) for hole in holes])))
+
+
+def _meeting(prism: Prism, holes: Sequence[Drill]) -> list[Drill]:
+    """Return the holes that meet the outline of a prism."""
+    at = np.array([(hole.x, hole.y) for hole in holes]).reshape(-1, 2)
+    meets = shapely.dwithin(prism.shape, shapely.points(at), [hole.diameter / 2 for hole in holes])
+    return [hole for hole, met in zip(holes, meets.tolist(), strict=True) if met]

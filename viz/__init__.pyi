@@ -63,6 +63,8 @@ from .plots.sweep_grid import plot_sweep_lines as plot_sweep_lines
 from .plots.sweep_grid import plot_sweep_map as plot_sweep_map
 from .plots.sweep_grid import plot_sweep_points as plot_sweep_points
 from .plots.sweep_grid import sweep_figure as sweep_figure
+from .plots.target import plot_target as plot_target
+from .plots.target import target_figure as target_figure
 from .plots.tolerance import plot_boards as plot_boards
 from .plots.tolerance import plot_shares as plot_shares
 from .plots.tolerance import tolerance_figure as tolerance_figure

@@ -40,6 +40,8 @@ SLOPE_STEP = 1e-4
 """Of the frequency: step of the differences that give a slope; they err by 1e-8."""
 NEWTON_STEPS, NEWTON_TOLERANCE = 40, 1e-12
 """Most steps of Newton's method, and the relative one at which it ends."""
+# of the secant method: the least slope that is followed, of the first, and the longest step, of the frequency
+_LEAST_SLOPE, _LONGEST_STEP = 0.1, 0.3
 _GROUND, _SIDE_A, _SIDE_B = "ground", "A", "B"
 
 
@@ -200,7 +202,7 @@ def _solve_with_tank(
     network: Network,
     wiring: _Wiring,
     frequencies: FloatArray,
-    inductances: FloatArray,
+    inductances: FloatArray | ComplexArray,
     winding_capacitances: FloatArray | None = None,
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """As `_solve`, and the admittances (f,) in S with the tank's capacitor."""
@@ -271,15 +273,50 @@ def self_resonance_of(network: Network, result: StateResult) -> float:
     return math.inf if crossing is None else crossing
 
 
+def changed_resonances(
+    network: Network, result: StateResult, inductances: Callable[[FloatArray], ComplexArray], cases: int
+) -> tuple[FloatArray, ComplexArray, ComplexArray]:
+    """Follow a resonance while the inductances change by any amount, with losses that depend on frequency.
+
+    `inductances` gives for frequencies (cases,) in Hz the matrices (cases, n, n) in H that replace the network's own,
+    their losses as imaginary parts −ΔR/ω. Returns the frequencies (cases,) in Hz, and there the impedances in Ω and the
+    admittances with the tank in S. The secant method on Im Y(f) = 0 for all cases at once, beginning with the slope of
+    the given resonance of this network; a NetworkError where it finds no resonance.
+    """
+    f0, wiring = result.frequency, _wire(network, result.state)
+    first = susceptance_slope(network, result.state, f0)
+    frequencies, slope = np.full(cases, f0), np.full(cases, first)
+    before, step = np.zeros(cases), np.zeros(cases)
+    for _ in range(NEWTON_STEPS):
+        impedance, _, admittance = _solve_with_tank(network, wiring, frequencies, inductances(frequencies))
+        B = admittance.imag
+        moved = step != 0
+        slope[moved] = (B[moved] - before[moved]) / -step[moved]
+        slope[~(slope > _LEAST_SLOPE * first)] = first  # also where it is not a number
+        step = np.clip(B / slope, -_LONGEST_STEP * frequencies, _LONGEST_STEP * frequencies)
+        settled = np.abs(step) <= NEWTON_TOLERANCE * f0
+        if settled.all():
+            return frequencies, impedance, admittance
+        step[settled] = 0.0
+        frequencies, before = frequencies - step, B
+    raise NetworkError(
+        f"state {result.state.name}: no resonance found from {f0:.6g} Hz on for a changed inductance matrix; the last "
+        f"step of the secant method was {np.abs(step).max():.3g} Hz."
+    )
+
+
 def resonances_near(
-    network: Network, result: StateResult, inductances: FloatArray, winding_capacitances: FloatArray | None = None
+    network: Network,
+    result: StateResult,
+    inductances: FloatArray | ComplexArray,
+    winding_capacitances: FloatArray | None = None,
 ) -> FloatArray:
     """Frequencies (cases,) in Hz of a resonance while inductances and capacitances change a little.
 
-    `inductances` (cases, n, n) in H and `winding_capacitances` (cases, n) in F replace the network's own; a change may
-    make the latter negative, as the tank is in parallel. Newton's method on Im Y(f) = 0 for all cases at once, with the
-    slope of the given resonance of this network: the error falls by about the relative change of L at every step. A
-    NetworkError where it finds no resonance.
+    `inductances` (cases, n, n) in H, or L − jR/ω with losses, and `winding_capacitances` (cases, n) in F replace the
+    network's own; a change may make the latter negative, as the tank is in parallel. Newton's method on Im Y(f) = 0 for
+    all cases at once, with the slope of the given resonance of this network: the error falls by about the relative
+    change of L at every step. A NetworkError where it finds no resonance.
     """
     f0 = result.frequency
     slope = susceptance_slope(network, result.state, f0)
@@ -343,11 +380,16 @@ class _Wiring:
 
 
 def _solve(
-    network: Network, wiring: _Wiring, frequencies: FloatArray, across: FloatArray, inductances: FloatArray
+    network: Network,
+    wiring: _Wiring,
+    frequencies: FloatArray,
+    across: FloatArray,
+    inductances: FloatArray | ComplexArray,
 ) -> tuple[ComplexArray, ComplexArray]:
     """Impedances (f,) between the converter's sides in Ω and the coils' currents (f, n) in A per A fed in there.
 
-    `inductances` (n, n) and the capacitances `across` the coils (n,) may have one more axis in front, (f,).
+    `inductances` (n, n) and the capacitances `across` the coils (n,) may have one more axis in front, (f,); imaginary
+    parts of the former are losses, −ΔR/ω.
     """
     omega = 2 * math.pi * frequencies
     n = len(network.names)

@@ -104,7 +104,7 @@ def campaign(
     if response is not None and response.resolve() == out.resolve():
         raise OutputError(f"--response must be another file than the recording {out}.")
     opened = open_design(design, allow_violations=allow_violations)
-    x, y = from_map_origin(opened, *places)
+    x, y = from_map_origin(opened.indentation, *places)
     from coilarray.hardware.record.campaign import design_campaign
     from coilarray.hardware.record.recorder import open_recorder
     from coilarray.hardware.record.recording import open_recording

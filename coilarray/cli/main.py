@@ -35,6 +35,7 @@ from coilarray.cli import (
     scan_info,
     studio,
     sweep,
+    target,
     tolerance,
     view,
 )
@@ -51,10 +52,10 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "import" if command is import_board.import_board else command.__name__.replace("_", "-"): command
     for command in (
         report.report, init.init, check.check, matrix.matrix, field.field, impedance.impedance, indent.indent,
-        response.response, fit.fit, distortion.distortion, calibrate.calibrate, locate.locate, sweep.sweep,
-        optimize.optimize, tolerance.tolerance, export.export, import_board.import_board, view.view, studio.studio,
-        board.board, measure.measure, campaign.campaign, scan_info.scan_info, calibrate_board.calibrate_board,
-        compare.compare, live.live,
+        response.response, target.target, fit.fit, distortion.distortion, calibrate.calibrate, locate.locate,
+        sweep.sweep, optimize.optimize, tolerance.tolerance, export.export, import_board.import_board, view.view,
+        studio.studio, board.board, measure.measure, campaign.campaign, scan_info.scan_info,
+        calibrate_board.calibrate_board, compare.compare, live.live,
     )
 }  # fmt: skip
 """Every command by the name under which the program offers it, in the order of the help."""

@@ -13,6 +13,7 @@ from coilarray.cli.compiling import compiling_beside
 from coilarray.cli.maps import read_dataset
 from coilarray.cli.replacing import remember, require_own
 from coilarray.errors import LocalizeError
+from coilarray.report.drawing import drawing_beside
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,7 +38,7 @@ def report(
     Example: coilarray report gast2020 --out results
     """
     require_own("report", (out / "report.html", out / "report" / "report.json"), force=force)
-    with compiling_beside():
+    with compiling_beside(), drawing_beside():
         from coilarray.report.write import write_report
 
         opened = shared.open_design_file(design, allow_violations=allow_violations)

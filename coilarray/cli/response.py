@@ -19,11 +19,8 @@ if TYPE_CHECKING:
 def response(
     design: shared.DesignArgument = None,
     depth_mm: shared.Depths = None,
-    x_mm: Annotated[
-        str | None,
-        typer.Option(help="Positions on the board along x, as 0,5 or START:STOP:COUNT; the design's by default."),
-    ] = None,
-    y_mm: Annotated[str | None, typer.Option(help="Positions along y, in the same form.")] = None,
+    x_mm: shared.PlacesX = None,
+    y_mm: shared.PlacesY = None,
     tilt: Annotated[tuple[float, float], typer.Option(help="Rise of the sample along x and y, mm per mm.")] = (
         0.0,
         0.0,
@@ -38,13 +35,17 @@ def response(
     ] = None,
     noise: Annotated[float, typer.Option(help="Relative standard deviation of each reading of L.")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
-    ideal: Annotated[
-        bool,
-        typer.Option("--ideal/--strays", help="Leave alternating-current resistance and strays out of the circuit."),
-    ] = False,
+    ideal: shared.Ideal = False,
     dielectric: Annotated[
         bool, typer.Option("--dielectric", help="Include the change of the coils' capacitance by the dent.")
     ] = False,
+    metal: Annotated[
+        bool, typer.Option("--metal/--no-metal", help="Count the indenter's material, where it has one.")
+    ] = True,
+    rest_distance_mm: Annotated[
+        float,
+        typer.Option(help="Height over the sheets of an indenter with a material while L_0 is read; inf: far away."),
+    ] = 0.0,
     reach: Annotated[
         str,
         typer.Option(
@@ -66,6 +67,10 @@ def response(
     FILE.parts when the same command runs again. On large boards only the coils near the indenter are counted, and a
     line says so; --reach all counts every coil.
 
+    An indenter with a material (indenter.material of the design) also changes δ by its eddy currents and its
+    magnetisation, against L_0 read as it just touches; their share stands beside δ. Of such an indenter a depth below 0
+    is a height over the sheets: --depth-mm=-5,-1,0,1.
+
     Example: coilarray response gast2020 --depth-mm 0.5,1 --out map.nc --plot map.png
     """
     depths, *places = (
@@ -82,7 +87,7 @@ def response(
     from coilarray.response.map import Imperfections, response_map
 
     opened = shared.open_design(design, allow_violations=allow_violations)
-    x, y = shared.from_map_origin(opened, *places)
+    x, y = shared.from_map_origin(opened.indentation, *places)
     offset = (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3)
     imperfections = Imperfections(tilt, offset, depth_error_mm * 1e-3, errors, noise=noise, seed=seed)
     parts = out.with_name(f"{out.name}.parts")
@@ -92,7 +97,7 @@ def response(
         with shared.progress_bar("response") as progress:
             result = response_map(
                 opened, depths=depths, x=x, y=y, reach=counted, imperfections=imperfections, ideal=ideal,
-                dielectric=dielectric, parts=parts, progress=progress,
+                dielectric=dielectric, metal=metal, rest=rest_distance_mm * 1e-3, parts=parts, progress=progress,
             )  # fmt: skip
     except NetworkError:
         store.discard(store.keys() - kept)  # of no use: going on would end in the same way

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
     from coilarray.compute.threads import Progress
     from coilarray.compute.workers import Pool
-    from coilarray.design.model import Design, DesignFile
+    from coilarray.design.model import Design, DesignFile, Indentation
+    from coilarray.geometry import Target
     from coilarray.report.tables import Table
 
 
@@ -110,6 +111,14 @@ Cache = Annotated[
 Depths = Annotated[
     str | None, typer.Option("--depth-mm", help="Depths, as 0.5,1 or START:STOP:COUNT; the design's by default.")
 ]
+PlacesX = Annotated[
+    str | None,
+    typer.Option(help="Positions on the board along x, as 0,5 or START:STOP:COUNT; the design's by default."),
+]
+PlacesY = Annotated[str | None, typer.Option(help="Positions along y, in the same form.")]
+Ideal = Annotated[
+    bool, typer.Option("--ideal/--strays", help="Leave alternating-current resistance and strays out of the circuit.")
+]
 Noise = Annotated[float, typer.Option("--noise", help="Standard deviation of δ in a reading.")]
 NumbersFile = Annotated[Path, out_option("File to write: .nc (netCDF) or .csv.", ".nc", ".csv")]
 OthersOpen = Annotated[bool, typer.Option("--others-open", help="All other coils open.")]
@@ -152,12 +161,12 @@ def design_record(design: Design) -> dict[str, str]:
 
 
 def from_map_origin(
-    design: Design, x: Sequence[float] | None, y: Sequence[float] | None
+    setup: Indentation | Target | None, x: Sequence[float] | None, y: Sequence[float] | None
 ) -> tuple[tuple[float, ...] | None, ...]:
-    """Return positions of options, in m on the board, as counted from the origin of the design's map."""
+    """Return positions of options, in m on the board, as counted from the origin of a map."""
     from coilarray.response.coordinates import from_board
 
-    origin = (0.0, 0.0) if design.indentation is None else design.indentation.origin_point
+    origin = (0.0, 0.0) if setup is None else setup.origin_point
     return tuple(None if row is None else from_board(row, at) for row, at in zip((x, y), origin, strict=True))
 
 

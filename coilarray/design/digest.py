@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from coilarray.geometry import Coil, CoilArray, Placement
+from coilarray.geometry import Coil, CoilArray, FinitePlate, Material, Placement, Plate
 
 # Reading a length of 13.28 mm as 13.28 · 1e-3 m and as 0.01328 m differs in the last bit. Such noise makes no other
 # design: numbers count to 14 digits, places, for which zero is no special value, to 1 pm.
@@ -38,6 +38,13 @@ def _plain(value: Any) -> Any:
             return (np.round(value, _PLACES) + 0.0).tolist()
         case CoilArray():
             return _array(value)
+        case Material():
+            return [_plain(value.conductivity), _plain(value.relative_permeability)]  # its name does not count
+        case Plate():
+            return [value.name, _plain(value.material), _plain(value.thickness), _plain(np.array(value.z))]
+        case FinitePlate():
+            shape = [value.outline, value.material, value.thickness, value.tilt, value.tilt_direction]
+            return [value.name, _plain(shape), _plain(np.array(value.centre))]
     if not is_dataclass(value):
         raise TypeError(f"a design must be made of plain values; got {type(value).__name__}.")
     return [type(value).__name__, *(_plain(getattr(value, field.name)) for field in fields(value))]

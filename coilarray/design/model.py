@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,11 +17,26 @@ from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import bundled
 from coilarray.design.digest import digest_of
 from coilarray.design.fab_limits import load_profile
+from coilarray.design.plates import check_plates
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state, terminated_state
 from coilarray.design.tables import PASSIVE, Document
 from coilarray.design.window import Positions, array_window
 from coilarray.errors import DesignError, GeometryError, NetworkError
-from coilarray.geometry import EVEN, Coil, CoilArray, FabRules, Indenter, Sheet, Unevenness
+from coilarray.geometry import (
+    EVEN,
+    Ball,
+    Coil,
+    CoilArray,
+    FabRules,
+    FinitePlate,
+    Hemisphere,
+    Indenter,
+    Material,
+    Plate,
+    Sheet,
+    Target,
+    Unevenness,
+)
 from coilarray.geometry.connector import lead_out
 from coilarray.geometry.sheet import Base, Strain
 
@@ -97,11 +112,15 @@ class Indentation:
         Distance in m of the positions that `Design` sets; it follows from the coils by default.
     over_array : tuple of tuple of float
         The x and y that `Design` has set; another array gives others.
+    material : Material or None
+        What a hemisphere is made of, where it carries eddy currents or is magnetic: it then counts as a `ball` of its
+        radius. None for what the field does not meet, such as plastics.
 
     Raises
     ------
     DesignError
-        No depth, x without y, or depths that do not rise from above zero.
+        No depth, x without y, depths that do not rise from above zero, or a material of another indenter than a
+        hemisphere.
     """
 
     indenter: Indenter
@@ -117,8 +136,14 @@ class Indentation:
     unevenness: Unevenness = EVEN
     step: float | None = None
     over_array: Positions = ((), ())
+    material: Material | None = None
 
     def __post_init__(self) -> None:
+        if self.material is not None and not isinstance(self.indenter, Hemisphere):
+            raise DesignError(
+                'indenter.material needs shape = "hemisphere", which counts as a ball of its radius; '
+                f"got a {self.indenter.name} of {self.material.name}."
+            )
         if not self.depths or bool(self.x) != bool(self.y):
             raise DesignError("an indentation must have at least one depth, and one x and one y or none of both.")
         if not all(shallow < deep for shallow, deep in pairwise((0.0, *self.depths))):
@@ -126,6 +151,11 @@ class Indentation:
                 f"depths of an indentation must rise from above zero; "
                 f"got {', '.join(f'{depth * 1e3:g}' for depth in self.depths)} mm."
             )
+
+    @property
+    def ball(self) -> Ball | None:
+        """The ball that the indenter is to the field of the coils; None without a material."""
+        return None if self.material is None else Ball(self.indenter.radius, self.material)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,12 +178,16 @@ class Design:
         Height in m of the plane on which reports show the field.
     name, title, source : str
         Name in results, words for people, and where the design is from.
+    plates : tuple of Plate or FinitePlate
+        Metal that stays where it is, above or below the board.
+    target : Target or None
+        Body of metal or ferrite that is moved over the board; None where there is none.
 
     Raises
     ------
     DesignError
-        Sheets of one name; an indentation that the sheets do not allow; a termination, state or origin of a coil that
-        there is not; or a state that cannot be.
+        Sheets or plates of one name; plates in the sheets, the coils or each other; an indentation that the sheets do
+        not allow; a termination, state or origin of a coil that there is not; or a state that cannot be.
 
     Examples
     --------
@@ -174,12 +208,18 @@ class Design:
     name: str = "design"
     title: str = ""
     source: str = ""
+    plates: tuple[Plate | FinitePlate, ...] = ()
+    target: Target | None = None
 
     def __post_init__(self) -> None:
         names, known = self.array.names, ", ".join(self.array.names)
         sheets = [sheet.name for sheet in self.sheets]
         if len(set(sheets)) != len(sheets):
             raise DesignError(f"elastomer sheets must have different names; got {', '.join(sheets)}.")
+        if self.plates:
+            stackup = self.array.stackup
+            copper = {layer for place in self.array.placements for layer in place.layers}
+            check_plates(self.plates, self.top, min(stackup.span(layer)[0] for layer in copper))
         for coil in self.circuit.terminations:
             if coil not in names:
                 raise DesignError(f"circuit.terminations.{coil} names no coil; there are {known}.")
@@ -193,6 +233,18 @@ class Design:
             raise DesignError(str(error)) from None
         if self.indentation is not None:
             self._check_indentation(self.indentation)
+        if self.target is not None:
+            endless = isinstance(self.target.body, Plate) and not self.target.x
+            target = replace(self.target, x=(0.0,), y=(0.0,)) if endless else self.target
+            object.__setattr__(self, "target", _over_array(target, self.array, "target"))
+            highest = self.top + target.distances[-1] + target.extent
+            for plate in self.plates:
+                if self.top <= plate.heights[0] < highest:
+                    raise DesignError(
+                        f"target.distances_mm must keep the target below the plate {plate.name!r}, which begins "
+                        f"{(plate.heights[0] - self.top) * 1e3:g} mm above the sheets or the board; the target reaches "
+                        f"up to {(highest - self.top) * 1e3:g} mm."
+                    )
 
     def _check_indentation(self, setup: Indentation) -> None:
         """Refuse what the sheets do not allow, and find the origin on the board and the positions over the array."""
@@ -201,24 +253,17 @@ class Design:
                 raise DesignError(
                     f"elastomer.{k}.youngs_modulus_kPa is missing; [indentation] needs it of every sheet."
                 )
-        thickness = sum(sheet.thickness for sheet in self.sheets)
-        if self.sheets and setup.depths[-1] >= thickness:
+        if self.sheets and setup.depths[-1] >= self.top:
             raise DesignError(
-                f"indentation.depths_mm must be less than the {thickness * 1e3:g} mm of all sheets; "
+                f"indentation.depths_mm must be less than the {self.top * 1e3:g} mm of all sheets; "
                 f"got {setup.depths[-1] * 1e3:g}."
             )
-        if setup.origin is not None:
-            if setup.origin not in self.array.names:
-                raise DesignError(
-                    f"indentation.origin names no coil; there are {', '.join(self.array.names)}; got {setup.origin!r}."
-                )
-            place = self.array.placements[self.array.names.index(setup.origin)]
-            if setup.origin_point != (place.x, place.y):
-                setup = replace(setup, origin_point=(place.x, place.y))
-        if (setup.x, setup.y) == setup.over_array:
-            x, y = array_window(self.array, setup.origin_point, setup.step, _touchable(setup))
-            setup = replace(setup, x=x, y=y, over_array=(x, y))
-        object.__setattr__(self, "indentation", setup)
+        object.__setattr__(self, "indentation", _over_array(setup, self.array, "indentation", _touchable(setup)))
+
+    @property
+    def top(self) -> float:
+        """Height in m of the upper face of all sheets; that of the board, 0, without."""
+        return sum(sheet.thickness for sheet in self.sheets)
 
     @cached_property
     def terminations(self) -> Mapping[str, Passive]:
@@ -249,10 +294,36 @@ class Design:
             places = (setup.x, setup.y, setup.origin_point, setup.sample_bounds or ())
             how = (setup.base, setup.strain, setup.sample_radius, setup.unevenness)
             pressed = (setup.indenter, setup.depths, *how, *map(np.array, places))
+            pressed += () if setup.material is None else (setup.material,)
+        metal: tuple[object, ...] = (("plates", self.plates),) if self.plates else ()
+        if (target := self.target) is not None:
+            over = map(np.array, (target.x, target.y, target.origin_point))
+            metal += ("target", target.body, target.distances, *over)
         return digest_of(
             self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,
-            self.terminations, self.plan, self.rules, self.field_height,
+            self.terminations, self.plan, self.rules, self.field_height, *metal,
         )  # fmt: skip
+
+
+_Placed = TypeVar("_Placed", Indentation, Target)
+
+
+def _over_array(
+    setup: _Placed, array: CoilArray, table: str, within: tuple[float, float, float, float] | None = None
+) -> _Placed:
+    """Find the origin of a map on the board, and its positions over the array where it has none of its own."""
+    if setup.origin is not None:
+        if setup.origin not in array.names:
+            raise DesignError(
+                f"{table}.origin names no coil; there are {', '.join(array.names)}; got {setup.origin!r}."
+            )
+        place = array.placements[array.names.index(setup.origin)]
+        if setup.origin_point != (place.x, place.y):
+            setup = replace(setup, origin_point=(place.x, place.y))
+    if (setup.x, setup.y) == setup.over_array:
+        x, y = array_window(array, setup.origin_point, setup.step, within, table)
+        setup = replace(setup, x=x, y=y, over_array=(x, y))
+    return setup
 
 
 def _touchable(setup: Indentation) -> tuple[float, float, float, float] | None:
@@ -370,17 +441,28 @@ def _build(parsed: Document) -> Design:
     if parsed.connector is not None:
         with _named("connector"):
             array = lead_out(array, parsed.connector.build())
+    sheets = tuple(sheet.build() for sheet in parsed.elastomer)
     return Design(
         name=parsed.name,
         title=parsed.title or parsed.name,
         source=parsed.source,
         array=array,
-        sheets=tuple(sheet.build() for sheet in parsed.elastomer),
+        sheets=sheets,
         indentation=_indentation(parsed),
+        target=_target(parsed),
         circuit=_circuit(parsed, array.names),
         rules=parsed.fab.build(),
         field_height=parsed.field.height_mm * 1e-3,
+        plates=_plates(parsed, sum(sheet.thickness for sheet in sheets), -stackup.thickness),
     )
+
+
+def _plates(parsed: Document, top: float, underside: float) -> tuple[Plate | FinitePlate, ...]:
+    plates = []
+    for k, table in enumerate(parsed.plate):
+        with _named(f"plate.{k}"):
+            plates.append(table.build(top, underside))
+    return tuple(plates)
 
 
 def _circuit(parsed: Document, names: Sequence[str]) -> Circuit:
@@ -416,24 +498,26 @@ def _indentation(parsed: Document) -> Indentation | None:
         raise DesignError(f"[{there}] needs the table [{missing}] too.")
     if not parsed.elastomer:
         raise DesignError("[indentation] needs at least one [[elastomer]] to press on.")
-    x, y = table.positions()
-    at_x, at_y = (0.0, 0.0) if table.origin_mm is None else table.origin_mm
     with _named("indenter"):
         body = indenter.build()
     return Indentation(
         indenter=body,
         depths=tuple(depth * 1e-3 for depth in table.depths_mm),
-        x=x,
-        y=y,
         base=table.support(),
-        origin=table.origin,
-        origin_point=(at_x * 1e-3, at_y * 1e-3),
         sample_radius=None if table.sample_radius_mm is None else table.sample_radius_mm * 1e-3,
         sample_bounds=table.sample_bounds(),
         strain=table.strain,
         unevenness=table.unevenness(),
-        step=None if table.step_mm is None or x else table.step_mm * 1e-3,
+        **table.places(),
+        material=indenter.substance("indenter"),
     )
+
+
+def _target(parsed: Document) -> Target | None:
+    if parsed.target is None:
+        return None
+    with _named("target"):
+        return parsed.target.build()
 
 
 def _assumed_by_profile(name: str | None, given: frozenset[str]) -> dict[str, str]:

@@ -85,8 +85,8 @@ def _read(text: str) -> Iterator[tuple[str, str, str | None]]:
     """Give every line with the table in which it stands, coil shapes by ``*``, and its key where it has one."""
     table = ""
     for line in text.splitlines():
-        found = _HEADER.match(line)
-        if found and not line.startswith("#"):
+        found = _HEADER.match(line.removeprefix("# "))  # also that of a table that is commented out
+        if found:
             parts = found[1].split(".")
             table = ".".join([parts[0], "*", *parts[2:]]) if parts[0] == "coils" else found[1]
             yield line, table, None

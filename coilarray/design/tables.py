@@ -6,7 +6,7 @@ Numbers stay in the units of their key names up to the `build` methods, which re
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Annotated, Literal
 
@@ -16,19 +16,25 @@ from pydantic_core import PydanticCustomError
 
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design.fab_limits import FabTable
+from coilarray.design.places_table import PlacesTable
+from coilarray.design.plates import MaterialTable, PlateTable
 from coilarray.design.scan_states import Passive, ScanState, terminated_state
+from coilarray.design.target_table import FlatTarget, SphereTarget
 from coilarray.design.units import (
     SCALES,
+    Degrees,
     LimitMillimetres,
     Micrometres,
     Millimetres,
     Name,
+    Point,
     Position,
+    Range,
+    Relative,
     Table,
     in_si,
     require_rising,
 )
-from coilarray.design.window import MOST_POSITIONS
 from coilarray.errors import DesignError, GeometryError
 from coilarray.geometry import (
     EVEN,
@@ -65,25 +71,18 @@ SCHEMA = 1
 
 _MM, _UM, _DEG = SCALES["mm"], SCALES["um"], SCALES["deg"]
 
-Degrees = Annotated[float, Field(ge=-36_000, le=36_000)]
 Picofarads = Annotated[float, Field(ge=1e-6, le=1e12)]
 StrayPicofarads = Annotated[float, Field(ge=0, le=1e6)]
 Nanohenries = Annotated[float, Field(ge=0, le=1e9)]
 Ohms = Annotated[float, Field(ge=0, le=1e9)]
 LoadOhms = Annotated[float, Field(gt=0, le=1e9)]
 Resistivity = Annotated[float, Field(ge=1e-10, le=1.0)]
-Relative = Annotated[float, Field(ge=1, le=1e6)]
 Turns = Annotated[float, Field(gt=0, le=1000)]
 Kilopascals = Annotated[float, Field(ge=1e-6, le=1e9)]
 PoissonsRatio = Annotated[float, Field(ge=0, le=0.5)]
 HalfAngle = Annotated[float, Field(gt=0, lt=90)]
-StepMillimetres = Annotated[float, Field(ge=1e-3, le=10_000)]
-Point = Annotated[list[Position], Field(min_length=2, max_length=2)]
-Positions = Annotated[list[Position], Field(min_length=1, max_length=100_000)]
-Range = Annotated[list[Position], Field(min_length=2, max_length=2)]
 
 _MOST_SEGMENTS = 100_000
-_WHOLE_STEPS = 1e-6  # of a step: what a range may lack of a whole number of them
 
 
 class StackupTable(Table):
@@ -400,13 +399,13 @@ class SheetTable(Table):
         return Sheet(**in_si(self))
 
 
-class RoundTable(Table):
-    """``[indenter]`` of every shape but the cone.
+class RoundTable(MaterialTable):
+    """``[indenter]`` of every shape without an edge; without a material it is nothing to the field.
 
     The radius of a paraboloid is that of curvature at its tip; a cylinder edge is a long cylinder that lies along y.
     """
 
-    shape: Literal["hemisphere", "paraboloid", "flat_punch", "cylinder_edge"]
+    shape: Literal["hemisphere", "paraboloid", "cylinder_edge"]
     radius_mm: Millimetres
 
     def build(self) -> Indenter:
@@ -415,28 +414,45 @@ class RoundTable(Table):
 
 
 _ROUND: Mapping[str, Callable[[float], Indenter]] = {
-    "hemisphere": Hemisphere, "paraboloid": Paraboloid, "flat_punch": FlatPunch, "cylinder_edge": CylinderEdge,
+    "hemisphere": Hemisphere, "paraboloid": Paraboloid, "cylinder_edge": CylinderEdge,
 }  # fmt: skip
 
 
-class ConeTable(Table):
+class PunchTable(MaterialTable):
+    """``[indenter]`` with ``shape = "flat_punch"``."""
+
+    shape: Literal["flat_punch"]
+    radius_mm: Millimetres
+    edge_radius_mm: Millimetres | None = None
+
+    def build(self) -> FlatPunch:
+        """Return the indenter in SI."""
+        return FlatPunch(self.radius_mm * _MM, _edge(self.edge_radius_mm))
+
+
+class ConeTable(MaterialTable):
     """``[indenter]`` with ``shape = "cone"``; the angle is between its axis and its side."""
 
     shape: Literal["cone"]
     half_angle_deg: HalfAngle
     radius_mm: Millimetres | None = None
+    edge_radius_mm: Millimetres | None = None
 
     def build(self) -> Cone:
         """Return the indenter in SI."""
-        angle = self.half_angle_deg * _DEG
-        return Cone(angle) if self.radius_mm is None else Cone(angle, self.radius_mm * _MM)
+        radius = math.inf if self.radius_mm is None else self.radius_mm * _MM
+        return Cone(self.half_angle_deg * _DEG, radius, _edge(self.edge_radius_mm))
+
+
+def _edge(radius_mm: float | None) -> float | None:
+    return None if radius_mm is None else radius_mm * _MM
 
 
 SeatSlope = Annotated[float, Field(ge=-1, le=1)]
 """Change of a seat along the board, per mm or in mm per mm."""
 
 
-class IndentationTable(Table):
+class IndentationTable(PlacesTable):
     """``[indentation]``: how deep and where the indenter presses."""
 
     strain: Strain = "finite"
@@ -450,13 +466,6 @@ class IndentationTable(Table):
     seat_lifts: bool = False
     seat_weight_Pa: Annotated[float, Field(ge=0, le=1e6)] = 0.0  # noqa: N815 - the unit
     depths_mm: list[Millimetres] = Field(min_length=1)
-    x_mm: Range | None = None  # left out with y_mm: over all coils
-    y_mm: Range | None = None
-    step_mm: StepMillimetres | None = None
-    x_positions_mm: Positions | None = None  # instead of a range and a step
-    y_positions_mm: Positions | None = None
-    origin: str | None = None
-    origin_mm: Point | None = None
     sample_radius_mm: Millimetres | None = None
     sample_x_mm: Range | None = None
     sample_y_mm: Range | None = None
@@ -472,53 +481,12 @@ class IndentationTable(Table):
             raise ValueError(
                 'needs base = "seat", sample_x_mm and sample_y_mm and no sample_radius_mm for an uneven or lifting seat'
             )
-        if self.origin is not None and self.origin_mm is not None:
-            raise ValueError("needs one of origin and origin_mm, not both")
-        ranges = (self.x_mm, self.y_mm, self.step_mm)
-        lists = (self.x_positions_mm, self.y_positions_mm)
-        over_array = lists == ranges[:2] == (None, None)
-        if not over_array and (
-            None in (ranges if lists == (None, None) else lists) or (lists != (None, None) and ranges != (None,) * 3)
-        ):
-            raise ValueError(
-                "needs x_mm, y_mm and step_mm, or else x_positions_mm and y_positions_mm; or none of them, for "
-                "positions over all coils"
-            )
-        for key, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
-            if values is not None and self.step_mm is not None:
-                low, high = values
-                self._check_range(key, low, high, self.step_mm)
-        for key, positions in (("x_positions_mm", lists[0]), ("y_positions_mm", lists[1])):
-            require_rising(key, positions or ())
-        count = math.prod(map(len, self.positions()))
-        if count > MOST_POSITIONS:
-            raise ValueError(f"may have {MOST_POSITIONS} positions; x_mm, y_mm and step_mm give {count}")
         if (self.sample_x_mm is None) != (self.sample_y_mm is None):
             raise ValueError("needs both sample_x_mm and sample_y_mm, or neither")
         for key, bounds in (("sample_x_mm", self.sample_x_mm), ("sample_y_mm", self.sample_y_mm)):
             if bounds is not None and not bounds[0] < bounds[1]:
                 raise ValueError(f"needs {key} from low to high, with a width; got [{bounds[0]:g}, {bounds[1]:g}]")
         return self
-
-    @staticmethod
-    def _check_range(key: str, low: float, high: float, step: float) -> None:
-        if low > high:
-            raise ValueError(f"needs {key} from low to high; got [{low:g}, {high:g}]")
-        steps = (high - low) / step
-        if abs(steps - round(steps)) > _WHOLE_STEPS:
-            raise ValueError(
-                f"needs {key} to span a whole number of steps of {step:g} mm; {low:g} to {high:g} are {steps:g}"
-            )
-        if steps >= MOST_POSITIONS:
-            raise ValueError(f"may have {MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
-
-    def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return the x and the y of the map in m, ends included; none where they follow from the array."""
-        if self.x_mm is None or self.y_mm is None or self.step_mm is None:
-            x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
-        else:
-            x, y = map_positions(self.x_mm, self.step_mm), map_positions(self.y_mm, self.step_mm)
-        return x, y
 
     def support(self) -> Base:
         """Return what the lowest sheet lies on."""
@@ -541,14 +509,6 @@ class IndentationTable(Table):
             return None
         (x_min, x_max), (y_min, y_max) = self.sample_x_mm, self.sample_y_mm
         return x_min * _MM, y_min * _MM, x_max * _MM, y_max * _MM
-
-
-def map_positions(bounds: Sequence[float], step: float) -> tuple[float, ...]:
-    """Return the positions in m of a range [low, high] with a step, both in mm."""
-    low, high = bounds
-    steps = round((high - low) / step)
-    # divided, not multiplied by 1e-3: positions are labels, and -26 mm is to be -0.026 m
-    return tuple((low + (high - low) * k / max(steps, 1)) / 1e3 for k in range(steps + 1))
 
 
 Termination = Literal["short", "open", "ground one end", "ground other end", "load"]
@@ -612,8 +572,10 @@ class Document(Table):
     connector: ConnectorTable | None = None
     board: BoardTable = BoardTable()
     elastomer: list[SheetTable] = Field(default_factory=list)
-    indenter: Annotated[RoundTable | ConeTable, Field(discriminator="shape")] | None = None
+    plate: list[PlateTable] = Field(default_factory=list)
+    indenter: Annotated[RoundTable | PunchTable | ConeTable, Field(discriminator="shape")] | None = None
     indentation: IndentationTable | None = None
+    target: Annotated[FlatTarget | SphereTarget, Field(discriminator="shape")] | None = None
     circuit: CircuitTable = CircuitTable()
     scan: list[StateTable] = Field(default_factory=list)
     field: FieldTable = FieldTable()

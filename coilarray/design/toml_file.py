@@ -117,6 +117,7 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
         allowed = {
             "coils": "'polygon', 'circle', 'rectangle', 'racetrack' or 'path'",
             "array": "'single', 'linear', 'square', 'hexagonal', 'rings' or 'free'",
+            "target": "'plate', 'disc', 'rectangle', 'ring', 'polygon' or 'sphere'",
             "indenter": "'hemisphere', 'paraboloid', 'flat_punch', 'cone' or 'cylinder_edge'",
         }[str(where[0])]
         value = got.get(tag) if isinstance(got, Mapping) else None

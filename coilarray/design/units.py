@@ -19,7 +19,7 @@ SCALES: Mapping[str, float] = {
 
 _ENTRY_UNITS = {
     "mm": "mm", "um": "µm", "deg": "deg", "mrad": "mrad", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa",
-    "kPa_per_mm": "kPa/mm", "ohm": "ohm", "ohm_m": "ohm m", "percent": "%",
+    "kPa_per_mm": "kPa/mm", "MS_per_m": "MS/m", "ohm": "ohm", "ohm_m": "ohm m", "percent": "%",
 }  # fmt: skip
 
 
@@ -43,6 +43,10 @@ Millimetres = Annotated[float, Field(gt=0, le=10_000)]
 Micrometres = Annotated[float, Field(gt=0, le=100_000)]
 LimitMillimetres = Annotated[float, Field(ge=0, le=10_000)]
 Position = Annotated[float, Field(ge=-100_000, le=100_000)]
+Point = Annotated[list[Position], Field(min_length=2, max_length=2)]
+Range = Annotated[list[Position], Field(min_length=2, max_length=2)]
+Degrees = Annotated[float, Field(ge=-36_000, le=36_000)]
+Relative = Annotated[float, Field(ge=1, le=1e6)]
 Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9_.+][A-Za-z0-9_.+-]*$")]
 
 

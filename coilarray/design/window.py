@@ -23,6 +23,7 @@ def array_window(
     origin: tuple[float, float],
     step: float | None = None,
     within: tuple[float, float, float, float] | None = None,
+    table: str = "indentation",
 ) -> Positions:
     """Return x and y in m from an origin on the board: an even grid over the outlines of all coils.
 
@@ -38,6 +39,8 @@ def array_window(
     within : tuple of float, optional
         Edges (x_min, y_min, x_max, y_max) in m, from the origin, that no position leaves; their middle is the only one
         where there is no other.
+    table : str
+        Table of the design file that has the step, for messages.
 
     Returns
     -------
@@ -66,7 +69,7 @@ def array_window(
         first, last = np.where(empty, middle, first), np.where(empty, middle, last)
     if math.prod((last - first + 1).tolist()) > MOST_POSITIONS:
         raise DesignError(
-            f"indentation.step_mm of {step * 1e3:g} gives more than {MOST_POSITIONS} positions over all coils."
+            f"{table}.step_mm of {step * 1e3:g} gives more than {MOST_POSITIONS} positions over all coils."
         )
     x, y = (
         # divided by whole millimetres, not multiplied: positions are labels, and -26 mm is to be -0.026 m

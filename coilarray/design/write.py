@@ -13,22 +13,28 @@ import numpy as np
 
 from coilarray.design.fab_limits import FabTable
 from coilarray.design.model import Circuit, Design, DesignFile, Indentation, build_design_file
-from coilarray.design.tables import PASSIVE, SCHEMA, CircuitTable, ConnectorTable, half_side, map_positions
+from coilarray.design.places_table import map_positions
+from coilarray.design.plates import flat_entries, material_entries
+from coilarray.design.tables import PASSIVE, SCHEMA, CircuitTable, ConnectorTable, half_side
 from coilarray.design.units import SCALES, Table
 from coilarray.geometry import (
+    Ball,
     Coil,
     CoilArray,
     Cone,
     FabRules,
-    Indenter,
+    FinitePlate,
+    FlatPunch,
     Lattice,
     Leads,
+    Plate,
     PlatedHole,
     RoundedSpiral,
     Seat,
     Sheet,
     Spiral,
     Stackup,
+    Target,
     Unevenness,
     Wound,
     apothem_from_size,
@@ -46,7 +52,7 @@ _LISTS_OF_NAMES = re.compile(r"""\[\n(?:\s*\["[^\[\]\n]*\],\n)+\s*\]""")
 _LONGEST_LINE = 120
 _TURNED = 1e-12  # rad
 _PICOMETRE = 1e-12
-_PLACES = ("lines_mm", "outline_mm", "x_mm", "y_mm")
+_PLACES = ("lines_mm", "outline_mm", "corners_mm", "holes_mm", "x_mm", "y_mm", "z_mm")
 _VIA = ("drill_mm", "pad_mm", "plating_um")
 _MM, _UM, _PF, _DEG = (SCALES[unit] for unit in ("mm", "um", "pF", "deg"))
 _WORDS = {passive: word for word, passive in PASSIVE.items()}
@@ -97,8 +103,12 @@ def design_document(design: Design) -> dict[str, Any]:
     if design.sheets:
         document["elastomer"] = _sheet_tables(design.sheets)
         if design.indentation is not None:
-            document["indenter"] = _indenter_table(design.indentation.indenter)
+            document["indenter"] = _indenter_table(design.indentation)
             document["indentation"] = _indentation_table(design.indentation, names)
+    if design.plates:
+        document["plate"] = _plate_tables(design.plates)
+    if design.target is not None:
+        document["target"] = _target_table(design.target, names)
     document["circuit"] = _circuit_table(design.circuit, names)
     if design.circuit.scan:
         document["scan"] = list(_scan_tables(design.circuit, names))
@@ -352,13 +362,30 @@ def _sheet_tables(sheets: Sequence[Sheet]) -> list[dict[str, Any]]:
     ]
 
 
-def _indenter_table(indenter: Indenter) -> dict[str, Any]:
+def _plate_tables(plates: Sequence[Plate | FinitePlate]) -> list[dict[str, Any]]:
+    names = design_names(plate.name for plate in plates)
+    tables = []
+    for plate in plates:
+        table = {"name": names[plate.name], **flat_entries(plate, _entry, _place)}
+        if isinstance(plate, FinitePlate):
+            x, y, z = plate.centre
+            table |= {"x_mm": _place(x), "y_mm": _place(y), "z_mm": _place(z - plate.thickness / 2)}
+        else:
+            table["z_mm"] = _place(plate.z)
+        tables.append(table)
+    return tables
+
+
+def _indenter_table(setup: Indentation) -> dict[str, Any]:
+    indenter = setup.indenter
     table: dict[str, Any] = {"shape": indenter.name.replace(" ", "_")}
     if isinstance(indenter, Cone):
         table["half_angle_deg"] = _entry(indenter.half_angle, _DEG)
     if math.isfinite(indenter.radius):
         table["radius_mm"] = _entry(indenter.radius, _MM)
-    return table
+    if isinstance(indenter, Cone | FlatPunch) and indenter.edge_radius is not None:
+        table["edge_radius_mm"] = _entry(indenter.edge_radius, _MM)
+    return table if setup.material is None else table | material_entries(setup.material, _entry)
 
 
 def _uneven(seat: Unevenness) -> dict[str, Any]:
@@ -385,23 +412,44 @@ def _indentation_table(setup: Indentation, names: Mapping[str, str]) -> dict[str
         table["base"] = setup.base
     table |= _uneven(setup.unevenness)
     table["depths_mm"] = [_entry(depth, _MM) for depth in setup.depths]
-    x, y = ([_number(1e3 * v, v, lambda mm: mm / 1e3, places=True) for v in row] for row in (setup.x, setup.y))
-    step = next((round(row[1] - row[0], 9) for row in (x, y) if len(row) > 1), 1.0)
-    if (setup.x, setup.y) == setup.over_array:
-        table |= {} if setup.step is None else {"step_mm": _entry(setup.step, _MM)}
-    elif _is_regular(x, step) and _is_regular(y, step):
-        table |= {"x_mm": [x[0], x[-1]], "y_mm": [y[0], y[-1]], "step_mm": step}
-    else:
-        table |= {"x_positions_mm": x, "y_positions_mm": y}
-    if setup.origin is not None:
-        table["origin"] = names[setup.origin]
-    elif any(setup.origin_point):
-        table["origin_mm"] = [_place(value) for value in setup.origin_point]
+    table |= _places(setup, names)
     if setup.sample_radius is not None:
         table["sample_radius_mm"] = _entry(setup.sample_radius, _MM)
     if setup.sample_bounds is not None:
         x_min, y_min, x_max, y_max = map(_place, setup.sample_bounds)
         table |= {"sample_x_mm": [x_min, x_max], "sample_y_mm": [y_min, y_max]}
+    return table
+
+
+def _target_table(target: Target, names: Mapping[str, str]) -> dict[str, Any]:
+    body = target.body
+    if isinstance(body, Ball):
+        table = {
+            "shape": "sphere",
+            "diameter_mm": _entry(body.radius, _MM / 2),
+            **material_entries(body.material, _entry),
+        }
+    else:
+        table = {"shape": "plate", **flat_entries(body, _entry, _place)}
+    table["distances_mm"] = [_number(1e3 * v, v, lambda mm: mm / 1e3) for v in target.distances]
+    return table if isinstance(body, Plate) else table | _places(target, names)
+
+
+def _places(setup: Indentation | Target, names: Mapping[str, str]) -> dict[str, Any]:
+    """Keys of the positions of a map, and of their origin."""
+    table: dict[str, Any]
+    x, y = ([_number(1e3 * v, v, lambda mm: mm / 1e3, places=True) for v in row] for row in (setup.x, setup.y))
+    step = next((round(row[1] - row[0], 9) for row in (x, y) if len(row) > 1), 1.0)
+    if (setup.x, setup.y) == setup.over_array:
+        table = {} if setup.step is None else {"step_mm": _entry(setup.step, _MM)}
+    elif _is_regular(x, step) and _is_regular(y, step):
+        table = {"x_mm": [x[0], x[-1]], "y_mm": [y[0], y[-1]], "step_mm": step}
+    else:
+        table = {"x_positions_mm": x, "y_positions_mm": y}
+    if setup.origin is not None:
+        table["origin"] = names[setup.origin]
+    elif any(setup.origin_point):
+        table["origin_mm"] = [_place(value) for value in setup.origin_point]
     return table
 
 

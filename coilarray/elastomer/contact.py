@@ -161,7 +161,7 @@ def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Con
         zone = replace(zone, search=wider if case.radius is None else min(wider, case.radius))
         mesh = replace(mesh, elements=min(mesh.elements, EDGE_ELEMENTS))
     grid = case.grid(zone, mesh)
-    outline = Outline.pressed(case.indenter, case.stack.length, TIP * zone.smallest, float(depths.max()))
+    outline = Outline(case.indenter, case.stack.length, TIP * zone.smallest)
     body = SoftBody(grid, outline)
     states = {0.0: body.at_rest()}
     rising = np.unique(depths[depths > 0])
@@ -282,8 +282,8 @@ def indent(
     The edge of a wide sample is far away and carries the traction of what lies beyond it: u_r = B/r (in plane strain
     a constant), the field of a layer that slides as a whole; that of a bonded layer has died out.
 
-    Under large deformations the sharp edge of a punch is rounded with 5 % of its radius, or with a quarter of the
-    greatest depth, at most 20 %, where that is more: the force at a depth then depends on the greatest one asked for.
+    Under large deformations the edge of a punch is rounded: with its `edge_radius`, or with 10 % of its radius, which
+    takes some 5 % of the force. A sharp edge would cut the sheet, and a sharper one stops at a smaller depth.
 
     Examples
     --------

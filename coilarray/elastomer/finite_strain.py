@@ -43,10 +43,6 @@ FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 
-EDGE = 0.05
-"""Sharp edges, which would cut the sheet, are rounded with this part of the radius: it costs about as much of a punch's
-force. Deeper than a fifth of the radius they are rounded more, with a quarter of the depth."""
-_EDGE_BY_DEPTH, _MOST_EDGE = 0.25, 0.2
 EDGE_ELEMENTS = 10
 """Most elements across a contact with such an edge: those at the edge are then a fifth of its rounding."""
 TIP = 0.05
@@ -72,20 +68,12 @@ _PRESSURES = 3  # 1, ξ and η in every element
 class Outline:
     """An indenter's height above its tip, its slope and its curvature at any radius, in a unit of length.
 
-    `tip` is the radius over which a cone's point is blunted: under a sharp one the strain has no bound. `edge` is the
-    part of the radius with which a sharp edge is rounded.
+    `tip` is the radius over which a cone's point is blunted: under a sharp one the strain has no bound.
     """
 
     indenter: Indenter
     unit: float
     tip: float = 0.0
-    edge: float = EDGE
-
-    @classmethod
-    def pressed(cls, indenter: Indenter, unit: float, tip: float, depth: float) -> Outline:
-        """Outline that is blunt enough for a depth in the unit."""
-        edge = min(max(EDGE, _EDGE_BY_DEPTH * depth * unit / indenter.reach), _MOST_EDGE)
-        return cls(indenter, unit, tip, edge)
 
     def __call__(self, r: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Height, slope and second derivative at radii `r`; smooth beyond the end of the indenter."""
@@ -95,7 +83,7 @@ class Outline:
         if isinstance(body, Hemisphere | CylinderEdge):
             start, radius = 0.0, body.radius / self.unit
         elif isinstance(body, FlatPunch | Cone) and math.isfinite(body.radius):
-            radius = self.edge * body.radius / self.unit
+            radius = body.rounding / self.unit
             start = body.radius / self.unit - radius
         if isinstance(body, Cone):
             steep, distance = 1 / math.tan(body.half_angle), np.hypot(r, self.tip)
@@ -250,9 +238,12 @@ class SoftBody:
                 if found is not None:
                     before, state, step = state, found, 2 * step
                 elif step < _LEAST_STEP * whole:
+                    body = self.outline.indenter
+                    edged = isinstance(body, FlatPunch | Cone) and math.isfinite(body.radius)
                     raise ElastomerError(
-                        f"the contact converges up to a depth of {state.depth:.3g} thicknesses of the sheets; "
-                        f"it must be less than {depth:.3g}, the mesh finer, or the strain linear."
+                        f"the contact converges up to a depth of {state.depth:.3g} thicknesses of the sheets; it must "
+                        f"be less than {depth:.3g},{' the edge rounder (edge_radius),' * edged} the mesh finer, or "
+                        "the strain linear."
                     )
                 else:
                     step /= 2

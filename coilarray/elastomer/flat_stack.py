@@ -46,7 +46,7 @@ def flat_profile(
         here = (z >= lower) & (z <= lower + d)
         profile[here] = below * _through(wavenumbers, z[here, None] - lower, d, upper_q / mu)
         below = below * _through(wavenumbers, np.array(d), d, upper_q / mu)
-    above = z > edges[-1]
+    above = z >= edges[-1]
     profile[above] = below * np.exp(-wavenumbers * (z[above, None] - edges[-1]))
     return profile
 

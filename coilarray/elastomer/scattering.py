@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +38,8 @@ _MOST_WAVENUMBERS = 2000
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
+Blocks: TypeAlias = tuple[FloatArray, FloatArray | None]
+"""Energies of all harmonics as a `TensorGrid` parts them: without and with m²."""
 
 
 @dataclass(frozen=True)
@@ -144,39 +147,77 @@ def scatter(
     `deepest` is the largest displacement in m of a series of dents that shall share one mesh; that of this dent by
     default. Below the sheets is air ("open"), or electrodes at z = 0 hold the potential ("grounded").
     """
-    grid = _grid(dent, mesh, deepest, base)
-    basis = Basis(grid, ElementQuad2(), intorder=6)
-    r, z = np.asarray(basis.global_coordinates())
-    mu = np.array([1.0, *dent.permeabilities, 1.0])[np.searchsorted(dent.heights, z)]
-    stretch, shear = _gradient(dent, deepest, r, z)
-    flat = _Forms(basis, mu, np.ones_like(mu), np.zeros_like(mu), np.ones_like(mu), dent.symmetry)
-    change = _Forms(basis, mu, stretch, -shear, (1 + shear**2) / (1 + stretch) - 1, dent.symmetry)
-    nodes = basis.doflocs
-    moved = np.unique(change.gradient.nonzero()[0])
-    profiles = _by_value(
-        nodes[1, moved], lambda z: flat_profile(wavenumbers, z, dent.thicknesses, dent.permeabilities, base)
-    )
+    space = DentedSpace(dent, mesh, deepest, base)
+    profiles = space.profiles(wavenumbers)
     scale = np.sqrt(wavenumbers * weights)
-    parted = TensorGrid(nodes)
-    gradient = parted.blocks(flat.gradient + change.gradient)
-    both = None if flat.around is None or change.around is None else flat.around + change.around
-    around = None if both is None else parted.blocks(both)
     kinds: Sequence[int] = range(mesh.harmonics + 1) if dent.symmetry == "axial" else (0, 1)
 
     def solve(m: int) -> tuple[FloatArray, FloatArray]:
-        radial = _by_value(nodes[0, moved], lambda r: _radial(dent.symmetry, m, r, wavenumbers))
-        incident = radial * profiles * scale
+        incident = space.radial(m, wavenumbers) * profiles * scale
         strengths, mixed = np.linalg.eigh(incident.T @ incident)  # squares of the singular values
         mixed = mixed[:, strengths > mesh.rank**2 * strengths[-1]]
         patterns = incident @ mixed
-        force = change.harmonic(m)[:, moved] @ patterns
-        dented = gradient if around is None else gradient + m**2 * around
-        # on the axis the potential is zero, unless it is the same all round
-        forces = parted.forces(force)[: parted.columns - 1 - min(m, 1)]
-        return mixed.T / scale, patterns.T @ force[moved] - energies(dented, forces)
+        force = space.force(m, patterns)
+        return mixed.T / scale, patterns.T @ force[space.moved] - space.energies(m, force)
 
     solved = run_blocks(solve, kinds)
     return Scattering(wavenumbers, weights, tuple(p for p, _ in solved), tuple(e for _, e in solved))
+
+
+class DentedSpace:
+    """Elements of the flat sheets and of the air about them, with what a dent changes in their energies.
+
+    `moved` are the numbers of the nodes where it changes anything.
+    """
+
+    def __init__(self, dent: Dent, mesh: LayerMesh, deepest: float | None = None, base: Base = "open") -> None:
+        self.dent, self.base = dent, base
+        self.basis = Basis(_grid(dent, mesh, deepest, base), ElementQuad2(), intorder=6)
+        r, z = np.asarray(self.basis.global_coordinates())
+        mu = np.array([1.0, *dent.permeabilities, 1.0])[np.searchsorted(dent.heights, z)]
+        stretch, shear = _gradient(dent, deepest, r, z)
+        one, rise = np.ones_like(mu), (1 + shear**2) / (1 + stretch)
+        flat = _Forms(self.basis, mu, one, np.zeros_like(mu), one, dent.symmetry)
+        self._change = _Forms(self.basis, mu, stretch, -shear, rise - 1, dent.symmetry)
+        self.moved = np.unique(self._change.gradient.nonzero()[0])
+        self._parted = TensorGrid(self.basis.doflocs)
+        both = None if flat.around is None or self._change.around is None else flat.around + self._change.around
+        self._dented = self._blocks(flat.gradient + self._change.gradient, both)
+        self._mapping = one, 1 + stretch, -shear, rise
+
+    def _blocks(self, gradient: csr_matrix, around: csr_matrix | None) -> Blocks:
+        """Parts of the energies without and with m²."""
+        return self._parted.blocks(gradient), None if around is None else self._parted.blocks(around)
+
+    def profiles(self, wavenumbers: FloatArray) -> FloatArray:
+        """Profiles of the flat sheets' potential at the moved nodes, shape (moved, k), for wavenumbers in 1/m."""
+        dent = self.dent
+        return _by_value(
+            self.basis.doflocs[1, self.moved],
+            lambda z: flat_profile(wavenumbers, z, dent.thicknesses, dent.permeabilities, self.base),
+        )
+
+    def radial(self, m: int, wavenumbers: FloatArray) -> FloatArray:
+        """Lateral pattern of the potential of one harmonic at the moved nodes, shape (moved, k)."""
+        return _by_value(
+            self.basis.doflocs[0, self.moved], lambda r: radial_pattern(self.dent.symmetry, m, r, wavenumbers)
+        )
+
+    def force(self, m: int, potentials: FloatArray) -> FloatArray:
+        """Δa(U, V) for all V, shape (nodes, n), of potentials (moved, n) of one harmonic."""
+        return np.asarray(self._change.harmonic(m)[:, self.moved] @ potentials)
+
+    def air(self) -> Blocks:
+        """Energies of the same elements, moved alike, without any permeability."""
+        air = _Forms(self.basis, *self._mapping, self.dent.symmetry)
+        return self._blocks(air.gradient, air.around)
+
+    def energies(self, m: int, forces: FloatArray, blocks: Blocks | None = None) -> FloatArray:
+        """fᵀ a⁻¹ f of forces (nodes, n) on one harmonic, shape (n, n), a those of the dent or given ones."""
+        gradient, around = blocks or self._dented
+        # on the axis the potential is zero, unless it is the same all round
+        parts = self._parted.forces(forces)[: self._parted.columns - 1 - min(m, 1)]
+        return energies(gradient if around is None else gradient + m**2 * around, parts)
 
 
 def _gradient(dent: Dent, deepest: float | None, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -221,7 +262,7 @@ class _Forms:
         return self.gradient if self.around is None else self.gradient + m**2 * self.around
 
 
-def _radial(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> FloatArray:
+def radial_pattern(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> FloatArray:
     """Lateral pattern: J_m(kr), or cos kx and sin kx in plane strain; shape (r, k)."""
     kr = np.outer(r, wavenumbers)
     if symmetry == "axial":

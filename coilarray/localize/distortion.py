@@ -198,7 +198,10 @@ class _Maps:
 
     def _change(self, base: xr.Dataset, paths: Sequence[Conductor]) -> FloatArray:
         axes = map_axes(self._design, base.depth, base.x, base.y)
-        change = inductance_changes(self._design, axes, paths=paths, imperfections=self._imperfections)
+        frequency = base.attrs.get("metal_frequency_Hz")
+        change = inductance_changes(
+            self._design, axes, paths=paths, imperfections=self._imperfections, frequency=frequency
+        )
         self.count()
         return change
 

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import base64
-import io
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.image import imsave
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from coilarray import viz
 from coilarray.design.model import Design
@@ -26,14 +20,13 @@ from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.report.position import MapPositions
 from coilarray.response.answering import middle_state
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 FloatArray = npt.NDArray[np.float64]
 
-_DPI = 130
-_RIM = 0.1  # inches of white around a picture
 _SIZE = (1280, 720)  # pixels of what is rendered; the page is 1100 wide
-_WHITE = 0xFFFFFFFF  # a pixel of four bytes
-_BESIDE = (1.5, 4.0, 1.2, 1.0)  # inches at the left, at the right, below and above single axes
-_AXES_PART = 0.84  # of a figure's width and height
 
 
 @dataclass(frozen=True)
@@ -45,13 +38,13 @@ class Picture:
     uri: str
 
 
-def board_picture(design: Design) -> Picture:
+def board_picture(design: Design) -> list[Picture]:
     """Show the board: rendered where this machine can, else drawn from above."""
     problem = viz.rendering_problem()
     if problem is None:
         caption = "The board; lengths in mm."
-        return _render("board", caption, lambda path: viz.save_board_picture(design.array, path, size=_SIZE))
-    return draw("board", f"The board from above; lengths in mm. {problem}", viz.plot_board(design.array))
+        return [_render("board", caption, lambda path: viz.save_board_picture(design.array, path, size=_SIZE))]
+    return [draw("board", f"The board from above; lengths in mm. {problem}", viz.plot_board(design.array))]
 
 
 def copper_pictures(design: Design) -> list[Picture]:
@@ -119,40 +112,46 @@ def sweep_pictures(sweep: xr.Dataset) -> list[Picture]:
     ]
 
 
-def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dataset, coil: str) -> Iterator[Picture]:
+def indentation_pictures(design: Design, indenter: Indenter, indentation: xr.Dataset, coil: str) -> list[Picture]:
     """Force over depth, the deepest dent in section and, where this machine can render, in the middle of a coil."""
     deepest = f"{float(indentation.depth[-1]) * 1e3:g} mm deep"
-    yield draw("force_depth", "Force and contact over the depth.", viz.plot_force_depth(indentation))
     caption = f"The sheets under the {indenter.name} in section, {deepest}; dashed where they lay flat."
-    yield draw("dent_section", caption, viz.plot_dent(indentation, indenter))
-    if viz.rendering_problem() is None:
-        outline = _outline(design, coil)
-        x, y = ((outline.min(axis=0) + outline.max(axis=0)) / 2).tolist()
-        yield _render(
-            "dent",
-            f"The deformed sheets over {coil}, {deepest}; a quarter is cut out.",
-            lambda path: viz.save_dent_picture(
-                design.array, path, design.sheets, indentation, indenter, centre=(x, y), size=_SIZE
-            ),
-        )
+    pictures = [
+        draw("force_depth", "Force and contact over the depth.", viz.plot_force_depth(indentation)),
+        draw("dent_section", caption, viz.plot_dent(indentation, indenter)),
+    ]
+    if viz.rendering_problem() is not None:
+        return pictures
+    outline = _outline(design, coil)
+    x, y = ((outline.min(axis=0) + outline.max(axis=0)) / 2).tolist()
+    dent = _render(
+        "dent",
+        f"The deformed sheets over {coil}, {deepest}; a quarter is cut out.",
+        lambda path: viz.save_dent_picture(
+            design.array, path, design.sheets, indentation, indenter, centre=(x, y), size=_SIZE
+        ),
+    )
+    return [*pictures, dent]
 
 
-def response_pictures(design: Design, response: xr.Dataset) -> Iterator[Picture]:
+def response_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
     """Show δ as maps with the outlines of the coils, as profiles along x, and of one state at every depth."""
     deepest = f"{float(response.depth[-1]) * 1e3:g} mm deep"
+    pictures = []
     if min(response.sizes["x"], response.sizes["y"]) > 1:
         caption = f"δ of each state over the position of the indenter, {deepest}, with the outlines of the coils."
-        yield draw("response_maps", caption, viz.response_figure(response, map_outlines(design, response)))
+        pictures.append(draw("response_maps", caption, viz.response_figure(response, map_outlines(design, response))))
     along: Literal["x", "y"] = "y" if response.sizes["x"] == 1 else "x"
     caption = f"δ along {along}, {deepest}; dotted lines are the centres of the coils."
-    yield draw("response_profile", caption, viz.plot_response_profile(response, depth=-1, along=along))
+    pictures.append(draw("response_profile", caption, viz.plot_response_profile(response, depth=-1, along=along)))
     state = middle_state(response)
     if response.sizes[along] > 1:
         caption = f"δ of {state} along {along} for each depth, with its width at half the peak."
-        yield draw("response_depths", caption, viz.plot_bell_curve(response, state, along=along))
+        pictures.append(draw("response_depths", caption, viz.plot_bell_curve(response, state, along=along)))
     elif response.sizes["depth"] > 1:
         depths = viz.plot_response_profile(response, state, None, along=along)
-        yield draw("response_depths", f"δ of {state} along {along} for each depth.", depths)
+        pictures.append(draw("response_depths", f"δ of {state} along {along} for each depth.", depths))
+    return pictures
 
 
 def position_pictures(design: Design, positions: MapPositions, published: EllipseModel | None) -> list[Picture]:
@@ -185,11 +184,11 @@ def position_pictures(design: Design, positions: MapPositions, published: Ellips
     ]
 
 
-def distortion_picture(distortion: xr.Dataset) -> Picture:
+def distortion_picture(distortion: xr.Dataset) -> list[Picture]:
     """Draw how x0 moves with δ, and what moves it."""
     bands = "; bands: two standard deviations of the calibration" if "x0_std" in distortion else ""
     caption = f"Left: x0 over δ as predicted and as published. Right: what x0 loses without each cause{bands}."
-    return draw("distortion", caption, viz.distortion_figure(distortion))
+    return [draw("distortion", caption, viz.distortion_figure(distortion))]
 
 
 def comparison_pictures(comparison: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> list[Picture]:
@@ -229,44 +228,9 @@ def _render(name: str, caption: str, save: Callable[[Path], None]) -> Picture:
 
 def draw(name: str, caption: str, drawn: Axes | Figure) -> Picture:
     """Return a drawn figure as a picture with a name and a caption."""
-    figure = drawn if isinstance(drawn, Figure) else drawn.figure
-    assert isinstance(figure, Figure)  # plots draw on figures, never on sub-figures
-    return Picture(name, caption, _uri(_png(figure)))
+    from coilarray.report.png import png_of  # which imports Matplotlib
 
-
-def _png(figure: Figure) -> bytes:
-    """Draw a figure and cut its white rim off; Matplotlib's own tight box draws it twice."""
-    buffer = io.BytesIO()
-    figure.set_dpi(_DPI)
-    _lay_out(figure)
-    canvas: Any = FigureCanvasAgg(figure)  # its methods have no types
-    canvas.draw()
-    pixels = np.asarray(canvas.buffer_rgba())
-    inked = pixels.view(np.uint32)[..., 0] != _WHITE
-    if any(edge.any() for edge in (inked[0], inked[-1], inked[:, 0], inked[:, -1])):  # it may go on beyond the figure
-        figure.savefig(buffer, format="png", dpi=_DPI, bbox_inches="tight")
-        return buffer.getvalue()
-    rim = round(_RIM * _DPI)
-    rows, columns = (np.flatnonzero(inked.any(axis=k)) for k in (1, 0))
-    cut = tuple(slice(max(0, at[0] - rim), at[-1] + 1 + rim) for at in (rows, columns))
-    imsave(buffer, np.ascontiguousarray(pixels[cut][..., :3]), format="png", dpi=_DPI, pil_kwargs={"compress_level": 3})
-    return buffer.getvalue()
-
-
-def _lay_out(figure: Figure) -> None:
-    """Give single axes their part of the figure, and the figure a rim for what stands beside them.
-
-    Matplotlib's layout measures every text first, which takes as long as drawing; several axes need it.
-    """
-    if len(figure.axes) != 1 or not isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine):
-        return
-    (axes,), (width, height) = figure.axes, figure.get_size_inches().tolist()
-    left, right, low, high = _BESIDE
-    share = _AXES_PART
-    figure.set_layout_engine("none")
-    figure.set_size_inches(width + left + right, height + low + high)
-    whole = figure.get_size_inches()
-    axes.set_position((left / whole[0], low / whole[1], share * width / whole[0], share * height / whole[1]))
+    return Picture(name, caption, _uri(png_of(drawn)))
 
 
 def _uri(png: bytes) -> str:

@@ -36,7 +36,8 @@ def response_table(response: xr.Dataset) -> Table:
     """Return one row for each depth and state: the largest δ of the map and where it is, and the lowest δ.
 
     Positions count from where those of the response do. A largest δ at the edge of the map, beyond which it may be
-    larger, and one of zero are remarked; the latter has no place.
+    larger, and one of zero are remarked; the latter has no place. Where the indenter has a material, its share of the
+    largest δ stands beside it.
     """
     columns = (
         Column("depth", unit="m"),
@@ -44,6 +45,7 @@ def response_table(response: xr.Dataset) -> Table:
         Column("peak_delta", "largest δ", "1", PER_MILLION),
         Column("peak_x", "at x", "m"),
         Column("peak_y", "at y", "m"),
+        Column("metal_delta", "of it by metal", "1", PER_MILLION),
         Column("lowest_delta", "lowest δ", "1", PER_MILLION),
         Column("remark"),
     )
@@ -54,12 +56,15 @@ def response_table(response: xr.Dataset) -> Table:
             row, column = (int(n) for n in np.unravel_index(int(delta.values.argmax()), delta.shape))
             peak, lowest = float(delta[row, column]), float(delta.min())
             if max(peak, -lowest) <= NO_ANSWER:
-                rows.append((depth, state, peak, "", "", lowest, "no response"))
+                rows.append((depth, state, peak, "", "", "", lowest, "no response"))
                 continue
             ends = ((row, delta.sizes["y"]), (column, delta.sizes["x"]))
             at_edge = any(count > 1 and at in (0, count - 1) for at, count in ends)
             where = (float(delta.x[column]), float(delta.y[row]))
-            rows.append((depth, state, peak, *where, lowest, "at the edge of the map" if at_edge else ""))
+            metal: Value = ""
+            if "metal_delta" in response:
+                metal = float(response.metal_delta.isel(depth=k, state=j).transpose("y", "x")[row, column])
+            rows.append((depth, state, peak, *where, metal, lowest, "at the edge of the map" if at_edge else ""))
     return Table("response", "Response", columns, tuple(rows)).without_empty_columns()
 
 

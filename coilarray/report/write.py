@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -29,6 +29,7 @@ from coilarray.geometry import check_rules
 from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.localize.published import published_model
 from coilarray.report import circuit_tables, figures, indentation_tables, localize_tables, tables
+from coilarray.report.drawing import drawing_beside
 from coilarray.report.page import now, render_page
 from coilarray.report.position import MapPositions, map_position_table, map_positions
 from coilarray.report.words import array_words
@@ -135,9 +136,13 @@ def write_report(
         if progress is not None:
             progress(next(done), 8)
 
-    # NumPy, SciPy and kernels on threads of their own, while pictures are drawn here
-    with ThreadPoolExecutor(max_workers=6) as beside:
-        probe = beside.submit(viz.rendering_problem)  # starts a process that takes seconds
+    pictures: list[Future[list[figures.Picture]]] = []
+    # NumPy, SciPy and kernels on threads of their own, while pictures are drawn by another process
+    with drawing_beside() as drawing, ThreadPoolExecutor(max_workers=6) as beside:
+
+        def draw(function: Callable[..., list[figures.Picture]], *arguments: object) -> None:
+            pictures.append(drawing.submit(function, *arguments))
+
         pressing = beside.submit(_or_reason, lambda: _press(design))
         beside.submit(design_inductance, design)  # which all others wait for, while they compute what is their own
         coupled = beside.submit(couple_design, design)
@@ -146,40 +151,43 @@ def write_report(
             _or_reason, lambda: None if design.indentation is None else response_map(design, reach="auto")
         )
         # what needs no circuit comes first
+        draw(figures.copper_pictures, design)
+        draw(figures.board_picture, design)
+        problem = drawing.submit(viz.rendering_problem)
         margins = check_rules(design.array, design.rules)
-        pictures = figures.copper_pictures(design)
-        step()
-        problem = probe.result()
-        pictures.append(figures.board_picture(design))
         step()
         active = design.array.middle_coil
         indentation, indentation_problem = pressing.result()
         if design.indentation is not None and indentation is not None:
-            pictures += figures.indentation_pictures(design, design.indentation.indenter, indentation, active)
+            draw(figures.indentation_pictures, design, design.indentation.indenter, indentation, active)
         step()
         coupling = coupled.result()
-        pictures += figures.coupling_pictures(coupling) if len(design.array.names) > 1 else []
+        if len(design.array.names) > 1:
+            draw(figures.coupling_pictures, coupling)
         step()
         line, plane = _fields(design, coupling, active)
-        pictures += figures.field_pictures(design, active, line, plane)
+        draw(figures.field_pictures, design, active, line, plane)
+        step()
+        scan, sweep, circuit_problem = circuit.result()
+        if sweep is not None:
+            draw(figures.sweep_pictures, sweep)
         step()
         response, response_problem = responding.result()
         positions, position_problem = None, "there is no response map."
         compare = design.name == _PUBLISHED
         shown = None if response is None else on_board(response)
         if response is not None and shown is not None:
-            pictures += figures.response_pictures(design, shown)
+            draw(figures.response_pictures, design, shown)
             # beside the paper in its own system, and where the axis of the coils is not the board's
             counted = response if compare or origin_of(response)[1] else shown
             positions, position_problem = _or_reason(lambda: map_positions(counted))
         if positions is not None:
-            known = published_model() if compare else None
-            pictures += figures.position_pictures(design, positions, known)
-        pictures += [] if distortion is None else [figures.distortion_picture(distortion)]
+            draw(figures.position_pictures, design, positions, published_model() if compare else None)
+        if distortion is not None:
+            draw(figures.distortion_picture, distortion)
         step()
-        scan, sweep, circuit_problem = circuit.result()
-    pictures += [] if sweep is None else figures.sweep_pictures(sweep)
-    step()
+        drawing.finish()
+        step()
     all_tables = [
         tables.coil_table(design, coupling),
         tables.pair_table(coupling),
@@ -217,7 +225,7 @@ def write_report(
         **{table.name: table.records() for table in all_tables},
     }
     # everything that can fail on the numbers comes before the first file
-    page = _page(file, data, all_tables, pictures)
+    page = _page(file, data, all_tables, [picture for drawn in pictures for picture in drawn.result()])
     texts = {f"{table.name}.csv": table.csv() for table in all_tables}
     texts["report.json"] = json.dumps(data, indent=1, allow_nan=False) + "\n"
     make_folder(data_folder)
@@ -232,7 +240,7 @@ def write_report(
             save_dataset(dataset, data_folder / f"{name}.nc")
     write_text(folder / "report.html", page)
     step()
-    return Report(folder / "report.html", data_folder, coupling, data, problem)
+    return Report(folder / "report.html", data_folder, coupling, data, problem.result())
 
 
 def _circuit(design: Design) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:

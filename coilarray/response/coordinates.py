@@ -7,18 +7,22 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
+from coilarray.compute.display_units import MM
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
     from coilarray.design.model import Indentation
+    from coilarray.geometry import Target
 
-__all__ = ["axis_label", "from_board", "on_board", "origin_attributes", "origin_of"]
+__all__ = [
+    "as_depths", "axis_label", "depth_words", "from_board", "is_of_target", "on_board", "origin_attributes", "origin_of",
+]  # fmt: skip
 
 _BOARD = "board"
 _PICOMETRE = 12  # digits of m: what a shift adds to a number of few digits
 
 
-def origin_attributes(setup: Indentation) -> dict[str, str | float]:
+def origin_attributes(setup: Indentation | Target) -> dict[str, str | float]:
     """Return the attributes of a response that say what its positions count from: a name, and x and y in m."""
     x, y = setup.origin_point
     return {"origin": setup.origin or _BOARD, "origin_x": float(x), "origin_y": float(y)}
@@ -75,6 +79,27 @@ def on_board(response: xr.Dataset) -> xr.Dataset:
         if name in response.coords
     }
     return response.assign_coords(moved).assign_attrs(origin=_BOARD, origin_x=0.0, origin_y=0.0)
+
+
+def is_of_target(response: xr.Dataset) -> bool:
+    """Whether a response is over the distance of a target, not over the depth of an indentation."""
+    return "distance" in response.dims
+
+
+def as_depths(response: xr.Dataset) -> xr.Dataset:
+    """Return a target's map in the form of an indentation's: its distances as depths, the nearest one last.
+
+    A response of an indentation is returned as it is.
+    """
+    if not is_of_target(response):
+        return response
+    turned = response.isel(distance=slice(None, None, -1)).rename(distance="depth")
+    return turned.assign_attrs(over="distance")
+
+
+def depth_words(response: xr.Dataset, depth: int) -> str:
+    """Write a depth of a response by its index, as "1 mm deep"; that of a target's map as "1 mm away"."""
+    return f"{MM.text(response.depth[depth])} {'away' if response.attrs.get('over') == 'distance' else 'deep'}"
 
 
 def axis_label(response: xr.Dataset, axis: str) -> str:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import design_circuit, design_inductance, provenance
-from coilarray.circuit.network import Network, resonances_near, resonate
+from coilarray.circuit.network import Network, Resonance, resonances_near, resonate
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
 from coilarray.compute.memory import require_memory
 from coilarray.compute.store import Store, content_key
@@ -24,8 +24,9 @@ from coilarray.elastomer.dielectric import dent_capacitance
 from coilarray.elastomer.face_shift import shift_energy, shift_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.source import Source
-from coilarray.errors import ElastomerError, NetworkError
-from coilarray.geometry import Conductor
+from coilarray.errors import ElastomerError, MetalError, NetworkError
+from coilarray.geometry import Ball, Conductor
+from coilarray.metal.indenter import indenter_inductance
 from coilarray.response.coordinates import origin_attributes
 from coilarray.response.near import near_response
 from coilarray.response.setup import (
@@ -43,12 +44,13 @@ from coilarray.response.setup import (
 __all__ = ["Imperfections", "Reach", "inductance_changes", "respond", "response_dataset", "response_map"]
 
 FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
 
 Reach = float | Literal["auto"] | None
 """Which coils count at a position: None for all, the allowed error of δ relative to its peak, or "auto"."""
 
-Variables = Mapping[str, tuple[tuple[str, ...], FloatArray, Mapping[str, str]]]
-"""Variables of a dataset: dimensions, values and attributes by name."""
+Variable = tuple[tuple[str, ...], FloatArray, Mapping[str, str]]
+"""A variable of a dataset: dimensions, values and attributes."""
 
 _POSITIONS = 1000  # in a part of a resumable map, which is of one depth
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
@@ -71,6 +73,8 @@ def response_map(
     ideal: bool = False,
     inductance: Callable[[], FloatArray] | None = None,
     dielectric: bool = False,
+    metal: bool = True,
+    rest: float = 0.0,
     mesh: LayerMesh | None = None,
     parts: Path | None = None,
     progress: Progress | None = None,
@@ -82,12 +86,14 @@ def response_map(
     design : Design
         Design with an indentation.
     depths, x, y : array_like, shape (n,), optional
-        Depths and positions of the indenter in m, positions from the map's origin; those of the design by default.
+        Depths and positions of the indenter in m, positions from the map's origin; those of the design by default. A
+        depth below 0 is a height above the sheets, where only the material of an indenter counts.
     reach : float, "auto" or None
         Coils that count at a position. None: every coil, and the resonance of the whole circuit with all inductance
         changes. A number from 1e-4 to 0.1: only the coils near the indenter, as far away as keeps the error of δ below
         this part of its peak; the cost of a position does not grow with the array. "auto": None up to 5 million
-        inductance changes (depths × positions × coils²), above that 1e-3, unless `dielectric` is set.
+        inductance changes (depths × positions × coils²), above that 1e-3, unless `dielectric` is set or the indenter
+        has a material that counts.
     imperfections : Imperfections, optional
         Deviations of the experiment from the design; none by default.
     network : Network, optional
@@ -103,6 +109,12 @@ def response_map(
         Include the change of the coils' capacitance, which the converter takes for a change of L:
         `coilarray.elastomer.dielectric.dent_capacitance` with the design's permittivity. It is about 1e-7 of L, and
         needs every coil.
+    metal : bool
+        Count the eddy currents and the magnetisation of an indenter with a material,
+        `coilarray.metal.indenter.indenter_inductance`, at the mean frequency of the states. It needs every coil.
+    rest : float
+        Height in m of an indenter with a material over the sheets while L_0 is read at the same position: 0 as it just
+        touches them, as in a campaign; inf where it is far away.
     mesh : LayerMesh, optional
         Accuracy of the magnetic problem.
     parts : Path, optional
@@ -119,16 +131,21 @@ def response_map(
         ``coil_x`` and ``coil_y`` are the centres in m from the map's origin, which the attributes ``origin_x`` and
         ``origin_y`` place on the board: `coilarray.response.coordinates.on_board`. With every coil also
         ``inductance_change`` (depth, y, x, coil, other) in H, dented minus flat, and ``capacitance_change`` (depth, y,
-        x, coil) in F, zero without `dielectric`. With only near coils, ``delta`` is 0 for the states beyond the
-        attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out. The attribute
-        ``error_of_peak`` is the error allowed by `reach`, 0 for every coil.
+        x, coil) in F, zero without `dielectric`. Where the indenter's material counts, both parts are in ``delta`` and
+        ``inductance_change``, and the share of the material is ``metal_delta``, ``metal_inductance_change`` in H and
+        ``metal_resistance_change`` in Ω, against the indenter at rest; the attributes ``indenter_material``,
+        ``metal_frequency_Hz`` and ``rest_m`` say of what it is. With only near coils, ``delta`` is 0 for the states
+        beyond the attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out. The
+        attribute ``error_of_peak`` is the error allowed by `reach`, 0 for every coil.
 
     Raises
     ------
     ElastomerError
         A design without an indentation, grids that are not finite and rising, a contact that is outside the sample or
-        lost on a tilted one, a `reach` outside its limits or together with `dielectric`, and what `indent` and
-        `dent_inductance` refuse.
+        lost on a tilted one, a `reach` outside its limits or together with `dielectric` or a material, and what
+        `indent` and `dent_inductance` refuse.
+    MetalError
+        A `rest` below 0, plates beside an indenter with a material, and what `ball_inductance` refuses.
     NetworkError
         A state without a resonance; with `reach` also a network with stray capacitances, and states and switches that
         `coilarray.circuit.state_sensitivity` does not treat.
@@ -155,8 +172,10 @@ def response_map(
     """
     true, mesh = imperfections or Imperfections(), mesh or LayerMesh()
     axes, coils = map_axes(design, depths, x, y), len(design.array.names)
-    error = _allowed_error(reach, axes, coils, dielectric=dielectric)
+    ball = indentation_of(design).ball if metal else None
+    error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=ball is not None)
     _require_room(axes, coils, len(design.plan), error)
+    _check_metal(design, axes, ball, rest)
     pressed = experiment(design, axes, true)
 
     def flat_network() -> Network:
@@ -170,15 +189,25 @@ def response_map(
         base = states.base_inductance
         delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
         delta += _shift_of_states(pressed, states, mesh)
-        changes: Variables = {}
+        changes: dict[str, Variable] = {}
         left_out = {"error_of_peak": error, "state_cutoff_m": cutoff.states, "coil_cutoff_m": cutoff.coils}
     else:
         _require_room(axes, coils, len(design.plan), 0.0)
         permittivity = design.circuit.elastomer_permittivity if dielectric else None
         change, capacitance_change = _changes(pressed, permittivity, mesh, parts, progress)
         flat = flat or flat_network()
-        delta, base = _through_circuit(flat, design.plan, change, capacitance_change)
-        changes = {
+        flats = [resonate(flat, state) for state in design.plan]
+        delta = _through_circuit(flat, flats, change, capacitance_change)
+        changes, of_metal = {}, {}
+        if ball is not None:
+            frequency = float(np.mean([one.frequency for one in flats]))
+            share = _metal(pressed, design.array, ball, frequency, rest)
+            both = _through_circuit(flat, flats, change + share, capacitance_change)
+            changes = _metal_variables(axes, both - delta, share, frequency)
+            of_metal = {"metal_frequency_Hz": frequency, "rest_m": rest, "indenter_material": ball.material.name}
+            delta, change = both, change + share.real
+        base = np.array([_converted(flat, one) for one in flats])
+        changes |= {
             "inductance_change": (
                 ("depth", "y", "x", "coil", "other"), change.reshape(*axes.shape, coils, coils),
                 {"units": "H", "long_name": "inductance matrix, dented minus flat"},
@@ -188,7 +217,7 @@ def response_map(
                 {"units": "F", "long_name": "capacitance of each coil, dented minus flat"},
             ),
         }  # fmt: skip
-        left_out = {"error_of_peak": 0.0}
+        left_out = {"error_of_peak": 0.0, **of_metal}
     drift = true.drift * axes.order("rows") + true.column_drift * axes.order("columns")
     delta = delta + drift[..., None]
     if true.noise:
@@ -241,7 +270,13 @@ def respond(
     flat = change.reshape(change.shape[0], -1, n, n)
     capacitance_change = response.capacitance_change.values.reshape(*flat.shape[:3])
     network = replace(design_circuit(design, ideal=ideal), inductance=response.inductance.values)
-    delta, base = _through_circuit(network, states, flat, capacitance_change)
+    flats = [resonate(network, state) for state in states]
+    lossy: FloatArray | ComplexArray = flat
+    if "metal_resistance_change" in response:
+        loss = response.metal_resistance_change.values.reshape(flat.shape)
+        lossy = flat - 1j * loss / (2 * np.pi * response.attrs["metal_frequency_Hz"])
+    delta = _through_circuit(network, flats, lossy, capacitance_change)
+    base = np.array([_converted(network, one) for one in flats])
     others = response.drop_dims("state")
     others["inductance_change"] = (response.inductance_change.dims, change, response.inductance_change.attrs)
     others["delta"] = (("depth", "y", "x", "state"), delta.reshape(*change.shape[:3], -1), response.delta.attrs)
@@ -255,19 +290,25 @@ def inductance_changes(
     *,
     paths: Sequence[Conductor] | None = None,
     imperfections: Imperfections | None = None,
+    frequency: float | None = None,
     progress: Progress | None = None,
 ) -> FloatArray:
     """Compute the inductance changes of coils or other paths at every depth and position of a map.
 
-    In H, dented minus flat, shape (depth, y, x, paths, paths); the paths are the design's coils by default.
-    ElastomerError for a design, axes or a contact that `response_map` refuses.
+    In H, dented minus flat, shape (depth, y, x, paths, paths); the paths are the design's coils by default. With a
+    `frequency` in Hz the material of the indenter counts, against the indenter just touching the sheets; without one it
+    does not. Errors for a design, axes or a contact as `response_map`.
     """
+    ball = None if frequency is None else indentation_of(design).ball
+    _check_metal(design, axes, ball, 0.0)
     source = design.array.conductors() if paths is None else paths
     pressed = experiment(design, axes, imperfections)
     change = np.zeros((len(pressed.axes.depth), len(pressed.points), len(source), len(source)))
     for levels in together(pressed.levels):
         change += _dented(source, levels, pressed.points, LayerMesh(), progress)
     change += _shift(pressed, source, LayerMesh())
+    if ball is not None and frequency is not None:
+        change += _metal(pressed, source, ball, frequency, 0.0).real
     return change.reshape(*axes.shape, len(source), len(source))
 
 
@@ -282,7 +323,7 @@ def response_dataset(
     coils: Sequence[str] | None = None,
     states: Sequence[str] | None = None,
     per_length: bool = False,
-    variables: Variables | None = None,
+    variables: Mapping[str, Variable] | None = None,
     attributes: Mapping[str, object] | None = None,
 ) -> xr.Dataset:
     """Assemble the dataset of a computed response: δ (…, states) at the axes, for all coils and states or the named.
@@ -330,10 +371,10 @@ def response_dataset(
     )  # fmt: skip
 
 
-def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool) -> float:
+def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool, metal: bool) -> float:
     """Error of δ relative to its peak that the near coils alone may make; 0 for every coil."""
     if reach == "auto":
-        return 0.0 if dielectric or np.prod(axes.shape) * coils**2 <= _AUTO_VALUES else _AUTO_ERROR
+        return 0.0 if dielectric or metal or np.prod(axes.shape) * coils**2 <= _AUTO_VALUES else _AUTO_ERROR
     if reach is None:
         return 0.0
     if not (isinstance(reach, int | float) and _ERRORS[0] <= reach <= _ERRORS[1]):
@@ -342,6 +383,10 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool)
         )
     if dielectric:
         raise ElastomerError("the change of capacitance needs every coil: dielectric is for reach=None.")
+    if metal:
+        raise ElastomerError(
+            "an indenter with a material needs every coil: reach=None, or metal=False to leave it out."
+        )
     return reach
 
 
@@ -413,18 +458,71 @@ def _shift_of_states(pressed: Experiment, states: StateSensitivity, mesh: LayerM
     return np.asarray((states.weights * energy).real)
 
 
+def _check_metal(design: Design, axes: MapAxes, ball: Ball | None, rest: float) -> None:
+    """Refuse an indenter of metal where it is not computed, and depths that only such a one has."""
+    if not rest >= 0:
+        raise MetalError(f"rest must be at least 0; got {rest} m.")
+    if ball is not None and design.plates:
+        raise MetalError(f"an indenter of {ball.material.name} is not computed beside plates; leave one of them out.")
+    if ball is None and axes.depth[0] < 0:
+        raise ElastomerError(
+            f"depths must be at least 0 of an indenter whose material does not count; got {axes.depth[0] * 1e3:.4g} mm."
+        )
+
+
+def _metal(pressed: Experiment, source: Source, ball: Ball, frequency: float, rest: float) -> ComplexArray:
+    """Share of the indenter's material in the changes in H, (depths, places, coils, coils), against it at rest.
+
+    What a finite sample adds to its dents is left out: it is a small part of a share.
+    """
+    total: ComplexArray | float = 0.0
+    for level in (level for level in pressed.levels if not level.coarse):
+        first = level.dents[0]
+        flat = replace(first, displacement=np.zeros_like(first.displacement))
+        at_rest = indenter_inductance(source, ball, flat, pressed.points, frequency, rest)
+        parts = [
+            indenter_inductance(source, ball, dent, pressed.points, frequency, above) - at_rest
+            for dent, above in zip(level.dents, pressed.above.tolist(), strict=True)
+        ]
+        total = total + np.einsum("dp,dpij->dpij", level.shares, parts)
+    return np.asarray(total)
+
+
+def _metal_variables(axes: MapAxes, delta: FloatArray, share: ComplexArray, frequency: float) -> dict[str, Variable]:
+    """Return the variables of the material's share."""
+    matrix = ("depth", "y", "x", "coil", "other")
+    values = share.reshape(*axes.shape, *share.shape[2:])
+    loss = -2 * np.pi * frequency * values.imag
+    return {
+        "metal_delta": (
+            ("depth", "y", "x", "state"), delta.reshape(*axes.shape, -1),
+            {"units": "1", "long_name": "share of the indenter's material in delta"},
+        ),
+        "metal_inductance_change": (
+            matrix, values.real, {"units": "H", "long_name": "share of the indenter's material"}
+        ),
+        "metal_resistance_change": (matrix, loss, {"units": "ohm", "long_name": "eddy-current loss in the indenter"}),
+    }  # fmt: skip
+
+
+def _converted(network: Network, flat: Resonance) -> float:
+    """L_0 in H as the converter sees a state."""
+    return 1 / ((2 * np.pi * flat.frequency) ** 2 * network.switches.tank_capacitance)
+
+
 def _through_circuit(
-    network: Network, plan: Sequence[ScanState], change: FloatArray, capacitance_change: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """δ of every depth, place and state, and L_0 of every state in H."""
+    network: Network, flats: Sequence[Resonance], change: FloatArray | ComplexArray, capacitance_change: FloatArray
+) -> FloatArray:
+    """δ of every depth, place and state, from the resonances of the states under flat sheets.
+
+    Changes in H with losses are complex, ΔL − jΔR/ω.
+    """
     inductances = network.inductance + change.reshape(-1, *network.inductance.shape)
     capacitances = network.winding_capacitance + capacitance_change.reshape(-1, len(network.names))
     nodes_and_branches = 6 * len(network.names) + 5
     at_once = max(1, _CIRCUIT_VALUES // nodes_and_branches**2)
-    delta = np.empty((*change.shape[:2], len(plan)))
-    base = np.empty(len(plan))
-    for k, state in enumerate(plan):
-        flat = resonate(network, state)
+    delta = np.empty((*change.shape[:2], len(flats)))
+    for k, flat in enumerate(flats):
         dented = np.concatenate(
             [
                 resonances_near(network, flat, inductances[start:stop], capacitances[start:stop])
@@ -432,8 +530,7 @@ def _through_circuit(
             ]
         )
         delta[..., k] = ((flat.frequency / dented) ** 2 - 1).reshape(change.shape[:2])
-        base[k] = 1 / ((2 * np.pi * flat.frequency) ** 2 * network.switches.tank_capacitance)
-    return delta, base
+    return delta
 
 
 def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool) -> StateSensitivity | None:

@@ -18,7 +18,7 @@ from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.elastomer.dent import Dent, Motion, dent_of
 from coilarray.elastomer.finite_sample import Sample, SampleCorrection, sample_correction
 from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
-from coilarray.errors import ElastomerError
+from coilarray.errors import CoilarrayError, ElastomerError
 from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Sheet
 from coilarray.geometry.sheet import Base, Strain
 
@@ -138,7 +138,8 @@ class Experiment:
     The `design` has the true thicknesses of its sheets, `axes` the assumed depths and positions; `points` (n, 2) are
     the true positions of the indenter on the board in m, x fastest. `contact` is that at the map's origin, at all
     depths. `levels` is the sample; several level ones for a tilted or a finite sample. `correction` is what a finite
-    sample adds to its dents; None for a wide one.
+    sample adds to its dents; None for a wide one. `above`, shape (depths,), is the height in m of the indenter over the
+    sheets where it does not touch them: a depth below 0.
     """
 
     design: Design
@@ -146,6 +147,7 @@ class Experiment:
     points: FloatArray
     contact: xr.Dataset
     levels: tuple[Level, ...]
+    above: FloatArray
     correction: SampleCorrection | None = None
 
 
@@ -165,21 +167,22 @@ def map_axes(
     """
     setup = indentation_of(design)
     given = (("depths", depths, setup.depths), ("x", x, setup.x), ("y", y, setup.y))
-    return MapAxes(*(_axis(name, default if values is None else values) for name, values, default in given))
+    return MapAxes(*(checked_axis(name, default if values is None else values) for name, values, default in given))
 
 
-def _axis(name: str, values: npt.ArrayLike) -> FloatArray:
+def checked_axis(name: str, values: npt.ArrayLike, error: type[CoilarrayError] = ElastomerError) -> FloatArray:
+    """Return the axis of a map in m, shape (n,); `error` for values that are not finite and rising, or beyond 1 m."""
     array = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if array.ndim != 1 or not array.size or not np.isfinite(array).all() or (np.diff(array) <= 0).any():
-        raise ElastomerError(f"{name} must be finite and rising, in m; got {array}.")
+        raise error(f"{name} must be finite and rising, in m; got {array}.")
     if np.abs(array).max() > _FARTHEST:
         limit = f"at most {_FARTHEST * 1e3:g} mm from the map's origin"
-        raise ElastomerError(f"{name} must be {limit}; got {array * 1e3} mm.")
+        raise error(f"{name} must be {limit}; got {array * 1e3} mm.")
     return array
 
 
 def experiment(design: Design, axes: MapAxes, imperfections: Imperfections | None = None) -> Experiment:
-    """Solve the contacts of a map and the dents that they make.
+    """Solve the contacts of a map and the dents that they make; none at depths below 0 of an indenter with a material.
 
     ElastomerError for sheets with more than one magnetic region, a contact that is outside the sample or lost on a
     tilted one, and what `coilarray.elastomer.contact.indent` refuses.
@@ -187,15 +190,17 @@ def experiment(design: Design, axes: MapAxes, imperfections: Imperfections | Non
     setup, true = indentation_of(design), imperfections or Imperfections()
     sheets = _true_sheets(design.sheets, true.thickness_errors)
     magnetic_slab(sheets)  # more than one magnetic region is refused before the work begins
-    depths, places = axes.depth + true.depth_error, axes.places + true.offset
+    given, places = axes.depth + true.depth_error, axes.places + true.offset
+    above = np.maximum(-given, 0.0) if setup.ball is not None else np.zeros_like(given)
+    depths = given + above
     sample = _sample(setup)
     parts = (1.0,) if sample is None else _DEPTH_PARTS
     pressed = contact_at(setup, sheets, np.unique(np.outer(parts, depths)))
     contact = _at_depths(pressed, depths)
     levels = _levels(setup, sheets, contact, depths, places, true.tilt)
     _require_inside(setup, places, max(float(level.contact.contact_radius.max()) for level in levels))
-    finite = Experiment(replace(design, sheets=sheets), axes, places + setup.origin_point, contact, levels)
-    return finite if sample is None else _finite(finite, sample, pressed, places, depths)
+    wide = Experiment(replace(design, sheets=sheets), axes, places + setup.origin_point, contact, levels, above)
+    return wide if sample is None else _finite(wide, sample, pressed, places, depths)
 
 
 def _sample(setup: Indentation) -> Sample | None:

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from coilarray.compute.store import open_store
 from coilarray.errors import HardwareError
 from coilarray.hardware.emulator.board import EmulatedBoard, Netlist
@@ -88,12 +90,18 @@ def emulated_board(
     store = open_store(folder)
 
     def table() -> ResponseTable:
+        from coilarray.circuit.network import resonate
         from coilarray.hardware.emulator.response_table import response_table
 
-        return response_table(design, store, progress=progress)
+        setup = design.indentation
+        frequency = None
+        if setup is not None and setup.ball is not None:
+            frequency = float(np.mean([resonate(network, state).frequency for state in design.plan]))
+        return response_table(design, store, frequency=frequency, progress=progress)
 
+    network = board_network(design, store)
     world = SensorWorld(
-        board_network(design, store), table,
+        network, table,
         strays=strays, copper=copper, capacitor=capacitor,
     )  # fmt: skip
     conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise)

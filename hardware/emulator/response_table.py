@@ -80,11 +80,13 @@ def response_table(
     store: Store,
     axes: tuple[FloatArray, FloatArray, FloatArray] | None = None,
     *,
+    frequency: float | None = None,
     progress: Progress | None = None,
 ) -> ResponseTable:
     """Return the table of a design, computed where the store does not keep it: 12 s for gast2020.
 
-    `axes` are depth, y and x in m, at least 3 of the first and 4 of the others, by default those of `table_axes`.
+    `axes` are depth, y and x in m, at least 3 of the first and 4 of the others, by default those of `table_axes`. The
+    material of an indenter counts at a `frequency` in Hz; its losses do not.
 
     Raises
     ------
@@ -99,11 +101,11 @@ def response_table(
         raise HardwareError("a table of the response needs 4 positions along x and y and 3 depths.")
 
     def compute() -> xr.Dataset:
-        change = inductance_changes(design, map_axes(design, depth, x, y), progress=progress)
+        change = inductance_changes(design, map_axes(design, depth, x, y), frequency=frequency, progress=progress)
         dims = ("depth", "y", "x", "coil", "other")
         return xr.Dataset({"inductance_change": (dims, change, {"units": "H"})})
 
-    table = store.dataset(("response table", design.digest, depth, y, x), compute)
+    table = store.dataset(("response table", design.digest, depth, y, x, frequency), compute)
     return ResponseTable(x, y, depth, table.inductance_change.values)
 
 

@@ -55,7 +55,7 @@ def both(files):
 
 @pytest.fixture(autouse=True)
 def _small_pictures(monkeypatch):
-    monkeypatch.setattr("coilarray.report.figures._DPI", 40)
+    monkeypatch.setattr("coilarray.report.png._DPI", 40)
 
 
 def marked(text):

@@ -45,7 +45,7 @@ polish = 6
 @pytest.fixture(autouse=True)
 def _cheap_goal(own_folder, own_store, monkeypatch):
     monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))  # circuits take long
-    monkeypatch.setattr("coilarray.report.figures._DPI", 40)
+    monkeypatch.setattr("coilarray.report.png._DPI", 40)
     # the page takes longer than the search; one test here writes it
     monkeypatch.setattr("coilarray.report.optimization.write_optimization_report", lambda _, out: out / "report.html")
     Path("goal.toml").write_text(GOAL, encoding="utf-8")

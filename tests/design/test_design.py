@@ -18,8 +18,9 @@ from coilarray.errors import DesignError
 from coilarray.geometry import EVEN, Cone, CylinderEdge, FlatPunch, Hemisphere, Paraboloid, Seat, Unevenness
 
 # with a window of its own, which the starter leaves to its coils
-BASE = re.sub(r"^# (?=x_mm = \[|y_mm = \[|origin =)", "", read("starter"), flags=re.MULTILINE)
-BASE = BASE.replace("# step_mm = 1.5", "step_mm = 2.0")
+_ABOVE, _HEAD, _PRESSED = read("starter").partition("[indentation]\n")
+_PRESSED = re.sub(r"^# (?=x_mm = \[|y_mm = \[|origin =)", "", _PRESSED, flags=re.MULTILINE)
+BASE = _ABOVE + _HEAD + _PRESSED.replace("# step_mm = 1.5", "step_mm = 2.0")
 
 
 def changed(old, new):
@@ -208,6 +209,7 @@ BAD = {
     "no indenter": (without("[indenter]", "[indentation]"), r"\[indentation\] needs the table \[indenter\] too"),
     "no indentation": (without("[indentation]", "[circuit]"), r"\[indenter\] needs the table \[indentation\] too"),
     "no sheet to press on": (without("[[elastomer]]", "# What presses", *ASSUMED), r"\[indentation\] needs at least one \[\[elastomer\]\] to press on"),
+    "edge of a punch": (changed('shape = "hemisphere"', 'shape = "flat_punch"\nedge_radius_mm = 5'), "edge radius of a flat punch must be positive and at most its radius, 2 mm; got 5 mm"),
     "wrong indenter": (changed('shape = "hemisphere"', 'shape = "needle"'), "indenter.shape must be 'hemisphere', 'paraboloid', 'flat_punch', 'cone' or 'cylinder_edge'; got 'needle'"),
     "no shape of the indenter": (changed('shape = "hemisphere"', ""), "indenter.shape must be 'hemisphere', .*; got nothing"),
     "indenter without radius": (changed("radius_mm = 2.0", ""), "indenter.radius_mm is missing"),
@@ -330,8 +332,10 @@ def test_gast2020_is_pressed_as_in_its_table_1_and_gast_fem_on_a_line():
     ('shape = "hemisphere"\nradius_mm = 2.0', Hemisphere(2e-3)),
     ('shape = "paraboloid"\nradius_mm = 2.0', Paraboloid(2e-3)),
     ('shape = "flat_punch"\nradius_mm = 2.0', FlatPunch(2e-3)),
+    ('shape = "flat_punch"\nradius_mm = 2.0\nedge_radius_mm = 0.1', FlatPunch(2e-3, 0.1e-3)),
     ('shape = "cone"\nhalf_angle_deg = 60', Cone(math.radians(60))),
     ('shape = "cone"\nhalf_angle_deg = 60\nradius_mm = 2.0', Cone(math.radians(60), 2e-3)),
+    ('shape = "cone"\nhalf_angle_deg = 60\nradius_mm = 2.0\nedge_radius_mm = 0.5', Cone(math.radians(60), 2e-3, 5e-4)),
     ('shape = "cylinder_edge"\nradius_mm = 2.0', CylinderEdge(2e-3)),
 ])  # fmt: skip
 def test_every_indenter(table, expected):

@@ -58,8 +58,9 @@ def causes_of(design):
 def drawn_report(design, folder, *, circuit=True, **options):
     """Write a report without 3-D rendering, without the circuit's part where that is not wanted."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COILARRAY_THREADS", "1")  # pictures are drawn in this process
         patch.setattr("coilarray.viz.rendering_problem", lambda: "no rendering in this test")
-        patch.setattr(figures, "_DPI", 40)
+        patch.setattr("coilarray.report.png._DPI", 40)
         patch.setattr("coilarray.report.write._SWEEP_POINTS", 8)
         if not circuit:
             patch.setattr("coilarray.report.write._circuit", lambda *_: (None, None, "left out of this test"))

@@ -19,6 +19,7 @@ from scipy.ndimage import maximum_filter
 
 from coilarray.compute.display_units import MM, DisplayUnit, true_minus
 from coilarray.response.answering import answering_states, main_line, middle_state
+from coilarray.response.coordinates import as_depths, depth_words
 from coilarray.viz.datasets.overlays import at_depth, of_state
 from coilarray.viz.palette import INK, PALE, curve_look, signed_colours
 from coilarray.viz.plots import style
@@ -81,7 +82,7 @@ def plot_response(
     bands = _draw_map(ax, response, delta, look)
     style.colour_bar(ax, bands, look.unit.label("δ")).set_ticks(MaxNLocator(_TICKS, steps=_STEPS))
     style.plan_axes(ax)
-    ax.set_title(f"Response of {state}, {MM.text(response.depth[depth])} deep")
+    ax.set_title(f"Response of {state}, {depth_words(response, depth)}")
     return ax
 
 
@@ -151,7 +152,7 @@ def plot_response_profile(
         ax.set_xlim(at.min(), at.max())
     title = f"Response at {across} = {MM.text(row[across])}"
     title += "" if state is None else f", {state}"
-    title += "" if depth is None else f", {MM.text(response.depth[depth])} deep"
+    title += "" if depth is None else f", {depth_words(response, depth)}"
     ax.set(xlabel=MM.label(along), ylabel=shown.label("δ"), title=title)
     style.legend_beside(ax)
     return ax
@@ -228,7 +229,7 @@ def plot_bell_curve(
 
 @style.styled
 def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
-    """Draw the response to the deepest dent, one map per state with a common colour bar.
+    """Draw the response to the deepest dent or the nearest target, one map per state with a common colour bar.
 
     A response along a single line, or at a single position, is drawn as one curve per state instead. At most
     `MOST_MAPS` states are shown: of those that answer, the nearest to the middle of the map.
@@ -238,6 +239,7 @@ def response_figure(response: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()
     response, outlines
         As in `plot_response`, with any number of x and y.
     """
+    response = as_depths(response)
     names = response.state.values.tolist()
     shown = response.isel(state=answering_states(response, MOST_MAPS))
     note = f" ({MOST_MAPS} of {len(names)} states, those nearest to the middle)" if len(names) > MOST_MAPS else ""
@@ -292,7 +294,7 @@ def _maps(response: xr.Dataset, outlines: Sequence[npt.ArrayLike], note: str) ->
     bar = figure.colorbar(bands, ax=cells[: len(names)], spacing="proportional", aspect=40, fraction=0.05, pad=0.02)
     bar.set_ticks(MaxNLocator(_TICKS, steps=_STEPS))
     bar.set_label(look.unit.label("δ"))
-    style.main_title(figure, f"Response, {MM.text(response.depth[-1])} deep{note}")
+    style.main_title(figure, f"Response, {depth_words(response, -1)}{note}")
     return figure
 
 

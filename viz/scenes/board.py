@@ -13,7 +13,7 @@ import numpy.typing as npt
 from coilarray.errors import GeometryError
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.sheet import Sheet
-from coilarray.geometry.solids import sheet_solids, solids
+from coilarray.geometry.solids import board_solids, sheet_solids
 from coilarray.viz.datasets.board import barrel_mesh, board_mesh, copper_mesh, with_coil_values
 from coilarray.viz.datasets.elastomer import sheet_meshes
 from coilarray.viz.datasets.triangles import MM_PER_M, surface_of
@@ -86,7 +86,7 @@ def scene_of_board(
     `box` x_min, y_min, x_max, y_max in m shows that part, without rulers, barrels and names. `name_heights` in m, one
     or one for each coil, lift the names above what covers the coils. GeometryError for a layer that the board lacks.
     """
-    parts = solids(array)
+    parts = board_solids(array)
     copper = copper_parts(array, layers, colours, box, parts)
     board = cut_upright(board_mesh(parts), box)
     # copper may share a face with the board: draw the board just behind it
@@ -95,7 +95,7 @@ def scene_of_board(
     if box is not None:
         return Scene((*copper, *laminate))
     barrels = barrel_mesh(parts, array.names)
-    through = [Part("barrels", barrels, "barrels", BARREL)] if barrels.n_cells else []
+    through = [Part("barrels", barrels, "barrels", BARREL, closed=True)] if barrels.n_cells else []
     edges = [_edges("edges of board", board, "laminate", LAMINATE)] if laminate else []
     x_min, y_min, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
     length = 0.012 * (x_max - x_min + y_max - y_min)
@@ -113,12 +113,13 @@ def copper_parts(
     parts: Mapping[str, trimesh.Trimesh] | None = None,
 ) -> tuple[Part, ...]:
     """Return the copper of a board alone, one part per layer with copper; arguments as for `scene_of_board`."""
-    parts = solids(array) if parts is None else parts
-    return tuple(
-        _coloured(name, mesh, colour, colours)
-        for name, colour in _shown_layers(array, layers).items()
-        if (mesh := cut_upright(copper_mesh(parts, array.names, name), box)).n_cells
+    parts = board_solids(array) if parts is None else parts
+    copper = tuple(
+        Part(name, mesh, name, colour, ambient=0.45, diffuse=0.6, closed=box is None)
+        for layer, colour in _shown_layers(array, layers).items()
+        if (mesh := cut_upright(copper_mesh(parts, array.names, layer), box)).n_cells and (name := f"{_COPPER}{layer}")
     )
+    return copper if colours is None else recoloured(copper, colours)
 
 
 def board_in_pieces(array: CoilArray) -> tuple[tuple[Part, ...], Scene]:
@@ -130,7 +131,14 @@ def board_in_pieces(array: CoilArray) -> tuple[tuple[Part, ...], Scene]:
 
 def recoloured(copper: Sequence[Part], colours: CoilColours) -> tuple[Part, ...]:
     """Give the copper of `copper_parts` other values of the coils."""
-    return tuple(_coloured(part.name.removeprefix(_COPPER), part.mesh, part.colour, colours) for part in copper)
+    values, scale = colours.values, colours.scale
+    return tuple(
+        replace(
+            part, mesh=with_coil_values(part.mesh, values, scale.array), colour=BARREL, scale=scale, ambient=0.7,
+            diffuse=0.35,
+        )
+        for part in copper
+    )  # fmt: skip
 
 
 def scene_of_sheets(array: CoilArray, sheets: Sequence[Sheet], lift: float = 0.0, spread: float = 0.0) -> Scene:
@@ -175,14 +183,6 @@ def _shown_layers(array: CoilArray, layers: Sequence[str] | None) -> dict[str, s
         if layer not in colours:
             raise GeometryError(f"the board has no copper layer {layer!r}; there are {', '.join(colours)}.")
     return {name: colour for name, colour in colours.items() if layers is None or name in layers}
-
-
-def _coloured(layer: str, copper: pyvista.DataSet, colour: str, colours: CoilColours | None) -> Part:
-    name = f"{_COPPER}{layer}"
-    if colours is None:
-        return Part(name, copper, name, colour, ambient=0.45, diffuse=0.6)
-    mesh = with_coil_values(copper, colours.values, colours.scale.array)
-    return Part(name, mesh, name, BARREL, colours.scale, ambient=0.7, diffuse=0.35)
 
 
 def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:

@@ -97,23 +97,23 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = Non
 def actor_of(part: Part, pixel: float = 1.0) -> Any:
     """Return the pyvista.Actor of a part, its colours in the mesh, so that every renderer shows the same."""
     import pyvista
+    from vtkmodules.vtkRenderingCore import vtkPolyDataMapper
 
-    mesh = _surface(part)
-    mapper: Any = pyvista.DataSetMapper(dataset=mesh)
-    if part.scale is None:
-        mapper.scalar_visibility = False
-    else:
+    mapper = vtkPolyDataMapper()  # PyVista's own makes a table of colours each time, which takes longer than all this
+    mapper.SetInputDataObject(_surface(part))
+    mapper.SetScalarVisibility(part.scale is not None)
+    if part.scale is not None:
         on_cells = part.scale.array in part.mesh.cell_data
         mapper.SetScalarModeToUseCellFieldData() if on_cells else mapper.SetScalarModeToUsePointFieldData()
         mapper.SelectColorArray(_COLOURS)
         mapper.SetColorModeToDirectScalars()
-        mapper.scalar_visibility = True
     if part.sunk:
         mapper.SetResolveCoincidentTopologyToPolygonOffset()
         mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(_BEHIND, _BEHIND)
     properties = pyvista.Property(
         color=part.colour, opacity=part.opacity, line_width=part.line_width * pixel, lighting=part.lit,
         ambient=part.ambient, diffuse=part.diffuse, interpolation="Phong" if part.smooth else "Flat",
+        culling="back" if part.closed else None,
     )  # fmt: skip
     return pyvista.Actor(mapper=mapper, prop=properties, name=part.name)
 

@@ -79,6 +79,7 @@ class Part:
     ambient: float = 0.0  # coefficients of the light
     diffuse: float = 1.0
     smooth: bool = False  # shade flat triangles as a curved surface; edges stay sharp
+    closed: bool = False  # the surface encloses a solid, and its inside is not drawn
     sunk: bool = False  # draw it just behind other surfaces in the same place
 
 

@@ -1,0 +1,85 @@
+"""``coilarray target``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from coilarray import viz
+from coilarray.cli import shared
+from coilarray.errors import NetworkError
+
+
+def target(
+    design: shared.DesignArgument = None,
+    distance_mm: Annotated[
+        str | None, typer.Option(help="Distances, as 0.5,1 or START:STOP:COUNT; the design's by default.")
+    ] = None,
+    x_mm: shared.PlacesX = None,
+    y_mm: shared.PlacesY = None,
+    noise: shared.Noise = 1e-5,
+    ideal: shared.Ideal = False,
+    out: shared.NumbersFile = Path("target.nc"),
+    plot: Annotated[Path | None, shared.plot_option("δ, L, Q and f against the distance")] = None,
+    maps: Annotated[Path | None, shared.plot_option("the maps of δ at the least distance", "--maps")] = None,
+    force: shared.Force = False,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
+) -> None:
+    """Map what a target of metal or ferrite does to every coil, against its distance and place.
+
+    The [target] of the design is moved over the board. At every distance and place the whole circuit is solved: L, R,
+    Q, R_p and f of every state of the scan, δ against the board without the target, and every coupling. The tables
+    show each state where the target moves it the most; its range, the distance at which |δ| is 3 times the noise; and
+    the distances up to which 1, 10 and 100 µm are told from noise. Places in tables, pictures and a .csv are those on
+    the board. An interrupted map goes on from the folder FILE.parts when the same command runs again.
+
+    Example: coilarray target proximity --distance-mm 0.5:20:14 --out target.csv --plot target.png
+    """
+    distances, *places = (
+        None if text is None else shared.lengths(option, text)
+        for option, text in (("--distance-mm", distance_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
+    )
+    from coilarray.compute.store import open_store
+    from coilarray.report.figures import map_outlines
+    from coilarray.report.target_tables import range_table, target_coupling_table, target_table, values_table
+    from coilarray.response.coordinates import on_board
+    from coilarray.response.target import target_map
+
+    opened = shared.open_design(design, allow_violations=allow_violations)
+    x, y = shared.from_map_origin(opened.target, *places)
+    parts = out.with_name(f"{out.name}.parts")
+    store = open_store(parts)
+    kept = store.keys()
+    try:
+        with shared.progress_bar("target") as progress:
+            result = target_map(
+                opened, distances=distances, x=x, y=y, noise=noise, ideal=ideal, parts=parts, progress=progress
+            )
+    except NetworkError:
+        store.discard(store.keys() - kept)  # of no use: going on would end in the same way
+        raise
+    finally:
+        store.discard(())  # the folder, where nothing was computed
+    shown = on_board(result)
+    tables = target_table(shown), range_table(shown)
+    shared.write_numbers(out, result, values_table(shown).csv)
+    store.discard(store.keys())
+    shared.draw(plot, lambda: viz.target_figure(shown))
+    shared.draw(maps, lambda: viz.response_figure(shown, map_outlines(opened, shown)))
+    data = {
+        **shared.design_record(opened),
+        "file": str(out),
+        "target": result.attrs["target"],
+        "material": result.attrs["material"],
+        "noise": noise,
+        **{table.name: table.records() for table in (*tables, target_coupling_table(shown))},
+    }
+    lines = [
+        f"noise of δ {noise:g}: the range ends where |δ| is {result.attrs['range_factor']:g} times that; a step of "
+        "distance is told where it is no less than the standard deviation of one reading",
+        f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",
+    ]
+    shared.print_result(data, as_json=as_json, tables=tables, titles=True, lines=lines, files=[plot, maps])

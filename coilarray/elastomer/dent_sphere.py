@@ -1,0 +1,86 @@
+"""What a sphere over the pit of a dent sees: the coils' field on it in the dented sheets, and what these send back.
+
+A body on a sphere of radius a answers the harmonics P_l of the potential there. With P̂_l normalised over sin θ dθ, the
+harmonics c_l = ∫ U P̂_l sin θ dθ of the coils' dented potential U_d = U_f + ψ are those of the flat sheets' U_f at the
+places that the mapping of `coilarray.elastomer.scattering` gives, less pᵀ a_d⁻¹ Δa(U_f, ·) with the load p of P̂_l on
+the sphere. A layer of the strength P̂_l' on it makes the harmonics pᵀ a_d⁻¹ p', of which those in air are known: what
+the sheets send back is the difference to air on the same elements, so that the layer needs none of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import lpmv
+
+from coilarray.compute.threads import run_blocks
+from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.flat_stack import flat_profile
+from coilarray.elastomer.scattering import DentedSpace, LayerMesh, radial_pattern
+
+FloatArray = npt.NDArray[np.float64]
+
+_NODES = 48  # of the integral over the sphere, from pole to pole
+
+
+@dataclass(frozen=True, eq=False)
+class SphereInDent:
+    """Harmonics on a sphere for every m from 0 on, and l from max(m, 1) to the number of orders.
+
+    Parameters
+    ----------
+    fields : tuple of ndarray, shape (orders, k)
+        Harmonics of the dented potential for the incident potential e^{−kz} J_m(kr).
+    returned : tuple of ndarray, shape (orders, orders)
+        Harmonics in 1/m that the sheets add for a layer of unit strength.
+    """
+
+    fields: tuple[FloatArray, ...]
+    returned: tuple[FloatArray, ...]
+
+
+def sphere_in_dent(
+    dent: Dent, radius: float, height: float, wavenumbers: FloatArray, orders: int, mesh: LayerMesh
+) -> SphereInDent:
+    """Solve the dented sheets for a sphere about the dent's axis that lies on them; radius and height of it in m.
+
+    `wavenumbers`, shape (k,), of the coils' field are in 1/m.
+    """
+    space = DentedSpace(dent, mesh)
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    r, z = radius * np.sqrt(1 - nodes**2), height + radius * nodes
+    unmoved = _unmoved(dent, r, z)
+    at = space.basis.probes(np.array([r, unmoved]))
+    flat = flat_profile(wavenumbers, unmoved, dent.thicknesses, dent.permeabilities)
+    profiles, air = space.profiles(wavenumbers), space.air()
+
+    def solve(m: int) -> tuple[FloatArray, FloatArray]:
+        harmonics = np.array([_normalised(order, m, nodes) for order in range(max(m, 1), orders + 1)]) * weights
+        layers = np.asarray(at.T @ harmonics.T)
+        incident = space.radial(m, wavenumbers) * profiles
+        count = layers.shape[1]
+        solved = space.energies(m, np.hstack((layers, space.force(m, incident))))
+        seen = harmonics @ (radial_pattern("axial", m, r, wavenumbers) * flat)
+        return seen - solved[:count, count:], solved[:count, :count] - space.energies(m, layers, air)
+
+    every = run_blocks(solve, range(orders + 1))
+    return SphereInDent(tuple(fields for fields, _ in every), tuple(returned for _, returned in every))
+
+
+def _unmoved(dent: Dent, r: FloatArray, z: FloatArray) -> FloatArray:
+    """Heights in the flat sheets of points in the dented ones; all in m."""
+    anchors, faces = dent.anchors()
+    moved = dent.faces(r)[:, list(faces)]
+    still = np.zeros((len(r), 1))
+    low = [still] if len(anchors) == len(faces) + 2 else []
+    heights = anchors + np.concatenate([*low, moved, still], axis=1)
+    inside = [np.interp(height, row, anchors) for height, row in zip(z, heights, strict=True)]
+    return np.where((z > anchors[0]) & (z < anchors[-1]), inside, z)
+
+
+def _normalised(order: int, m: int, x: FloatArray) -> FloatArray:
+    """P_l^m(x) without the sign of Condon and Shortley, with ∫ P² dx = 1."""
+    scale = (order + 0.5) / np.prod(np.arange(order - m + 1, order + m + 1, dtype=np.float64))
+    return np.asarray((-1) ** m * np.sqrt(scale) * lpmv(m, order, x))

@@ -1,0 +1,137 @@
+"""Integrals of 1/r over pairs of triangles.
+
+∫∫ dA dA'/|x − x'|: near pairs by the closed form of the inner integral (Wilton et al., IEEE Trans. Antennas Propag. 32,
+276 (1984)) at the nodes of a rule over the outer triangle; far ones by the moments of both up to the second order,
+A A' (1/R + ½ (S + S'):∇∇(1/R)), R between the centroids and A S = ∫ (x − c)(x − c)ᵀ dA.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
+
+FloatArray = npt.NDArray[np.float64]
+
+_NEAR = 2.5  # sums of both radii; beyond, the moments err by some 1e-4 of one pair
+_A, _B = (6.0 - math.sqrt(15.0)) / 21.0, (6.0 + math.sqrt(15.0)) / 21.0
+_WA, _WB = (155.0 - math.sqrt(15.0)) / 1200.0, (155.0 + math.sqrt(15.0)) / 1200.0
+# Radon's rule of degree 5: barycentric coordinates and weight
+_RULE = np.array(
+    [
+        [1 / 3, 1 / 3, 1 / 3, 9 / 40],
+        [_A, _A, 1 - 2 * _A, _WA],
+        [_A, 1 - 2 * _A, _A, _WA],
+        [1 - 2 * _A, _A, _A, _WA],
+        [_B, _B, 1 - 2 * _B, _WB],
+        [_B, 1 - 2 * _B, _B, _WB],
+        [1 - 2 * _B, _B, _B, _WB],
+    ]
+)
+
+
+@kernel
+def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals: FloatArray) -> None:
+    """Write the integrals in m³ of the triangles `corners` (k, 3, 3) with all of `other` (n, 3, 3), shape (k, n).
+
+    `first` is the number of corners[0] where both are of one set, of which the pairs up to the diagonal are written;
+    a negative one asks for all.
+    """
+    n = other.shape[0]
+    moments = np.empty((n, 10))
+    for j in range(n):
+        _moments(other[j], moments[j])
+    own = np.empty(10)
+    for i in range(corners.shape[0]):
+        _moments(corners[i], own)
+        stop = n if first < 0 else first + i + 1
+        for j in range(stop):
+            dx, dy, dz = own[0] - moments[j, 0], own[1] - moments[j, 1], own[2] - moments[j, 2]
+            r2 = dx * dx + dy * dy + dz * dz
+            near = _NEAR * (own[9] + moments[j, 9])
+            if r2 > near * near:
+                r = math.sqrt(r2)
+                xx, yy, zz = own[3] + moments[j, 3], own[4] + moments[j, 4], own[5] + moments[j, 5]
+                xy, yz, zx = own[6] + moments[j, 6], own[7] + moments[j, 7], own[8] + moments[j, 8]
+                along = xx * dx * dx + yy * dy * dy + zz * dz * dz + 2 * (xy * dx * dy + yz * dy * dz + zx * dz * dx)
+                shape = 1.0 + (1.5 * along / r2 - 0.5 * (xx + yy + zz)) / r2
+                integrals[i, j] = _area(corners[i]) * _area(other[j]) * shape / r
+            else:
+                integrals[i, j] = 0.5 * (_near_pair(corners[i], other[j]) + _near_pair(other[j], corners[i]))
+
+
+@inner_kernel
+def _area(t: FloatArray) -> float:
+    ux, uy, uz = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
+    vx, vy, vz = t[2, 0] - t[0, 0], t[2, 1] - t[0, 1], t[2, 2] - t[0, 2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    return 0.5 * math.sqrt(nx * nx + ny * ny + nz * nz)
+
+
+@inner_kernel
+def _moments(t: FloatArray, out: FloatArray) -> None:
+    """Centroid, second moments xx, yy, zz, xy, yz, zx over the area, and the radius about the centroid."""
+    for a in range(3):
+        out[a] = (t[0, a] + t[1, a] + t[2, a]) / 3.0
+    for a in range(3):
+        b = (a + 1) % 3
+        square, product = 0.0, 0.0
+        for c in range(3):
+            square += (t[c, a] - out[a]) ** 2
+            product += (t[c, a] - out[a]) * (t[c, b] - out[b])
+        out[3 + a], out[6 + a] = square / 12.0, product / 12.0
+    farthest = 0.0
+    for c in range(3):
+        farthest = max(farthest, (t[c, 0] - out[0]) ** 2 + (t[c, 1] - out[1]) ** 2 + (t[c, 2] - out[2]) ** 2)
+    out[9] = math.sqrt(farthest)
+
+
+@inner_kernel
+def _near_pair(outer: FloatArray, inner: FloatArray) -> float:
+    total = 0.0
+    for q in range(_RULE.shape[0]):
+        a, b, c = _RULE[q, 0], _RULE[q, 1], _RULE[q, 2]
+        x = a * outer[0, 0] + b * outer[1, 0] + c * outer[2, 0]
+        y = a * outer[0, 1] + b * outer[1, 1] + c * outer[2, 1]
+        z = a * outer[0, 2] + b * outer[1, 2] + c * outer[2, 2]
+        total += _RULE[q, 3] * _potential(inner, x, y, z)
+    return total * _area(outer)
+
+
+@inner_kernel
+def _potential(t: FloatArray, x: float, y: float, z: float) -> float:
+    """∫ dA'/|x − x'| of one triangle: Σ over its edges of p ln((r₊ + l₊)/(r₋ + l₋)) − |d| (their angles at x)."""
+    ux, uy, uz = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
+    vx, vy, vz = t[2, 0] - t[0, 0], t[2, 1] - t[0, 1], t[2, 2] - t[0, 2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    norm = math.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = nx / norm, ny / norm, nz / norm
+    d = abs((x - t[0, 0]) * nx + (y - t[0, 1]) * ny + (z - t[0, 2]) * nz)
+    total = 0.0
+    for k in range(3):
+        m = (k + 1) % 3
+        ax, ay, az = t[k, 0] - x, t[k, 1] - y, t[k, 2] - z
+        bx, by, bz = t[m, 0] - x, t[m, 1] - y, t[m, 2] - z
+        sx, sy, sz = bx - ax, by - ay, bz - az
+        length = math.sqrt(sx * sx + sy * sy + sz * sz)
+        sx, sy, sz = sx / length, sy / length, sz / length
+        start, stop = ax * sx + ay * sy + az * sz, bx * sx + by * sy + bz * sz
+        # outward normal of the edge in the plane: s × n
+        p = ax * (sy * nz - sz * ny) + ay * (sz * nx - sx * nz) + az * (sx * ny - sy * nx)
+        ra, rb = math.sqrt(ax * ax + ay * ay + az * az), math.sqrt(bx * bx + by * by + bz * bz)
+        away2 = p * p + d * d  # of the line
+        if away2 < 1e-24 * length * length:
+            continue  # on the line of the edge: p ln → 0
+        if start > 0.0:
+            logarithm = math.log((rb + stop) / (ra + start))
+        elif stop < 0.0:
+            logarithm = math.log((ra - start) / (rb - stop))
+        else:
+            logarithm = math.log((rb + stop) * (ra - start) / away2)
+        total += p * logarithm
+        if d > 0.0:
+            total -= d * (math.atan2(p * stop, away2 + d * rb) - math.atan2(p * start, away2 + d * ra))
+    return total

@@ -1,0 +1,284 @@
+"""What flat things above or below current paths reflect back to them, in the spectrum of plane waves.
+
+With J(k) = ∫ e^{i(k_x x + k_y y)} e^{kz} dl along a path, z counted from a face above all paths, and J' its conjugate
+with J_z reversed, the mutual inductance in free space of path i and the image of path j mirrored at the face with its
+current, lifted by h, is
+
+    F(h) = µ0/4π ∫₀^∞ dk e^{−kh} ⟨J_i·J'_j⟩,   ⟨ ⟩ the mean over the directions of k.
+
+What reflects waves with a factor of their wavenumber has it in place of e^{−kh}. A face below all paths is one above
+the mirrored paths, and a wave between both counts with ⟨J_i·J'_j⟩ of one board and the other.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.threads import Progress, run_blocks
+from coilarray.constants import MU_0
+from coilarray.electromagnetics.inductance import Accuracy, standing_for_all
+from coilarray.electromagnetics.kernels.cuts import lateral_axes
+from coilarray.geometry import Conductor
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+ComplexArray = npt.NDArray[np.complex128]
+WeightArray = npt.NDArray[np.float64] | npt.NDArray[np.complex128]
+
+# −ln of the error of every rule over the spectrum against the sum of all parts without their signs: 1.4e-11, 3e-4
+DIGITS: dict[Accuracy, float] = {"full": 25.0, "screen": 8.0}
+_WIDEST_PANEL = 200.0  # radians across the board; wider ones save nothing
+_LOWEST = 2.0**-60  # of the highest wavenumber; below there is nothing to integrate
+_SAME_SHAPE = 1e-12  # of the size; paths that differ by less share a spectrum
+_BLOCKS = 64  # of wavenumbers, each of which is summed before the next
+_MOST_SUMS = 1e8  # numbers in the sums of all blocks
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """A path about its own origin, lengths in m.
+
+    `vertices`, shape (m, 3); `starts` and `ends`, shape (n,), the vertices of each bar; `across`, shape (n, 2), half
+    its width as a vector; `up`, shape (n,), the vertical part of half its thickness; `weights`, shape (n,), of how many
+    alike it stands for. Vertical bars are thin.
+    """
+
+    vertices: FloatArray
+    starts: IntArray
+    ends: IntArray
+    across: FloatArray
+    up: FloatArray
+    weights: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Board:
+    """Distinct shapes of the paths, and which one lies where below a face; lengths in m.
+
+    A kind of path is one of the `shapes`, `shape_of` (kinds,), at one of the `heights` (kinds,) from the face.
+    `kind_of` (paths,) and `origins` (paths, 2) say where they lie. `extent` is the largest horizontal distance, `gap`
+    that of the highest copper from its image, `size` the largest width or thickness, `digits` the accuracy.
+    """
+
+    shapes: list[_Shape]
+    shape_of: IntArray
+    heights: FloatArray
+    kind_of: IntArray
+    origins: FloatArray
+    extent: float
+    gap: float
+    size: float
+    digits: float
+
+
+def board_below(paths: Sequence[Conductor], face: float, accuracy: Accuracy) -> Board:
+    """Sort paths below a face at a height in m by shape and place."""
+    corners = np.concatenate([path.vertices for path in paths])
+    span = np.ptp(corners, axis=0)
+    origins = np.array([[*path.vertices[0, :2], path.vertices[:, 2].max()] for path in paths])
+    shapes: list[_Shape] = []
+    known: dict[bytes, int] = {}
+    shape_of = []
+    for path, origin in zip(paths, origins, strict=True):
+        shape = _shape(path, origin, accuracy)
+        table = np.concatenate([part.ravel() for part in (shape.vertices, shape.across, shape.up, shape.weights)])
+        key = np.round(table / (_SAME_SHAPE * span.max())).astype(np.int64).tobytes()
+        if key not in known:
+            known[key] = len(shapes)
+            shapes.append(shape)
+        shape_of.append(known[key])
+    heights = origins[:, 2] - face
+    table = np.column_stack((shape_of, np.round(heights / (_SAME_SHAPE * span.max()))))
+    _, first, kind_of = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    return Board(
+        shapes,
+        np.array(shape_of)[first],
+        heights[first],
+        kind_of,
+        origins[:, :2],
+        extent=math.hypot(span[0], span[1]),
+        gap=2 * max(face - max(map(top_of, paths)), 0.0),
+        size=max(float(max(path.widths.max(), path.thicknesses.max())) for path in paths),
+        digits=DIGITS[accuracy],
+    )
+
+
+def _shape(path: Conductor, origin: FloatArray, accuracy: Accuracy) -> _Shape:
+    lateral, _ = lateral_axes(path.vertices)
+    rows, weights = standing_for_all(path, accuracy)
+    needed, places = np.unique(np.concatenate((rows, rows + 1)), return_inverse=True)
+    return _Shape(
+        path.vertices[needed] - origin,
+        starts=places[: len(rows)],
+        ends=places[len(rows) :],
+        across=(lateral[:, :2] * path.widths[:, None] / 2)[rows],
+        up=_upward(path)[rows],
+        weights=weights,
+    )
+
+
+def _upward(path: Conductor) -> FloatArray:
+    """Vertical part of half the thickness of every bar in m."""
+    level = np.hypot(*np.diff(path.vertices[:, :2], axis=0).T) / path.lengths
+    return np.asarray(level * path.thicknesses / 2)
+
+
+def top_of(path: Conductor) -> float:
+    """Height of a path's highest copper in m."""
+    ends = np.maximum(path.vertices[1:, 2], path.vertices[:-1, 2])
+    return float((ends + _upward(path)).max())
+
+
+def _nodes(radians: float, digits: float) -> int:
+    """Nodes of the rules that integrate e^{ix}, |x| ≤ radians, to the tolerance.
+
+    A Gauss rule errs like M ρ^(−2n) with M = exp(radians (ρ − 1/ρ)/2), the maximum on the ellipse ρ (Trefethen,
+    Approximation Theory and Approximation Practice, thm. 19.3), n points on half a circle in the same way on the
+    strip |Im θ| < ln ρ. ρ = 3 is near the best.
+    """
+    return math.ceil((radians * 4 / 3 + digits) / (2 * math.log(3)))
+
+
+def wavenumbers(board: Board, lowest: float, highest: float, distance: float) -> list[tuple[float, float]]:
+    """Nodes and weights in 1/m of an integral over the wavenumber up to `highest`.
+
+    Panels double from `lowest`, so that they keep their distance from poles at wavenumbers of that size, until they are
+    as wide as the `distance` in m between a path and an image, and the board, need.
+    """
+    edges = [0.0, max(lowest, _LOWEST * highest)]
+    while edges[-1] < highest:
+        edges.append(min(2 * edges[-1], edges[-1] + _WIDEST_PANEL / (board.extent + distance), highest))
+    nodes = []
+    for start, stop in itertools.pairwise(edges):
+        half = (stop - start) / 2
+        x, weight = np.polynomial.legendre.leggauss(_nodes(half * board.extent, board.digits))
+        nodes += list(zip((start + half * (1 + x)).tolist(), (half * weight).tolist(), strict=True))
+    return nodes
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Distinct offsets between the paths of an array in rows and columns, by which pairs share their integrals.
+
+    `x` and `y` in m; `column` and `row`, shape (paths, paths), say which of them each pair has.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    column: IntArray
+    row: IntArray
+
+
+def _grid(board: Board, other_kinds: int) -> _Grid | None:
+    """Return the offsets of the paths where there are far fewer than pairs, else None."""
+    steps = board.origins[:, None] - board.origins
+    numbers = np.round(steps / (_SAME_SHAPE * max(board.extent, board.gap))).astype(np.int64)
+    axes = []
+    for axis in (0, 1):
+        _, first, inverse = np.unique(numbers[..., axis], return_index=True, return_inverse=True)
+        axes.append((steps[..., axis].ravel()[first], inverse.reshape(numbers.shape[:2])))
+    (x, column), (y, row) = axes
+    alike = (
+        len(x) * len(y) * len(board.heights) * other_kinds < 3 * board.kind_of.size**2
+    )  # products of scalars, of vectors
+    return _Grid(x, y, column, row) if alike else None
+
+
+def reflected_inductance(
+    boards: Sequence[Board], nodes: Sequence[float], weights: WeightArray, progress: Progress | None = None
+) -> WeightArray:
+    """Sum what is reflected over wavenumbers in 1/m: µ0/4π Σ_k w ⟨J_i·J'_j⟩ in H, shape (m, paths, paths).
+
+    `boards` are that below a face above, or also that of the mirrored paths below a face below. `weights`, shape
+    (m, pairs, nodes), are those of the pairs of boards with themselves and, between both, of one with the other.
+    """
+    grid = _grid(boards[0], len(boards[-1].heights))
+    pairs = list(itertools.combinations_with_replacement(range(len(boards)), 2))
+
+    def total(some: range) -> list[WeightArray]:
+        sums: list[WeightArray] = [np.zeros(1)] * len(pairs)
+        for n in some:
+            for p, product in enumerate(_products(boards, pairs, grid, nodes[n])):
+                sums[p] = sums[p] + weights[:, p, n].reshape(-1, *[1] * product.ndim) * product
+        return sums
+
+    every = range(len(nodes))  # wavenumbers cost more as they rise
+    count = min(_BLOCKS, len(nodes), max(int(_MOST_SUMS / len(weights) / len(boards[0].kind_of) ** 2), 1))
+    blocks = [every[start::count] for start in range(count)]
+    found = run_blocks(total, blocks, progress)
+    change: WeightArray = np.zeros(1)
+    for p, (a, b) in enumerate(pairs):
+        sums = MU_0 / (4 * np.pi) * np.sum([sums[p] for sums in found], axis=0)
+        if grid is not None:
+            sums = sums[:, boards[a].kind_of[:, None], boards[b].kind_of, grid.column, grid.row]
+        change = change + sums
+    return change
+
+
+def _products(
+    boards: Sequence[Board], pairs: Sequence[tuple[int, int]], grid: _Grid | None, k: float
+) -> list[FloatArray]:
+    """Mean of J_i·J'_j over the directions of one wavenumber in 1/m, in m², of pairs of boards.
+
+    Shape (paths, paths) without a grid of offsets, else (kinds, kinds, x, y).
+    """
+    n = _nodes(k * boards[0].extent, boards[0].digits)
+    angle = np.pi * np.arange(n) / n  # the other half circle has the conjugates
+    waves = k * np.column_stack((np.cos(angle), np.sin(angle)))
+    J = [_spectrum(board, waves, k) for board in boards]
+    if grid is None:
+        places = np.exp(1j * _along(waves, boards[0].origins).T)[:, None]
+        J = [own[board.kind_of] * places for own, board in zip(J, boards, strict=True)]
+    mirrored = [np.conj(own) * np.array([1.0, 1.0, -1.0])[:, None] for own in J]
+    if grid is None:
+        return [
+            np.asarray((J[a].reshape(len(J[a]), -1) @ mirrored[b].reshape(len(J[b]), -1).T).real / n) for a, b in pairs
+        ]
+    along_x, along_y = (
+        np.exp(1j * np.outer(offsets, wave)) for offsets, wave in zip((grid.x, grid.y), waves.T, strict=True)
+    )
+    products = [np.einsum("acn,bcn->abn", J[a], mirrored[b]) for a, b in pairs]
+    return [np.asarray(((one[:, :, None] * along_x) @ along_y.T).real / n) for one in products]
+
+
+def _spectrum(board: Board, waves: FloatArray, k: float) -> ComplexArray:
+    """J of every kind of path about its own origin in m, shape (kinds, 3, n)."""
+    shapes = np.array([_transform(shape, waves, k) for shape in board.shapes])
+    return np.asarray(shapes[board.shape_of] * np.exp(k * board.heights)[:, None, None])
+
+
+def _transform(shape: _Shape, waves: FloatArray, k: float) -> ComplexArray:
+    """Give ∫ e^{i(k_x x + k_y y)} e^{kz} dl along a path of bars, shape (3, n) in m; `waves`, shape (n, 2) in 1/m."""
+    corner = np.exp(1j * _along(waves, shape.vertices) + k * shape.vertices[:, 2])
+    begin, end = corner[:, shape.starts], corner[:, shape.ends]
+    steps = shape.vertices[shape.ends] - shape.vertices[shape.starts]
+    # along a bar the mean is (difference of the ends)/2c, and (tanh c)/c times their mean where that loses digits
+    c = 0.5j * _along(waves, steps) + 0.5 * k * steps[:, 2]
+    short = np.abs(c) < 1e-3
+    both = (end + begin)[short]
+    c2 = c[short] ** 2
+    c[short] = 1.0
+    mean = (end - begin) / (2 * c)
+    mean[short] = both / 2 * (1 - c2 / 3)
+    mean *= _mean_wave(-(_along(waves, shape.across) ** 2)) * _mean_wave((k * shape.up) ** 2)
+    return np.asarray([(mean * (shape.weights * step)).sum(axis=1) for step in steps.T])
+
+
+def _along(waves: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Give k·v of the horizontal parts, shape (waves, vectors); threads within `@` would hinder ours."""
+    return np.asarray(waves[:, :1] * vectors[:, 0] + waves[:, 1:] * vectors[:, 1])
+
+
+def _mean_wave(c2: FloatArray) -> FloatArray:
+    """Mean of e^{cs} over −1 ≤ s ≤ 1: sinh(c)/c, by its series where all |c| are at most 1."""
+    if np.abs(c2).max() > 1:
+        c = np.sqrt(c2.astype(np.complex128))
+        c[c == 0] = 1e-9
+        return np.asarray((np.sinh(c) / c).real)
+    return np.asarray(1 + c2 / 6 * (1 + c2 / 20 * (1 + c2 / 42 * (1 + c2 / 72))))

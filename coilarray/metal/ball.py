@@ -1,0 +1,301 @@
+"""Eddy currents and magnetisation of a ball over the coils, exactly: its multipoles in flat magnetic sheets.
+
+About the centre of a ball of radius a the potential of the coils, H = −∇Ψ, is a sum of R^l P_l^m(cos θ) e^{imφ}. Each
+induces the field of a multipole, α_l a^(2l+1) R^(−l−1) P_l^m e^{imφ}, with the polarisability
+
+    α_l = l/(l + 1) · (r_l − l − (l + 1) μ)/(r_l − l + l μ),   r_l = x i_(l−1)(x)/i_l(x),   x = a √(jω μ0 μ σ)
+
+(J. R. Wait, Geophysics 16, 666 (1951), for l = 1), which is l/(l + 1) for a perfect conductor and
+−l (μ − 1)/(l μ + l + 1) without conductivity. A wave of the plane-wave spectrum has the multipoles
+
+    e^{−kζ} J_m(kρ) = Σ_l (−1)^(l+m) (kR)^l/(l + m)! P_l^m(cos θ),
+
+and a multipole sends down the waves (−1)^(l+m)/(l − m)! ∫ k^l e^{kζ} J_m(kρ) dk, which the sheets below reflect to the
+ball. With the multipoles scaled to the weights w_l(k) = (−1)^(l+m) (ka)^l/√((l + m)! (l − m)!) both are integrals of w,
+the field at the ball is that of the coils and of all reflections, and by reciprocity the same weights lead back to the
+coils.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import gammaln
+
+from coilarray.compute.memory import require_memory
+from coilarray.compute.threads import Progress, ranges, run_blocks
+from coilarray.constants import MU_0
+from coilarray.elastomer.coil_spectrum import Segments, coil_segments, harmonics_about, segment_centres, segment_spectra
+from coilarray.elastomer.flat_stack import flat_profile, reflection
+from coilarray.electromagnetics.source import Source
+from coilarray.errors import MetalError
+from coilarray.geometry import Ball, Material, Sheet
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+_LEFT_OUT = 1e-7  # of the energy: multipoles of higher order
+_FEWEST, _MOST = 8, 120  # multipoles
+_DECAYS = 16.0  # of the shortest wave from the coils to the ball
+_DOWN = 8  # steps of the continued fraction, in roots of a skin depth's part of the radius
+_REFLECTED = 160  # nodes of the integral over the reflected waves
+_POSITIONS = 64  # at a time, which bounds the memory
+_SAME = 1e-9  # m; places that differ by less are one
+
+
+def ball_inductance(
+    source: Source,
+    ball: Ball,
+    centres: npt.ArrayLike,
+    frequencies: npt.ArrayLike,
+    sheets: Sequence[Sheet] = (),
+    *,
+    progress: Progress | None = None,
+) -> ComplexArray:
+    """Change of the impedance matrix of coils by a conducting or magnetic ball above them, as a complex inductance.
+
+    Parameters
+    ----------
+    source : CoilArray, Conductor, polyline or sequence of them
+        Coils at z ≤ 0; a path whose ends lie apart is closed by a straight line between them.
+    ball : Ball
+        The ball.
+    centres : array_like, shape (positions, 3)
+        Where its centre is, in m on the board.
+    frequencies : array_like, shape (f,)
+        Frequencies in Hz, at least 0.
+    sheets : sequence of Sheet
+        Flat sheets between the coils and the ball, upwards from z = 0 and wide against both.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Returns
+    -------
+    ndarray, shape (positions, f, coils, coils)
+        ΔZ/(jω) = ΔL − jΔR/ω in H against the sheets alone, symmetric; the matrix ΔR is positive semidefinite.
+
+    Raises
+    ------
+    MetalError
+        Centres or frequencies that are not allowed, a ball that reaches into the sheets or the coils, or comes so near
+        to them that more than 120 multipoles count.
+    MemoryLimitError
+        More values than there is memory for.
+
+    Notes
+    -----
+    Exact for filaments: every multipole at any skin depth, and all reflections between ball and sheets. Multipoles are
+    counted until they add less than 1e-7 of the whole. On the magnetic sheet of gast2020 the reflections change the
+    effect of a steel ball of 5 mm by 4 %, of one of ferrite by −12 % (tests/metal/test_ball.py).
+
+    Examples
+    --------
+    A ball of 5 mm, perfectly conducting, 20 mm over a loop, and −2π a³ B²/μ0 of the current's square:
+
+    >>> angle = np.linspace(0, 2 * np.pi, 181)
+    >>> loop = np.column_stack((10e-3 * np.cos(angle), 10e-3 * np.sin(angle), 0 * angle))
+    >>> ball = Ball(2.5e-3, Material("perfect", np.inf))
+    >>> change = ball_inductance([loop], ball, [[0, 0, 20e-3]], [1e6])
+    >>> B = MU_0 * (10e-3) ** 2 / 2 / (10e-3**2 + 20e-3**2) ** 1.5
+    >>> round(float(change[0, 0, 0, 0].real * 1e15), 2), round(-2 * np.pi * 2.5e-3**3 * B**2 / MU_0 * 1e15, 2)
+    (-2.53, -2.47)
+    """
+    at = np.asarray(centres, dtype=np.float64)
+    if at.ndim != 2 or at.shape[1] != 3 or not np.isfinite(at).all():
+        raise MetalError(f"centres of a ball must be finite and of shape (n, 3); got shape {at.shape}.")
+    _require_above(at, ball, sheets)
+
+    def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
+        return _over_flat(height, sheets, alpha, wavenumbers, ball)
+
+    return multipole_inductance(source, ball, at, frequencies, answer, progress=progress)
+
+
+def multipole_inductance(
+    source: Source,
+    ball: Ball,
+    at: FloatArray,
+    frequencies: npt.ArrayLike,
+    answer: Callable[[float, FloatArray, ComplexArray], Multipoles],
+    *,
+    progress: Progress | None = None,
+) -> ComplexArray:
+    """`ball_inductance` with any surroundings that are the same all round the ball.
+
+    `answer` takes the height of the ball's centre in m, the wavenumbers (k,) in 1/m and the polarisabilities of the
+    ball, shape (f, orders), and returns its `Multipoles`.
+    """
+    frequency = np.asarray(frequencies, dtype=np.float64)
+    if frequency.ndim != 1 or not frequency.size or not (np.isfinite(frequency) & (frequency >= 0)).all():
+        raise MetalError(f"frequencies must be one row of finite numbers of at least 0; got {frequency} Hz.")
+    coils = coil_segments(source)
+    middles, radius = segment_centres(coils)
+    copper = _highest_copper(coils, at, ball)
+    shape = (len(at), len(frequency), len(coils), len(coils))
+    require_memory(16.0 * math.prod(shape), f"a ball at {len(at)} places with {len(coils)} coils", "compute in pieces")
+    change = np.zeros(shape, dtype=np.complex128)
+    if not len(at):
+        return change
+    orders = _orders(ball, float(at[:, 2].min()) - copper)
+    wavenumbers, weights = _wavenumbers(ball, at, middles, radius, copper, orders)
+    heights, height_of = np.unique(np.round(at[:, 2] / _SAME), return_inverse=True)
+    places, place_of = np.unique(np.round(at[:, :2] / _SAME), axis=0, return_inverse=True)
+    height_of, place_of = height_of.ravel(), place_of.ravel()
+    alpha = polarisabilities(ball.radius, ball.material, frequency, orders)
+    seen = [answer(height * _SAME, wavenumbers, alpha) for height in heights.tolist()]
+    scale = weights * wavenumbers / (2 * np.pi)
+    spectra = segment_spectra(coils, wavenumbers)
+    blocks = ranges(len(places), _POSITIONS)
+    for done, (start, stop) in enumerate(blocks, start=1):
+        incident = harmonics_about(spectra, places[start:stop] * _SAME, orders) * scale[:, None, None, None]
+        for number, one in enumerate(seen):
+            rows = np.flatnonzero((place_of >= start) & (place_of < stop) & (height_of == number))
+            if len(rows):
+                change[rows] = -4 * np.pi * MU_0 * ball.radius * one.product(incident[:, place_of[rows] - start])
+        if progress is not None:
+            progress(done, len(blocks))
+    return change
+
+
+@dataclass(frozen=True, eq=False)
+class Multipoles:
+    """The multipoles of a ball and what they answer, for every harmonic m from 0 on and l from max(m, 1).
+
+    Parameters
+    ----------
+    fields : sequence of ndarray, shape (orders, k)
+        Multipoles of the field at the ball for the incident waves e^{−kz} J_m(kr), scaled so that those of the waves
+        alone are the weights w_l e^{−kz} of the module's text.
+    answers : sequence of ndarray, shape (f, orders, orders)
+        Strengths of the ball's own multipoles for these, all reflections included.
+    """
+
+    fields: Sequence[FloatArray]
+    answers: Sequence[ComplexArray]
+
+    def product(self, incident: ComplexArray) -> ComplexArray:
+        """Fields times answers times fields, shape (positions, f, coils, coils).
+
+        `incident`, shape (k, positions, coils, orders), are the harmonics of the coils.
+        """
+        wavenumbers, positions, coils, _ = incident.shape
+
+        def of(m: int) -> ComplexArray:
+            waves = np.ascontiguousarray(incident[..., m]).reshape(wavenumbers, -1).view(np.float64)
+            field = (self.fields[m] @ waves).reshape(-1, positions, coils, 2)
+            field = field.transpose(1, 3, 2, 0)[:, None]  # positions, 1, real and imaginary part, coils, multipoles
+            product = (field @ self.answers[m][:, None] @ field.swapaxes(-1, -2)).sum(axis=2)
+            return np.asarray(product if m == 0 else 2 * product)  # m and −m
+
+        total = np.sum(run_blocks(of, range(len(self.fields))), axis=0)
+        return np.asarray((total + total.swapaxes(-1, -2)) / 2)
+
+
+def _over_flat(
+    height: float, sheets: Sequence[Sheet], alpha: ComplexArray, wavenumbers: FloatArray, ball: Ball
+) -> Multipoles:
+    """Return the multipoles of a ball whose centre is at a height in m over flat sheets."""
+    thicknesses = [sheet.thickness for sheet in sheets]
+    permeabilities = [sheet.relative_permeability for sheet in sheets]
+    top, orders = math.fsum(thicknesses), alpha.shape[1]
+    above = flat_profile(wavenumbers, np.array([top]), thicknesses, permeabilities)[0]
+    nodes, rule = np.polynomial.legendre.leggauss(_REFLECTED)
+    highest = _highest(ball, orders)
+    k, rule = (nodes + 1) / 2 * highest, rule / 2 * highest
+    sent_back = reflection(k, thicknesses[::-1], permeabilities[::-1]) * rule * ball.radius
+    fields, answers = [], []
+    for m in range(orders + 1):
+        order = np.arange(max(m, 1), orders + 1)
+        fields.append(_multipoles(wavenumbers * ball.radius, wavenumbers * (height - top), order, m) * above)
+        sent = _multipoles(k * ball.radius, k * (height - top), order, m)
+        answers.append(answer_of(alpha[:, order[0] - 1 :], (sent * sent_back) @ sent.T))
+    return Multipoles(fields, answers)
+
+
+def answer_of(alpha: ComplexArray, returned: FloatArray) -> ComplexArray:
+    """Strengths (1 − αS)⁻¹ α of the multipoles, shape (f, orders, orders); S is what of them is sent back."""
+    identity = np.eye(alpha.shape[1])
+    return np.asarray(np.linalg.solve(identity - alpha[..., None] * returned, alpha[..., None] * identity))
+
+
+def polarisabilities(radius: float, material: Material, frequencies: FloatArray, orders: int) -> ComplexArray:
+    """Polarisabilities α_l of a ball for l from 1 to `orders`, shape (f, orders); frequencies (f,) in Hz.
+
+    r_l comes down the continued fraction r_l = 2l + 1 + x²/r_(l+1), which no skin depth makes overflow.
+    """
+    order = np.arange(1, orders + 1)
+    if math.isinf(material.conductivity):
+        return np.tile(order / (order + 1.0), (len(frequencies), 1)).astype(np.complex128)
+    mu = material.relative_permeability
+    square = 2j * np.pi * frequencies * MU_0 * mu * material.conductivity * radius**2
+    start = orders + 20 + math.ceil(_DOWN * float(np.abs(square).max()) ** 0.25)
+    r = start + 0.5 + np.sqrt((start + 0.5) ** 2 + square)
+    alpha = np.empty((len(frequencies), orders), dtype=np.complex128)
+    for below in range(start - 1, 0, -1):
+        r = 2 * below + 1 + square / r
+        if below <= orders:
+            inner = r - below
+            alpha[:, below - 1] = below / (below + 1) * (inner - (below + 1) * mu) / (inner + below * mu)
+    return alpha
+
+
+def _multipoles(ka: FloatArray, fall: FloatArray, order: npt.NDArray[np.int64], m: int) -> FloatArray:
+    """w_l(k) e^{−fall} of the module's text, shape (orders, k), without an overflow."""
+    size = order[:, None] * np.log(ka) - fall - (gammaln(order + m + 1) + gammaln(order - m + 1))[:, None] / 2
+    return np.asarray((-1.0) ** (order + m)[:, None] * np.exp(size))
+
+
+def _orders(ball: Ball, height: float) -> int:
+    """Multipoles that count for a ball whose centre is at a height in m over the highest copper."""
+    needed = math.ceil(math.log(_LEFT_OUT) / (2 * math.log(ball.radius / height)))
+    if needed > _MOST:
+        nearest = ball.radius * (_LEFT_OUT ** (-0.5 / _MOST) - 1)
+        raise MetalError(
+            f"a ball of {ball.radius * 1e3:.4g} mm radius must be at least {nearest * 1e3:.3g} mm from the copper; "
+            f"got {(height - ball.radius) * 1e3:.3g} mm."
+        )
+    return max(needed, _FEWEST)
+
+
+def _highest(ball: Ball, orders: int) -> float:
+    """Wavenumber in 1/m beyond which (ka)^l e^{−ka} is over for all multipoles, most of all the highest."""
+    return (orders + 8 * math.sqrt(orders) + 20) / ball.radius
+
+
+def _wavenumbers(
+    ball: Ball, at: FloatArray, middles: FloatArray, radius: float, copper: float, orders: int
+) -> tuple[FloatArray, FloatArray]:
+    """Gauss–Legendre nodes and weights in 1/m of the integral over the coils' waves that meet the ball."""
+    clearance = float(at[:, 2].min()) - ball.radius - copper
+    highest = min(_DECAYS / clearance, _highest(ball, orders))
+    extent = float(np.hypot(*(at[:, None, :2] - middles).T).max()) + radius + ball.radius
+    nodes, weights = np.polynomial.legendre.leggauss(math.ceil(highest * extent / np.pi) + 20)
+    return (nodes + 1) / 2 * highest, weights / 2 * highest
+
+
+def _highest_copper(coils: Sequence[Segments], at: FloatArray, ball: Ball) -> float:
+    """Height of the highest copper in m, which must lie on the board and below the ball."""
+    copper = max(float(max(coil.start[:, 2].max(), coil.stop[:, 2].max())) for coil in coils)
+    if copper > 0:
+        raise MetalError(f"coils must lie at z <= 0, below the sheets; one reaches z = {copper:.4g} m.")
+    lowest = float(at[:, 2].min(initial=math.inf)) - ball.radius
+    if lowest <= copper:
+        raise MetalError(
+            f"a ball must lie above the copper, at z > {copper * 1e3:.4g} mm; it reaches down to "
+            f"z = {lowest * 1e3:.4g} mm."
+        )
+    return copper
+
+
+def _require_above(at: FloatArray, ball: Ball, sheets: Sequence[Sheet]) -> None:
+    top = math.fsum(sheet.thickness for sheet in sheets)
+    lowest = float(at[:, 2].min(initial=math.inf)) - ball.radius
+    if lowest < top - _SAME:
+        raise MetalError(
+            f"a ball must lie above the sheets, at z >= {top * 1e3:.4g} mm; it reaches down to "
+            f"z = {lowest * 1e3:.4g} mm."
+        )

@@ -1,0 +1,87 @@
+"""The coils' field where a plate is, in air or above flat magnetic sheets.
+
+Above a slab of reflection β and thickness t the field is that of the coils lowered again and again by 2t,
+B(x) = Σ (1 − β²) β^(2n) B_air(x + 2nt ẑ): the series of 4μ/((μ + 1)² − (μ − 1)² e^(−2kt)) in the plane-wave spectrum.
+Many places of a plate parallel to the board share a few heights, so there the field is taken from a grid by splines of
+the fifth order, as far from the copper as it is smooth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import map_coordinates, spline_filter
+
+from coilarray.compute.threads import run_blocks
+from coilarray.elastomer.flat_layer import Slab
+from coilarray.electromagnetics.field import magnetic_field
+from coilarray.geometry import Conductor
+
+FloatArray = npt.NDArray[np.float64]
+
+_STEP = 0.25  # of the grid, of its height over the copper: errs by some 1e-5 of the field
+_MARGIN = 6  # steps around the places
+_REST = 1e-6  # of the first image: weight and distance of images left out
+_SAME_HEIGHT = 1e-9  # of the height
+
+
+def lowered_copies(slab: Slab | None, height: float, extent: float) -> list[tuple[float, float]]:
+    """Weight and lift in m of every term that counts, `height` over the copper, for coils and plate of an extent."""
+    if slab is None:
+        return [(1.0, 0.0)]
+    terms, n = [], 0
+    scale = height + extent
+    while True:
+        weight, lift = slab.transmission * slab.reflection ** (2 * n), 2 * n * slab.thickness
+        if weight * (scale / (scale + lift)) ** 2 < _REST:
+            return terms
+        terms.append((weight, lift))
+        n += 1
+
+
+def field_at(paths: Sequence[Conductor], points: FloatArray, slab: Slab | None) -> FloatArray:
+    """B in T of 1 A in each path at points (n, 3) in m beyond the copper, and above the slab; (paths, n, 3)."""
+    corners = np.concatenate([path.vertices for path in paths])
+    top, bottom = float(corners[:, 2].max()), float(corners[:, 2].min())
+    extent = float(np.ptp(corners[:, :2], axis=0).max())
+    levels = np.round(points[:, 2] / (_SAME_HEIGHT * np.abs(points[:, 2]).max())).astype(np.int64)
+    _, first, level = np.unique(levels, return_index=True, return_inverse=True)
+    total = np.zeros((len(paths), *points.shape))
+    x0, y0 = points[:, :2].min(axis=0)
+    x1, y1 = points[:, :2].max(axis=0)
+    direct = np.zeros(len(points), dtype=bool)
+    for number, z in enumerate(points[first, 2].tolist()):
+        here = np.flatnonzero(level == number)
+        step = _STEP * max(z - top, bottom - z)
+        if ((x1 - x0) / step + 2 * _MARGIN) * ((y1 - y0) / step + 2 * _MARGIN) > 0.5 * len(here):
+            direct[here] = True
+            continue
+        x, y = (low + step * np.arange(-_MARGIN, math.ceil((high - low) / step) + _MARGIN + 1)
+                for low, high in ((x0, x1), (y0, y1)))  # fmt: skip
+        grid = np.stack(np.meshgrid(x, y, [z], indexing="ij"), axis=-1).reshape(-1, 3)
+        values = np.moveaxis(_summed(paths, grid, slab, z - top, extent), -1, 1).reshape(-1, len(x), len(y))
+        places = (points[here, :2] - [x[0], y[0]]).T / step
+
+        def at(plane: FloatArray, places: FloatArray = places) -> FloatArray:
+            smooth = spline_filter(plane, order=5)
+            return np.asarray(map_coordinates(smooth, places, order=5, prefilter=False))
+
+        total[:, here] = np.moveaxis(np.array(run_blocks(at, values)).reshape(len(paths), 3, -1), 1, -1)
+    if direct.any():
+        height = float(points[direct, 2].min()) - top
+        total[:, direct] = _summed(paths, points[direct], slab, height, extent)
+    return total
+
+
+def _summed(
+    paths: Sequence[Conductor], points: FloatArray, slab: Slab | None, height: float, extent: float
+) -> FloatArray:
+    """B (paths, n, 3) in T by sums over the segments."""
+    total = np.zeros((len(paths), *points.shape))
+    for weight, lift in lowered_copies(slab, height, extent):
+        for number, path in enumerate(paths):
+            total[number] += weight * magnetic_field(path, points + [0.0, 0.0, lift])
+    return total

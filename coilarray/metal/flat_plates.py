@@ -1,0 +1,370 @@
+"""Plates without end above and below the coils: what their eddy currents and their iron add to the inductance matrix.
+
+Each plane wave of the coils' field keeps its pattern in the plane of the plates. In a layer of conductivity σ and
+relative permeability μ its vector potential goes over the height as e^{±γz}, γ² = k² + jωμ0μσ, and across a face A and
+A'/μ are continuous. Between media a and b a wave that comes from a is reflected with
+
+    ρ = (γ_a/μ_a − γ_b/μ_b)/(γ_a/μ_a + γ_b/μ_b),
+
+and behind a layer of thickness d with reflection r beyond it with (ρ + r e^{−2γd})/(1 + ρ r e^{−2γd}), from the
+outermost layer inwards (Dodd & Deeds, J. Appl. Phys. 39, 2829 (1968), for a circular coil over two media; Cheng, Dodd &
+Deeds, Int. J. NDT 3, 109 (1971), for any number). Between what reflects r_u above and r_l below, at the distance D,
+waves go up and down 1/(1 − r_u r_l e^{−2kD}) times.
+
+Of a plate near the copper short waves matter too, and there are too many of them. For those alone the reflection is
+written as Σ c e^{−2kd} with a few real distances d: that is the mutual inductance to images at these distances, with
+the cross-section of their bars. What that leaves to the long waves is integrated like the rest.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.threads import Progress
+from coilarray.constants import MU_0
+from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
+from coilarray.electromagnetics.plane_waves import Board, board_below, reflected_inductance, top_of, wavenumbers
+from coilarray.electromagnetics.source import Source, as_conductors
+from coilarray.errors import GeometryError
+from coilarray.geometry import Conductor, Plate, Sheet
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+# −ln of the error of the rules over the spectrum, and the largest one of the images' sum against the reflection
+_DIGITS: dict[Accuracy, float] = {"full": 16.0, "screen": 8.0}
+_FIT: dict[Accuracy, float] = {"full": 3e-5, "screen": 1e-4}
+_LONGEST = 1e-3  # radians across the board; longer waves carry 1e-10 of the inductance
+_AROUND = 160.0  # radians across the board; the spectrum takes waves so short, images those beyond
+_FITTED, _RATIO, _SMALLEST = 200, 1.25, 1e-7  # waves of a fit, steps of its distances, and its singular values
+
+
+def plate_inductance(
+    source: Source,
+    plates: Sequence[Plate],
+    frequencies: npt.ArrayLike,
+    sheets: Sequence[Sheet] = (),
+    *,
+    accuracy: Accuracy = "full",
+    progress: Progress | None = None,
+) -> ComplexArray:
+    """Change of the inductance matrix of current paths by plates above and below them.
+
+    Parameters
+    ----------
+    source : CoilArray, Conductor, polyline or sequence of them
+        See `coilarray.electromagnetics.source.as_conductors`; between the plates and below the sheets.
+    plates : sequence of Plate
+        In any order, each above or below all paths, none in another or in the sheets.
+    frequencies : array_like, shape (f,)
+        In Hz, at least 0.
+    sheets : sequence of Sheet
+        Sheets upwards from z = 0, of any permeabilities.
+    accuracy : {"full", "screen"}
+        Accuracy as in `coilarray.inductance_matrix`; ``screen`` errs by up to 1e-3 of the change itself.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Returns
+    -------
+    ndarray of complex, shape (f, paths, paths)
+        Change of the impedance over jω in H against that under the sheets alone: ΔL − jΔR/ω, symmetric. To be added to
+        the inductance in air and `coilarray.elastomer.flat_layer.layer_inductance`.
+
+    Raises
+    ------
+    GeometryError
+        A plate that is neither above nor below all paths, or touches them; a source that describes no path.
+
+    Notes
+    -----
+    The current density is uniform in every bar, and paths with open ends are taken as they are, as in
+    `layer_inductance`. Else exact at any frequency, to 1e-6 of the largest entry. A plate nearer than a sixth of the
+    board's extent costs up to thirty times one `mutual_inductance` more.
+
+    Examples
+    --------
+    An aluminium plate of 1 mm, 2 mm above a square loop.
+
+    >>> from coilarray.geometry import MATERIALS
+    >>> square = [[0, 0, 0], [2e-2, 0, 0], [2e-2, 2e-2, 0], [0, 2e-2, 0], [0, 0, 0]]
+    >>> change = plate_inductance([square], [Plate("target", 2e-3, 1e-3, MATERIALS["aluminium"])], [1e6])
+    >>> print(f"{change[0, 0, 0].real * 1e9:.2f} nH")
+    -16.26 nH
+    """
+    return plate_inductances(source, [plates], frequencies, sheets, accuracy=accuracy, progress=progress)[0]
+
+
+def plate_inductances(
+    source: Source,
+    cases: Sequence[Sequence[Plate]],
+    frequencies: npt.ArrayLike,
+    sheets: Sequence[Sheet] = (),
+    *,
+    accuracy: Accuracy = "full",
+    progress: Progress | None = None,
+) -> ComplexArray:
+    """As `plate_inductance` for several cases, such as distances of a plate: complex, shape (cases, f, paths, paths).
+
+    The spectra of the paths, which cost most, are computed once.
+    """
+    paths = as_conductors(source)
+    omega = 2 * np.pi * np.atleast_1d(np.asarray(frequencies, dtype=float))
+    shape = (len(cases), len(omega), len(paths), len(paths))
+    if not any(cases):
+        return np.zeros(shape, dtype=np.complex128)
+    around = _around(paths, cases, sheets, omega)
+    boards = [replace(board, digits=_DIGITS[accuracy]) for board in around.boards(paths, accuracy)]
+    extent, highest = boards[0].extent, boards[0].digits / around.nearest
+    lifts, shares, split = _images(around, min(_AROUND / extent, highest), highest, extent, _FIT[accuracy])
+    k, steps = np.array(wavenumbers(boards[0], around.lowest(split, extent), split, around.nearest)).T
+    weights = around.weights(k)
+    change: ComplexArray = np.zeros((len(weights), 1, 1), dtype=np.complex128)
+    if shares is not None:
+        weights = weights - shares @ np.exp(-2 * np.outer(lifts, k))
+        used = list(zip(*np.nonzero(shares.any(axis=0)), strict=True))
+        for done, (pair, number) in enumerate(used):
+            images = around.images(paths, pair, lifts[number])
+            mutual = mutual_inductance(paths, images, accuracy=accuracy)
+            change = change + shares[:, pair, number, None, None] * mutual
+            if progress is not None:
+                progress(done + 1, 2 * len(used))
+    weights = weights * around.damping(k) * steps
+    first = 0 if shares is None else 1
+    rest = None if progress is None else lambda done, total: progress(first * total + done, (1 + first) * total)
+    change = (change + reflected_inductance(boards, k.tolist(), weights, rest)).reshape(shape)
+    return np.asarray((change + change.swapaxes(-1, -2)) / 2)
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """One layer: its `thickness` in m, relative `permeability` and `conductivity` in S/m."""
+
+    thickness: float
+    permeability: float = 1.0
+    conductivity: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Stack:
+    """Layers from a face at a `height` in m outwards, away from the coils; beyond them is air."""
+
+    face: float
+    layers: tuple[_Layer, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Around:
+    """What lies above and below paths between `bottom` and `top`, in every case, at the angular frequencies `omega`.
+
+    Each of the cases has a stack above and one below; `sheets` are what lies above without plates. Waves are counted
+    from a face above and one below, `faces`, on the `sides` where anything lies in any case (0 above, 1 below); lengths
+    in m. Their kinds are pairs of sides: upward waves that come back once, those that then come from below, and
+    downward waves that come back once.
+    """
+
+    stacks: tuple[tuple[_Stack, _Stack], ...]
+    sheets: _Stack
+    faces: tuple[float, float]
+    sides: tuple[int, ...]
+    top: float
+    bottom: float
+    nearest: float
+    omega: FloatArray
+
+    @property
+    def kinds(self) -> list[tuple[int, int]]:
+        """Pairs of sides."""
+        return list(itertools.combinations_with_replacement(self.sides, 2))
+
+    @property
+    def ways(self) -> FloatArray:
+        """Shortest way in m of each kind of waves from path to path."""
+        across = self.faces[0] - self.faces[1]
+        ways = {(0, 0): 2 * (self.faces[0] - self.top), (1, 1): 2 * (self.bottom - self.faces[1])}
+        return np.array([ways.get(kind, 2 * across - (self.top - self.bottom)) for kind in self.kinds])
+
+    def damping(self, k: FloatArray) -> FloatArray:
+        """Fall of each kind of waves between both faces, shape (kinds, k), beside that from path to face."""
+        distances = [self.faces[0] - self.faces[1] if kind == (0, 1) else 0.0 for kind in self.kinds]
+        return np.exp(-np.outer(distances, k))
+
+    def boards(self, paths: Sequence[Conductor], accuracy: Accuracy) -> list[Board]:
+        """Paths below the face above, and mirrored ones below that of the face below."""
+        return [
+            board_below(paths, self.faces[0], accuracy)
+            if side == 0
+            else board_below([_mirrored(path, 0.0) for path in paths], -self.faces[1], accuracy)
+            for side in self.sides
+        ]
+
+    def images(self, paths: Sequence[Conductor], kind: int, lift: float) -> list[Conductor]:
+        """Where each kind of waves seems to come from, further away by twice the lift in m."""
+        up, down = self.faces
+        match self.kinds[kind]:
+            case (0, 0):
+                return [_mirrored(path, up + lift) for path in paths]
+            case (1, 1):
+                return [_mirrored(path, down - lift) for path in paths]
+        step = np.array([0.0, 0.0, 2 * (up - down + lift)])
+        return [Conductor(p.vertices + step, p.widths, p.thicknesses, name=f"image of {p.name}") for p in paths]
+
+    def lowest(self, highest: float, extent: float) -> float:
+        """Smallest wavenumber in 1/m at which the reflection changes.
+
+        That of a thin plate has its pole at −jωμ0σd/2, that of an iron one at −ln((μ + 1)/(μ − 1))/d.
+        """
+        slowest = float(self.omega[self.omega > 0].min(initial=math.inf))
+        scales = [highest / 8]
+        for layer in {layer for case in self.stacks for stack in case for layer in stack.layers}:
+            scales.append(0.5 / layer.thickness)
+            if layer.permeability > 1:
+                scales.append(math.log1p(2 / (layer.permeability - 1)) / layer.thickness)
+            if layer.conductivity:
+                scales.append(slowest * MU_0 * layer.conductivity * layer.thickness / 2)
+        return max(min(scales), _LONGEST / extent)
+
+    def weights(self, k: FloatArray) -> ComplexArray:
+        """Weights of waves of every kind that come back, without their `damping`: (cases · f, kinds, k)."""
+        up, down = self.faces
+        by_sheets = _reflection(k, self.omega, self.sheets, self.sheets.face - up)
+        cases = []
+        for above, below in self.stacks:
+            r_u = _reflection(k, self.omega, above, above.face - up)
+            r_l = _reflection(k, self.omega, below, down - below.face)
+            trip = np.exp(-2 * k * (up - down)) if len(self.sides) == 2 else 0.0
+            again = r_u * r_l * trip
+            parts = {
+                (0, 0): r_u - by_sheets + by_sheets * again, (0, 1): 2 * r_u * r_l, (1, 1): r_l,
+            }  # fmt: skip
+            cases.append(np.stack([parts[kind] / (1 - again) for kind in self.kinds], axis=1))
+        return np.concatenate(cases)
+
+
+def _around(
+    paths: Sequence[Conductor], cases: Sequence[Sequence[Plate]], sheets: Sequence[Sheet], omega: FloatArray
+) -> _Around:
+    top, bottom = max(map(top_of, paths)), -max(top_of(_mirrored(path, 0.0)) for path in paths)
+    gaps = []
+    for plate in itertools.chain(*cases):
+        low, high = plate.heights
+        gaps.append(low - top if low + high > top + bottom else bottom - high)
+        if gaps[-1] <= 0:
+            raise GeometryError(
+                f"plate {plate.name!r} must lie above or below all paths, from z = {top:g} m or up to {bottom:g} m; "
+                f"it lies from {low:g} to {high:g} m."
+            )
+    alone = _above((), sheets, top)
+    stacks = tuple((_above(plates, sheets, top), _below(plates, top)) for plates in cases)
+    faces = (min(above.face for above, _ in stacks), max(below.face for _, below in stacks))
+    sides = tuple(side for side, face in enumerate(faces) if math.isfinite(face))
+    return _Around(stacks, alone, faces, sides, top, bottom, 2 * min(gaps), omega)
+
+
+def _mirrored(path: Conductor, height: float) -> Conductor:
+    """Return the path mirrored at a height in m, with its current."""
+    lift = np.array([0.0, 0.0, 2 * height])
+    return Conductor(path.vertices * [1, 1, -1] + lift, path.widths, path.thicknesses, name=f"image of {path.name}")
+
+
+def _above(plates: Sequence[Plate], sheets: Sequence[Sheet], top: float) -> _Stack:
+    """Sheets and plates above the paths, upwards."""
+    heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
+    layers = [
+        (z, _Layer(sheet.thickness, sheet.relative_permeability)) for z, sheet in zip(heights, sheets, strict=False)
+    ]
+    return _stacked([*layers, *((plate.z, _of(plate)) for plate in plates if plate.z >= top)])
+
+
+def _below(plates: Sequence[Plate], top: float) -> _Stack:
+    """Plates below the paths, downwards."""
+    stack = _stacked([(-plate.heights[1], _of(plate)) for plate in plates if plate.z < top])
+    return _Stack(-stack.face, stack.layers)
+
+
+def _of(plate: Plate) -> _Layer:
+    return _Layer(plate.thickness, plate.material.relative_permeability, plate.material.conductivity)
+
+
+def _stacked(layers: Sequence[tuple[float, _Layer]]) -> _Stack:
+    """Put layers together, by the heights of their faces in m, with the air between them; air alone is nothing."""
+    found = sorted(
+        ((z, layer) for z, layer in layers if layer.permeability != 1 or layer.conductivity), key=lambda one: one[0]
+    )
+    if not found:
+        return _Stack(math.inf, ())
+    together: list[_Layer] = []
+    end = found[0][0]
+    for z, layer in found:
+        together += [_Layer(z - end)] if z > end else []
+        together.append(layer)
+        end = z + layer.thickness
+    return _Stack(found[0][0], tuple(together))
+
+
+def _images(
+    around: _Around, split: float, highest: float, extent: float, tolerance: float
+) -> tuple[FloatArray, ComplexArray | None, float]:
+    """Distances in m and shares (cases · f, kinds, distances) of images for waves from `split` to `highest`, in 1/m.
+
+    Also from where on they hold to the `tolerance` of the largest wave. None where the spectrum takes all.
+    """
+    while split < highest:
+        k = np.geomspace(split, highest, _FITTED)
+        count = math.ceil(math.log(4 * highest / split) / math.log(_RATIO))
+        lifts = np.array([0.0, *np.geomspace(0.5 / highest, 2 / split, count)])
+        waves, ways = np.exp(-2 * np.outer(k, lifts)), around.ways
+        every = np.geomspace(1 / extent, highest, _FITTED)
+        largest = np.abs(around.weights(every) * np.exp(-np.outer(ways, every))).max(axis=(1, 2))
+        weights, falls = around.weights(k), np.exp(-np.outer(ways, k))
+        shares = np.zeros((*weights.shape[:2], len(lifts)), dtype=np.complex128)
+        good = True
+        for kind, fall in enumerate(falls):
+            wanted = weights[:, kind] * fall
+            if (np.abs(wanted).max(axis=1) <= tolerance * largest).all():
+                continue
+            found = np.linalg.lstsq(waves * fall[:, None], wanted.T, rcond=_SMALLEST)[0].T
+            shares[:, kind] = found
+            good &= bool((np.abs(found @ waves.T * fall - wanted).max(axis=1) <= tolerance * largest).all())
+        if good:
+            return lifts, shares, split
+        split *= 2
+    return np.zeros(0), None, highest
+
+
+def _reflection(k: FloatArray, omega: FloatArray, stack: _Stack, distance: float) -> ComplexArray:
+    """Reflected part of waves k (n,) in 1/m at ω (f,) in 1/s, counted at a distance in m from the face: (f, n)."""
+    air = beyond = _Layer(math.inf)
+    r: ComplexArray = np.zeros((len(omega), len(k)), dtype=np.complex128)
+    if not stack.layers:
+        return r
+    for layer in reversed(stack.layers):
+        r = _joined(_at_face(k, omega, layer, beyond), r)
+        r = r * (0 if math.isinf(layer.conductivity) else np.exp(-2 * _decay(k, omega, layer) * layer.thickness))
+        beyond = layer
+    return np.asarray(_joined(_at_face(k, omega, air, beyond), r) * np.exp(-2 * k * distance))
+
+
+def _joined(face: ComplexArray, beyond: ComplexArray) -> ComplexArray:
+    return np.asarray((face + beyond) / (1 + face * beyond))
+
+
+def _decay(k: FloatArray, omega: FloatArray, layer: _Layer) -> ComplexArray:
+    """γ in 1/m."""
+    return np.asarray(np.sqrt(k**2 + 1j * omega[:, None] * MU_0 * layer.permeability * layer.conductivity))
+
+
+def _at_face(k: FloatArray, omega: FloatArray, a: _Layer, b: _Layer) -> ComplexArray:
+    """ρ of waves that come from a to b, without cancellation where both are nearly alike."""
+    if math.isinf(b.conductivity) or math.isinf(a.conductivity):
+        return np.full((len(omega), len(k)), -1.0 + 0j)
+    mu_a, mu_b = a.permeability, b.permeability
+    eddies = 1j * omega[:, None] * MU_0 * mu_a * mu_b * (a.conductivity * mu_b - b.conductivity * mu_a)
+    both = _decay(k, omega, a) * mu_b + _decay(k, omega, b) * mu_a
+    return np.asarray((k**2 * (mu_b**2 - mu_a**2) + eddies) / both**2)

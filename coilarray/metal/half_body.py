@@ -1,0 +1,188 @@
+"""Eddy currents on the surface of a body that is its own mirror image at z = 0, by a stream function.
+
+The currents K = ∇ψ × n of linear elements ψ are free of sources and constant on each triangle: e_i/2A for node i, e_i
+the side opposite to it. With E = −jω(A + A_K) = Z K tested by such currents (Galerkin), and λ = Z/jω,
+
+    (λ G + M) ψ = −b,   M_ij = µ0/4π ∫∫ K_i·K_j/r,   G_ij = ∫ K_i·K_j,   b_i = ∫ ψ_i B·n,
+
+ψ = 0 on the outer rim at mid-height and one constant on each hole's, with the flux through the hole in b. Currents that
+are even about the mid-plane (K_z odd) do not couple to odd ones, so the upper half carries two problems of half the
+size, with the currents' mirror images in M and b. Then ΔL = bᵀψ is symmetric and −Im ΔL positive semidefinite.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+from coilarray.compute.memory import require_memory
+from coilarray.compute.threads import ranges, run_blocks
+from coilarray.constants import MU_0
+from coilarray.electromagnetics.kernels.triangles import triangle_pairs
+from coilarray.metal.plate_mesh import HalfBody
+from coilarray.metal.surface_impedance import SurfaceImpedance
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+_ROWS = 32  # triangles a task
+_MIRROR = np.array([1.0, 1.0, -1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Parity:
+    """One of the two problems: currents even (sign 1) or odd (−1) about the mid-plane.
+
+    `unknowns` (n, u) takes the unknowns to the nodes. M in H is that of half the body; `faces`, `along` and `across`
+    are the parts of G of the faces, and of the rim for currents along and across it.
+    """
+
+    sign: int
+    unknowns: sp.csr_array
+    M: FloatArray
+    faces: FloatArray
+    along: FloatArray
+    across: FloatArray
+
+    def matrix(self, impedance: SurfaceImpedance) -> ComplexArray:
+        """λ G + M of the whole body, complex (u, u) in H."""
+        face = impedance.even if self.sign > 0 else impedance.odd
+        G = face * self.faces + impedance.along * self.along + impedance.across * self.across
+        return np.asarray(2 * (self.M + G))
+
+
+@dataclass(frozen=True, eq=False)
+class EddyBody:
+    """The matrices of a body, made once for all fields, places and frequencies."""
+
+    mesh: HalfBody
+
+    @cached_property
+    def currents(self) -> tuple[sp.csr_array, ...]:
+        """K_x, K_y and K_z in 1/m of every triangle for ψ = 1 at each node, each of shape (k, n)."""
+        corners = self.mesh.corners
+        opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+        K = opposite / (2 * self.areas)[:, None, None]
+        return tuple(self._by_corner(K[..., axis]) for axis in range(3))
+
+    @cached_property
+    def areas(self) -> FloatArray:
+        """Areas of the triangles in m²."""
+        return np.asarray(np.sqrt((self._area_vectors**2).sum(axis=1)))
+
+    @cached_property
+    def fluxes(self) -> tuple[sp.csr_array, ...]:
+        """∫ ψ_i ψ_j n dA in m², component by component, each of shape (n, n)."""
+        parts = []
+        for axis in range(3):
+            share = self._area_vectors[:, axis] / 12
+            blocks = share[:, None, None] * (np.ones((3, 3)) + np.eye(3))
+            rows = np.repeat(self.mesh.triangles, 3, axis=1).ravel()
+            columns = np.tile(self.mesh.triangles, (1, 3)).ravel()
+            n = len(self.mesh.nodes)
+            parts.append(sp.csr_array(sp.coo_array((blocks.ravel(), (rows, columns)), shape=(n, n))))
+        return tuple(parts)
+
+    @cached_property
+    def _area_vectors(self) -> FloatArray:
+        corners = self.mesh.corners
+        return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2)
+
+    def _by_corner(self, values: FloatArray) -> sp.csr_array:
+        """Sparse matrix of values (k, 3) at the corners of the triangles."""
+        k = len(self.mesh.triangles)
+        rows = np.repeat(np.arange(k), 3)
+        shape = (k, len(self.mesh.nodes))
+        return sp.csr_array(sp.coo_array((values.ravel(), (rows, self.mesh.triangles.ravel())), shape=shape))
+
+    @cached_property
+    def parities(self) -> tuple[Parity, Parity]:
+        """The even and the odd problem."""
+        k, n = len(self.mesh.triangles), len(self.mesh.nodes)
+        require_memory(8.0 * (2 * k * k + 6 * n * n), f"the eddy currents on {k} triangles", "use a coarser mesh")
+        own = pair_integrals(self.mesh.corners)
+        image = pair_integrals(self.mesh.corners, np.ascontiguousarray(self.mesh.corners * _MIRROR))
+        K = self.currents
+        M = [self._between(integrals, s) for integrals, s in ((own, np.ones(3)), (image, _MIRROR))]
+        mid = np.concatenate((self.mesh.ring, *self.mesh.hole_rings))
+        free = np.setdiff1d(np.arange(n), mid)
+        ones = [sp.csr_array((np.ones(len(ring)), (ring, np.zeros(len(ring), int))), (n, 1)) for ring in
+                self.mesh.hole_rings]  # fmt: skip
+        everything = sp.eye_array(n, format="csr")
+        bases = (sp.hstack((everything[:, free], *ones), format="csr"), everything[:, 1:])  # odd: but for a constant
+        G = [
+            [sum(K[axis].T @ sp.diags_array(self.areas * which) @ K[axis] for axis in axes) for axes in ((0, 1), (2,))]
+            for which in (~self.mesh.rim, self.mesh.rim)
+        ]
+        made = []
+        for sign, basis in zip((1, -1), bases, strict=True):
+            dense = basis.T @ (M[0] + sign * M[1]) @ basis
+            stiff = [(basis.T @ part @ basis).toarray() for part in (G[0][0], G[1][0], G[1][1])]
+            made.append(Parity(sign, basis, (dense + dense.T) / 2, *stiff))
+        return made[0], made[1]
+
+    def _between(self, integrals: FloatArray, signs: FloatArray) -> FloatArray:
+        """µ0/4π Σ signs K K' times the integrals, over all pairs of nodes, (n, n) in H."""
+        total = sum(s * (K.T @ (K.T @ integrals.T).T) for s, K in zip(signs, self.currents, strict=True))
+        return np.asarray(MU_0 / (4 * np.pi) * total)
+
+    @property
+    def points(self) -> FloatArray:
+        """Places in m about the centre at which a field is wanted: the nodes, their mirror images, and the holes."""
+        caps = [np.column_stack((points, np.zeros(len(points)))) for points, _ in self.mesh.caps]
+        return np.concatenate((self.mesh.nodes, self.mesh.nodes * _MIRROR, *caps))
+
+    @property
+    def all_corners(self) -> FloatArray:
+        """Corners in m of the triangles of the upper half and of its mirror image, shape (2k, 3, 3)."""
+        return np.concatenate((self.mesh.corners, self.mesh.corners * _MIRROR))
+
+    def linked(self, B: FloatArray) -> list[FloatArray]:
+        """Fluxes b for fields B (fields, points, 3) in T at `points`; those of even and odd currents, (u, fields)."""
+        n = len(self.mesh.nodes)
+        upper, lower = B[:, :n], B[:, n : 2 * n] * -_MIRROR  # B is an axial vector
+        starts = np.cumsum([2 * n, *(len(weights) for _, weights in self.mesh.caps)])
+        through = [
+            2 * B[:, start : start + len(weights), 2] @ weights
+            for start, (_, weights) in zip(starts, self.mesh.caps, strict=False)
+        ]
+        made = []
+        for parity in self.parities:
+            field = upper + parity.sign * lower
+            b = parity.unknowns.T @ sum(N @ field[..., axis].T for axis, N in enumerate(self.fluxes))
+            if parity.sign > 0 and through:
+                b[-len(through) :] += through
+            made.append(np.asarray(b))
+        return made
+
+    def all_currents(self, axes: FloatArray) -> list[sp.csr_array]:
+        """K on all triangles of both halves for 1 A of every unknown, even ones first, along the board's axes.
+
+        Each component is of shape (2k, u); `axes` (3, 3) has the body's own axes on the board in its rows.
+        """
+        even, odd = self.parities
+        parts = []
+        for K, mirror in zip(self.currents, _MIRROR, strict=True):
+            one, two = K @ even.unknowns, K @ odd.unknowns
+            parts.append(sp.block_array([[one, two], [mirror * one, -mirror * two]], format="csr"))
+        return [sum(axes[own, axis] * parts[own] for own in range(3)) for axis in range(3)]
+
+
+def pair_integrals(corners: FloatArray, other: FloatArray | None = None) -> FloatArray:
+    """∫∫ 1/r in m³ of all pairs of triangles (k, 3, 3) in m, among themselves or with `other` (m, 3, 3)."""
+    second = corners if other is None else other
+    integrals = np.empty((len(corners), len(second)))
+
+    def work(rows: tuple[int, int]) -> None:
+        first = rows[0] if other is None else -1
+        triangle_pairs(corners[rows[0] : rows[1]], second, first, integrals[rows[0] : rows[1]])
+
+    run_blocks(work, ranges(len(corners), _ROWS)[::-1])  # the longest first
+    if other is None:
+        upper = np.triu_indices(len(corners), 1)
+        integrals[upper] = integrals.T[upper]
+    return integrals

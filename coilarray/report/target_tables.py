@@ -1,0 +1,81 @@
+"""The numbers of a target as tables: every state against the distance, its range and resolution, and the couplings."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from coilarray.compute.display_units import PER_MILLION, DisplayUnit
+from coilarray.report.tables import Column, Table, Value, cell, dataset_table
+
+_NAMES = (
+    "distance", "state", "x", "y", "delta", "effective_inductance", "frequency", "effective_resistance",
+    "quality_factor", "parallel_resistance", "distance_deviation",
+)  # fmt: skip
+_MICROMETRES = DisplayUnit("µm", 1e6, 3, significant=True)
+
+
+def target_table(response: xr.Dataset) -> Table:
+    """Return one row for each distance and state, at the place where the target moves that state the most.
+
+    The last column is the standard deviation of a distance that one reading gives.
+    """
+    states = []
+    for state in response.state.values:
+        of = response.sel(state=[state])
+        at = of.sel(x=float(of.best_x[0]), y=float(of.best_y[0]))
+        x, y = (("state", [float(at[axis])], response[axis].attrs) for axis in ("x", "y"))
+        states.append(at.drop_vars(["x", "y"]).assign(x=x, y=y))
+    best = xr.concat(states, "state", data_vars="all", coords="minimal", compat="override", join="outer")
+    shown = {"delta": PER_MILLION, "distance_deviation": _MICROMETRES}
+    return dataset_table("target", "Target", best, _NAMES, shown)
+
+
+def range_table(response: xr.Dataset) -> Table:
+    """Return one row for each state: its range, and how far steps of distance are told from noise.
+
+    A number that the last distance of the map limits is remarked as "at least"; what is nowhere told is empty.
+    """
+    columns = [Column("state"), Column("range", unit="m"), Column("range_is_least", "range at least")]
+    steps = response.step.values
+    for step in steps.tolist():
+        words = f"{step * 1e6:g} µm"
+        columns.append(Column(f"resolves_{step * 1e6:g}um", f"{words} to", "m"))
+    columns.append(Column("remark"))
+    rows: list[tuple[Value, ...]] = []
+    for k, state in enumerate(response.state.values.tolist()):
+        of = response.isel(state=k)
+        least = [f"{step * 1e6:g} µm" for step, more in zip(steps, of.resolved_is_least.values, strict=True) if more]
+        remark = f"{', '.join(least)} farther than the map" if least else ""
+        told = (cell(value) for value in of.resolved_distance.values)
+        rows.append((state, cell(of.range), bool(of.range_is_least), *told, remark))
+    return Table("target_range", "Range and resolution", tuple(columns), tuple(rows)).without_empty_columns()
+
+
+def target_coupling_table(response: xr.Dataset) -> Table:
+    """Return one row for each distance and pair of coils, where the target changes the pair's coupling the most.
+
+    ``coupling`` is that with the target, ``free_coupling`` without.
+    """
+    L = response.inductance.values
+    free = L / np.sqrt(np.outer(np.diag(L), np.diag(L)))
+    columns = (
+        Column("distance", unit="m"), Column("coil"), Column("other"), Column("x", unit="m"), Column("y", unit="m"),
+        Column("coupling", "coupling with the target", "1"), Column("free_coupling", "without", "1"),
+    )  # fmt: skip
+    rows: list[tuple[Value, ...]] = []
+    names = response.coil.values.tolist()
+    for distance in response.distance.values.tolist():
+        coupling = response.coupling.sel(distance=distance).transpose("y", "x", "coil", "other").values
+        for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
+            of = coupling[:, :, i, j]
+            row, column = np.unravel_index(int(np.abs(of - free[i, j]).argmax()), of.shape)
+            place = (float(response.x[column]), float(response.y[row]))
+            rows.append((distance, names[i], names[j], *place, float(of[row, column]), float(free[i, j])))
+    return Table("target_coupling", "Coupling with the target", columns, tuple(rows))
+
+
+def values_table(response: xr.Dataset) -> Table:
+    """Return one row for each distance, place and state: every value of a target's map."""
+    names = ("distance", "y", "x", "state", "delta", *_NAMES[5:10])
+    return dataset_table("target_values", "Target", response, names)

@@ -1,0 +1,299 @@
+"""What a target, a body of metal or ferrite that is moved over the board, does to every state of the scan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from scipy.interpolate import BarycentricInterpolator
+
+from coilarray.circuit.coupling import design_circuit, provenance
+from coilarray.circuit.network import Network, Resonance, changed_resonances, resonate
+from coilarray.compute.memory import require_memory
+from coilarray.compute.netcdf import variables
+from coilarray.compute.store import Store, content_key
+from coilarray.compute.threads import Progress, ranges
+from coilarray.design.model import Design
+from coilarray.elastomer.flat_layer import magnetic_slab
+from coilarray.errors import MetalError
+from coilarray.geometry import FinitePlate, Plate, Target
+from coilarray.metal.target import target_inductance
+from coilarray.response.coordinates import origin_attributes
+from coilarray.response.setup import MapAxes, checked_axis
+from coilarray.response.target_range import ranges_of
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+_MARGIN = (0.02, 0.2)  # of the band of log f: at least, and of its width
+_INTERPOLATION = 1e-5  # error of the change between the frequencies at which it is computed
+_MOST_NODES = 16
+_BYTES_A_VALUE = 48.0  # a complex number as computed, in the store, and as the circuit takes it
+_CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
+_QUANTITIES = (
+    ("frequency", "Hz", "resonance frequency"),
+    ("effective_inductance", "H", "effective inductance"),
+    ("effective_resistance", "ohm", "effective resistance"),
+    ("quality_factor", "1", "quality factor"),
+    ("parallel_resistance", "ohm", "parallel resistance"),
+)
+
+
+def target_of(design: Design) -> Target:
+    """Return the target of a design; MetalError where it has none."""
+    if design.target is None:
+        raise MetalError(f"the design {design.name} has no [target].")
+    return design.target
+
+
+def target_map(
+    design: Design,
+    *,
+    distances: npt.ArrayLike | None = None,
+    x: npt.ArrayLike | None = None,
+    y: npt.ArrayLike | None = None,
+    noise: float = 1e-5,
+    network: Network | None = None,
+    ideal: bool = False,
+    parts: Path | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Compute what a target does to the coils, at every distance and place.
+
+    Parameters
+    ----------
+    design : Design
+        Design with a target.
+    distances, x, y : array_like, shape (n,), optional
+        Distances of the target's nearest point from the upper face of the sheets or the board, and places of its
+        centre, in m, places from the map's origin; those of the design by default.
+    noise : float
+        Standard deviation of δ in a reading, for range and resolution.
+    network : Network, optional
+        Coils, switches and strays without the target; by default `coilarray.circuit.coupling.design_circuit`.
+    ideal : bool
+        Where no network is given: leave out alternating-current resistance and all strays.
+    parts : Path, optional
+        Folder where finished distances are kept, so that an interrupted map goes on from there.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions ``distance``, ``y``, ``x``, ``state``, ``coil``, ``other``. Over (distance, y, x, state), at the
+        resonance with the target: ``delta``, (L − L_0)/L_0 as the converter sees it, L = 1/((2πf)² C); ``frequency`` in
+        Hz, ``effective_inductance`` in H, ``effective_resistance`` in Ω, ``quality_factor`` of the coils without the
+        tank and ``parallel_resistance`` in Ω. ``base_inductance`` and ``base_…`` (state) are the same without the
+        target. Over (distance, y, x, coil, other): ``inductance_change`` in H and ``resistance_change`` in Ω of the
+        coils' matrix, and its ``coupling``, at ``matrix_frequency`` (distance, y, x), the mean of the states'
+        resonances there. ``inductance`` (coil, other) in H without the target. And the ranges and resolutions of
+        `coilarray.response.target_range.ranges_of`. ``coil_x`` and ``coil_y`` are the centres in m from the map's
+        origin, which ``origin_x`` and ``origin_y`` place on the board.
+
+    Raises
+    ------
+    MetalError
+        A design without a target, axes that are not finite and rising, a distance that is not positive, and what
+        `coilarray.metal.target.target_inductance` refuses.
+    NetworkError
+        A state without a resonance, also with the target.
+    MemoryLimitError
+        More values than there is memory for.
+    OutputError
+        A part that cannot be written.
+
+    Notes
+    -----
+    ΔL − jΔR/ω of the target is computed at a few frequencies of the band in which all resonances lie, which follows
+    from the least distance, and every place and distance is solved in the whole circuit at its own resonance.
+    """
+    target = target_of(design)
+    given = (("distances", distances, target.distances), ("x", x, target.x), ("y", y, target.y))
+    axes = MapAxes(*(checked_axis(name, own if values is None else values, MetalError) for name, values, own in given))
+    if axes.depth[0] <= 0:
+        raise MetalError(f"distances of a target must be above zero; got {axes.depth[0] * 1e3:g} mm.")
+    coils, cases = len(design.array.names), int(np.prod(axes.shape))
+    what = f"{len(axes.depth)} distances at {len(axes.x) * len(axes.y)} places with {coils} coils"
+    require_memory(_BYTES_A_VALUE * cases * _MOST_NODES * coils**2, f"a target map of {what}", "compute it in pieces")
+    network = design_circuit(design, ideal=ideal) if network is None else network
+    alone = [resonate(network, state) for state in design.plan]
+    resonances = np.array([one.frequency for one in alone])
+    middle = np.exp(np.log(resonances).mean(keepdims=True))
+    nearest = replace(axes, depth=axes.depth[:1])
+    first = _changes(design, nearest, middle, parts, None)
+    _require_passive(network, first, nearest)
+    guess = _Change(np.log(middle), first)
+    moved = np.array([_through_circuit(network, one, guess, nearest)["frequency"] for one in alone])
+    nodes = _nodes(np.append(moved, resonances))
+    near = _Change(np.log(nodes), _changes(design, axes, nodes, parts, progress))
+    solved = [_through_circuit(network, one, near, axes) for one in alone]
+    by_state = {name: np.stack([one[name] for one in solved], axis=-1) for name, _, _ in _QUANTITIES}
+    base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
+    middle = by_state["frequency"].mean(axis=-1)
+    matrix = near(middle)
+    return _dataset(design, target, axes, noise, network, by_state, base, middle, matrix)
+
+
+def _nodes(resonances: FloatArray) -> FloatArray:
+    """Frequencies in Hz at which a target is computed, Chebyshev points of log f: as many as the band needs.
+
+    The change over log f has its nearest poles at ±jπ/2, those of one time constant, and polynomials through n points
+    of a band of the half width w err by ρ⁻ⁿ, ρ = π/(2w) + √(π²/(4w²) + 1) (Trefethen, Approximation Theory, ch. 8).
+    """
+    low, high = np.log(resonances.min()), np.log(resonances.max())
+    margin = max(_MARGIN[0], _MARGIN[1] * (high - low))
+    half = (high - low) / 2 + margin
+    pole = np.pi / 2 / half
+    count = min(math.ceil(-math.log(_INTERPOLATION) / math.log(pole + math.hypot(pole, 1))), _MOST_NODES)
+    angle = np.pi * (np.arange(count)[::-1] + 0.5) / count
+    return np.asarray(np.exp((low + high) / 2 + half * np.cos(angle)))
+
+
+def _require_passive(network: Network, change: ComplexArray, axes: MapAxes) -> None:
+    """Refuse changes that no passive body makes: the inductance matrix must stay positive definite."""
+    least = np.linalg.eigvalsh(network.inductance + change.real)[..., 0]
+    for distance, values in zip(axes.depth, least, strict=True):
+        if values.min() <= 0:
+            raise MetalError(
+                f"a target at {distance * 1e3:g} mm is too near for the model of its currents, which would make an "
+                "inductance negative; begin with a greater distance."
+            )
+
+
+class _Change:
+    """ΔL − jΔR/ω in H of many cases, each at a frequency of its own, from values at nodes of log f."""
+
+    def __init__(self, nodes: FloatArray, values: ComplexArray) -> None:
+        self._lagrange = BarycentricInterpolator(nodes, np.eye(len(nodes))) if len(nodes) > 1 else None
+        self._values = values.reshape(-1, *values.shape[2:])
+
+    def __call__(self, frequencies: FloatArray, cases: slice = slice(None)) -> ComplexArray:
+        """Return the change (cases, n, n) at frequencies (cases,) in Hz."""
+        shares = np.ones((len(frequencies), 1)) if self._lagrange is None else self._lagrange(np.log(frequencies))
+        return np.asarray(np.einsum("cf,cfij->cij", shares, self._values[cases], optimize=True))
+
+
+def _changes(
+    design: Design, axes: MapAxes, frequencies: FloatArray, parts: Path | None, progress: Progress | None
+) -> ComplexArray:
+    """ΔL − jΔR/ω at all distances and places, (distances, places, frequencies, coils, coils) in H."""
+    target = target_of(design)
+    places = axes.places + target.origin_point
+    paths = [conductor.vertices for conductor in design.array.conductors()]
+    metal = (target.body, places, frequencies, design.sheets, design.plates, paths)
+    keys = [content_key(*metal, float(distance)) for distance in axes.depth]
+    found: dict[int, ComplexArray] = {}
+    if parts is not None:
+        store = Store(parts)
+        for k, key in enumerate(keys):
+            part = store.get_dataset(key)
+            if part is not None:
+                found[k] = part.inductance.values - 1j * part.loss.values
+    missing = [k for k in range(len(keys)) if k not in found]
+    # the spectra of the coils, and in air the factors of a plate with an outline, serve all distances
+    sharing = isinstance(target.body, Plate) or (
+        isinstance(target.body, FinitePlate) and magnetic_slab(design.sheets) is None
+    )
+    blocks = [missing] if sharing and missing else [[k] for k in missing]
+    for done, block in enumerate(blocks):
+
+        def counted(within: int, total: int, done: int = done) -> None:
+            if progress is not None:
+                progress(100 * done + 100 * within // total, 100 * len(blocks))
+
+        change = target_inductance(
+            design.array, target, places, axes.depth[block].tolist(), frequencies, design.sheets, design.plates,
+            progress=counted,
+        )  # fmt: skip
+        for k, values in zip(block, change, strict=True):
+            found[k] = values
+            if parts is not None:
+                dims = ("place", "frequency", "coil", "other")
+                part = xr.Dataset({"inductance": (dims, values.real), "loss": (dims, -values.imag)})
+                store.put_dataset(keys[k], part)
+    return np.stack([found[k] for k in range(len(keys))])
+
+
+def _through_circuit(network: Network, alone: Resonance, near: _Change, axes: MapAxes) -> Mapping[str, FloatArray]:
+    """Quantities of one state at all distances and places, (cases,) each."""
+    cases = int(np.prod(axes.shape))
+    nodes_and_branches = 6 * len(network.names) + 5
+    parts = []
+    for start, stop in ranges(cases, max(1, _CIRCUIT_VALUES // nodes_and_branches**2)):
+
+        def inductances(frequencies: FloatArray, cases: slice = slice(start, stop)) -> ComplexArray:
+            return network.inductance + near(frequencies, cases)
+
+        parts.append(changed_resonances(network, alone, inductances, stop - start))
+    frequency, impedance, admittance = (np.concatenate(part) for part in zip(*parts, strict=True))
+    with np.errstate(divide="ignore"):
+        return {
+            "frequency": frequency,
+            "effective_inductance": 1 / ((2 * np.pi * frequency) ** 2 * alone.tank_capacitance),
+            "effective_resistance": impedance.real,
+            "quality_factor": impedance.imag / impedance.real,
+            "parallel_resistance": 1 / admittance.real,
+        }
+
+
+def _dataset(
+    design: Design,
+    target: Target,
+    axes: MapAxes,
+    noise: float,
+    network: Network,
+    by_state: Mapping[str, FloatArray],
+    base: Mapping[str, FloatArray],
+    middle: FloatArray,
+    matrix: ComplexArray,
+) -> xr.Dataset:
+    """Assemble the dataset of `target_map`."""
+    names = list(design.array.names)
+    place, pair = ("distance", "y", "x"), ("coil", "other")
+    with_target = network.inductance + matrix.real
+    root = np.sqrt(np.diagonal(with_target, axis1=-2, axis2=-1))
+    coupling = with_target / (root[:, :, None] * root[:, None, :])
+    omega = 2 * np.pi * middle[:, None, None]
+    L, L_0 = by_state["effective_inductance"], base["effective_inductance"]
+    shape = (*axes.shape, len(names), len(names))
+    centres = design.array.centres - target.origin_point
+    rows = [
+        ("delta", (*place, "state"), (L / L_0 - 1).reshape(*axes.shape, -1), "1", "δ"),
+        ("base_inductance", ("state",), L_0, "H", "L_0 as the converter sees it"),
+        *((name, (*place, "state"), by_state[name].reshape(*axes.shape, -1), unit, words)
+          for name, unit, words in _QUANTITIES),
+        *((f"base_{name}", ("state",), base[name], unit, f"{words} without the target")
+          for name, unit, words in _QUANTITIES if name != "effective_inductance"),
+        ("inductance_change", (*place, *pair), matrix.real.reshape(shape), "H", "inductance matrix, with less without"),
+        ("resistance_change", (*place, *pair), (-omega * matrix.imag).reshape(shape), "ohm",
+         "resistance matrix, with less without"),
+        ("coupling", (*place, *pair), coupling.reshape(shape), "1", "coupling coefficient"),
+        ("matrix_frequency", place, middle.reshape(axes.shape), "Hz", "frequency of the matrices"),
+        ("inductance", pair, network.inductance, "H", "inductance matrix without the target"),
+    ]  # fmt: skip
+    made = xr.Dataset(
+        variables(*rows),
+        coords={
+            "distance": ("distance", axes.depth, {"units": "m", "long_name": "distance"}),
+            "y": ("y", axes.y, {"units": "m"}),
+            "x": ("x", axes.x, {"units": "m"}),
+            "state": [state.name for state in design.plan],
+            "coil": names,
+            "other": names,
+            "coil_x": ("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
+            "coil_y": ("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
+        },
+        attrs={
+            **provenance(design),
+            "target": target.kind,
+            "material": target.body.material.name,
+            **origin_attributes(target),
+        },
+    )
+    return made.merge(ranges_of(made, noise), combine_attrs="no_conflicts")

@@ -1,0 +1,114 @@
+"""Range and resolution of a target: how far it is noticed, and which change of its distance is told from noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from scipy.interpolate import make_interp_spline
+
+from coilarray.compute.netcdf import variables
+from coilarray.errors import MetalError
+
+FloatArray = npt.NDArray[np.float64]
+
+STEPS = (1e-6, 1e-5, 1e-4)
+"""Changes of distance in m for which the farthest distance is given at which they are told from noise."""
+FACTOR = 3.0
+"""A target is noticed as long as |δ| is at least so many standard deviations of a reading."""
+_FINE = 4001  # distances between the first and the last
+
+
+def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
+    """Find range and resolution of every state, where its |δ| is the largest at the least distance.
+
+    Parameters
+    ----------
+    response : xarray.Dataset
+        ``delta`` (distance, y, x, state) of `coilarray.response.target.target_map`.
+    noise : float
+        Standard deviation σ of δ in a reading, positive.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``best_x`` and ``best_y`` (state) in m; ``distance_deviation`` (distance, state), the standard deviation σ/|δ'|
+        of a distance in m; ``range`` (state), the distance in m at which |δ| has fallen to `FACTOR` σ; and
+        ``resolved_distance`` (step, state), that up to which a ``step`` of distance in m is no less than the standard
+        deviation. Both are NaN where that is so nowhere, and the last distance where it is so everywhere, with
+        ``range_is_least`` and ``resolved_is_least`` set. Attributes ``noise`` and ``range_factor``.
+
+    Raises
+    ------
+    MetalError
+        Noise that is not positive and finite.
+
+    Notes
+    -----
+    Between the distances ln |δ| is a cubic spline, as δ falls about exponentially; δ itself where it changes its sign.
+    """
+    if not (np.isfinite(noise) and noise > 0):
+        raise MetalError(f"noise must be positive and finite; got {noise}.")
+    distance = response.distance.values
+    delta = response.delta.transpose("distance", "state", "y", "x").values
+    flat = delta.reshape(*delta.shape[:2], -1)
+    best = np.abs(flat[0]).argmax(axis=1)
+    rows, columns = np.unravel_index(best, delta.shape[2:])
+    along = np.take_along_axis(flat, best[None, :, None], axis=2)[..., 0]  # (distance, state)
+    fine = np.geomspace(distance[0], distance[-1], _FINE) if len(distance) > 1 else distance
+    states = along.shape[1]
+    deviation = np.full((len(distance), states), np.nan)
+    found, least = np.full((1 + len(STEPS), states), np.nan), np.zeros((1 + len(STEPS), states), dtype=np.bool_)
+    for s in range(states):
+        curve, slope = _curve(distance, along[:, s])
+        size = np.abs(curve(fine)) / (FACTOR * noise)
+        margins = [size]
+        if len(distance) > 1:
+            with np.errstate(divide="ignore"):
+                deviation[:, s] = noise / np.abs(slope(distance))
+            margins += [np.abs(slope(fine)) * step / noise for step in STEPS]
+        for k, margin in enumerate(margins):
+            found[k, s], least[k, s] = _until(fine, margin)
+    rows_of = (
+        ("best_x", ("state",), response.x.values[columns], "m", "x where |δ| is the largest"),
+        ("best_y", ("state",), response.y.values[rows], "m", "y where |δ| is the largest"),
+        ("distance_deviation", ("distance", "state"), deviation, "m", "± distance"),
+        ("range", ("state",), found[0], "m", f"distance at which |δ| is {FACTOR:g} times the noise"),
+        ("range_is_least", ("state",), least[0], "", "whether the range is longer"),
+        ("resolved_distance", ("step", "state"), found[1:], "m", "distance up to which a step is told"),
+        ("resolved_is_least", ("step", "state"), least[1:], "", "whether it is longer"),
+    )
+    step = ("step", np.array(STEPS), {"units": "m", "long_name": "change of distance"})
+    return xr.Dataset(variables(*rows_of), coords={"step": step}, attrs={"noise": noise, "range_factor": FACTOR})
+
+
+Curve = Callable[[FloatArray], FloatArray]
+
+
+def _curve(distance: FloatArray, delta: FloatArray) -> tuple[Curve, Curve]:
+    """δ over the distance, and its slope."""
+    degree = min(3, len(distance) - 1)
+    one_sign = bool((delta > 0).all() or (delta < 0).all())
+    spline = make_interp_spline(distance, np.log(np.abs(delta)) if one_sign else delta, k=degree)
+    if not one_sign:
+        return spline, spline.derivative() if degree else np.zeros_like
+    sign, change = np.sign(delta[0]), spline.derivative() if degree else np.zeros_like
+
+    def value(at: FloatArray) -> FloatArray:
+        return np.asarray(sign * np.exp(spline(at)))
+
+    return value, lambda at: np.asarray(value(at) * change(at))
+
+
+def _until(distance: FloatArray, margin: FloatArray) -> tuple[float, bool]:
+    """Distance up to which a margin is at least 1, and whether it is so to the end; NaN where it begins below."""
+    below = np.flatnonzero(margin < 1)
+    if not len(below):
+        return float(distance[-1]), True
+    k = int(below[0])
+    if k == 0:
+        return float("nan"), False
+    share = (margin[k - 1] - 1) / (margin[k - 1] - margin[k])
+    return float(distance[k - 1] + share * (distance[k] - distance[k - 1])), False

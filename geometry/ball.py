@@ -1,0 +1,22 @@
+"""A ball of metal or ferrite over the board."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from coilarray.geometry.material import Material
+from coilarray.geometry.values import require_positive
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A solid ball of one material; where it is, is said where it is used.
+
+    `radius` in m is positive and finite; GeometryError otherwise.
+    """
+
+    radius: float
+    material: Material
+
+    def __post_init__(self) -> None:
+        require_positive("radius of a ball", self.radius)

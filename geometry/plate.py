@@ -1,0 +1,236 @@
+"""Metal plates near the board: layers without end, and flat pieces of any outline, also tilted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+import shapely
+
+from coilarray.errors import GeometryError
+from coilarray.geometry.material import Material
+from coilarray.geometry.values import FloatArray, Point, require_positive
+
+_CORNERS = 96  # of the polygon that stands for a circle of the same area
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A flat plate parallel to the board, wide against the coils, taken as without end.
+
+    Parameters
+    ----------
+    name : str
+        Name of the plate.
+    z : float
+        Height of its lower face in m; the upper face of the board is at 0.
+    thickness : float
+        Thickness in m.
+    material : Material
+        What it is made of.
+
+    Raises
+    ------
+    GeometryError
+        A height that is not finite, or a thickness that is not positive.
+    """
+
+    name: str
+    z: float
+    thickness: float
+    material: Material
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.z):
+            raise GeometryError(f"height of plate {self.name!r} must be finite; got {self.z} m.")
+        require_positive(f"thickness of plate {self.name!r}", self.thickness)
+
+    @property
+    def heights(self) -> tuple[float, float]:
+        """Heights in m of its lower and its upper face."""
+        return self.z, self.z + self.thickness
+
+    def lifted(self, height: float) -> Plate:
+        """Return the plate moved up by a height in m."""
+        return replace(self, z=self.z + height)
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A circular outline, by its radius in m."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        require_positive("radius of a disc", self.radius)
+
+    @property
+    def exterior(self) -> tuple[Point, ...]:
+        """Corners in m of a polygon of the same area about the centre, anticlockwise."""
+        return _circle(self.radius)
+
+    @property
+    def holes(self) -> tuple[tuple[Point, ...], ...]:
+        """None."""
+        return ()
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """A rectangular outline, by its width along x and its height along y in m."""
+
+    width: float
+    height: float
+
+    def __post_init__(self) -> None:
+        require_positive("width of a rectangle", self.width)
+        require_positive("height of a rectangle", self.height)
+
+    @property
+    def exterior(self) -> tuple[Point, ...]:
+        """Corners in m about the centre, anticlockwise."""
+        x, y = self.width / 2, self.height / 2
+        return (-x, -y), (x, -y), (x, y), (-x, y)
+
+    @property
+    def holes(self) -> tuple[tuple[Point, ...], ...]:
+        """None."""
+        return ()
+
+
+@dataclass(frozen=True)
+class Ring:
+    """An outline between two circles about one centre, by their radii in m."""
+
+    radius: float
+    inner_radius: float
+
+    def __post_init__(self) -> None:
+        require_positive("inner radius of a ring", self.inner_radius)
+        require_positive("radius of a ring", self.radius)
+        if not self.inner_radius < self.radius:
+            raise GeometryError(
+                f"inner radius of a ring must be less than its radius of {self.radius} m; got {self.inner_radius} m."
+            )
+
+    @property
+    def exterior(self) -> tuple[Point, ...]:
+        """Corners in m of a polygon of the same area as the outer circle, anticlockwise."""
+        return _circle(self.radius)
+
+    @property
+    def holes(self) -> tuple[tuple[Point, ...], ...]:
+        """Corners in m of a polygon of the same area as the inner circle."""
+        return (_circle(self.inner_radius),)
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """An outline of any corners.
+
+    Parameters
+    ----------
+    exterior : tuple of points
+        Corners (x, y) in m about the centre of the plate, in either sense, the first one not repeated.
+    holes : tuple of such tuples
+        Corners of each hole.
+
+    Raises
+    ------
+    GeometryError
+        Fewer than three corners, an outline that crosses itself, or holes that are not inside or touch.
+    """
+
+    exterior: tuple[Point, ...]
+    holes: tuple[tuple[Point, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        for corners in (self.exterior, *self.holes):
+            if len(corners) < 3 or not np.isfinite(corners).all():
+                raise GeometryError(f"an outline must have at least 3 finite corners; got {len(corners)}.")
+        outline = shapely.Polygon(self.exterior, self.holes)
+        if not outline.is_valid or outline.area == 0:
+            raise GeometryError(f"an outline must not cross or touch itself; {shapely.is_valid_reason(outline)} (m).")
+
+
+def _circle(radius: float) -> tuple[Point, ...]:
+    angle = 2 * math.pi * np.arange(_CORNERS) / _CORNERS
+    corner = radius * math.sqrt(2 * math.pi / _CORNERS / math.sin(2 * math.pi / _CORNERS))
+    return tuple(zip((corner * np.cos(angle)).tolist(), (corner * np.sin(angle)).tolist(), strict=True))
+
+
+Outline: TypeAlias = Disc | Rectangle | Ring | Polygon
+"""What a plate looks like from above; all have `exterior` and `holes`."""
+
+
+@dataclass(frozen=True)
+class FinitePlate:
+    """A flat plate with an outline, parallel to the board or tilted.
+
+    Parameters
+    ----------
+    name : str
+        Name of the plate.
+    outline : Outline
+        Its outline about its centre.
+    centre : tuple of float
+        x, y and z in m of the outline's origin in the middle of the thickness; the board's upper face is at z = 0.
+    thickness : float
+        Thickness in m.
+    material : Material
+        What it is made of.
+    tilt : float
+        Angle in rad by which it rises towards `tilt_direction`, less than a right angle.
+    tilt_direction : float
+        Angle in rad from the x axis.
+
+    Raises
+    ------
+    GeometryError
+        A value that is not allowed.
+    """
+
+    name: str
+    outline: Outline
+    centre: tuple[float, float, float]
+    thickness: float
+    material: Material
+    tilt: float = 0.0
+    tilt_direction: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive(f"thickness of plate {self.name!r}", self.thickness)
+        if not all(map(math.isfinite, (*self.centre, self.tilt_direction))):
+            raise GeometryError(f"place of plate {self.name!r} must be finite; got {self.centre} m.")
+        if not abs(self.tilt) < math.pi / 2:
+            raise GeometryError(
+                f"tilt of plate {self.name!r} must be less than 90 degrees; got {math.degrees(self.tilt):g}."
+            )
+
+    @property
+    def axes(self) -> FloatArray:
+        """Unit vectors on the board of its own x, y and normal, in rows, shape (3, 3)."""
+        cos, sin = math.cos(self.tilt_direction), math.sin(self.tilt_direction)
+        rise, run = math.sin(self.tilt), math.cos(self.tilt)
+        along, across = np.array([cos * run, sin * run, rise]), np.array([-sin, cos, 0.0])
+        normal = np.array([-cos * rise, -sin * rise, run])
+        return np.array([cos * along - sin * across, sin * along + cos * across, normal])
+
+    def on_board(self, points: FloatArray | Sequence[Point]) -> FloatArray:
+        """Places on the board in m, shape (n, 3), of points of the mid-plane in its own x and y in m, shape (n, 2)."""
+        return np.asarray(np.array(self.centre) + np.asarray(points) @ self.axes[:2])
+
+    def lifted(self, height: float) -> FinitePlate:
+        """Return the plate moved up by a height in m."""
+        x, y, z = self.centre
+        return replace(self, centre=(x, y, z + height))
+
+    @property
+    def heights(self) -> tuple[float, float]:
+        """Heights in m of its lowest and its highest point."""
+        z = self.on_board(self.outline.exterior)[:, 2]
+        half = self.thickness / 2 * math.cos(self.tilt)
+        return float(z.min()) - half, float(z.max()) + half

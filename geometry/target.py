@@ -1,0 +1,98 @@
+"""A rigid piece of metal that is moved over the board: a target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypeAlias
+
+from coilarray.errors import GeometryError
+from coilarray.geometry.ball import Ball
+from coilarray.geometry.plate import FinitePlate, Plate
+
+Body: TypeAlias = Plate | FinitePlate | Ball
+"""What a target can be; the place of a plate does not count, its tilt does."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A rigid body at distances above the board, and the places to which it is moved.
+
+    Parameters
+    ----------
+    body : Plate, FinitePlate or Ball
+        The body. Its own place does not count.
+    distances : tuple of float
+        Gaps in m between its nearest point and the highest face of board and sheets, rising.
+    x, y : tuple of float
+        Places of its centre in m, relative to `origin_point`. Where both are empty, `coilarray.Design` sets them: an
+        even grid over all coils. A plate without end has one place.
+    origin : str or None
+        Name of the coil whose centre is the origin; None where `origin_point` is given.
+    origin_point : tuple of float
+        x and y in m of the origin on the board. `coilarray.Design` sets it where `origin` names a coil.
+    step : float or None
+        Distance in m of the places that `coilarray.Design` sets; it follows from the coils by default.
+    over_array : tuple of tuple of float
+        The x and y that `coilarray.Design` has set; another array gives others.
+
+    Raises
+    ------
+    GeometryError
+        No distance, distances that do not rise from above zero, x without y, or places of a plate without end.
+
+    Examples
+    --------
+    >>> from coilarray.geometry import MATERIALS, Plate
+    >>> target = Target(Plate("target", 0.0, 1e-3, MATERIALS["aluminium"]), (1e-3, 2e-3))
+    >>> target.height(0.5e-3, 2e-3)
+    0.0025
+    """
+
+    body: Body
+    distances: tuple[float, ...]
+    x: tuple[float, ...] = ()
+    y: tuple[float, ...] = ()
+    origin: str | None = None
+    origin_point: tuple[float, float] = (0.0, 0.0)
+    step: float | None = None
+    over_array: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
+
+    def __post_init__(self) -> None:
+        if not self.distances or not all(near < far for near, far in pairwise((0.0, *self.distances))):
+            raise GeometryError(
+                "distances of a target must rise from above zero, at least one; "
+                f"got {', '.join(f'{distance * 1e3:g}' for distance in self.distances) or 'none'} mm."
+            )
+        if bool(self.x) != bool(self.y):
+            raise GeometryError("a target must have x and y, or none of both.")
+        if isinstance(self.body, Plate) and max(len(self.x), len(self.y)) > 1:
+            raise GeometryError("a plate without end is the same everywhere: its target must have one x and one y.")
+
+    @property
+    def kind(self) -> str:
+        """What the body is, in a word as in design files: ``"plate"``, ``"disc"``, ``"sphere"``."""
+        if isinstance(self.body, Plate):
+            return "plate"
+        return type(self.body.outline).__name__.lower() if isinstance(self.body, FinitePlate) else "sphere"
+
+    @property
+    def extent(self) -> float:
+        """Distance in m from the body's lowest to its highest point."""
+        if isinstance(self.body, Plate | FinitePlate):
+            low, high = self.body.heights
+            return high - low
+        return 2 * self.body.radius
+
+    def height(self, face: float, distance: float) -> float:
+        """Height in m of the body's centre, of a plate without end its lower face, at a distance above a height.
+
+        The distance is that of the nearest point; both are in m.
+        """
+        if isinstance(self.body, Plate):
+            below = 0.0
+        elif isinstance(self.body, FinitePlate):
+            below = self.body.centre[2] - self.body.heights[0]
+        else:
+            below = self.body.radius
+        return face + distance + below

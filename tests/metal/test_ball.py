@@ -1,0 +1,146 @@
+"""A ball of metal or ferrite over the coils.
+
+Who checks whom: polarisabilities against Bessel functions of complex argument, the static and the perfect limit; every
+multipole in air against the coils' field, by Biot–Savart, projected on the ball; a small ball against
+−2π a³ B²/µ0; reflections between the ball and the sheets against finite elements, at rest and touching; the coupled
+matrix against reciprocity and losses that no currents make negative.
+"""
+
+import numpy as np
+import pytest
+from scipy.special import spherical_in
+from support.axial_field import loop_inductance
+from support.references import polygon
+
+from coilarray import load_design
+from coilarray.constants import MU_0
+from coilarray.electromagnetics.field import magnetic_field
+from coilarray.errors import MetalError
+from coilarray.geometry import MATERIALS, Ball, Material, Sheet
+from coilarray.metal.ball import ball_inductance, polarisabilities
+
+RADIUS = 2.5e-3
+PERFECT = Material("perfect", np.inf)
+SHEETS = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, 2.6))
+LOOPS = [(3e-3, -1e-3), (7e-3, -1e-3), (11e-3, -1e-3)]  # radius and height in m
+COILS = [polygon(360, *loop) for loop in LOOPS]
+
+
+@pytest.mark.parametrize("name", ["copper", "steel", "ferrite"])
+def test_polarisabilities_follow_wait(name):
+    material, frequency = MATERIALS[name], np.array([1e2, 1e4, 1.5e6])
+    mu, order = material.relative_permeability, np.arange(1, 9)
+    x = RADIUS * np.sqrt(2j * np.pi * frequency * MU_0 * mu * material.conductivity)[:, None]
+    r = x * spherical_in(order - 1, x) / spherical_in(order, x)
+    expected = order / (order + 1) * (r - order - (order + 1) * mu) / (r - order + order * mu)
+    given = polarisabilities(RADIUS, material, frequency, 8)
+    assert given == pytest.approx(expected, rel=1e-10)  # rounding
+    static = polarisabilities(RADIUS, material, np.array([0.0]), 8)[0]
+    assert static == pytest.approx(-order * (mu - 1) / (order * mu + order + 1), abs=1e-15)
+    assert (given.imag >= 0).all()
+
+
+def test_polarisabilities_never_overflow_and_become_perfect():
+    deep = polarisabilities(0.1, MATERIALS["copper"], np.array([1e9]), 60)[0]
+    order = np.arange(1, 61)
+    # to first order α falls by (2l + 1)/(l + 1) δ(1 + j)/(2a)·l: skin depth 2 µm in 100 mm
+    assert deep == pytest.approx(order / (order + 1), rel=3e-3)
+    assert (polarisabilities(0.1, PERFECT, np.array([0.0, 1e6]), 60) == order / (order + 1)).all()
+
+
+def test_small_ball_is_a_dipole():
+    """−2π a³ B_i·B_j/µ0, beside the axes of two coils; the field varies by 1 % over the ball."""
+    coils = [polygon(360, 10e-3), polygon(6, 12e-3, -2e-3)]
+    at = np.array([[3e-3, 2e-3, 8e-3]])
+    a = 0.1e-3
+    fields = np.array([magnetic_field([coil], at)[0] for coil in coils])
+    change = ball_inductance(coils, Ball(a, PERFECT), at, [1e6])[0, 0]
+    # 1e-3: the filaments of the circle have corners; the next order is (a/8 mm)²
+    assert change.real == pytest.approx(-2 * np.pi * a**3 / MU_0 * fields @ fields.T, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["aluminium", "steel"])
+def test_multipoles_in_air_follow_the_field_on_the_ball(name):
+    """ΔL_ij = −µ0 Σ_lm (2l + 1) α_l a^(2l+1) A_lm,i A_lm,j, with A_lm from the normal field on a sphere."""
+    coils, at, orders = (
+        [polygon(6, 9e-3, 0.0), polygon(3, 12e-3, -1e-3, centre=(8e-3, 0))],
+        np.array([4e-3, 1e-3, 6e-3]),
+        14,
+    )
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    phi = 2 * np.pi * np.arange(48) / 48
+    cos, turn = (part.ravel() for part in np.meshgrid(nodes, phi, indexing="ij"))
+    rule = np.repeat(weights, 48) * 2 * np.pi / 48
+    normal = np.column_stack((np.sqrt(1 - cos**2) * np.cos(turn), np.sqrt(1 - cos**2) * np.sin(turn), cos))
+    radial = np.array([(magnetic_field([coil], at + RADIUS * normal) * normal).sum(axis=1) for coil in coils]) / MU_0
+    alpha = polarisabilities(RADIUS, MATERIALS[name], np.array([1e5]), orders)[0]
+    expected = np.zeros((2, 2), dtype=complex)
+    for order in range(1, orders + 1):
+        # the addition theorem sums over m: −R ∂Ψ/∂R = −l Ψ_l
+        legendre = np.polynomial.legendre.Legendre.basis(order)(np.clip(normal @ normal.T, -1, 1))
+        energy = (radial * rule) @ legendre @ (radial * rule).T * (2 * order + 1) / (4 * np.pi)
+        expected -= MU_0 * (2 * order + 1) * alpha[order - 1] / order**2 * RADIUS**3 * energy
+    change = ball_inductance(coils, Ball(RADIUS, MATERIALS[name]), [at], [1e5])[0, 0]
+    # 1e-6: the 14 orders leave out (2.5/6)^28; the waves are cut where they have fallen by e^−16
+    assert change == pytest.approx(expected, rel=1e-5)
+
+
+def test_changes_are_reciprocal_and_lossy():
+    array = load_design("gast2020").array
+    places = [[-20e-3, 0, 12e-3], [-14e-3, 3e-3, 10.5e-3], [0, 0, 14e-3]]
+    for name in ("copper", "steel"):
+        change = ball_inductance(array, Ball(RADIUS, MATERIALS[name]), places, [1e3, 1e6], SHEETS)
+        assert (change == change.swapaxes(-1, -2)).all()
+        losses = np.linalg.eigvalsh(-change.imag)
+        assert (losses.min(axis=-1) > -1e-12 * losses.max(axis=-1)).all()
+    near, far = ball_inductance(COILS, Ball(RADIUS, PERFECT), [[0, 0, 0.2], [0, 0, 0.4]], [1e6])[:, 0, 2, 2].real
+    assert near / far == pytest.approx(64, rel=0.05)  # the sixth power, once the distance is large against the loop
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gap", [0.0, 2e-3])
+@pytest.mark.parametrize(("material", "frequency"), [(MATERIALS["ferrite"], 0.0), (Material("metal", 7e6, 20.0), 1e3)])
+def test_ball_over_sheets_agrees_with_finite_elements(gap, material, frequency):
+    centre = 8e-3 + gap + RADIUS
+
+    def materials(with_ball):
+        def at(r, z):
+            inside = (np.hypot(r, z - centre) < RADIUS) & with_ball
+            mu = np.where((z > 6e-3) & (z < 8e-3), 2.6, 1.0)
+            return np.where(inside, material.relative_permeability, mu), np.where(inside, material.conductivity, 0.0)
+
+        return at
+
+    filled, empty = (
+        loop_inductance(
+            LOOPS, materials(with_ball), frequency, lambda r, z: np.hypot(r, z - centre) < 1.5 * RADIUS,
+            lambda r, z: np.abs(np.hypot(r, z - centre) - RADIUS), 1e-4,
+        )
+        for with_ball in (True, False)
+    )  # fmt: skip
+    change = ball_inductance(COILS, Ball(RADIUS, material), [[0, 0, centre]], [frequency], SHEETS)[0, 0].diagonal()
+    # elements of 0.1 mm at the ball, 0.2 mm and 0.05 mm: 4e-3, 1e-3; the boundary at 160 mm 1e-3
+    assert filled - empty == pytest.approx(change, rel=4e-3)
+
+
+REFUSED = {
+    "in the sheets": (
+        {"centres": [[0, 0, 9e-3]]},
+        r"must lie above the sheets, at z >= 8 mm; it reaches down to z = 6.5 mm",
+    ),
+    "too near": (
+        {"centres": [[0, 0, 1.02 * RADIUS]], "sheets": (), "source": [polygon(6, 9e-3)]},
+        "must be at least .* mm from the copper; got 0.05",
+    ),
+    "centres": ({"centres": [[0, 0]]}, r"shape \(n, 3\); got shape \(1, 2\)"),
+    "frequencies": ({"frequencies": [-1.0]}, "frequencies must be .* at least 0; got"),
+    "coils": ({"source": [polygon(6, 9e-3, 1e-3)]}, "coils must lie at z <= 0"),
+}
+
+
+@pytest.mark.parametrize(("changes", "message"), REFUSED.values(), ids=REFUSED.keys())
+def test_refusals(changes, message):
+    given = {"source": COILS[:1], "centres": [[0, 0, 12e-3]], "frequencies": [1e6], "sheets": SHEETS} | changes
+    source, centres, frequencies, sheets = (given[key] for key in ("source", "centres", "frequencies", "sheets"))
+    with pytest.raises(MetalError, match=message):
+        ball_inductance(source, Ball(RADIUS, PERFECT), centres, frequencies, sheets)

@@ -1,0 +1,195 @@
+"""Plates without end: the change of the inductance matrix against closed forms, limits and another method.
+
+Checked against each other: circular loops and the integrals of Dodd & Deeds; a perfect conductor and mirror images;
+an iron plate at rest and a magnetic sheet; images for short waves and waves alone; one loop and an axisymmetric FEM.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import scipy.special
+import skfem
+from scipy.integrate import quad_vec
+from skfem.helpers import dot, grad
+
+from coilarray import load_design
+from coilarray.constants import MU_0
+from coilarray.elastomer.flat_layer import layer_inductance
+from coilarray.electromagnetics.inductance import mutual_inductance
+from coilarray.errors import GeometryError
+from coilarray.geometry import MATERIALS, Conductor, Material, Plate, Sheet
+from coilarray.metal import flat_plates
+from coilarray.metal.flat_plates import plate_inductance, plate_inductances
+
+FloatArray = npt.NDArray[np.float64]
+ALUMINIUM, STEEL = MATERIALS["aluminium"], MATERIALS["steel"]
+PERFECT = Material("perfect conductor", math.inf)
+F = np.array([1e3, 1e5, 1e7])
+SHEETS = [Sheet("base", 3e-3), Sheet("magnetic", 1e-3, 2.5)]
+
+
+def loop(radius: float, z: float, sides: int = 6, centre: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
+    """A closed regular polygon with the area of a circle."""
+    angle = 2 * np.pi * np.arange(sides + 1) / sides
+    corner = radius * math.sqrt(2 * math.pi / sides / math.sin(2 * math.pi / sides))
+    return np.column_stack(
+        (centre[0] + corner * np.cos(angle), centre[1] + corner * np.sin(angle), np.full_like(angle, z))
+    )
+
+
+LOOPS = [loop(10e-3, -0.5e-3), loop(8e-3, -1e-3, 5, (7e-3, 3e-3)), loop(6e-3, -0.2e-3, 4, (-20e-3, 0.0))]
+
+
+def dodd_deeds(radius: float, height: float, plate: Plate) -> npt.NDArray[np.complex128]:
+    """ΔZ/jω (f,) of a circular filament above a plate: Dodd & Deeds (1968), with the reflection of one layer."""
+    mu, d = plate.material.relative_permeability, plate.thickness
+
+    def at(k: float) -> npt.NDArray[np.complex128]:
+        gamma = np.sqrt(k**2 + 2j * np.pi * F * MU_0 * mu * plate.material.conductivity)
+        back = np.exp(-2 * gamma * d)
+        r = ((mu * k) ** 2 - gamma**2) * (1 - back) / ((mu * k + gamma) ** 2 - (mu * k - gamma) ** 2 * back)
+        return np.asarray(r * np.exp(-2 * k * height) * scipy.special.j1(k * radius) ** 2)
+
+    return np.asarray(np.pi * MU_0 * radius**2 * quad_vec(at, 0, 40 / height, epsrel=1e-7, limit=200)[0])
+
+
+@pytest.mark.parametrize("material", [ALUMINIUM, STEEL, Material("lossless iron", 0.0, 50.0)], ids=lambda one: one.name)
+@pytest.mark.parametrize("thickness", [0.1e-3, 50e-3], ids=["thin", "half-space"])
+def test_circular_loop(material: Material, thickness: float) -> None:
+    """The same on both sides; 120 sides stand for a circle to 1e-4."""
+    for z in (2e-3, -2e-3 - thickness):
+        plate = Plate("plate", z, thickness, material)
+        change = plate_inductance([loop(10e-3, 0.0, 120)], [plate], F)[:, 0, 0]
+        np.testing.assert_allclose(change, dodd_deeds(10e-3, 2e-3, plate), rtol=2e-4)
+
+
+def test_a_perfect_conductor_is_a_mirror() -> None:
+    """Images with the current reversed, above, below, and again and again between two plates."""
+    below, above = Plate("below", -3e-3, 1e-3, PERFECT), Plate("above", 4e-3, 1e-3, PERFECT)
+
+    def image(height: float) -> FloatArray:
+        return -mutual_inductance(LOOPS, [path * [1, 1, -1] + [0, 0, 2 * height] for path in LOOPS])
+
+    np.testing.assert_allclose(plate_inductance(LOOPS, [above], [1.0])[0], image(4e-3), atol=1e-6 * 3e-8)
+    np.testing.assert_allclose(plate_inductance(LOOPS, [below], [1.0])[0], image(-2e-3), atol=1e-6 * 3e-8)
+    both, between = plate_inductance(LOOPS, [below, above], [1.0])[0], 6e-3
+    series = np.zeros_like(both.real)
+    for n in range(-25, 26):  # the rest falls as 1/n²
+        series += image(4e-3 + n * between)
+        if n:
+            series += mutual_inductance(LOOPS, [path + np.array([0, 0, 2 * n * between]) for path in LOOPS])
+    np.testing.assert_allclose(both, series, atol=1e-4 * np.abs(series).max())
+
+
+def test_an_iron_plate_at_rest_is_a_magnetic_sheet() -> None:
+    sheets, mu = [Sheet("air", 3e-3), Sheet("iron", 1e-3, 20.0)], Material("iron", 0.0, 20.0)
+    change = plate_inductance(LOOPS, [Plate("iron", 3e-3, 1e-3, mu)], F)
+    np.testing.assert_allclose(change, np.tile(layer_inductance(LOOPS, sheets), (3, 1, 1)), rtol=0, atol=1e-14)
+    rusty = Material("conducting iron", 1e6, 20.0)
+    slow = plate_inductance(LOOPS, [Plate("iron", 3e-3, 1e-3, rusty)], [1e-3])
+    np.testing.assert_allclose(slow[0], layer_inductance(LOOPS, sheets), rtol=1e-4)
+
+
+def test_plates_with_sheets() -> None:
+    """A magnetic sheet given as a plate without losses changes what another plate does as the sheet itself."""
+    plates = [Plate("target", 6e-3, 0.5e-3, STEEL), Plate("ground", -2e-3, 35e-6, ALUMINIUM)]
+    iron = Plate("sheet", 3e-3, 1e-3, Material("magnetic", 0.0, 2.5))
+    change = plate_inductance(LOOPS, plates, F, SHEETS)
+    whole = plate_inductance(LOOPS, [*plates, iron], F) - layer_inductance(LOOPS, SHEETS)
+    np.testing.assert_allclose(change, whole, rtol=0, atol=1e-6 * np.abs(change).max())
+    assert np.abs(change - plate_inductance(LOOPS, plates, F)).max() > 1e-3 * np.abs(change).max()
+
+
+def test_reciprocity_losses_and_screening() -> None:
+    """Symmetric; losses that no currents make negative; at high frequency a plate screens as a perfect one, at low one
+    it does nothing, and in between, where the skin depth squared is its thickness times the distance of the image, the
+    losses peak: ωμσd/2 = 1/2h there."""
+    f = np.geomspace(1.0, 1e9, 37)
+    change = plate_inductance(LOOPS, [Plate("target", 3e-3, 1e-3, ALUMINIUM)], f)
+    np.testing.assert_array_equal(change, change.swapaxes(1, 2))
+    losses, inductance = -change.imag, change.real
+    assert (np.linalg.eigvalsh(losses) > -1e-7 * losses.max(axis=(1, 2))[:, None]).all()
+    assert (np.diff(inductance[:, 0, 0]) < 0).all()
+    perfect = plate_inductance(LOOPS, [Plate("target", 3e-3, 1e-3, PERFECT)], [1.0])[0].real
+    np.testing.assert_allclose(inductance[-1], perfect, rtol=2e-3)  # at a depth of 2.7 µm
+    assert (np.diag(inductance[0] / perfect) < 1e-5).all()
+    depth = ALUMINIUM.skin_depth(f[losses[:, 0, 0].argmax()])
+    assert depth == pytest.approx(math.sqrt(1e-3 * 7e-3), rel=0.1)
+
+
+def test_far_and_transparent_plates_do_nothing() -> None:
+    """Seen from afar a perfect plate has the field of the loop's dipole, −µ0 m²/(2π (2h)³)."""
+    far = plate_inductance(LOOPS[:1], [Plate("target", 0.4995, 1e-3, PERFECT)], [1e6])[0, 0, 0]
+    assert far.real == pytest.approx(-MU_0 * (math.pi * 1e-4) ** 2 / (2 * math.pi), rel=2e-3)
+    assert not plate_inductance(LOOPS, [], F).any()
+    weak = plate_inductance(LOOPS, [Plate("sea", 3e-3, 1e-3, Material("sea water", 5.0))], [1e3])
+    assert np.abs(weak).max() < 1e-4 * 8e-9  # of what a perfect one does
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gap", [0.1e-3, 0.4e-3])
+def test_images_take_the_short_waves(gap: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A copper pour under a coil: images for its short waves, or all of them in the spectrum, differ by 3e-6."""
+    coil = Conductor(np.vstack([loop(r, -0.5e-3, 6)[:-1] for r in (5e-3, 4.5e-3, 4e-3)]), 0.2e-3, 35e-6)
+    pour = Plate("pour", -0.5e-3 - 17.5e-6 - gap - 35e-6, 35e-6, MATERIALS["copper"])
+    quick = plate_inductance([coil], [pour], F, SHEETS)
+    monkeypatch.setattr(flat_plates, "_AROUND", math.inf)
+    waves = plate_inductance([coil], [pour], F, SHEETS)
+    np.testing.assert_allclose(quick, waves, rtol=0, atol=5e-6 * np.abs(waves).max())
+
+
+def test_cases_are_those_of_one_by_one() -> None:
+    cases = [[Plate("target", z, 1e-3, ALUMINIUM)] for z in (4e-3, 9e-3)] + [[], [Plate("under", -9e-3, 1e-3, STEEL)]]
+    together = plate_inductances(LOOPS, cases, F, SHEETS)
+    for case, change in zip(cases, together, strict=True):
+        alone = plate_inductance(LOOPS, case, F, SHEETS)
+        np.testing.assert_allclose(change, alone, rtol=0, atol=1e-6 * np.abs(together).max())
+
+
+def test_coils_of_a_board_keep_their_sum_over_pieces() -> None:
+    """The coils of a board share spectra by shape; whole coils have what their halves add up to."""
+    coils = load_design("starter").array.conductors()
+    plate = [Plate("shield", -4e-3, 0.5e-3, ALUMINIUM)]
+    whole = plate_inductance(coils, plate, F)
+    first = coils[0]
+    halves = [
+        Conductor(first.vertices[part], first.widths[edge], first.thicknesses[edge])
+        for part, edge in ((slice(0, 60), slice(0, 59)), (slice(59, None), slice(59, None)))
+    ]
+    pieces = plate_inductance([*halves, *coils[1:]], plate, F)
+    np.testing.assert_allclose(pieces[:, :2, :2].sum(axis=(1, 2)), whole[:, 0, 0], rtol=1e-6)
+
+
+def test_plates_in_the_copper_are_refused() -> None:
+    with pytest.raises(GeometryError, match=r"plate 'x' must lie above or below all paths, from z = -0.0002 m"):
+        plate_inductance(LOOPS, [Plate("x", -0.6e-3, 0.3e-3, ALUMINIUM)], F)
+
+
+@pytest.mark.slow
+def test_axisymmetric_fem() -> None:
+    """A disc of five radii stands for a plate without end: finite elements of second order for w = r A agree to 1 %."""
+    a, h, d, f = 10e-3, 3e-3, 1e-3, 2e3  # a skin depth of 1.9 mm
+    near = np.linspace(0, 1, 9)
+    r = np.concatenate((a * near, a * np.geomspace(1.04, 20, 40)))
+    z = np.concatenate(
+        (-a * np.geomspace(0.04, 20, 30)[::-1], h * near, h + d * near[1:], h + d + a * np.geomspace(0.04, 20, 30))
+    )
+    mesh = skfem.MeshQuad.init_tensor(r, z)
+    basis = skfem.Basis(mesh, skfem.ElementQuad2(), intorder=6)
+    stiffness = skfem.BilinearForm(lambda u, v, w: dot(grad(u), grad(v)) / (MU_0 * w.x[0]))
+    eddies = skfem.BilinearForm(
+        lambda u, v, w: 2 * np.pi * f * ALUMINIUM.conductivity * u * v / w.x[0] * ((w.x[1] > h) & (w.x[1] < h + d))
+    )
+    still, moving = stiffness.assemble(basis), eddies.assemble(basis)
+    source = basis.point_source(np.array([a, 0.0]))
+    edge = basis.get_dofs()
+    with_plate = skfem.solve(*skfem.condense((still + 1j * moving).tocsc(), source.astype(complex), D=edge))
+    without = skfem.solve(*skfem.condense(still, source, D=edge))
+    change = 2 * np.pi * source @ (with_plate - without)
+    expected = plate_inductance([loop(a, 0.0, 100)], [Plate("plate", h, d, ALUMINIUM)], [f])[0, 0, 0]
+    assert change.real == pytest.approx(expected.real, rel=0.01)
+    assert change.imag == pytest.approx(expected.imag, rel=0.01)
