@@ -7,14 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from coilarray.compute.display_units import PER_MILLION, display_unit
+from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
 from coilarray.geometry import Margin
+from coilarray.geometry.values import FloatArray
 from coilarray.report.tables import Column, Table, Value
 from coilarray.studies.create.tank import broken_limits
 
 if TYPE_CHECKING:
     import xarray as xr
 
+_ALIKE = 1e-9  # of a number: what rounding makes different
+_SHOWN = {"ppm": PER_MILLION, "ohm": DisplayUnit("kΩ", 1e-3, 2)}
 _OF_STATES = (
     ("frequency", "resonance with the tank"),
     ("effective_inductance", "effective inductance"),
@@ -42,12 +45,12 @@ def summary_table(
     """
     found = list(_rows(coupling, scan, margins, response))
     columns = (Column("quantity"), Column("least", unit="1"), Column("most", unit="1"), Column("unit"), Column("where"))
-    units = tuple(PER_MILLION if unit == "ppm" else display_unit(unit) for *_, unit, _ in found)
+    units = tuple(_SHOWN.get(str(unit)) or display_unit(str(unit)) for *_, unit, _ in found)
     return Table("summary", "Summary", columns, tuple(found), units)
 
 
 def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin]) -> list[str]:
-    """Return one line for each limit of the board house and of the converter that is broken: the worst one of a kind."""
+    """Return one line for each kind of limit of the board house and of the converter that is broken: the worst one."""
     lines = []
     for rule in dict.fromkeys(margin.rule for margin in margins if not margin.kept):
         worst = min((m for m in margins if m.rule == rule and not m.kept), key=lambda m: m.margin)
@@ -72,12 +75,10 @@ def _rows(
 ) -> Iterator[tuple[Value, ...]]:
     names = coupling.coil.values.tolist()
     own = coupling.open_inductance
-    yield ("inductance, the others open", float(own.min()), float(own.max()), "H", _ends(names, own.values))
+    yield _row("inductance, the others open" if len(names) > 1 else "inductance", names, own.values, "H")
     for name, words in _OF_STATES if scan is not None else ():
         values = scan[name]  # type: ignore[index]
-        states = values.state.values.tolist()
-        unit = str(values.attrs["units"])
-        yield (words, float(values.min()), float(values.max()), unit, _ends(states, values.values))
+        yield _row(words, values.state.values.tolist(), values.values, str(values.attrs["units"]))
     if len(names) > 1:
         k = np.abs(coupling.coupling.values - np.eye(len(names)))
         i, j = (int(n) for n in np.unravel_index(int(k.argmax()), k.shape))
@@ -89,12 +90,12 @@ def _rows(
         yield ("least margin to the limits of the board house", worst.margin, "", "m", where)
     if response is not None:
         peaks = response.delta.isel(depth=-1).max(("x", "y"))
-        states = peaks.state.values.tolist()
-        yield ("largest δ, deepest", float(peaks.min()), float(peaks.max()), "ppm", _ends(states, peaks.values))
+        yield _row("largest δ, deepest", peaks.state.values.tolist(), peaks.values, "ppm")
 
 
-def _ends(names: Sequence[str], values: np.ndarray) -> str:
-    """Say of which names the least and the most are; nothing where all are alike."""
+def _row(words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:
+    """Return least and most of a quantity, and of which names they are; one number where all are alike."""
     least, most = int(values.argmin()), int(values.argmax())
-    alike = values[most] - values[least] <= 1e-9 * abs(values[most])
-    return "" if alike else f"{names[least]}; {names[most]}"
+    low, high = float(values[least]), float(values[most])
+    alike = high - low <= _ALIKE * abs(high)
+    return words, low, "" if alike else high, unit, "" if alike else f"{names[least]}; {names[most]}"

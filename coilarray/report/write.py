@@ -120,8 +120,8 @@ def write_report(
 
     Notes
     -----
-    Every number on the page also stands in the folder: ``summary.csv``, ``coils.csv``, ``pairs.csv``, ``design.csv``, ``rules.csv``,
-    ``field_line.csv``, ``windings.csv``, ``states.csv``, ``state_currents.csv``, ``ldc1614.csv``,
+    Every number on the page also stands in the folder: ``summary.csv``, ``coils.csv``, ``pairs.csv``, ``design.csv``,
+    ``rules.csv``, ``field_line.csv``, ``windings.csv``, ``states.csv``, ``state_currents.csv``, ``ldc1614.csv``,
     ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv``, ``response.csv``, ``ellipses.csv``, ``polynomials.csv``,
     ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``, all of them in ``report.json``; ``coupling.nc``,
     ``field.nc``, ``scan.nc``, ``impedance.nc``, ``indentation.nc``, ``response.nc`` and ``ellipses.nc`` hold the
