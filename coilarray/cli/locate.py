@@ -63,12 +63,13 @@ def locate(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Find where, and how deep, an indentation is from the δ of the coils.
+    """Find where, and how deep, an indentation is from the δ of the coils, or where a target is.
 
     Maximum likelihood over all coils; every position that explains a reading is listed, both signs of y on a board that
     is symmetric. Positions are those on the board; those of an ellipse model of `coilarray fit` or of the paper count
-    from its own origin. The table of a design is computed once and kept. A stream gives one JSON line out for each line
-    in, with "error" for a bad one; the exit code is 2 only where no line was a reading.
+    from its own origin. The table of a design is computed once and kept; that of one with a [target] and no
+    [indentation] is the target's map, of which coordinates with a single value are known. A stream gives one JSON line
+    out for each line in, with "error" for a bad one; the exit code is 2 only where no line was a reading.
 
     Example: coilarray locate --model gast2020 coil1=-2e-5,coil2=8e-5,coil3=9.5e-4,coil4=5.6e-4,coil5=-1e-5,coil6=-1e-5
 
@@ -146,7 +147,9 @@ def _response(source: str | None, table: Path | None, allow_violations: bool) ->
         states = tuple(str(name) for name in response.state.values)
         return _Response(states, 0, lambda: response)  # the map itself shows what is unknown
     design = shared.open_design(source, allow_violations=allow_violations)
-    return _Response(tuple(state.name for state in design.plan), 3, lambda: kept_table(design, table))
+    # the table of an indentation has three unknowns; that of a target shows them itself
+    unknowns = 3 if design.target is None or design.indentation is not None else 0
+    return _Response(tuple(state.name for state in design.plan), unknowns, lambda: kept_table(design, table))
 
 
 def _ellipse_model(
@@ -205,7 +208,7 @@ def _with_all_coils(
 
     def solve(readings: Sequence[Reading]) -> list[Record]:
         good = [_of_states(one, used, every) for one in readings]
-        return [location_record(found) for found in locate_all(model, good, noise=noise)]
+        return [location_record(found, model.parameters) for found in locate_all(model, good, noise=noise)]
 
     return solve
 

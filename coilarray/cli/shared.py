@@ -93,8 +93,8 @@ Goals = Annotated[
     list[str] | None,
     typer.Option(
         "--goal",
-        help="worst_k, decouple, position_error or smallest (board), which fit any design; or minimize QUANTITY, "
-        "maximize QUANTITY or QUANTITY=VALUE; repeat for several.",
+        help="worst_k, decouple, position_error, smallest (board), or range and resolution (of a target), which fit "
+        "any design; or minimize QUANTITY, maximize QUANTITY or QUANTITY=VALUE; repeat for several.",
     ),
 ]
 Workers = Annotated[
@@ -163,7 +163,7 @@ def design_record(design: Design) -> dict[str, str]:
 def from_map_origin(
     setup: Indentation | Target | None, x: Sequence[float] | None, y: Sequence[float] | None
 ) -> tuple[tuple[float, ...] | None, ...]:
-    """Return positions of options, in m on the board, as counted from the origin of a map."""
+    """Return positions of options, in m on the board, as counted from the origin of the map of a setup."""
     from coilarray.response.coordinates import from_board
 
     origin = (0.0, 0.0) if setup is None else setup.origin_point

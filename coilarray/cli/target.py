@@ -72,7 +72,7 @@ def target(
     data = {
         **shared.design_record(opened),
         "file": str(out),
-        "target": result.attrs["target"],
+        "body": result.attrs["target"],
         "material": result.attrs["material"],
         "noise": noise,
         **{table.name: table.records() for table in (*tables, target_coupling_table(shown))},

@@ -15,8 +15,16 @@ if TYPE_CHECKING:
     from coilarray.geometry import Target
 
 __all__ = [
-    "as_depths", "axis_label", "depth_words", "from_board", "is_of_target", "on_board", "origin_attributes", "origin_of",
-]  # fmt: skip
+    "as_depths",
+    "axis_label",
+    "depth_words",
+    "from_board",
+    "is_of_target",
+    "on_board",
+    "origin_attributes",
+    "origin_of",
+    "over_depth",
+]
 
 _BOARD = "board"
 _PICOMETRE = 12  # digits of m: what a shift adds to a number of few digits
@@ -93,8 +101,12 @@ def as_depths(response: xr.Dataset) -> xr.Dataset:
     """
     if not is_of_target(response):
         return response
-    turned = response.isel(distance=slice(None, None, -1)).rename(distance="depth")
-    return turned.assign_attrs(over="distance")
+    return over_depth(response.isel(distance=slice(None, None, -1)))
+
+
+def over_depth(response: xr.Dataset) -> xr.Dataset:
+    """Return a target's map with its distances called depths, in their order; a response of an indentation as it is."""
+    return response.rename(distance="depth").assign_attrs(over="distance") if is_of_target(response) else response
 
 
 def depth_words(response: xr.Dataset, depth: int) -> str:

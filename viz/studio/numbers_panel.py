@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
 _REST = 0.4  # s without a change before the numbers are computed with full accuracy
+_PATIENCE = 2.0  # s; longest delay of the margins, which take the time of some pictures, while a slider moves
 
 
 class NumbersPanel(Panel):
@@ -98,7 +98,9 @@ class NumbersPanel(Panel):
     def rules(self, design: Design) -> Step:
         """Return the step that computes the margins."""
         fail = partial(self._fail_rules, design)
-        return Step("rules", lambda: (design, margins_of(design)), self._show_margins, fail, patience=2.0)
+        return Step(
+            "rules", lambda: (design, margins_of(design)), self._show_margins, fail, rest=_REST, patience=_PATIENCE
+        )
 
     def _show(self, found: tuple[Design, Numbers]) -> None:
         design, numbers = found
@@ -126,7 +128,7 @@ class NumbersPanel(Panel):
         self._page.switches.solve()
         with self._page.state:
             self._page.arrived("circuit", found[0])
-        if self._page.state.tab == "switches":
+        if self._page.state.tab == "switches" or self._page.state.show_eddies:
             self._page.redraw()
 
     def _fail_circuit(self, design: Design, problem: str) -> None:
@@ -154,4 +156,4 @@ class NumbersPanel(Panel):
 
 
 def _plain(cells: Any) -> list[list[dict[str, str]]]:
-    return [[asdict(cell) for cell in row] for row in cells]
+    return [[dict(vars(cell)) for cell in row] for row in cells]

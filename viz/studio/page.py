@@ -19,6 +19,7 @@ from coilarray.viz.studio.build_panel import BuildPanel
 from coilarray.viz.studio.calculator import Calculator
 from coilarray.viz.studio.design_panel import DesignPanel
 from coilarray.viz.studio.job import PATIENCE, Job, Outcome, Task
+from coilarray.viz.studio.metal_panel import MetalPanel
 from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers_panel import NumbersPanel
 from coilarray.viz.studio.panel import template
@@ -42,8 +43,8 @@ class Setup:
     rendering_problem: str | None  # why there is no picture in three dimensions
 
 
-_PARTS = ("bar", "drawer", "scene", "numbers", "build", "switches", "touch", "runs", "board", "dialogs")
-_FOLLOWING = ("scene", "numbers", "rules", "circuit")  # results that a change of the design makes stale
+_PARTS = ("bar", "drawer", "scene", "numbers", "build", "switches", "touch", "metal", "runs", "board", "dialogs")
+_FOLLOWING = ("scene", "numbers", "rules", "circuit", "target")  # results that a change of the design makes stale
 _JOINED = 1.0  # s: what a slider changes within it is undone as one
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "running": False}
 
@@ -60,7 +61,10 @@ class Page:
         self.server: Any = get_server(self.key, client_type="vue3")
         self.server.cli.set_defaults(authKey=self.secret)
         self.state: Any = self.server.state
-        self.calculator = Calculator(setup.threads)
+        self.calculator, self.scenes = (
+            Calculator(setup.threads),
+            Calculator(setup.threads),
+        )  # neither waits for the other
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
         self.endpoint: Any = None  # of its messages
@@ -75,6 +79,7 @@ class Page:
         self.build = BuildPanel(self)
         self.switches = SwitchesPanel(self)
         self.touch = TouchPanel(self)
+        self.metal = MetalPanel(self)
         self.runs = RunsPanel(self)
         self.board = BoardPanel(self)
         self.design = DesignPanel(self)
@@ -97,6 +102,7 @@ class Page:
         from trame_vtk.modules.vtk import HELPERS_PER_SERVER
 
         self.calculator.close()
+        self.scenes.close()
         self.runs.close()
         jobs = list(self._jobs.values())
         for job in jobs:
@@ -151,10 +157,12 @@ class Page:
             self.design.show(work, typed=typed)
             self.switches.show(work.design)
             self.touch.show(work.design, anew=other)
+            self.metal.show(work.design, anew=other)
             self.board.show(work.design)
             self.numbers.wait()
             self.state.scene_rests = False
-            self.state.stale = [name for name in _FOLLOWING if name != "scene" or self.scene.steps()]
+            asked = {"scene": self.scene.steps(), "target": self.metal.steps(work.design)}
+            self.state.stale = [name for name in _FOLLOWING if asked.get(name, True)]
             self._say_accuracy()
         self.follow()
 
@@ -162,11 +170,12 @@ class Page:
         """Compute everything that depends on the design."""
         design, numbers = self.work.design, self.numbers
         accurate = [numbers.rules(design), numbers.full(design), numbers.solve(design)]
-        self.calculator.ask([numbers.rough(design), *self.scene.steps(), *accurate])
+        self.redraw()
+        self.calculator.ask([numbers.rough(design), *accurate, *self.metal.steps(design)])
 
     def redraw(self) -> None:
         """Compute the scene of the current tab again."""
-        self.calculator.ask(self.scene.steps())
+        self.scenes.ask(self.scene.steps())
 
     def is_current(self, design: Design) -> bool:
         """Return whether a design is the current one."""
@@ -252,7 +261,7 @@ class Page:
         elif accuracy == "screen":
             self.state.shown_accuracy = "rough"
         else:
-            self.state.shown_accuracy = "computing" if {"rules", "circuit"} & set(stale) else "full accuracy"
+            self.state.shown_accuracy = "computing" if {"rules", "circuit", "target"} & set(stale) else "full accuracy"
 
     def _bind(self, server: Any) -> None:
         self.endpoint = server["ws"]

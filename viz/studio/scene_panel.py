@@ -18,7 +18,6 @@ from coilarray.viz.studio.view import SceneView
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
-_PATIENCE = 1.5  # s; longest delay of a scene while a slider moves
 _STOPS = 24  # colours of a bar
 
 
@@ -51,7 +50,7 @@ class ScenePanel(Panel):
         def compute() -> tuple[Design, Scene]:
             return design, self._scene(design, tab, sheets)
 
-        return [Step("scene", compute, self._show, self._fail, patience=_PATIENCE)]
+        return [Step("scene", compute, self._show, self._fail)]
 
     def close(self) -> None:
         """Release the window."""
@@ -67,19 +66,27 @@ class ScenePanel(Panel):
         }
         scene = None
         if tab in makers:
-            if self._parts is None or self._parts.design is not design:
-                self._parts = BoardParts(design, *board_in_pieces(design.array))
-            scene = makers[tab](design, self._parts)
+            scene = makers[tab](design, self._board(design))
+        if scene is None and (design.plates or design.target is not None):
+            scene = self._page.metal.scene(design, self._board(design))
         return scene_of_lifted_board(design.array, design.sheets if sheets else ()) if scene is None else scene
+
+    def _board(self, design: Design) -> BoardParts:
+        if self._parts is None or self._parts.design is not design:
+            self._parts = BoardParts(design, *board_in_pieces(design.array))
+        return self._parts
 
     def _show(self, found: tuple[Design, Scene]) -> None:
         if self._view is None:
             return
         design, scene = found
-        with self._page.state as state:
-            state.legend, state.scene_problem = _legend(scene), ""
-            self._page.arrived("scene", design)
-        self._view.show(scene)
+
+        def sent() -> None:
+            with self._page.state as state:
+                state.legend, state.scene_problem = _legend(scene), ""
+                self._page.arrived("scene", design)
+
+        self._view.show(scene, sent)
 
     def _fail(self, problem: str) -> None:
         with self._page.state as state:
