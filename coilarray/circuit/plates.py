@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from coilarray.circuit.network import SampledMatrix
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.recent import Recent
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
@@ -17,9 +17,6 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import DesignError
 from coilarray.geometry import Plate
 from coilarray.metal.flat_plates import plate_inductance
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 _STEP = 1.12  # between neighbouring frequencies; cubic interpolation errs by 1e-5 of the plates' part
 _KEPT = 4
