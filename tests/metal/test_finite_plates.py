@@ -200,7 +200,7 @@ def test_currents_make_the_change_of_inductance(three_loops, sheets):
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
     middles, A = found.corners.mean(axis=1), np.zeros((3, len(area), 3))
     for weight, lift in lowered_copies(slab, 1e-3, 20e-3):
-        A += [weight * vector_potential(path, middles + [0.0, 0.0, lift]) for path in three_loops]
+        A += [weight * vector_potential(path, middles + np.array([0.0, 0.0, lift])) for path in three_loops]
     linked = np.einsum("itc,jtc,t->ij", A, found.density, area)
     np.testing.assert_allclose(linked, change, rtol=2e-2)
 
