@@ -14,15 +14,12 @@ from coilarray.cli.board_options import marked
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
     import xarray as xr
 
+    from coilarray.compute.arrays import FloatArray
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design
     from coilarray.localize.ellipse_model import EllipseModel
-
-    FloatArray = npt.NDArray[np.float64]
 
 _SQLITE = b"SQLite format 3\0"  # begins every file of SQLite
 _RECORDING = ".sqlite"

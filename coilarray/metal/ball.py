@@ -26,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.constants import MU_0
@@ -34,9 +35,6 @@ from coilarray.elastomer.flat_stack import flat_profile, reflection
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import Ball, Material, Sheet
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 _LEFT_OUT = 1e-7  # of the energy: multipoles of higher order
 _FEWEST, _MOST = 8, 120  # multipoles

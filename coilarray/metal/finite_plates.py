@@ -12,6 +12,7 @@ import shapely
 from scipy.linalg import lu_factor, lu_solve
 from shapely.affinity import translate
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.elastomer.flat_layer import Slab, magnetic_slab
@@ -23,9 +24,6 @@ from coilarray.metal.field_at_plate import field_at
 from coilarray.metal.half_body import EddyBody, inductance, pair_integrals
 from coilarray.metal.plate_mesh import Footprint, plate_mesh
 from coilarray.metal.surface_impedance import SurfaceImpedance, model_error, surface_impedance
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 LARGEST_ERROR = 0.1
 """Estimated error of the model, of ΔL, beyond which a plate is refused."""

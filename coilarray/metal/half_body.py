@@ -17,18 +17,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import ranges, run_blocks
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.kernels.triangles import triangle_pairs
 from coilarray.metal.plate_mesh import HalfBody
 from coilarray.metal.surface_impedance import SurfaceImpedance
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 _ROWS = 32  # triangles a task
 _MIRROR = np.array([1.0, 1.0, -1.0])

@@ -17,11 +17,9 @@ import numpy.typing as npt
 import shapely
 from scipy.spatial import Delaunay
 
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError
 from coilarray.geometry.plate import Outline
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _ALONG = 90  # pieces of all rims together, where the plate is not narrow
 _WIDEST, _FINEST = 1.4, 0.06  # largest and smallest piece of the rim, of the inscribed radius

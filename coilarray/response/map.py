@@ -14,6 +14,7 @@ import xarray as xr
 from coilarray.circuit.coupling import design_circuit, design_inductance, provenance
 from coilarray.circuit.network import Network, Resonance, resonances_near, resonate
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
@@ -51,8 +52,6 @@ __all__ = [
     "with_material",
 ]
 
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 Reach = float | Literal["auto"] | None
 """Which coils count at a position: None for all, the allowed error of δ relative to its peak, or "auto"."""

@@ -14,6 +14,7 @@ from scipy.interpolate import BarycentricInterpolator
 
 from coilarray.circuit.coupling import design_circuit, provenance
 from coilarray.circuit.network import Network, Resonance, changed_resonances, resonate
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Store, content_key
@@ -27,9 +28,6 @@ from coilarray.metal.target import target_inductance
 from coilarray.response.coordinates import origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
 from coilarray.response.target_range import ranges_of, require_noise
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 _MARGIN = (0.02, 0.2)  # of the band of log f: at least, and of its width
 _INTERPOLATION = 1e-5  # error of the change between the frequencies at which it is computed

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 from scipy.interpolate import make_interp_spline
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.netcdf import variables
 from coilarray.errors import MetalError
-
-FloatArray = npt.NDArray[np.float64]
 
 STEPS = (1e-6, 1e-5, 1e-4)
 """Changes of distance in m for which the farthest distance is given at which they are told from noise."""
