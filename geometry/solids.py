@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.errors import GeometryError
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, disc, drills
+from coilarray.geometry.plate import FinitePlate, Plate
 from coilarray.geometry.sheet import Sheet
 
 if TYPE_CHECKING:
@@ -65,6 +66,16 @@ def solids(array: CoilArray, sheets: Sequence[Sheet] = ()) -> dict[str, trimesh.
 def sheet_solids(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, trimesh.Trimesh]:
     """Build the sheets of `solids` alone, which takes much less time; GeometryError for two of the same name."""
     return {key: _extruded(prism) for key, prism in sheet_prisms(array, sheets).items()}
+
+
+def plate_solid(plate: Plate | FinitePlate, within: tuple[float, float, float, float]) -> trimesh.Trimesh:
+    """Build the solid of a metal plate in m; one without end gets the rectangle x_min, y_min, x_max, y_max in m."""
+    if isinstance(plate, Plate):
+        return _extruded(Prism(shapely.box(*within), *plate.heights))
+    outline = shapely.Polygon(plate.outline.exterior, plate.outline.holes)
+    solid = _extruded(Prism(outline, -plate.thickness / 2, plate.thickness / 2))
+    solid.vertices = np.asarray(solid.vertices) @ plate.axes + plate.centre
+    return solid
 
 
 @lru_cache(maxsize=1)  # a report shows one board in two scenes

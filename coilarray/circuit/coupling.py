@@ -11,7 +11,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.active_coil import Termination, checked_network, checked_terminations
-from coilarray.circuit.network import Network, Resonance, SampledResistance
+from coilarray.circuit.network import Network, Resonance, SampledMatrix
+from coilarray.circuit.plates import PlateEffect, plate_effect
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.netcdf import variables
 from coilarray.compute.recent import Recent
@@ -35,7 +36,9 @@ _RESISTANCE_POINTS = 9
 _MARGIN = 0.05  # of a frequency; alternating-current resistance shifts a resonance by far less
 _MOST_TOGETHER = 24  # coils whose currents heat each other's copper: the work grows with their square
 _OTHERS_COPPER = "losses in the copper of other coils"
+_PLATES_CAPACITANCE = "capacitance of the plates"
 _KEPT = 4  # designs whose circuit is kept in memory
+_PLATES_SPAN = (1.6, 5.0)  # how far plates lower or raise a resonance at most: iron doubles L, copper may leave a tenth
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +58,29 @@ class CircuitParts:
     problem: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class Plates:
+    """What the plates of a design do over frequency, and the frequency in Hz at which its coils work."""
+
+    effect: PlateEffect
+    working: float
+
+    @property
+    def inductance(self) -> FloatArray:
+        """Change of the inductance matrix in H at the working frequency."""
+        return np.asarray(self.effect.at(self.working).real)
+
+    @property
+    def resistance(self) -> FloatArray:
+        """Resistance matrix in Ω that the plates add at the working frequency."""
+        return np.asarray(self.effect.resistance(np.array([self.working]))[0])
+
+
 # by what they depend on: designs that differ in their circuit alone share them
 _INDUCTANCES: Recent[tuple[FloatArray, FloatArray]] = Recent(_KEPT)
 _CAPACITANCES: Recent[xr.Dataset] = Recent(_KEPT)
 _PARTS: Recent[CircuitParts] = Recent(_KEPT)
+_PLATES: Recent[Plates] = Recent(_KEPT)
 
 
 def design_circuit(
@@ -118,7 +140,7 @@ def bare_network(names: Sequence[str], inductance: FloatArray, resistance: Float
     """
     none = np.zeros_like(inductance)
     plain = Switches(on_resistance=switches.on_resistance, tank_capacitance=switches.tank_capacitance)
-    constant = SampledResistance(np.ones(1), np.diag(resistance)[None])
+    constant = SampledMatrix(np.ones(1), np.diag(resistance)[None])
     return Network(tuple(names), inductance, constant, none[0], none, plain, LEFT_OUT)
 
 
@@ -154,15 +176,21 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
         winding, between = capacitance.coil_capacitance.values, -capacitance.capacitance.values
         between = np.maximum(0.5 * (between + between.T), 0.0)  # rounding
     R = dc_resistance(design.array.conductors(), circuit.resistivity)
+    plates = design_plates(design, accuracy=accuracy)
     counted = None if progress is None else lambda done, total: progress(done, 2 * total)
     direct = Network(
         names,
         design_inductance(design, accuracy=accuracy, progress=counted)[0],
-        SampledResistance(np.ones(1), np.diag(R)[None]),
+        SampledMatrix(np.ones(1), np.diag(R)[None]),
         winding,
         between,
         circuit.switches,
-        (LEFT_OUT[0], *([f"capacitance of the windings: {problem}"] if problem else [])),
+        (
+            LEFT_OUT[0],
+            *([f"capacitance of the windings: {problem}"] if problem else []),
+            *([_PLATES_CAPACITANCE] if plates else []),
+        ),
+        None if plates is None else plates.effect.dispersion(plates.effect.frequencies, plates.working),
     )
     low, high = _band(direct, design.plan)
     apart = {_key_of(state): state for state in design.coils_in_turn}
@@ -176,10 +204,19 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
     resistance = _circuit_resistance(design, grid)
     if progress is not None:
         progress(2, 2)
-    sampled = SampledResistance(grid, resistance.resistance.values)
     left_out = () if len(names) <= _MOST_TOGETHER else (_OTHERS_COPPER,)
-    network = replace(direct, resistance=sampled, left_out=(*left_out, *direct.left_out[1:]))
+    network = _sampled(
+        replace(direct, left_out=(*left_out, *direct.left_out[1:])), grid, resistance.resistance.values, plates
+    )
     return CircuitParts(network, direct, capacitance, resistance, problem)
+
+
+def _sampled(network: Network, frequencies: FloatArray, R: FloatArray, plates: Plates | None) -> Network:
+    """Return a network with the resistance R (f, n, n) in Ω of its coils, and with what plates do, at frequencies."""
+    if plates is None:
+        return replace(network, resistance=SampledMatrix(frequencies, R))
+    resistance = SampledMatrix(frequencies, R + plates.effect.resistance(frequencies))
+    return replace(network, resistance=resistance, dispersion=plates.effect.dispersion(frequencies, plates.working))
 
 
 def _band(network: Network, states: Sequence[ScanState], margin: float = _MARGIN) -> tuple[float, float]:
@@ -194,7 +231,11 @@ def swept_circuit(design: Design, frequencies: FloatArray) -> Network:
     Between them it is linear, beyond them constant.
     """
     R = _circuit_resistance(design, frequencies).resistance.values
-    return replace(design_circuit(design), resistance=SampledResistance(frequencies, R))
+    plates = design_plates(design)
+    if plates is not None:
+        low, high = (extreme(*frequencies[[0, -1]].tolist(), plates.working) for extreme in (min, max))
+        plates = replace(plates, effect=plate_effect(design, low, high))
+    return _sampled(design_circuit(design), frequencies, R, plates)
 
 
 def _circuit_resistance(design: Design, frequencies: FloatArray) -> xr.Dataset:
@@ -252,8 +293,10 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
     xarray.Dataset
         The variables of `couple`, under the flat sheets and as the converter sees them; also
         ``ideal_effective_inductance`` in H and ``ideal_frequency`` in Hz (coil), the same at direct current and without
-        strays; ``sheet_inductance`` (coil, other) in H, the part that the magnetic sheets have in the inductance;
-        the coils' centres ``x`` and ``y`` in m; and the attributes of `provenance`.
+        strays; ``sheet_inductance`` (coil, other) in H, the part that the magnetic sheets have in the inductance; with
+        plates ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil, other), what they add at the attribute
+        ``working_frequency_Hz``, to which the inductance and the coupling belong then; the coils' centres ``x`` and
+        ``y`` in m; and the attributes of `provenance`.
 
     Raises
     ------
@@ -283,6 +326,13 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
         ("x", single, centres[:, 0], "m", "centre of the coil, x"),
         ("y", single, centres[:, 1], "m", "centre of the coil, y"),
     )
+    plates = design_plates(design)
+    if plates is not None:
+        metal = (
+            ("plate_inductance", ("coil", "other"), plates.inductance, "H", "inductance due to the plates"),
+            ("plate_resistance", ("coil", "other"), plates.resistance, "ohm", "resistance due to the plates"),
+        )
+        result = result.assign(variables(*metal)).assign_attrs(working_frequency_Hz=plates.working)
     result = result.assign(variables(*rows)).assign_coords(variables(*places))
     return result.assign_attrs(provenance(design))
 
@@ -290,17 +340,54 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
 def design_inductance(
     design: Design, *, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Inductance matrix of a design under its flat sheets in H, and the part of it that the magnetic sheets make."""
-    inductance, by_sheets = _INDUCTANCES.get(
+    """Inductance matrix of a design under its flat sheets in H, and the part of it that the magnetic sheets make.
+
+    With plates it is that at the frequency at which the coils work, see `design_plates`.
+    """
+    inductance, by_sheets = _without_plates(design, accuracy, progress)
+    plates = design_plates(design, accuracy=accuracy)
+    return inductance.copy() if plates is None else inductance + plates.inductance, by_sheets.copy()
+
+
+def _without_plates(
+    design: Design, accuracy: Accuracy, progress: Progress | None = None
+) -> tuple[FloatArray, FloatArray]:
+    return _INDUCTANCES.get(
         (digest_of(design.array, design.sheets), accuracy), lambda: _design_inductance(design, accuracy, progress)
     )
-    return inductance.copy(), by_sheets.copy()
 
 
 def _design_inductance(design: Design, accuracy: Accuracy, progress: Progress | None) -> tuple[FloatArray, FloatArray]:
     conductors = design.array.conductors()
     by_sheets = layer_inductance(conductors, design.sheets, accuracy=accuracy)
     return inductance_matrix(conductors, accuracy=accuracy, progress=progress) + by_sheets, by_sheets
+
+
+def design_plates(design: Design, *, accuracy: Accuracy = "full") -> Plates | None:
+    """Return what the plates of a design do, around the frequencies at which its coils oscillate; None without plates.
+
+    The working frequency is the geometric mean of the resonances of the scan plan without strays. DesignError for a
+    plate that has no model, NetworkError for a state without a resonance.
+    """
+    if not design.plates:
+        return None
+    return _PLATES.get((design.digest, accuracy), lambda: _design_plates(design, accuracy))
+
+
+@serial_algebra()
+def _design_plates(design: Design, accuracy: Accuracy) -> Plates:
+    names, switches, plan = design.array.names, design.circuit.switches, design.plan
+    R = dc_resistance(design.array.conductors(), design.circuit.resistivity)
+    L = _without_plates(design, accuracy)[0]
+    low, high = _band(bare_network(names, L, R, switches), (*plan, *design.coils_in_turn), 0.0)
+    effect = plate_effect(design, low / _PLATES_SPAN[0], high * _PLATES_SPAN[1], accuracy)
+    middle = float(np.sqrt(low * high))
+    around = replace(
+        bare_network(names, L + effect.at(middle).real, R, switches),
+        dispersion=effect.dispersion(effect.frequencies, middle),
+    )
+    found = [one.frequency for one in resonances(around, plan)]
+    return Plates(effect, float(np.exp(np.log(found).mean())))
 
 
 def terminations_of(design: Design) -> list[str]:

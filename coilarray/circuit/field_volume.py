@@ -24,7 +24,7 @@ from coilarray.compute.threads import Progress, ranges
 from coilarray.compute.workers import Pool
 from coilarray.design.model import Design
 from coilarray.electromagnetics.field import magnetic_field
-from coilarray.errors import GeometryError, OutputError
+from coilarray.errors import GeometryError, MetalError, OutputError
 from coilarray.geometry import Conductor
 
 FloatArray = npt.NDArray[np.float64]
@@ -96,6 +96,11 @@ def write_field_volume(
         raise GeometryError("x, y and z must be finite, one value or more each.")
     if path.suffix.lower() != ".nc":
         raise OutputError(f"a volume is written as .nc; got {path}.")
+    if design.plates:
+        raise MetalError(
+            f"B written block by block is that of coils alone; {design.name} has the plate {design.plates[0].name!r}: "
+            "compute a smaller grid in memory."
+        )
     sample = operating_field(
         design, coupling, active, *(axis[:1] for axis in axes), current=current, terminated=terminated
     )

@@ -46,20 +46,20 @@ _GROUND, _SIDE_A, _SIDE_B = "ground", "A", "B"
 
 
 @dataclass(frozen=True, eq=False)
-class SampledResistance:
-    """Resistance matrices (f, n, n) in Ω at rising frequencies (f,) in Hz: linear between them, constant beyond."""
+class SampledMatrix:
+    """Matrices (f, n, n) in Ω or H at rising frequencies (f,) in Hz: linear between them, constant beyond."""
 
     frequencies: FloatArray
     matrices: FloatArray
 
     def __call__(self, frequency: float) -> FloatArray:
-        """Return the matrix in Ω at a frequency in Hz, shape (n, n)."""
-        f, R = self.frequencies, self.matrices
+        """Return the matrix at a frequency in Hz, shape (n, n)."""
+        f, values = self.frequencies, self.matrices
         if len(f) == 1:
-            return np.asarray(R[0])
+            return np.asarray(values[0])
         k = min(max(int(f.searchsorted(frequency)) - 1, 0), len(f) - 2)
         share = min(max(float((frequency - f[k]) / (f[k + 1] - f[k])), 0.0), 1.0)
-        return np.asarray((1 - share) * R[k] + share * R[k + 1])
+        return np.asarray((1 - share) * values[k] + share * values[k + 1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,9 @@ class Network:
     The inductance matrix (n, n) is in H; `resistance` takes a frequency in Hz and returns the resistance matrix (n, n)
     in Ω; `winding_capacitance` (n,) lies across each coil, in F; `mutual_capacitance` (n, n) C_ij in F between two
     coils, each at one potential, is symmetric, its diagonal is not used. `left_out` says what of the board's circuit is
-    not in it. Shapes that do not fit, or a capacitance that is negative or not finite, are a NetworkError.
+    not in it. `dispersion` is what the inductance matrix has more at other frequencies than that which it is for, in H;
+    None where it is the same at all. Shapes that do not fit, or a capacitance that is negative or not finite, are a
+    NetworkError.
 
     Notes
     -----
@@ -86,6 +88,7 @@ class Network:
     mutual_capacitance: FloatArray
     switches: Switches
     left_out: tuple[str, ...] = ()
+    dispersion: SampledMatrix | None = None
 
     def __post_init__(self) -> None:
         n = len(self.names)
@@ -410,6 +413,8 @@ def _solve(
         matrix[:, end, nodes + number] += sign
         matrix[:, nodes + number, end] += sign
     R = np.array([network.resistance(frequency) for frequency in frequencies.tolist()])
+    if network.dispersion is not None:
+        inductances = inductances + np.array([network.dispersion(frequency) for frequency in frequencies.tolist()])
     matrix[:, nodes : nodes + n, nodes : nodes + n] = (
         -(R + 1j * omega[:, None, None] * inductances) / unit[:, None, None]
     )

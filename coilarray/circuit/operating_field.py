@@ -11,7 +11,9 @@ from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.electromagnetics.field import grid_points, magnetic_field
-from coilarray.errors import GeometryError
+from coilarray.errors import GeometryError, MetalError
+from coilarray.geometry import FinitePlate, Plate
+from coilarray.metal.plate_field import plate_field
 
 ComplexArray = npt.NDArray[np.complex128]
 
@@ -49,6 +51,14 @@ def operating_currents(design: Design, coupling: xr.Dataset, active: str, *, ter
     return np.asarray(mine.current_real.values + 1j * mine.current_imag.values)
 
 
+def require_endless(design: Design) -> tuple[Plate, ...]:
+    """Return the plates of a design, all of which must be without end for their field to be computed: MetalError."""
+    for plate in design.plates:
+        if isinstance(plate, FinitePlate):
+            raise MetalError(f"B beside a plate with an outline is not computed; {design.name} has {plate.name!r}.")
+    return tuple(plate for plate in design.plates if isinstance(plate, Plate))
+
+
 def _half(progress: Progress, k: int) -> Progress:
     """Count one of two equal passes as half of the work."""
     return lambda done, total: progress(k * total + done, 2 * total)
@@ -83,13 +93,17 @@ def operating_field(
     -------
     xarray.Dataset
         ``B`` and ``B_quadrature`` in T with the dimensions (x, y, z, component): in phase with the active coil's
-        current and 90° ahead of it, in free space (no elastomer).
+        current and 90° ahead of it, in free space (no elastomer); of a design with plates beside these and under its
+        sheets, at the active coil's frequency.
 
     Raises
     ------
     GeometryError
         No coil of that name, or points that are not finite.
+    MetalError
+        Plates with an outline, whose field is not computed, or a height beside the copper of a design with plates.
     """
+    endless = require_endless(design)
     currents = current * operating_currents(design, coupling, active, terminated=terminated)
     points = grid_points(x, y, z)
     conductors = design.array.conductors()
@@ -97,6 +111,11 @@ def operating_field(
         magnetic_field(conductors, points, part, progress=progress and _half(progress, k))
         for k, part in enumerate((currents.real, currents.imag))
     )
+    if endless:
+        frequency = float(coupling.frequency.sel(coil=active))
+        axes_of = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
+        beside = plate_field(conductors, currents, endless, frequency, *axes_of, design.sheets)
+        in_phase, quadrature = in_phase + beside.real, quadrature + beside.imag
     dims = ("x", "y", "z", "component")
     axes = {
         name: (name, np.atleast_1d(np.asarray(axis, dtype=np.float64)), {"units": "m"})

@@ -36,7 +36,7 @@ from coilarray.circuit.network import (
     SLOPE_STEP,
     Network,
     Resonance,
-    SampledResistance,
+    SampledMatrix,
     between_coils,
     driven,
     resonate,
@@ -172,11 +172,11 @@ def _together(network: Network, states: Sequence[ScanState], fewest: int = _FEW)
 
 
 def _is_bare(network: Network) -> bool:
-    """Say whether there is nothing but coils of constant resistance, closed switches and a tank at the converter."""
+    """Say whether there is nothing but coils of constant R and L, closed switches and a tank at the converter."""
     switches, resistance = network.switches, network.resistance
     strays = (switches.off_capacitance, switches.terminal_capacitance, switches.bus_capacitance)
     capacitance = any(strays) or network.winding_capacitance.any() or network.mutual_capacitance.any()
-    constant = isinstance(resistance, SampledResistance) and len(resistance.frequencies) == 1
+    constant = isinstance(resistance, SampledMatrix) and len(resistance.frequencies) == 1 and not network.dispersion
     diagonal = constant and np.count_nonzero(resistance(1.0)) == np.count_nonzero(np.diag(resistance(1.0)))
     return bool(diagonal and not capacitance and not switches.lead_inductance and switches.tank_at == "converter")
 
@@ -225,7 +225,7 @@ def _sampled_states(network: Network, measured: IntArray) -> _States:
         below, above = (_driven_together(network, K, measured[group], at)[0].imag for at in ends)
         alpha, beta = np.linalg.solve(np.stack((-1 / ends, ends), axis=1), np.stack((below, above)))
         omega[group] = np.sqrt(alpha / beta)
-    knots = network.resistance.frequencies if isinstance(network.resistance, SampledResistance) else np.empty(0)
+    knots = network.resistance.frequencies if isinstance(network.resistance, SampledMatrix) else np.empty(0)
     todo = np.arange(count)
     for _ in range(_ROUNDS):
         missed = []
@@ -312,7 +312,10 @@ def _driven_together(
     kappa = r * s
     H = np.asarray(splu(csc_array(eye_array(2 * n) + 1j * omega * r * K)).solve(np.eye(2 * n, dtype=np.complex128)))
     HA = H[:, 0::2] - H[:, 1::2]
-    Z = network.resistance(omega / (2 * np.pi)) + 1j * omega * network.inductance
+    frequency, L = omega / (2 * np.pi), network.inductance
+    Z = network.resistance(frequency) + 1j * omega * (
+        L if network.dispersion is None else L + network.dispersion(frequency)
+    )
     P = np.asarray(np.linalg.inv(Z + r * (HA[0::2] - HA[1::2])) @ HA.T, dtype=np.complex128)
     total = P.sum(axis=1)  # currents for one volt behind all switches
     ends = P.reshape(n, n, 2)

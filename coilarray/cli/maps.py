@@ -60,11 +60,13 @@ def read_map(path: Path) -> xr.Dataset:
 
 
 def read_response(path: Path) -> xr.Dataset:
-    """Read a response from a netCDF file; LocalizeError where it is none with δ over depth, y, x and state."""
+    """Read a response from a netCDF file; LocalizeError where it is none with δ over depth or distance, y, x, state."""
+    from coilarray.response.coordinates import over_depth
+
     response = read_dataset(path)
-    wanted = {"depth", "y", "x", "state"}
-    if "delta" not in response or set(response["delta"].dims) != wanted or not wanted <= set(response.coords):
-        raise LocalizeError(f"{path} is no response: it must have delta over depth, y, x and state.")
+    wanted, dims = {"depth", "y", "x", "state"}, over_depth(response)
+    if "delta" not in dims or set(dims["delta"].dims) != wanted or not wanted <= set(dims.coords):
+        raise LocalizeError(f"{path} is no response: it must have delta over depth or distance, y, x and state.")
     return response
 
 

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from coilarray.viz.scenes.of_design import Item, View
     from coilarray.viz.scenes.scene import Scene
 
-_SHOWN = "board"
 _LARGEST_MA = 1e9
 _SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
 
@@ -41,13 +40,14 @@ def _file(name: str, text: str, *suffixes: str) -> Any:
 def view(
     design: shared.DesignArgument = None,
     show: Annotated[
-        str,
+        str | None,
         typer.Option(
-            help="Items to show, separated by commas: board, elastomer (sheets, lifted off the board), dent, field (B "
-            "on planes with arrows), lines (of B), surfaces (of equal B), currents (of the passive coils), coupling, "
-            "response, location."
+            help="Items to show, separated by commas: board, elastomer (sheets, lifted off the board), dent, plates, "
+            "target (a page has a slider of its distance), eddies (eddy currents in both), field (B on planes with "
+            "arrows), lines (of B), surfaces (of equal B), currents (of the passive coils), coupling, response, "
+            "location. By default the board, with its plates and target."
         ),
-    ] = _SHOWN,
+    ] = None,
     screenshot: Annotated[Path | None, _file("screenshot", "Write a picture: .png.", ".png")] = None,
     movie: Annotated[
         Path | None, _file("movie", "Write a film of the indenter moving over the board: .gif or .mp4.", ".gif", ".mp4")
@@ -75,7 +75,10 @@ def view(
     ] = None,
     at_mm: Annotated[
         tuple[float, float] | None,
-        typer.Option(help="x and y of the indenter on the board; off the middle of the map by default."),
+        typer.Option(help="x and y of indenter or target on the board; by default off the middle, or at the coil."),
+    ] = None,
+    distance_mm: Annotated[
+        float | None, _length("--distance-mm", "Distance of the target; the least of the design by default.")
     ] = None,
     depth_mm: Annotated[
         float | None, _length("--depth-mm", "Depth of the dent; the deepest of the design by default.")
@@ -96,8 +99,8 @@ def view(
 ) -> None:
     """Show a design in three dimensions.
 
-    In a window, or without one as a picture, film, page or files for ParaView. B is that of the coils in free space,
-    in phase with the current; every colour bar has its unit.
+    In a window, or without one as a picture, film, page or files for ParaView. B is that of the coils in free space or
+    beside the plates, in phase with the current; every colour bar has its unit.
 
     Example: coilarray view gast2020 --screenshot board.png
 
@@ -107,37 +110,42 @@ def view(
     """
     wanted = _Outputs(screenshot, movie, html, vtk, side, _pixels(size), rate)
     _check_vtk(vtk)
-    items = _items(show)
+    items = () if show is None else _items(show)
     for option, given, needed in (
         ("--response", response, "response"), ("--reading", reading, "location"), ("--table", table, "location"),
+        ("--distance-mm", distance_mm, "target"),
     ):  # fmt: skip
-        if given is not None and needed not in items:
+        if given is not None and needed not in (items or (needed,) * (needed == "target")):
             raise OutputError(f"{option} is for --show {needed}.")
     if movie is None and path_mm is not None:
         raise OutputError("--path-mm is for --movie.")
     if movie is not None and not wanted.still:
         for option, changed in (
-            ("--show", show != _SHOWN), ("--layers", layers is not None), ("--coil", coil is not None),
+            ("--show", show is not None), ("--layers", layers is not None), ("--coil", coil is not None),
             ("--others-open", others_open), ("--spacing-mm", spacing_mm is not None), ("--at-mm", at_mm is not None),
         ):  # fmt: skip
             if changed:
                 raise OutputError(f"{option} is not for --movie: a film shows the dent and δ of all coils.")
     corners = None if path_mm is None else _way(path_mm)
-    depth, spacing = (None if length is None else length * 1e-3 for length in (depth_mm, spacing_mm))
+    depth, spacing, distance = (
+        None if length is None else length * 1e-3 for length in (depth_mm, spacing_mm, distance_mm)
+    )
     if not 0 < abs(current_mA) <= _LARGEST_MA:
         raise GeometryError(f"--current-mA must be at most {_LARGEST_MA:g} and not 0; got {current_mA:g}.")
     located = None if reading is None else _reading(reading)
     draped = None if response is None else read_map(response)
-    from coilarray.viz.scenes.of_design import View
+    from coilarray.viz.scenes.of_design import View, board_and_metal
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     wanted.check()
+    items = items or board_and_metal(opened)
     if movie is None or wanted.still:
         asked = View(
             show=items, layers=None if layers is None else tuple(name.strip() for name in layers.split(",")),
             coil=coil, others_open=others_open, current=current_mA * 1e-3, spacing=spacing,
-            at=None if at_mm is None else (at_mm[0] * 1e-3, at_mm[1] * 1e-3), depth=depth, response=draped,
-            table=kept_table(opened, table) if "location" in items else None, reading=located, noise=noise,
+            at=None if at_mm is None else (at_mm[0] * 1e-3, at_mm[1] * 1e-3), depth=depth, distance=distance,
+            response=draped, table=kept_table(opened, table) if "location" in items else None, reading=located,
+            noise=noise,
         )  # fmt: skip
         wanted.show(_scene(opened, asked), opened.name)
     if movie is not None:

@@ -297,8 +297,8 @@ class Design:
             pressed += () if setup.material is None else (setup.material,)
         metal: tuple[object, ...] = (("plates", self.plates),) if self.plates else ()
         if (target := self.target) is not None:
-            places = (target.x, target.y, target.origin_point)
-            metal += ("target", target.body, target.distances, *map(np.array, places))
+            over = map(np.array, (target.x, target.y, target.origin_point))
+            metal += ("target", target.body, target.distances, *over)
         return digest_of(
             self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,
             self.terminations, self.plan, self.rules, self.field_height, *metal,

@@ -9,7 +9,7 @@ what could not be written.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -94,14 +94,20 @@ def vary_document(document: Mapping[str, Any], changes: Mapping[str, Any]) -> di
 
 def vary_chosen(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """As `vary_document`; what is chosen is no longer assumed."""
-    varied = vary_document(document, changes)
+    return no_longer_assumed(vary_document(document, changes), changes)
+
+
+def no_longer_assumed(document: Mapping[str, Any], keys: Iterable[str]) -> dict[str, Any]:
+    """Return a document in which values by dotted keys, or in tables of such names, were chosen by somebody."""
+    chosen = tuple(keys)
     assumed = {
         name: reason
         for name, reason in document.get("assumed", {}).items()
         # the dots keep array.pitch apart from array.pitch_mm
-        if not any(f"{key}.".startswith(f"{name}.") or f"{name}.".startswith(f"{key}.") for key in changes)
+        if not any(f"{key}.".startswith(f"{name}.") or f"{name}.".startswith(f"{key}.") for key in chosen)
     }
-    return {key: value for key, value in varied.items() if key != "assumed"} | ({"assumed": assumed} if assumed else {})
+    rest = {key: value for key, value in document.items() if key != "assumed"}
+    return rest | ({"assumed": assumed} if assumed else {})
 
 
 def _with_entry(table: Any, parts: Sequence[str], value: Any, key: str) -> Any:

@@ -66,11 +66,11 @@ def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] 
 
     Places are x, y and depth in m; the depth counts where the model has more than one.
     """
-    free = model.unknowns
-    room = np.array([*margin, 0.0])[:free]
-    slack = _ROUNDING * (model.upper - model.lower)[:free]
-    low, high = (model.lower[:free] + room - slack), (model.upper[:free] - room + slack)
-    return np.asarray(((places[:, :free] >= low) & (places[:, :free] <= high)).all(axis=1))
+    free = model.free
+    room = np.array([*margin, 0.0])[free]
+    slack = _ROUNDING * (model.upper - model.lower)[free]
+    low, high = (model.lower[free] + room - slack), (model.upper[free] - room + slack)
+    return np.asarray(((places[:, free] >= low) & (places[:, free] <= high)).all(axis=1))
 
 
 def values_at(model: ForwardModel, places: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -15,6 +15,7 @@ from coilarray.circuit.network import Network
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.errors import LocalizeError
+from coilarray.response.coordinates import is_of_target, over_depth
 from coilarray.response.interpolation import (
     LEAST_POSITIONS,
     PARAMETERS,
@@ -25,6 +26,7 @@ from coilarray.response.interpolation import (
 )
 from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of
+from coilarray.response.target import target_map
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -44,9 +46,12 @@ class ForwardModel(ResponseSpline):
         (states,).
     states : tuple of str
         Names of the states in the order of every axis of states.
+    parameters : tuple of str
+        Names of the coordinates; the last one is the distance of a target.
     """
 
     states: tuple[str, ...]
+    parameters: tuple[str, ...] = PARAMETERS
 
     def select(self, states: Sequence[str]) -> ForwardModel:
         """Return the model of some of the states, in the given order; for example without a broken coil.
@@ -65,7 +70,7 @@ class ForwardModel(ResponseSpline):
         return self.values_at(self._checked(points))
 
     def jacobian(self, points: npt.ArrayLike) -> FloatArray:
-        """Slopes of `delta` by x, y and, where it is unknown, depth in 1/m, shape (…, states, unknowns)."""
+        """Slopes of `delta` by the unknowns among x, y and depth in 1/m, shape (…, states, unknowns)."""
         return self.linear(self._checked(points))[1]
 
     def linear(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -81,7 +86,7 @@ class ForwardModel(ResponseSpline):
         if out is not None:
             axis, value = out
             raise LocalizeError(
-                f"{PARAMETERS[axis]} of a point must be in the table, {self.lower[axis]:.4g} to "
+                f"{self.parameters[axis]} of a point must be in the table, {self.lower[axis]:.4g} to "
                 f"{self.upper[axis]:.4g} m; got {value:.4g} m."
             )
         return array
@@ -126,7 +131,8 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     response : xarray.Dataset
         Response with ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state.
     zero_plane : bool
-        Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth that has no depth 0.
+        Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth that has no depth 0. Not
+        to that of a target, whose distances are its depths here.
 
     Returns
     -------
@@ -136,7 +142,7 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     ------
     LocalizeError
         A dataset without ``delta`` or with other dimensions, values that are not finite, coordinates that do not rise,
-        fewer than 4 positions along x or y, a depth below 0, states that share a name.
+        2 or 3 positions along x or y, a single position and depth, a depth below 0, states that share a name.
 
     Notes
     -----
@@ -151,10 +157,14 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     >>> np.round(model.delta([1e-3, 2e-3, 0.75e-3]), 12)
     array([0.00075])
     """
-    delta, (x, y, depth) = _table(response)
+    zero_plane = zero_plane and not is_of_target(response)
+    delta, (x, y, depth) = _table(over_depth(response))
     names = tuple(str(name) for name in response["state"].values)
     table = response_spline(x, y, depth, delta, zero_plane=zero_plane)
-    return ForwardModel(states=names, x=table.x, y=table.y, depth=table.depth, spline=table.spline)
+    parameters = ("x", "y", "distance") if is_of_target(response) else PARAMETERS
+    return ForwardModel(
+        states=names, parameters=parameters, x=table.x, y=table.y, depth=table.depth, spline=table.spline
+    )
 
 
 def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
@@ -171,6 +181,8 @@ def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArr
     x, y, depth = checked_axes(response, "a response", LEAST_POSITIONS)
     if depth[0] < 0:
         raise LocalizeError(f"depth of a response must not be negative; got {depth[0]:.4g} m.")
+    if not any(len(axis) > 1 for axis in (x, y, depth)):
+        raise LocalizeError("a response must have more than one position or depth.")
     return delta, (x, y, depth)
 
 
@@ -181,8 +193,9 @@ def checked_axes(response: xr.Dataset, what: str, least: int) -> tuple[FloatArra
         raise LocalizeError(f"states of a response must have different names; got {', '.join(names)}.")
     x, y, depth = (np.asarray(response[name].values, dtype=np.float64) for name in PARAMETERS)
     for name, axis, count in (("x", x, least), ("y", y, least), ("depth", depth, 1)):
-        if len(axis) < count:
-            raise LocalizeError(f"{what} must have at least {count} positions along {name}; got {len(axis)}.")
+        if 1 < len(axis) < count or not len(axis):
+            least_one = f"{'one or ' if count > 1 else ''}at least {count}"
+            raise LocalizeError(f"{what} must have {least_one} positions along {name}; got {len(axis)}.")
         if not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
             raise LocalizeError(f"{name} of {what} must be finite and rise; got {axis}.")
     return x, y, depth
@@ -228,8 +241,12 @@ def table_grid(
 def table_for(design: Design, *, network: Network | None = None, progress: Progress | None = None) -> xr.Dataset:
     """Compute the response at the positions of `table_grid`, for `forward_model`: 10 s for the six coils of gast2020.
 
-    The network of coils, switches and strays is that of `response_map` by default. ElastomerError for what
-    `response_map` refuses, for example positions at which the indenter leaves a small sample.
+    The network of coils, switches and strays is that of `response_map` by default. Of a design with a target and no
+    indentation it is the target's map at the places and distances of the design. ElastomerError for what
+    `response_map` refuses, for example positions at which the indenter leaves a small sample, and MetalError for what
+    `target_map` refuses.
     """
+    if design.indentation is None and design.target is not None:
+        return target_map(design, network=network, progress=progress)
     depths, x, y = table_grid(design)
     return response_map(design, depths=depths, x=x, y=y, reach="auto", network=network, progress=progress)

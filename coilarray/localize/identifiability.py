@@ -100,7 +100,7 @@ def identifiability(
     values, _, _ = _scaled_eigen(information)
     singular = values[..., 0] <= _SINGULAR
     condition = np.where(singular, np.inf, values[..., -1] / np.where(singular, 1.0, values[..., 0]))
-    names = ("x", "y", "h")[: model.unknowns]
+    names = [("x", "y", "h")[axis] for axis in model.free]
     where = ("y", "x")
     variables: dict[str, tuple[tuple[str, str], FloatArray, dict[str, str]]] = {
         f"sigma_{name}": (where, deviations[..., k], {"units": "m", "long_name": f"least standard deviation of {name}"})

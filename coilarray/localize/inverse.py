@@ -66,6 +66,8 @@ class Mode:
         it should within a factor of 2, all of them in the table. Elsewhere the region follows from `deviance`.
     border : tuple of str
         Names among x, y and depth that are on the border of the table.
+    free : tuple of int
+        Numbers among x, y and depth of the unknowns; the first ones by default.
     """
 
     x: float
@@ -75,6 +77,12 @@ class Mode:
     chi_square: float
     gaussian: bool = False
     border: tuple[str, ...] = ()
+    free: tuple[int, ...] = ()
+
+    @property
+    def unknowns(self) -> list[int]:
+        """Numbers among x, y and depth of the unknowns."""
+        return list(self.free or range(len(self.information)))
 
     @property
     def covariance(self) -> FloatArray:
@@ -88,18 +96,22 @@ class Mode:
 
     @property
     def known_deviations(self) -> tuple[float | None, ...]:
-        """Standard deviations of x, y and depth in m; None for one of `UNKNOWN_DEVIATION` or more."""
-        return tuple(value if value < UNKNOWN_DEVIATION else None for value in self.deviations.tolist())
+        """Standard deviations of x, y and depth in m, to the last unknown.
+
+        None for one of `UNKNOWN_DEVIATION` or more, and for a coordinate that the table fixes.
+        """
+        found = dict(zip(self.unknowns, self.deviations.tolist(), strict=True))
+        values = (found.get(k, np.inf) for k in range(max(found) + 1))
+        return tuple(value if value < UNKNOWN_DEVIATION else None for value in values)
 
     def contains(self, points: npt.ArrayLike, confidence: float = CONFIDENCE) -> BoolArray:
         """Test which points (…, 3) in m are in the ellipsoid around the mode that holds the truth with a probability.
 
         True where (θ − θ̂)ᵀ F (θ − θ̂) is at most the quantile of χ².
         """
-        free = len(self.information)
-        away = (np.asarray(points, dtype=np.float64) - [self.x, self.y, self.depth])[..., :free]
+        away = (np.asarray(points, dtype=np.float64) - [self.x, self.y, self.depth])[..., self.unknowns]
         distance = np.einsum("...i,ij,...j->...", away, self.information, away)
-        return np.asarray(distance <= _quantile(free, confidence))
+        return np.asarray(distance <= _quantile(len(self.information), confidence))
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,7 +286,8 @@ def _solve_block(
 ) -> list[Location]:
     nothing = ((readings / sigma) ** 2).sum(axis=1)
     pressed = np.flatnonzero(chdtrc(len(model.states), nothing) <= alarm)
-    result = [_nothing(float(value), len(model.states)) for value in nothing]
+    reason = "nothing is pressed" if model.parameters == PARAMETERS else "no target is noticed"
+    result = [_nothing(float(value), len(model.states), reason) for value in nothing]
     if len(pressed):
         minima = _minima(model, readings[pressed], sigma, confidence)
         ends = np.searchsorted(minima.owner, np.arange(len(pressed) + 1)).tolist()
@@ -294,18 +307,21 @@ class _Minima:
     fisher: FloatArray
     gaussian: BoolArray
     edge: BoolArray
+    free: list[int]  # numbers of the unknowns among x, y and depth
+    names: tuple[str, ...]  # of x, y and depth
     pressure: FloatArray  # fall of χ² that lies beyond the border of the table, were the model linear there
 
     def is_new(self, first: int, k: int) -> bool:
         """Tell whether minimum k is farther than one standard deviation from every one since the first."""
-        away = (self.points[k] - self.points[first:k])[:, : self.fisher.shape[-1]]
+        away = (self.points[k] - self.points[first:k])[:, self.free]
         return bool((np.einsum("ni,nij,nj->n", away, self.fisher[first:k], away) > _SAME).all())
 
     def mode(self, k: int) -> Mode:
         """Return minimum k as a result."""
         x, y, depth = self.points[k].tolist()
-        border = tuple(name for name, at in zip(PARAMETERS, self.edge[k].tolist(), strict=False) if at)
-        return Mode(x, y, depth, self.fisher[k], float(self.chi_square[k]), bool(self.gaussian[k]), border)
+        border = tuple(self.names[axis] for axis, at in zip(self.free, self.edge[k].tolist(), strict=True) if at)
+        gaussian, free = bool(self.gaussian[k]), tuple(self.free)
+        return Mode(x, y, depth, self.fisher[k], float(self.chi_square[k]), gaussian, border, free)
 
 
 def _minima(model: ForwardModel, readings: FloatArray, sigma: FloatArray, confidence: float) -> _Minima:
@@ -326,8 +342,8 @@ def _minima(model: ForwardModel, readings: FloatArray, sigma: FloatArray, confid
     pressure = np.einsum("ni,nij,nj->n", slope, np.where(known[:, None, None], covariance, 0.0), slope)
     pressure[points[:, 2] <= 0] = 0  # no indentation is shallower than none
     gaussian = known & _is_gaussian(model, readings[owner], points, chi_square, fisher, sigma, quantile)
-    edge = ((points <= model.lower) | (points >= model.upper))[:, : model.unknowns]
-    return _Minima(owner, points, chi_square, fisher, gaussian, edge, pressure)
+    edge = ((points <= model.lower) | (points >= model.upper))[:, model.free]
+    return _Minima(owner, points, chi_square, fisher, gaussian, edge, model.free, model.parameters, pressure)
 
 
 def _is_gaussian(
@@ -344,7 +360,7 @@ def _is_gaussian(
     values, vectors = np.linalg.eigh(fisher / (scale[:, :, None] * scale[:, None, :]))
     axes = vectors / scale[:, :, None] * np.sqrt(quantile / np.maximum(values, _LEAST))[:, None, :]
     ends = np.repeat(points[:, None], 2 * axes.shape[-1], axis=1)
-    ends[..., : axes.shape[-1]] += np.concatenate((axes, -axes), axis=-1).swapaxes(1, 2)
+    ends[..., model.free] += np.concatenate((axes, -axes), axis=-1).swapaxes(1, 2)
     inside = ((ends >= model.lower) & (ends <= model.upper)).all(axis=(1, 2))
     result = np.zeros(len(points), dtype=bool)
     if inside.any():
@@ -354,9 +370,9 @@ def _is_gaussian(
     return result
 
 
-def _nothing(chi_square: float, states: int) -> Location:
+def _nothing(chi_square: float, states: int, what: str) -> Location:
     probability = float(chdtrc(states, chi_square))
-    reason = f"nothing is pressed: noise alone makes such a reading with a probability of {probability:.2g}."
+    reason = f"{what}: noise alone makes such a reading with a probability of {probability:.2g}."
     return Location("nothing pressed", reason, (), chi_square, states, probability)
 
 

@@ -44,13 +44,14 @@ _LEAST_DAMPING = 1e-10  # of the trace of the normal matrix, which a state witho
 class Scan:
     """Cells of the table, with the linear model around each.
 
-    `shape` counts the cells along x, y and depth; `size`, shape (unknowns,), is that of one in m, and `centres`, shape
-    (cells, 3), are in m. `scaled` (cells, states) is the model at the centre over the noise, `slopes` (cells, states,
-    unknowns) its change over a cell over the noise, J, and `forms` (1 + unknowns, states, cells) `scaled` and the
-    columns of Q.
+    `shape` counts the cells along x, y and depth, of which `free` are unknown; `size`, shape (unknowns,), is that of
+    one in m, and `centres`, shape (cells, 3), are in m. `scaled` (cells, states) is the model at the centre over the
+    noise, `slopes` (cells, states, unknowns) its change over a cell over the noise, J, and `forms` (1 + unknowns,
+    states, cells) `scaled` and the columns of Q.
     """
 
     shape: tuple[int, int, int]
+    free: list[int]
     size: FloatArray
     centres: FloatArray
     scaled: FloatArray
@@ -70,19 +71,25 @@ class Scan:
 @lru_cache(maxsize=8)
 def scan_of(model: ForwardModel, noise: tuple[float, ...]) -> Scan:
     """Prepare the scan of a model's table for one noise in δ of every state."""
-    counts = [_even(min(len(axis) - 1, _MOST_CELLS)) for axis in (model.x, model.y)]
-    shape = (*counts, _DEPTH_CELLS if model.unknowns == 3 else 1)
+    counts = [max(_even(min(len(axis) - 1, _MOST_CELLS)), 1) for axis in (model.x, model.y)]
+    shape = (*counts, _DEPTH_CELLS if len(model.depth) > 1 else 1)
     span = model.upper - model.lower
     axes = [low + length * (np.arange(n) + 0.5) / n for low, length, n in zip(model.lower, span, shape, strict=True)]
     centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    size = (span / shape)[: model.unknowns]
+    size = (span / shape)[model.free]
     delta, jacobian = model.linear(centres)
     scaled, slopes = delta / np.array(noise), jacobian / np.array(noise)[:, None] * size
     lower = np.linalg.cholesky(np.eye(model.unknowns) + slopes.swapaxes(1, 2) @ slopes)
     Q = np.linalg.solve(lower, slopes.swapaxes(1, 2))
     forms = np.concatenate((scaled[:, None], Q), axis=1)
     return Scan(
-        (shape[0], shape[1], shape[2]), size, centres, scaled, slopes, np.ascontiguousarray(forms.T.swapaxes(0, 1))
+        (shape[0], shape[1], shape[2]),
+        model.free,
+        size,
+        centres,
+        scaled,
+        slopes,
+        np.ascontiguousarray(forms.T.swapaxes(0, 1)),
     )
 
 
@@ -117,7 +124,7 @@ def _starts(scan: Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
     J, e = scan.slopes[cells], readings[owner] - scan.scaled[cells]
     step = _solve(J.swapaxes(1, 2) @ J + np.eye(len(scan.size)), (J.swapaxes(1, 2) @ e[..., None])[..., 0])
     points = scan.centres[cells]
-    points[:, : len(scan.size)] += np.clip(step, -_FARTHEST, _FARTHEST) * scan.size
+    points[:, scan.free] += np.clip(step, -_FARTHEST, _FARTHEST) * scan.size
     return owner, points
 
 
@@ -128,19 +135,19 @@ def refine(
 
     Starts outside the table begin on its border. Returns the points, inside the table or on its border, and their χ².
     """
-    free = model.unknowns
-    unit, low, high = _units(model), model.lower[:free], model.upper[:free]
+    free = model.free
+    unit, low, high = _units(model), model.lower[free], model.upper[free]
     points = points.copy()
-    points[:, :free] = np.clip(points[:, :free], low, high)
+    points[:, free] = np.clip(points[:, free], low, high)
     e, A = _residuals(model, readings, points, noise, unit)
     chi_square = (e**2).sum(axis=1)
     damping, growth = np.ones(len(points)), np.full(len(points), 2.0)
     going = np.arange(len(points))
     for _ in range(_ITERATIONS):
-        at = points[going, :free]
+        at = points[going][:, free]
         step, promised = _step(A[going], e[going], damping[going], at <= low, at >= high)
         trial = points[going]
-        trial[:, :free] = np.clip(at + step * unit, low, high)
+        trial[:, free] = np.clip(at + step * unit, low, high)
         new_e, new_A = _residuals(model, readings[going], trial, noise, unit)
         new = (new_e**2).sum(axis=1)
         gain = np.minimum((chi_square[going] - new) / np.maximum(promised, _SETTLED * 1e-9), 2.0)
@@ -174,8 +181,8 @@ def _step(
 def _units(model: ForwardModel) -> FloatArray:
     """Lengths in m in which the parameters are alike; x and y have the same."""
     span = model.upper - model.lower
-    side = min(span[0], span[1])
-    return _UNIT * np.array([side, side, span[2]])[: model.unknowns]
+    side = min((length for length in span[:2].tolist() if length), default=0.0)
+    return _UNIT * np.array([side, side, span[2]])[model.free]
 
 
 def _residuals(

@@ -98,7 +98,8 @@ def plate_inductance(
     >>> print(f"{change[0, 0, 0].real * 1e9:.2f} nH")
     -16.26 nH
     """
-    return plate_inductances(source, [plates], frequencies, sheets, accuracy=accuracy, progress=progress)[0]
+    change = plate_inductances(source, [plates], frequencies, sheets, accuracy=accuracy, progress=progress)
+    return np.asarray(change[0])
 
 
 def plate_inductances(
@@ -193,7 +194,7 @@ class _Around:
     def damping(self, k: FloatArray) -> FloatArray:
         """Fall of each kind of waves between both faces, shape (kinds, k), beside that from path to face."""
         distances = [self.faces[0] - self.faces[1] if kind == (0, 1) else 0.0 for kind in self.kinds]
-        return np.exp(-np.outer(distances, k))
+        return np.asarray(np.exp(-np.outer(distances, k)))
 
     def boards(self, paths: Sequence[Conductor], accuracy: Accuracy) -> list[Board]:
         """Paths below the face above, and mirrored ones below that of the face below."""

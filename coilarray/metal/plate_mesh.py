@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +29,8 @@ _FIRST, _GROWTH, _STRIPS = 0.02, 2.0, 0.35  # first strip, ratio of neighbours a
 _LATTICE = 0.08  # step of the lattice inside, of the inscribed radius, where the rim's pieces are not longer
 _CORNER = 0.25  # of half the thickness: height of the strip of the rim below its edge
 _SAGITTA = 0.02  # of a piece of the rim: deviation from the outline that is let pass
-_LAYERS, _MOST_NODES = 6, 12_000
+_OF_DISTANCE = 0.5  # of the distance from the copper: largest side of a triangle
+_MOST_NODES = 6000
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,19 +56,43 @@ class HalfBody:
         return np.ascontiguousarray(self.nodes[self.triangles])
 
 
-def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0) -> HalfBody:
-    """Mesh the upper half of a plate with an outline about its centre; `fineness` 2 has half the lengths of 1."""
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """Where copper is, seen from a plate that moves: its outlines `area` in the plate's plane in m.
+
+    `height` in m is the least distance from it across the plane, and `radius` in m half the width of the smallest coil.
+    """
+
+    area: shapely.Geometry
+    height: float
+    radius: float
+
+    def distances(self, points: FloatArray) -> FloatArray:
+        """Distances in m of points (n, 2) of the plate from the copper."""
+        return np.asarray(np.hypot(shapely.distance(self.area, shapely.points(points)), self.height))
+
+
+Sizes: TypeAlias = Callable[[FloatArray], FloatArray]
+"""Gives the wanted side of a triangle in m at points (n, 2) in m, shape (n,)."""
+
+
+def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0, above: Footprint | None = None) -> HalfBody:
+    """Mesh the upper half of a plate with an outline about its centre.
+
+    `fineness` 2 has half the lengths of 1; the mesh is finer where the plate is near the copper `above` or below it.
+    """
     plane = shapely.orient_polygons(shapely.Polygon(outline.exterior, outline.holes))
     inscribed = float(shapely.maximum_inscribed_circle(plane).length)
     along = min(_WIDEST * inscribed, max(plane.length / _ALONG, _FINEST * inscribed)) / fineness
     step = max(along, _LATTICE * inscribed / fineness)
-    count = _LAYERS * plane.length / along + plane.area / step**2
-    if count > _MOST_NODES:
-        raise GeometryError(
-            f"a plate must not be so narrow for its size: {plane.length * 1e3:.4g} mm of rim where the largest circle "
-            f"in it has a radius of {inscribed * 1e3:.3g} mm need {count:.0f} nodes; at most {_MOST_NODES}."
-        )
-    loops = [_divided(ring, along) for ring in (plane.exterior, *plane.interiors)]
+    finest = step if above is None else min(step, _LATTICE * above.radius / fineness)
+
+    def wanted(points: FloatArray) -> FloatArray:
+        if above is None or finest == step:
+            return np.full(len(points), step)
+        return np.clip(_OF_DISTANCE / fineness * above.distances(points), finest, step)
+
+    loops = [_divided(ring, along, wanted) for ring in (plane.exterior, *plane.interiors)]
     insets = _insets(loops, inscribed, along, fineness)
     rings = [[_inset(loop, inset) for loop in loops] for inset in insets]  # level by level, from the rim inwards
     starts = np.cumsum([0, *(len(loop) for loop in loops)])
@@ -77,11 +103,17 @@ def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0) -> Hal
         for loop in order
     ]
     rim_points = np.concatenate([points for level in rings for points in level])
-    inner_points, inner_triangles = _lattice(rings[-1], step)
+    inner_points, inner_triangles = _lattice(rings[-1], step, finest, wanted)
     triangles.append(inner_triangles + (len(rings) - 1) * starts[-1])
     plane_points = np.concatenate((rim_points, inner_points))
     area = _area(plane_points, np.concatenate(triangles))
     expected = sum(_loop_area(loop) for loop in loops)
+    if len(plane_points) > _MOST_NODES:
+        raise GeometryError(
+            f"a plate must not be so large or narrow: {plane.area * 1e6:.4g} mm² with {plane.length * 1e3:.4g} mm of "
+            f"rim, {inscribed * 1e3:.3g} mm of inscribed radius and the coils so near need {len(plane_points)} nodes; "
+            f"at most {_MOST_NODES}."
+        )
     if abs(area - expected) > 1e-6 * expected:
         raise GeometryError(
             f"the outline of a plate could not be meshed: {area * 1e6:.6g} of {expected * 1e6:.6g} mm²."
@@ -108,15 +140,18 @@ def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0) -> Hal
     )
 
 
-def _divided(ring: shapely.LinearRing, along: float) -> FloatArray:
+def _divided(ring: shapely.LinearRing, along: float, wanted: Sizes) -> FloatArray:
     """Corners of a ring and places between them, at most `along` apart; corners of a fine curve are thinned."""
     corners = np.array(ring.simplify(_SAGITTA * along).coords)
     sides = np.diff(corners, axis=0)
-    pieces = [
-        start + side * (np.arange(count) / count)[:, None]
-        for start, side in zip(corners, sides, strict=False)
-        for count in [math.ceil(math.hypot(*side) / along - 1e-9)]
-    ]
+    pieces = []
+    for start, side in zip(corners, sides, strict=False):
+        length = math.hypot(*side)
+        middles = start + side * (
+            (np.arange(max(1, math.ceil(length / along))) + 0.5)[:, None] * min(along / length, 1)
+        )
+        count = math.ceil(length / min(along, float(wanted(middles).min())) - 1e-9)
+        pieces.append(start + side * (np.arange(count) / count)[:, None])
     return np.concatenate(pieces)
 
 
@@ -145,27 +180,39 @@ def _has_room(loops: Sequence[FloatArray], inset: float) -> bool:
     outer, *holes = [_inset(loop, inset) for loop in loops]
     sides = [np.roll(loop, -1, axis=0) - loop for loop in loops]
     moved = [np.roll(loop, -1, axis=0) - loop for loop in (outer, *holes)]
-    forward = all(((old * new).sum(axis=1) > 0.1 * (old * old).sum(axis=1)).all() for old, new in zip(sides, moved))
+    forward = all(
+        ((old * new).sum(axis=1) > 0.1 * (old * old).sum(axis=1)).all() for old, new in zip(sides, moved, strict=True)
+    )
     return forward and bool(shapely.Polygon(outer, holes).is_valid)
 
 
-def _lattice(loops: Sequence[FloatArray], step: float) -> tuple[FloatArray, IntArray]:
-    """Points of a triangular lattice inside loops, and the triangles of the loops' points followed by these."""
+def _lattice(loops: Sequence[FloatArray], step: float, finest: float, wanted: Sizes) -> tuple[FloatArray, IntArray]:
+    """Points of a triangular lattice inside loops, and the triangles of the loops' points followed by these.
+
+    Each step divided by two has the points of the coarser one among its own.
+    """
     plane = shapely.Polygon(loops[0], loops[1:])
+    shapely.prepare(plane)
+    levels = math.ceil(math.log2(step / finest) - 1e-9)
+    size = step / 2**levels
     x0, y0, x1, y1 = plane.bounds
-    rows = np.arange(math.ceil((y1 - y0) / (step * math.sqrt(3) / 2)) + 1)
-    columns = np.arange(math.ceil((x1 - x0) / step) + 2)
-    x = x0 + step * (columns[None] - 0.5 * (rows[:, None] % 2))
-    y = np.broadcast_to(y0 + step * math.sqrt(3) / 2 * rows[:, None], x.shape)
-    points = np.column_stack((x.ravel(), y.ravel()))
-    clear = shapely.contains_xy(plane, points) & (shapely.distance(plane.boundary, shapely.points(points)) > 0.6 * step)
-    points = points[clear]
+    up = np.arange(math.ceil((y1 - y0) / (size * math.sqrt(3) / 2)) + 1)
+    right = np.arange(-(len(up) // 2) - 1, math.ceil((x1 - x0) / size) + 1)
+    i, j = (index.ravel() for index in np.meshgrid(right, up, indexing="ij"))
+    points = np.column_stack((x0 + size * (i + 0.5 * j), y0 + size * math.sqrt(3) / 2 * j))
+    inside = shapely.contains_xy(plane, points)
+    i, j, points = i[inside], j[inside], points[inside]
+    level = np.sum([((i | j) % 2**k == 0) for k in range(1, levels + 1)], axis=0) if levels else np.zeros(len(i))
+    sizes = wanted(points)
+    kept = (level == levels) | (size * 2.0**level > sizes / math.sqrt(2))
+    points, sizes = points[kept], sizes[kept]
+    points = points[shapely.distance(plane.boundary, shapely.points(points)) > 0.6 * sizes]
     together = np.concatenate((*loops, points))
     triangles = Delaunay(together).simplices.astype(np.int64)
     a, b, c = np.moveaxis(together[triangles], 1, 0)
     double = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     triangles[double < 0] = triangles[double < 0, ::-1]
-    inside = shapely.contains_xy(plane, (a + b + c) / 3) & (np.abs(double) > 1e-9 * step**2)
+    inside = shapely.contains_xy(plane, (a + b + c) / 3) & (np.abs(double) > 1e-9 * size**2)
     return points, triangles[inside]
 
 
@@ -177,7 +224,7 @@ def _band(upper: IntArray, lower: IntArray) -> IntArray:
 
 def _cap(loop: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
     """Points of a rule over a hole's area, with their weights in m²."""
-    points, triangles = _lattice([loop], step)
+    points, triangles = _lattice([loop], step, step, lambda places: np.full(len(places), step))
     a, b, c = np.moveaxis(np.concatenate((loop, points))[triangles], 1, 0)
     area = ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])) / 2
     return (a + b + c) / 3, area

@@ -3,12 +3,13 @@
 Currents on both faces of a plate in air stand for those in it. With k² = jωµ0σ and κ the wavenumber along the plate, a
 vector potential that is even about the mid-plane is A cosh(γz)/cosh(γt/2) in the metal, γ² = κ² + k², but would be
 A cosh(κz)/cosh(κt/2) in air, so that the current of each face, the jump of H from air within to air without, is
-A (γ tanh(γt/2) − κ tanh(κt/2))/µ0; an odd one has coth for tanh. For fields that are wide against t or the skin depth
-(κ → 0) the ratio of A to that current is
+A (γ tanh(γt/2) − κ tanh(κt/2))/µ0; an odd one has coth for tanh. The ratio of A to that current is
 
-    λ_even = µ0/(k tanh(kt/2)),   λ_odd = µ0/(k coth(kt/2) − 2/t),
+    λ_even = µ0/(γ tanh(γt/2) − κ tanh(κt/2)),   λ_odd = µ0/(γ coth(γt/2) − κ coth(κt/2)),
 
-and Z = jωλ: for t ≪ δ the sheet's 2/σt on each face and 6/σt, for t ≫ δ both (1 + j)/σδ. At the rim, in the corner of a
+and Z = jωλ. For patterns that are wide against t or the skin depth (κ → 0) it depends no more on κ: for t ≪ δ the
+sheet's 2/σt on each face and 6/σt, for t ≫ δ both (1 + j)/σδ. One κ stands for all of them: that of the widest patterns
+of the plate, 2 by its inscribed radius (a disc's first pattern has 2.4). At the rim, in the corner of a
 strip of metal, p_n = (2n + 1)π/t,
 
     F = Σ 8 k²/((2n + 1)²π² (p_n² + k²)^{3/2}),   λ_along = µ0/(k² F),   λ_across = µ0 F/(1 − tanh(kt/2)/(kt/2)),
@@ -30,11 +31,13 @@ from coilarray.geometry.material import Material
 
 _TERMS = 4096  # of F, whose rest falls as their number squared, or in thick plates by itself
 _STIFF = 1e-6  # of the thickness: least |F|, beyond which the rim's current along it is none to double precision
+_WEAK = 1e-6  # |k²| by κ² + 4/t², below which differences are taken by the derivative
+_DEEP = 20.0  # of the real part of γt/2, where tanh is 1
 
 
 @dataclass(frozen=True)
 class SurfaceImpedance:
-    """Z/jω in H of the faces for even and odd fields, and of the rim for currents along it and across it."""
+    """λ = Z/jω in H of the faces for even and odd fields, and of the rim for currents along it and across it."""
 
     even: complex
     odd: complex
@@ -42,45 +45,55 @@ class SurfaceImpedance:
     across: complex
 
 
-def surface_impedance(material: Material, thickness: float, frequency: float) -> SurfaceImpedance:
-    """Compute the impedances of a plate of a metal that is not magnetic; thickness in m, frequency in Hz, positive."""
+def surface_impedance(material: Material, thickness: float, frequency: float, radius: float) -> SurfaceImpedance:
+    """Compute the impedances of a plate that is not magnetic.
+
+    Thickness and inscribed radius in m, frequency in Hz, positive.
+    """
     if math.isinf(material.conductivity):
         return SurfaceImpedance(0, 0, 0, 0)
+    even, odd = _faces(material, thickness, frequency, 2 / radius)
     k = (1 + 1j) / material.skin_depth(frequency)
     x = k * thickness / 2
     # 1 − tanh(x)/x without cancellation
-    tanh = cmath.tanh(x) if x.real < 20 else 1.0
-    short = x * x / 3 * (1 - 2 * x * x / 5 * (1 - 17 * x * x / 42)) if abs(x) < 0.05 else 1 - tanh / x
+    short = x * x / 3 * (1 - 2 * x * x / 5 * (1 - 17 * x * x / 42)) if abs(x) < 0.05 else 1 - _tanh(x) / x
     odd_number = 2 * np.arange(_TERMS) + 1
     p = odd_number * np.pi / thickness
     F = complex((8 * k**2 / (odd_number**2 * np.pi**2 * (p**2 + k**2) ** 1.5)).sum())
     F += _STIFF * thickness * (1 - 1j) if abs(F) < _STIFF * thickness else 0
-    return SurfaceImpedance(
-        even=MU_0 / (k * tanh),
-        odd=MU_0 * tanh / (k * short),
-        along=MU_0 / (k**2 * F),
-        across=MU_0 * F / short,
-    )
+    return SurfaceImpedance(even, odd, along=MU_0 / (k**2 * F), across=MU_0 * F / short)
 
 
-def model_error(material: Material, thickness: float, frequency: float, scale: float) -> float:
-    """Relative error of the reflection of a plate without end, by λ at κ = 0 against that at κ = 2/`scale` in 1/m.
+def model_error(material: Material, thickness: float, frequency: float, radius: float, kappa: float) -> float:
+    """Relative error of the reflection of a plate without end, by the λ of a radius, at κ in 1/m.
 
     With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 + 2κλ/(µ0 (1 ± e))): each face lies in the field of both.
     """
     if math.isinf(material.conductivity):
         return 0.0
-    kappa = 2 / scale
-    gamma = cmath.sqrt(kappa**2 + (1 + 1j) ** 2 / material.skin_depth(frequency) ** 2)
-    local = surface_impedance(material, thickness, frequency)
-    tanh, own = (
-        cmath.tanh(min(gamma.real, 40 / thickness) * thickness / 2 + 0.5j * gamma.imag * thickness),
-        math.tanh(kappa * thickness / 2),
-    )
-    exact = MU_0 / (gamma * tanh - kappa * own), MU_0 / (gamma / tanh - kappa / own)
     e = math.exp(-kappa * thickness)
-    reflections = [
-        sum(part / (1 + 2 * kappa * value / (MU_0 * part)) for part, value in ((1 + e, even), (1 - e, odd)))
-        for even, odd in (exact, (local.even, local.odd))
-    ]
-    return abs(reflections[1] / reflections[0] - 1)
+    taken, exact = (
+        sum(part / (1 + 2 * kappa * value / (MU_0 * part)) for part, value in zip((1 + e, 1 - e), values, strict=True))
+        for values in (_faces(material, thickness, frequency, at) for at in (2 / radius, kappa))
+    )
+    return abs(taken / exact - 1)
+
+
+def _faces(material: Material, t: float, frequency: float, kappa: float) -> tuple[complex, complex]:
+    """λ in H of even and odd fields at κ in 1/m."""
+    k2 = 2j / material.skin_depth(frequency) ** 2
+    own, tanh_own = kappa * t / 2, math.tanh(kappa * t / 2)
+    if abs(k2) < _WEAK * (kappa**2 + 4 / t**2):
+        even = k2 * t / 4 * (tanh_own / own + 1 - tanh_own**2)
+        if own < 0.05:
+            odd = k2 * t / 6 * (1 - 2 * own**2 / 15)
+        else:
+            odd = k2 * t / 4 * (1 / (own * tanh_own) - 1 / math.sinh(own) ** 2)
+        return MU_0 / even, MU_0 / odd
+    gamma = cmath.sqrt(kappa**2 + k2)
+    tanh = _tanh(gamma * t / 2)
+    return MU_0 / (gamma * tanh - kappa * tanh_own), MU_0 / (gamma / tanh - kappa / tanh_own)
+
+
+def _tanh(x: complex) -> complex:
+    return cmath.tanh(x) if x.real < _DEEP else 1.0

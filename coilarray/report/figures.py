@@ -43,6 +43,11 @@ def board_picture(design: Design) -> list[Picture]:
     problem = viz.rendering_problem()
     if problem is None:
         caption = "The board; lengths in mm."
+        if design.plates:
+            from coilarray.viz.scenes.of_design import View, scene_of_design  # all that a scene may compute
+
+            scene = scene_of_design(design, View(show=("board", "plates")))
+            return [_render("board", caption, lambda path: viz.save_picture(scene, path, size=_SIZE))]
         return [_render("board", caption, lambda path: viz.save_board_picture(design.array, path, size=_SIZE))]
     return [draw("board", f"The board from above; lengths in mm. {problem}", viz.plot_board(design.array))]
 
@@ -79,16 +84,17 @@ def field_pictures(
     across = _outline(design, active)[:, 0]
     height = f"{design.field_height * 1e3:g} mm above the board"
     outlines = [_outline(design, name) for name in design.array.names]
+    where = "beside the plates" if design.plates else "in free space"
     return [
         draw(
             "field_line",
-            f"B_z along x through {active}, {height}, in free space.",
+            f"B_z along x through {active}, {height}, {where}.",
             viz.plot_field_lines(line, coil=(float(across.min()), float(across.max()))),
         ),
         *(
             draw(
                 f"field_map_{k}",
-                f"B_z of {active} {height}, in free space, per ampere{'' if len(plane) == 1 else f': {label}'}.",
+                f"B_z of {active} {height}, {where}, per ampere{'' if len(plane) == 1 else f': {label}'}.",
                 viz.plot_field_map(field, outlines=outlines),
             )
             for k, (label, field) in enumerate(plane.items())
@@ -152,6 +158,20 @@ def response_pictures(design: Design, response: xr.Dataset) -> list[Picture]:
         depths = viz.plot_response_profile(response, state, None, along=along)
         pictures.append(draw("response_depths", f"δ of {state} along {along} for each depth.", depths))
     return pictures
+
+
+def target_pictures(design: Design, target: xr.Dataset) -> list[Picture]:
+    """Show what a target does against its distance, and as maps at the least one."""
+    caption = (
+        "|δ|, inductance, quality factor and frequency of the states over the distance of the target, where it moves "
+        "each the most; dotted: the noise of δ, and the values without the target."
+    )
+    found = [draw("target", caption, viz.target_figure(target))]
+    if min(target.sizes["x"], target.sizes["y"]) > 1:
+        least = f"{float(target.distance[0]) * 1e3:g} mm"
+        caption = f"δ of each state over the place of the target, {least} away, with the outlines of the coils."
+        found.append(draw("target_maps", caption, viz.response_figure(target, map_outlines(design, target))))
+    return found
 
 
 def position_pictures(design: Design, positions: MapPositions, published: EllipseModel | None) -> list[Picture]:

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from coilarray.compute.display_units import DisplayUnit
+from coilarray.compute.display_units import PERCENT, DisplayUnit
 from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.localize.inverse import Location
 from coilarray.localize.published import published_model, undetermined_levels
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table, root_mean_square
+from coilarray.response.interpolation import PARAMETERS
 
 _PARAMETERS = ("A", "B", "x0")
 _POWERS = ("p4", "p3", "p2", "p1", "p0")
@@ -99,6 +100,34 @@ def cause_table(distortion: xr.Dataset) -> Table:
     return dataset_table("causes", "Causes", xr.Dataset(columns), ("cause", *columns))
 
 
+def indenter_table(distortion: xr.Dataset) -> Table:
+    """Return one row for each material of the indenter and coil: what it changes in x0, A, B and the peak.
+
+    Means over the levels of δ that both maps determine; empty where there is none. No row where the indenter is no ball
+    without a material.
+    """
+    columns = (
+        Column("indenter", "indenter of"),
+        Column("coil"),
+        Column("x0", "x0 moves by", "m"),
+        Column("A", "A grows by", "m"),
+        Column("B", "B grows by", "m"),
+        Column("peak", "largest δ grows by", "1", PERCENT),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for indenter in distortion.indenter.values.tolist()[1:]:
+        for state in distortion.state.values.tolist():
+            of = distortion.sel(state=state)
+            changed = [
+                (of[f"indenter_{name}"].sel(indenter=indenter) - of[f"indenter_{name}"].sel(indenter="without")).values
+                for name in ("x0", "A", "B")
+            ]
+            means = [cell(one[np.isfinite(one)].mean()) if np.isfinite(one).any() else "" for one in changed]
+            peak = of.indenter_peak.sel(indenter=indenter) / of.indenter_peak.sel(indenter="without") - 1
+            rows.append((indenter, state, *means, cell(float(peak))))
+    return Table("indenters", "Indenters of metal or ferrite", columns, tuple(rows))
+
+
 def residual_table(distortion: xr.Dataset) -> Table:
     """Return one row for each coil: how far x0 moves in Table A1 and in the prediction, and what remains between them.
 
@@ -149,22 +178,25 @@ def distortion_table(distortion: xr.Dataset) -> Table:
     return dataset_table("distortion", "x0, A and B over δ", table, ("coil", "delta", *named), shown)
 
 
-def location_record(location: Location) -> dict[str, object]:
+def location_record(location: Location, parameters: Sequence[str] = PARAMETERS) -> dict[str, object]:
     """Return a location as a mapping for JSON, in SI units: ``error`` alone for a refused reading.
 
     Else ``status``, ``reason`` where there is one, ``chi_square``, ``degrees_of_freedom``, ``probability``, and where
     there is a position ``x_m``, ``y_m``, ``depth_m`` and their ``sigma_…_m`` of the best of ``modes``, which has the
-    same keys for each; a standard deviation that the reading does not determine is null.
+    same keys for each; a standard deviation that the reading does not determine is null. `parameters` are those of the
+    model: with a target the third is ``distance``.
     """
     if location.verdict == "refused":
         return {"error": location.reason}
-    record: dict[str, object] = {"status": _STATUS[location.verdict]}
+    unnoticed = location.verdict == "nothing pressed" and tuple(parameters) != PARAMETERS
+    record: dict[str, object] = {"status": "no target" if unnoticed else _STATUS[location.verdict]}
     if location.reason:
         record["reason"] = location.reason
     modes = []
     for mode in location.modes:
-        one: dict[str, object] = {"x_m": mode.x, "y_m": mode.y, "depth_m": mode.depth}
-        sigma = zip(("x", "y", "depth"), mode.known_deviations, strict=False)
+        place = zip(parameters, (mode.x, mode.y, mode.depth), strict=True)
+        one: dict[str, object] = {f"{name}_m": value for name, value in place}
+        sigma = zip(parameters, mode.known_deviations, strict=False)
         one |= {f"sigma_{name}_m": value for name, value in sigma}
         one |= {"chi_square": mode.chi_square, "gaussian": mode.gaussian, "border": list(mode.border)}
         modes.append(one)
@@ -187,8 +219,9 @@ def position_table(records: Sequence[Mapping[str, Any]]) -> Table:
     columns = (
         Column("reading", unit="1"),
         Column("status"),
-        *(Column(name, unit="m") for name in ("x", "y", "depth")),
-        *(Column(f"sigma_{name}", f"± {name}", "m") for name in ("x", "y", "depth")),
+        *(Column(name, unit="m") for name in (*PARAMETERS, "distance")),
+        *(Column(f"sigma_{name}", f"± {name}", "m") for name in PARAMETERS),
+        Column("sigma_distance", "± distance", "m", DisplayUnit("µm", 1e6, 3, significant=True)),
         Column("chi_square", "χ²", "1", DisplayUnit(digits=2)),
     )
     rows: list[tuple[Value, ...]] = []

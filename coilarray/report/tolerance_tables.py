@@ -22,7 +22,8 @@ _PERCENT, _MICROMETRES, _MILLIMETRES, _MILLIRADIANS = (
 _FILE_UNITS = {
     "etch": _MICROMETRES, "registration": _MICROMETRES, "rotation": _MILLIRADIANS, "dielectric": _PERCENT,
     "copper": _PERCENT, "placement": _MILLIMETRES, "permeability": _PERCENT, "elastomer": _MILLIMETRES,
-    "capacitance": _PERCENT,
+    "capacitance": _PERCENT, "plate_distance": _MILLIMETRES, "plate_thickness": _PERCENT, "conductivity": _PERCENT,
+    "target_tilt": _MILLIRADIANS,
 }  # fmt: skip
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from coilarray.compute.display_units import MM
-from coilarray.geometry import Coil, CoilArray, RoundedSpiral
+from coilarray.design.model import Design
+from coilarray.geometry import Coil, CoilArray, Material, RoundedSpiral
 
 _SHAPES = {3: "triangular", 4: "square", 6: "hexagonal", 8: "octagonal"}
 
@@ -29,6 +30,27 @@ def array_words(array: CoilArray) -> str:
     apart = np.hypot(*(array.centres[:, None] - array.centres).transpose(2, 0, 1))
     np.fill_diagonal(apart, np.inf)
     return f"{len(outlines)} {shape}coils{size}, neighbours {MM.of(apart.min()):.3g} mm apart"
+
+
+def metal_words(design: Design) -> str:
+    """Return the metal near the coils: plates by their names, and the target; empty where there is none.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> metal_words(load_design("proximity")), metal_words(load_design("gast2020"))
+    ('an aluminium plate as target', '')
+    """
+    found = [f"the plate {plate.name} of {_metal(plate.material)}" for plate in design.plates]
+    if design.target is not None:
+        material = _metal(design.target.body.material)
+        article = "an" if material[0] in "aeiou" else "a"
+        found.append(f"{article} {material} {design.target.kind} as target")
+    return " and ".join([", ".join(found[:-1]), found[-1]] if len(found) > 1 else found)
+
+
+def _metal(material: Material) -> str:
+    return material.name.replace("_", " ")
 
 
 def _shape(coil: Coil) -> str:

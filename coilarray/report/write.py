@@ -28,15 +28,24 @@ from coilarray.errors import CoilarrayError, GeometryError, LocalizeError, Netwo
 from coilarray.geometry import check_rules
 from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.localize.published import published_model
-from coilarray.report import circuit_tables, figures, indentation_tables, localize_tables, tables
+from coilarray.report import (
+    circuit_tables,
+    figures,
+    indentation_tables,
+    localize_tables,
+    metal_tables,
+    tables,
+    target_tables,
+)
 from coilarray.report.drawing import drawing_beside
 from coilarray.report.page import now, render_page
 from coilarray.report.position import MapPositions, map_position_table, map_positions
-from coilarray.report.words import array_words
+from coilarray.report.words import array_words, metal_words
 from coilarray.response.answering import coils_outside
 from coilarray.response.coordinates import on_board, origin_of
 from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at
+from coilarray.response.target import target_map
 
 T = TypeVar("T")
 
@@ -116,9 +125,10 @@ def write_report(
     Every number on the page also stands in the folder: ``coils.csv``, ``pairs.csv``, ``design.csv``, ``rules.csv``,
     ``field_line.csv``, ``windings.csv``, ``states.csv``, ``state_currents.csv``, ``ldc1614.csv``,
     ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv``, ``response.csv``, ``ellipses.csv``, ``polynomials.csv``,
-    ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``, all of them in ``report.json``; ``coupling.nc``,
-    ``field.nc``, ``scan.nc``, ``impedance.nc``, ``indentation.nc``, ``response.nc`` and ``ellipses.nc`` hold the
-    arrays.
+    ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``, and of metal ``plates.csv``, ``beside_plates.csv``,
+    ``target.csv``, ``target_range.csv`` and ``target_coupling.csv``, all of them in ``report.json``; ``coupling.nc``,
+    ``field.nc``, ``scan.nc``, ``impedance.nc``, ``target.nc``, ``indentation.nc``, ``response.nc`` and
+    ``ellipses.nc`` hold the arrays.
     Parts that a design does not ask for are left out, and so are parts that cannot be computed, with the reason on the
     page.
     """
@@ -147,6 +157,8 @@ def write_report(
         beside.submit(design_inductance, design)  # which all others wait for, while they compute what is their own
         coupled = beside.submit(couple_design, design)
         circuit = beside.submit(_circuit, design)
+        bare = beside.submit(_without_plates, design)
+        targeting = beside.submit(_or_reason, lambda: None if design.target is None else target_map(design))
         responding = beside.submit(
             _or_reason, lambda: None if design.indentation is None else response_map(design, reach="auto")
         )
@@ -165,8 +177,10 @@ def write_report(
         if len(design.array.names) > 1:
             draw(figures.coupling_pictures, coupling)
         step()
-        line, plane = _fields(design, coupling, active)
-        draw(figures.field_pictures, design, active, line, plane)
+        fields, field_problem = _or_reason(lambda: _fields(design, coupling, active))
+        line, plane = fields or ({}, {})
+        if fields:
+            draw(figures.field_pictures, design, active, line, plane)
         step()
         scan, sweep, circuit_problem = circuit.result()
         if sweep is not None:
@@ -185,6 +199,11 @@ def write_report(
             draw(figures.position_pictures, design, positions, published_model() if compare else None)
         if distortion is not None:
             draw(figures.distortion_picture, distortion)
+        without = bare.result()
+        target, target_problem = targeting.result()
+        seen = None if target is None else on_board(target)
+        if seen is not None:
+            draw(figures.target_pictures, design, seen)
         step()
         drawing.finish()
         step()
@@ -193,8 +212,9 @@ def write_report(
         tables.pair_table(coupling),
         tables.design_table(file),
         tables.rules_table(margins),
-        tables.line_table(line),
+        *([tables.line_table(line)] if line else []),
         *_circuit_tables(scan, sweep),
+        *_metal_tables(design, coupling, scan, without, seen),
         *([] if indentation is None else [indentation_tables.indentation_table(indentation)]),
         *([] if shown is None else [indentation_tables.response_table(shown)]),
         *([] if positions is None else _position_tables(positions, compare)),
@@ -205,6 +225,7 @@ def write_report(
         "provenance": {**provenance(design), "date": now()},
         "title": design.title or design.name,
         "board": array_words(design.array),
+        "metal": metal_words(design),
         "source": design.source,
         "capacitance_F": design.circuit.capacitance,
         "short_resistance_ohm": design.circuit.short_resistance,
@@ -218,6 +239,9 @@ def write_report(
         "indentation_problem": indentation_problem or response_problem,
         "coils_outside_map": [] if shown is None else coils_outside(shown),
         "position_problem": "" if design.indentation is None else position_problem,
+        "field_problem": field_problem,
+        "target_problem": target_problem,
+        "target_noise": None if target is None else float(target.attrs["noise"]),
         "position": None if positions is None else _position_summary(positions),
         "sheet_share": _sheet_share(coupling),
         "field_coil": active,
@@ -232,8 +256,9 @@ def write_report(
     for name, text in texts.items():
         write_text(data_folder / name, text)
     datasets = {
-        "coupling": coupling, "field": _both(plane), "scan": scan, "impedance": sweep, "indentation": indentation,
-        "response": response, "ellipses": None if positions is None else positions.fits,
+        "coupling": coupling, "field": _both(plane) if plane else None, "scan": scan, "impedance": sweep,
+        "target": target, "indentation": indentation, "response": response,
+        "ellipses": None if positions is None else positions.fits,
     }  # fmt: skip
     for name, dataset in datasets.items():
         if dataset is not None:
@@ -251,6 +276,28 @@ def _circuit(design: Design) -> tuple[xr.Dataset | None, xr.Dataset | None, str]
         return scan, sweep_design(design, middle * np.geomspace(*_SWEEP, _SWEEP_POINTS)), ""
     except (GeometryError, NetworkError) as error:  # a winding without turns has no capacitance model, for example
         return None, None, str(error)
+
+
+def _without_plates(design: Design) -> xr.Dataset | None:
+    """Scan of the design without its plates; nothing where it has none, or one of both has no circuit."""
+    if not design.plates:
+        return None
+    return _or_reason(lambda: scan_design(replace(design, plates=())))[0]
+
+
+def _metal_tables(
+    design: Design, coupling: xr.Dataset, scan: xr.Dataset | None, without: xr.Dataset | None, target: xr.Dataset | None
+) -> list[tables.Table]:
+    found = []
+    if design.plates:
+        frequency = float(coupling.frequency.sel(coil=design.array.middle_coil))
+        found.append(metal_tables.plate_table(design, frequency))
+    if scan is not None and without is not None:
+        found.append(metal_tables.beside_plates_table(scan, without))
+    if target is not None:
+        found += [target_tables.target_table(target), target_tables.range_table(target)]
+        found += [target_tables.target_coupling_table(target)] if len(design.array.names) > 1 else []
+    return found
 
 
 def _sheet_share(coupling: xr.Dataset) -> dict[str, float]:

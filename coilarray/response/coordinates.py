@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import xarray as xr
@@ -13,15 +14,31 @@ if TYPE_CHECKING:
     from coilarray.design.model import Indentation
     from coilarray.geometry import Target
 
-__all__ = ["as_depths", "axis_label", "depth_words", "is_of_target", "on_board", "origin_attributes", "origin_of"]
+__all__ = [
+    "as_depths",
+    "axis_label",
+    "depth_words",
+    "from_board",
+    "is_of_target",
+    "on_board",
+    "origin_attributes",
+    "origin_of",
+    "over_depth",
+]
 
 _BOARD = "board"
+_PICOMETRE = 12  # digits of m: what a shift adds to a number of few digits
 
 
 def origin_attributes(setup: Indentation | Target) -> dict[str, str | float]:
     """Return the attributes of a response that say what its positions count from: a name, and x and y in m."""
     x, y = setup.origin_point
     return {"origin": setup.origin or _BOARD, "origin_x": float(x), "origin_y": float(y)}
+
+
+def from_board(positions: Iterable[float], origin: float) -> tuple[float, ...]:
+    """Return positions in m along one axis of the board as counted from a map's origin, which lies at `origin` in m."""
+    return tuple(round(float(position) - origin, _PICOMETRE) for position in positions)
 
 
 def origin_of(response: xr.Dataset) -> tuple[float, float]:
@@ -84,8 +101,12 @@ def as_depths(response: xr.Dataset) -> xr.Dataset:
     """
     if not is_of_target(response):
         return response
-    turned = response.isel(distance=slice(None, None, -1)).rename(distance="depth")
-    return turned.assign_attrs(over="distance")
+    return over_depth(response.isel(distance=slice(None, None, -1)))
+
+
+def over_depth(response: xr.Dataset) -> xr.Dataset:
+    """Return a target's map with its distances called depths, in their order; a response of an indentation as it is."""
+    return response.rename(distance="depth").assign_attrs(over="distance") if is_of_target(response) else response
 
 
 def depth_words(response: xr.Dataset, depth: int) -> str:

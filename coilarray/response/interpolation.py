@@ -36,9 +36,9 @@ _DEGREE = 3
 class ResponseSpline:
     """Values over position and depth, with derivatives.
 
-    `x`, `y` and `depth` are the coordinates in m, shape (n,) each, at which the response is known. A single depth is
-    taken as known: then only the position is unknown, and the depth of a point has no effect. `spline` is over x, y
-    and, where there is more than one, the depth, or its root where `in_root` is set.
+    `x`, `y` and `depth` are the coordinates in m, shape (n,) each, at which the response is known. A coordinate of one
+    value is taken as known: then only the others are unknown, and that of a point has no effect. `spline` is over
+    those that have more, over the root of the depth where `in_root` is set.
     """
 
     x: FloatArray
@@ -58,26 +58,31 @@ class ResponseSpline:
         return np.array([self.x[-1], self.y[-1], self.depth[-1]])
 
     @property
+    def free(self) -> list[int]:
+        """Numbers of the coordinates that are unknown, among x, y and depth: those of more than one value."""
+        return [k for k, axis in enumerate((self.x, self.y, self.depth)) if len(axis) > 1]
+
+    @property
     def unknowns(self) -> int:
         """Number of unknowns: 3 for x, y and depth, or 2 where the table has one depth."""
-        return 3 if len(self.depth) > 1 else 2
+        return len(self.free)
 
     def outside(self, points: FloatArray) -> tuple[int, float] | None:
         """Return number and value in m of the first coordinate of points (…, 3) outside the table; None for none."""
-        free = slice(self.unknowns)
+        free = self.free
         inside = (points[..., free] >= self.lower[free]) & (points[..., free] <= self.upper[free])
         if inside.all():
             return None
-        return int(np.argwhere(~inside)[0][-1]), float(points[..., free][~inside][0])
+        return free[int(np.argwhere(~inside)[0][-1])], float(points[..., free][~inside][0])
 
     def values_at(self, points: FloatArray, axis: int | None = None) -> FloatArray:
-        """Interpolate at points (…, 3) in m, or differentiate once by the coordinate `axis`."""
+        """Interpolate at points (…, 3) in m, or differentiate once by the unknown `axis`, as `free` counts them."""
         orders = np.zeros(self.unknowns, dtype=int)
         if axis is not None:
             orders[axis] = 1
-        at = np.array(points[..., : self.unknowns])
+        at = np.array(points[..., self.free])
         if self.in_root:
-            at[..., 2] = np.sqrt(at[..., 2])
+            at[..., -1] = np.sqrt(at[..., -1])
         return np.asarray(self.spline(at, nu=orders))
 
 
@@ -86,21 +91,22 @@ def response_spline(
 ) -> ResponseSpline:
     """Interpolate values (x, y, depth, …) along one axis after the other, at rising coordinates in m, shape (n,) each.
 
-    Cubic in x and y, of at least 4 positions each, with C. de Boor's not-a-knot ends (A Practical Guide to Splines, ch.
-    IV); in depth cubic from four planes on, with fewer the polynomial through them. `zero_plane` adds values of 0 at
-    the depth 0 to a table of more than one depth that has no depth 0. `in_root` interpolates over the root of the
+    Cubic in x and y, of one or at least 4 positions each, with C. de Boor's not-a-knot ends (A Practical Guide to
+    Splines, ch. IV); in depth cubic from four planes on, with fewer the polynomial through them. `zero_plane` adds
+    values of 0 at the depth 0 to a table of more than one depth that has no depth 0. `in_root` interpolates over the
+    root of the
     depth, with no slope at the first one, which must be 0.
     """
     if zero_plane and len(depth) > 1 and depth[0] > 0:
         depth = np.concatenate(([0.0], depth))
         values = np.concatenate((np.zeros_like(values[:, :, :1]), values), axis=2)
     axes = [x, y, np.sqrt(depth) if in_root else depth]
-    if len(depth) == 1:
-        axes, values = axes[:2], values[:, :, 0]
+    known = tuple(k for k, axis in enumerate(axes) if len(axis) == 1)
+    axes, values = [axis for axis in axes if len(axis) > 1], values.squeeze(known)
     knots, degrees = [], []
     for k, axis in enumerate(axes):
         along = np.moveaxis(values, k, 0)
-        if in_root and k == 2:
+        if in_root and k == len(axes) - 1:
             ends: Any = ([(1, np.zeros(along.shape[1:]))], None)  # no slope; at the other end no knot next to it
             t = np.concatenate((np.repeat(axis[0], _DEGREE), axis[:-2], np.repeat(axis[-1], _DEGREE + 1)))
             spline = make_interp_spline(axis, along, k=_DEGREE, t=t, bc_type=ends)

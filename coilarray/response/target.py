@@ -20,6 +20,7 @@ from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
 from coilarray.design.model import Design
 from coilarray.elastomer.flat_layer import magnetic_slab
+from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Target
 from coilarray.metal.target import target_inductance
@@ -126,7 +127,7 @@ def target_map(
     resonances = np.array([one.frequency for one in alone])
     middle = np.exp(np.log(resonances).mean(keepdims=True))
     nearest = replace(axes, depth=axes.depth[:1])
-    first = _changes(design, nearest, middle, parts, None)
+    first = _changes(design, nearest, middle, parts, None, "screen")
     _require_passive(network, first, nearest)
     guess = _Change(np.log(middle), first)
     moved = np.array([_through_circuit(network, one, guess, nearest)["frequency"] for one in alone])
@@ -180,13 +181,18 @@ class _Change:
 
 
 def _changes(
-    design: Design, axes: MapAxes, frequencies: FloatArray, parts: Path | None, progress: Progress | None
+    design: Design,
+    axes: MapAxes,
+    frequencies: FloatArray,
+    parts: Path | None,
+    progress: Progress | None,
+    accuracy: Accuracy = "full",
 ) -> ComplexArray:
     """ΔL − jΔR/ω at all distances and places, (distances, places, frequencies, coils, coils) in H."""
     target = target_of(design)
     places = axes.places + target.origin_point
     paths = [conductor.vertices for conductor in design.array.conductors()]
-    metal = (target.body, places, frequencies, design.sheets, design.plates, paths)
+    metal = (target.body, places, frequencies, design.sheets, design.plates, paths, accuracy)
     keys = [content_key(*metal, float(distance)) for distance in axes.depth]
     found: dict[int, ComplexArray] = {}
     if parts is not None:
@@ -209,7 +215,7 @@ def _changes(
 
         change = target_inductance(
             design.array, target, places, axes.depth[block].tolist(), frequencies, design.sheets, design.plates,
-            progress=counted,
+            accuracy=accuracy, progress=counted,
         )  # fmt: skip
         for k, values in zip(block, change, strict=True):
             found[k] = values

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xarray as xr
 
-from coilarray.circuit.network import Network, SampledResistance
+from coilarray.circuit.network import Network, SampledMatrix
 from coilarray.compute.store import Store
 from coilarray.design.model import Design
 
@@ -18,11 +18,12 @@ def board_network(design: Design, store: Store) -> Network:
     return Network(
         design.array.names,
         parts.inductance.values,
-        SampledResistance(parts.frequency.values, parts.resistance.values),
+        SampledMatrix(parts.frequency.values, parts.resistance.values),
         parts.winding_capacitance.values,
         parts.mutual_capacitance.values,
         design.circuit.switches,
         tuple(filter(None, parts.attrs["left_out"].split("\n"))),
+        SampledMatrix(parts.frequency.values, parts.dispersion.values) if "dispersion" in parts else None,
     )
 
 
@@ -31,14 +32,16 @@ def _circuit(design: Design) -> xr.Dataset:
 
     network = design_circuit(design)
     resistance = network.resistance
-    assert isinstance(resistance, SampledResistance)
+    assert isinstance(resistance, SampledMatrix)
     pair = ("coil", "other")
+    dispersion = {} if network.dispersion is None else {"dispersion": network.dispersion.matrices}  # at those of R
     return xr.Dataset(
         {
             "inductance": (pair, network.inductance, {"units": "H"}),
             "resistance": (("frequency", *pair), resistance.matrices, {"units": "ohm"}),
             "winding_capacitance": ("coil", network.winding_capacitance, {"units": "F"}),
             "mutual_capacitance": (pair, network.mutual_capacitance, {"units": "F"}),
+            **{name: (("frequency", *pair), matrices, {"units": "H"}) for name, matrices in dispersion.items()},
         },
         coords={"frequency": ("frequency", resistance.frequencies, {"units": "Hz"})},
         attrs={"left_out": "\n".join(network.left_out)},

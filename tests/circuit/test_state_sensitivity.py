@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from coilarray.circuit import state_sensitivity as ways
 from coilarray.circuit.active_coil import active_coil
 from coilarray.circuit.coupling import bare_network
-from coilarray.circuit.network import Network, SampledResistance, resonances_near, resonate
+from coilarray.circuit.network import Network, SampledMatrix, resonances_near, resonate
 from coilarray.circuit.state_sensitivity import resonances, state_sensitivity
 from coilarray.design.scan_states import ScanState, Switches, paper_plan
 from coilarray.errors import NetworkError
@@ -97,7 +97,7 @@ def lossy(switches, random):
     f = np.geomspace(0.5e6, 8e6, 15)
     matrices = np.array([np.diag(R) * (1 + 0.1 * (one / 2e6) ** 2) for one in f])
     matrices[:, 0, 1] = matrices[:, 1, 0] = -0.2
-    return Network(NAMES, L, SampledResistance(f, matrices), random.uniform(5e-12, 2e-11, 4), between, switches)
+    return Network(NAMES, L, SampledMatrix(f, matrices), random.uniform(5e-12, 2e-11, 4), between, switches)
 
 
 @pytest.mark.slow

@@ -334,7 +334,7 @@ def test_progress():
     layer_inductance([SPIRAL], [MAGNETIC], progress=lambda done, total: seen.append((done, total)))
     done, totals = zip(*seen, strict=True)
     assert (set(totals), list(done)) == ({done[-1]}, sorted(done))
-    assert done[0] == 1  # the first image
+    assert done[0] == 100  # the first image, in hundredths
 
 
 SEVERAL = r"must lie on each other and have one .*got 'a' .*, 'c' "

@@ -356,6 +356,45 @@ array.placements = [{ name = "a", coil = "pin", layers = ["top"], x_mm = 0, y_mm
     assert not any((made.folder / name).exists() for name in ("scan.nc", "indentation.nc"))
 
 
+METAL = """
+[[plate]]
+name = "backplane"
+material = "aluminium"
+thickness_mm = 1.0
+distance_mm = 3.0
+side = "below"
+[target]
+shape = "plate"
+material = "copper"
+thickness_mm = 2.0
+distances_mm = [0.5, 2, 8]
+"""
+
+
+def test_metal_has_a_section_with_its_numbers(tmp_path):
+    few = re.sub(r"\[indenter\].*?(?=\n\[circuit\])", "", FEW, flags=re.DOTALL)
+    made = drawn_report(parse_design(few + METAL), tmp_path)
+    page = made.page.read_text(encoding="utf-8")
+    assert "<h2>Metal" in page
+    assert "with the plate backplane of aluminium and a copper plate as target;" in page
+    (plate,) = table(made, "plates")
+    depth, f = float(plate["skin_depth_m"]), float(table(made, "coils")[0]["frequency_Hz"])
+    assert depth == pytest.approx(0.0661 / np.sqrt(0.61 * f), rel=0.05)  # 66 µm of copper at 1 MHz: 61 % IACS
+    assert float(plate["thickness_over_skin_depth"]) == pytest.approx(1e-3 / depth, rel=1e-12)
+    for row in table(made, "beside_plates"):
+        change = float(row["effective_inductance_H"]) / float(row["effective_inductance_without_H"]) - 1
+        assert float(row["plate_change"]) == pytest.approx(change, rel=1e-9)
+        assert change < -0.01  # a screen behind the coils takes flux
+        assert float(row["quality_factor"]) < float(row["quality_factor_without"])
+    ranges = {row["state"]: float(row["range_m"]) for row in table(made, "target_range")}
+    assert all(0.5e-3 < distance <= 8e-3 for distance in ranges.values())
+    deltas = [float(row["delta"]) for row in table(made, "target") if row["state"] == "coil1"]
+    assert deltas == sorted(deltas)  # the nearer, the less inductance
+    assert deltas[-1] < 0
+    assert "target.nc" in {path.name for path in made.folder.iterdir()}
+    assert made.data["target_problem"] == made.data["field_problem"] == ""
+
+
 @pytest.mark.parametrize(("old", "new", "problem", "dent"), [
     ("depths_mm = [0.3, 0.6]", "depths_mm = [0.3, 3.9]", "depth of an indentation must leave every", False),
     ('shape = "hemisphere" ', 'shape = "cylinder_edge" ', "coils in space need dents about an axis", True),

@@ -53,7 +53,7 @@ pitch_mm = 15.0
 layers = [["L1", "L2"]]
 """
 )
-ONE = parse_design_file(
+SINGLE = (
     SQUARE
     + """
 [array]
@@ -62,6 +62,17 @@ coil = "sq"
 columns = 1
 pitch_mm = 15.0
 layers = [["L1", "L2"]]
+"""
+)
+ONE = parse_design_file(SINGLE)
+MOVED = parse_design_file(
+    SINGLE
+    + """
+[target]
+shape = "sphere"
+material = "brass"
+diameter_mm = 8
+distances_mm = [1, 2, 6]
 """
 )
 FREE = parse_design_file(
@@ -91,6 +102,7 @@ def margin(design):
     (PAD, ("worst_k", "decouple")), (ONE, ("smallest",)), (FREE, ("worst_k", "decouple")),
     (load_design("starter"), ("worst_k", "decouple", "position_error")),
     (load_design("gast2020"), ("worst_k", "decouple", "position_error")),
+    (MOVED, ("range", "resolution")),
 ])  # fmt: skip
 def test_the_design_itself_lies_within_its_goals(file, names):
     for name in names:
@@ -128,6 +140,10 @@ def test_what_each_goal_takes_from_the_design():
     bounds = {bound.quantity: bound.at_least for bound in small.constraints}
     assert bounds["inductance_uH[coil1]"] == pytest.approx(wanted["inductance_uH[coil1]"], rel=1e-2)
     assert bounds["q"] == pytest.approx(0.8 * wanted["q"], rel=1e-2)
+    told = derive_goal(["range", "resolution"], MOVED).goal
+    assert [one.wish for one in told.objectives] == [
+        "maximize target_range_mm[coil1]", "minimize target_deviation_um[coil1,distance_mm=2]",
+    ]  # fmt: skip
     trace = variable(small, "coils.sq.trace_width_mm")
     assert (trace.low, trace.high) == (0.1, 0.3)  # the limit of [fab], and what it is
     broken = dataclasses.replace(PAD.design, rules=dataclasses.replace(PAD.design.rules, min_gap=0.25e-3))
@@ -166,6 +182,7 @@ def test_what_the_command_line_gives_takes_the_place_of_the_derived():
     (["decouple"], ONE, "has one coil alone, which couples with none"),
     (["position_error"], PAD, r"has no \[indenter\] and \[indentation\]"),
     (["position_error"], load_design("gast_fem"), "needs 3 states of the scan for x, y and the depth; gast_fem has 1"),
+    (["range"], PAD, r"has no \[target\]"),
     (["least"], PAD, f"must be one of {', '.join(NAMES)}, or minimize QUANTITY"),
     (["minimize worst"], PAD, "there is no quantity 'worst'; did you mean worst_k"),
 ])  # fmt: skip

@@ -3,6 +3,7 @@
 # ruff: noqa: E501 - each case is one line of input and one of output
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,12 +18,14 @@ from coilarray.circuit.impedance import scan_design
 from coilarray.design.bundled import read
 from coilarray.design.vary import vary
 from coilarray.errors import CoilarrayError, GoalError
-from coilarray.geometry import check_rules
+from coilarray.geometry import MATERIALS, Ball, Target, check_rules
 from coilarray.geometry.rules import _HORIZON
 from coilarray.hardware import drive_for
 from coilarray.localize.forward import forward_model, table_grid
 from coilarray.localize.identifiability import identifiability
 from coilarray.response.map import response_map
+from coilarray.response.target import target_map
+from coilarray.response.target_range import ranges_of
 from coilarray.studies.quantities import QUANTITIES, Evaluation, canonical, evaluate, evaluation, request
 from coilarray.studies.quantities.layout import FARTHEST, LENGTH_RULES
 
@@ -50,9 +53,9 @@ def value(design, asked):
 
 
 def test_the_catalogue_says_what_everything_is():
-    costs = ["geometry", "coupling", "circuit", "response", "table"]
+    costs = ["geometry", "coupling", "circuit", "target", "response", "table"]
     assert [q.cost for q in QUANTITIES.values()] == sorted((q.cost for q in QUANTITIES.values()), key=costs.index)
-    units = {"mm": "mm", "mm2": "mm²", "uH": "µH", "MHz": "MHz", "ohm": "Ω"}
+    units = {"mm": "mm", "mm2": "mm²", "uH": "µH", "MHz": "MHz", "ohm": "Ω", "kohm": "kΩ", "um": "µm"}
     for name, quantity in QUANTITIES.items():
         # the unit stands in the name
         assert (quantity.name, quantity.unit) == (name, units.get(name.rpartition("_")[2], "1"))
@@ -495,3 +498,41 @@ def test_what_is_not_finite_is_refused():
     assert request("q[coil1]").value(of) == 1
     with pytest.raises(GoalError, match=r"q\[coil2\] of starter is not finite: inf"):
         request("q[coil2]").value(of)
+
+
+def test_a_target_is_that_of_its_map_over_the_coil_or_where_it_is_asked():
+    ball = Target(Ball(5e-3, MATERIALS["aluminium"]), (1e-3, 3e-3, 8e-3), (0.0,), (0.0,), origin_point=(2e-3, 0.0))
+    design = replace(STARTER, target=ball)
+    x, y = design.array.centres[1] - [2e-3, 0.0]
+    over = target_map(design, distances=[1e-3, 3e-3, 8e-3], x=[x], y=[y]).isel(x=0, y=0).sel(state="coil2")
+    asked = {
+        "delta": (over.delta, 1.0), "inductance_uH": (over.effective_inductance, 1e6), "q": (over.quality_factor, 1.0),
+        "resistance_ohm": (over.effective_resistance, 1.0), "frequency_MHz": (over.frequency, 1e-6),
+        "parallel_resistance_kohm": (over.parallel_resistance, 1e-3),
+    }  # fmt: skip
+    near = evaluate(design, [f"target_{name}[coil2]" for name in asked])
+    far = evaluate(design, [f"target_{name}[coil2,distance_mm=3]" for name in asked])
+    for name, (values, scale) in asked.items():
+        assert near[f"target_{name}[coil2]"] == pytest.approx(scale * float(values[0]), rel=1e-9)
+        assert far[f"target_{name}[coil2,distance_mm=3]"] == pytest.approx(scale * float(values[1]), rel=1e-9)
+    assert near["target_delta[coil2]"] < far["target_delta[coil2,distance_mm=3]"] < 0
+    beside = value(design, "target_delta[coil2,x_mm=6,y_mm=-2]")
+    assert beside == pytest.approx(
+        float(target_map(design, distances=[1e-3], x=[6e-3], y=[-2e-3]).delta[0, 0, 0, 1]), rel=1e-9
+    )
+    told = ranges_of(target_map(design, x=[x], y=[y]), 1e-4).isel(state=1)
+    assert value(design, "target_range_mm[coil2,noise=0.0001]") == pytest.approx(float(told.range) * 1e3, rel=1e-9)
+    deviation = value(design, "target_deviation_um[coil2,noise=0.0001,distance_mm=3]")
+    assert deviation == pytest.approx(float(told.distance_deviation[1]) * 1e6, rel=1e-9)
+    assert value(design, "parallel_resistance_kohm[coil2]") == pytest.approx(
+        float(over.base_parallel_resistance) * 1e-3, rel=1e-9
+    )
+    for lacking, message in (
+        (STARTER, r"the design starter has no \[target\]"),
+        (
+            replace(design, target=replace(ball, distances=(1e-3,))),
+            "two distances of the target at least; starter has one",
+        ),
+    ):
+        with pytest.raises(GoalError, match=message):
+            value(lacking, "target_range_mm[coil2]")

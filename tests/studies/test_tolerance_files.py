@@ -33,6 +33,10 @@ placement = { board_mm = 0.1 }
 permeability = { board_percent = 5 }
 elastomer = { layer_mm = 0.05 }
 capacitance = { distribution = "uniform", board_percent = 5 }
+plate_distance = { board_mm = 0.02, layer_mm = 0.03 }
+plate_thickness = { layer_percent = 2 }
+conductivity = { board_percent = 3 }
+target_tilt = { board_mrad = 6 }
 positions = { x_mm = [-26, 0], y_mm = [4], depth_mm = 1, noise = 2e-5 }
 limit = [{ quantity = "worst_k", at_most = 0.06 }, { quantity = "rms_k", at_least = 0.0, at_most = 0.03 }]
 assumed = { etch = "a guess" }
@@ -47,6 +51,8 @@ def test_every_table_is_read_in_si():
         "dielectric": Spread("normal", 0.03, 0.0), "copper": Spread("normal", 0.0, 0.04),
         "placement": Spread("normal", 0.1e-3, 0.0), "permeability": Spread("normal", 0.05, 0.0),
         "elastomer": Spread("normal", 0.0, 0.05e-3), "capacitance": Spread("uniform", 0.05 / math.sqrt(3), 0.0),
+        "plate_distance": Spread("normal", 0.02e-3, 0.03e-3), "plate_thickness": Spread("normal", 0.0, 0.02),
+        "conductivity": Spread("normal", 0.03, 0.0), "target_tilt": Spread("normal", 6e-3, 0.0),
     }  # fmt: skip
     assert read.spreads.keys() == wanted.keys()
     for name, spread in wanted.items():

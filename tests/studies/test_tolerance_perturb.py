@@ -14,6 +14,7 @@ from coilarray import load_design
 from coilarray.circuit.coupling import couple_design, design_inductance
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import GoalError
+from coilarray.geometry import MATERIALS, Disc, FinitePlate, Plate, Target
 from coilarray.studies.tolerance import error_names, perturb
 
 GAST = load_design("gast2020")
@@ -198,3 +199,31 @@ def test_widths_of_the_loops_are_as_meant():
     conductor = loops().array.conductors()[0]
     found = [conductor.widths, conductor.thicknesses]
     np.testing.assert_allclose(found, [[WIDTH] * 100, [COPPER] * 100], rtol=ROUNDING)
+
+
+def test_plates_keep_or_move_their_face_near_the_coils_and_a_target_adds_its_tilts():
+    aluminium, steel = MATERIALS["aluminium"], MATERIALS["steel"]
+    plates = (
+        Plate("cover", 12e-3, 1e-3, aluminium),
+        FinitePlate("back", Disc(8e-3), (0.0, 0.0, -5e-3), 2e-3, steel, tilt=0.1),
+    )
+    body = FinitePlate("target", Disc(8e-3), (0.0, 0.0, 0.0), 1e-3, aluminium, tilt=0.03, tilt_direction=math.pi / 2)
+    design = replace(STARTER, plates=plates, target=Target(body, (1e-3,), (0.0,), (0.0,)))
+    assert set(error_names(design)) - set(error_names(STARTER)) == {
+        "plate_distance.cover", "plate_distance.back", "plate_thickness.cover", "plate_thickness.back", "conductivity",
+        "target_tilt_x", "target_tilt_y",
+    }  # fmt: skip
+    errors = {"plate_distance.back": 0.2e-3, "plate_thickness.cover": 0.1, "plate_thickness.back": 0.1}
+    found = perturb(design, {**errors, "conductivity": -0.2, "target_tilt_x": 0.04})
+    cover, back = found.plates
+    np.testing.assert_allclose(cover.heights, (12e-3, 13.1e-3), rtol=ROUNDING)
+    assert back.heights[1] == pytest.approx(plates[1].heights[1] - 0.2e-3, rel=ROUNDING)
+    assert back.thickness == pytest.approx(2.2e-3, rel=ROUNDING)
+    conductivities = [one.material.conductivity for one in (cover, back, found.target.body)]
+    before = [aluminium.conductivity, steel.conductivity, aluminium.conductivity]
+    np.testing.assert_allclose(conductivities, np.multiply(0.8, before), rtol=ROUNDING)
+    tilted = found.target.body
+    assert (tilted.tilt, tilted.tilt_direction) == pytest.approx((0.05, math.atan2(3, 4)), rel=1e-12)
+    for error in ("plate_thickness.cover", "conductivity"):
+        with pytest.raises(GoalError, match="must be above −1"):
+            perturb(design, {error: -1.0})

@@ -14,7 +14,7 @@ from support import browser
 from coilarray.errors import MissingDependencyError
 from coilarray.viz.offscreen import NO_RENDERING
 from coilarray.viz.scenes.page import save_page
-from coilarray.viz.scenes.scene import Part, Scale, Scene, Text
+from coilarray.viz.scenes.scene import Part, Scale, Scene, Slider, Text
 
 pytestmark = pytest.mark.slow
 
@@ -38,6 +38,8 @@ def scene():
         Part("upper", flat(10, 20, 1.0), "upper <b>", "#d50000", lit=False),
         Part("rod", pyvista.Line((2, 5, 1), (8, 5, 1)), "upper <b>", "#0000b2", line_width=18.0, lit=False),
         Part("coloured", coloured, scale=scale, lit=False),
+        Part("near", pyvista.Plane(center=(18, 9, 2), i_size=2, j_size=2), colour="#0000b2", lit=False, step=0),
+        Part("far", pyvista.Plane(center=(12, 9, 2), i_size=2, j_size=2), colour="#0000b2", lit=False, step=1),
     )
     texts = (
         Text("left", (0.0, 0.0, 0.0)),
@@ -45,7 +47,8 @@ def scene():
         Text("behind", (0.0, 0.0, -30.0)),  # seen from above in the same place
         Text("above", (0.0, 10.0, 0.0), hidden_from=("front",)),
     )
-    return Scene(parts, texts, ("first note", "a < b"))
+    slider = Slider("distance", ("1 mm", "2 mm"), (("it is <near>",), ()))
+    return Scene(parts, texts, ("first note", "a < b"), slider)
 
 
 @pytest.fixture(scope="module")
@@ -158,6 +161,17 @@ def test_switches_hide_and_show_their_group(page):
     assert page.locator(".words span", has_text="right & up").is_visible()
 
 
+def test_a_slider_shows_the_parts_and_lines_of_one_position(page):
+    slider = page.get_by_label("distance")
+    for step, blue, red, lines in ((1, (12, 9), (18, 9), 2), (0, (18, 9), (12, 9), 3)):
+        slider.fill(str(step))
+        settled(page)
+        assert np.abs(np.subtract(colour_at(page, blue), BLUE)).max() <= 3
+        assert np.abs(np.subtract(colour_at(page, red), RED)).max() <= 3
+        assert len(page.locator(".notes").inner_text().splitlines()) == lines
+        assert page.locator(".slider span").inner_text() == f"distance: {step + 1} mm"
+
+
 def test_legend_bar_and_notes_say_what_is_seen_beside_all_of_it(page):
     assert page.title() == "six <coils>"
     assert page.locator(".panel h1").inner_text() == "six <coils>"
@@ -166,7 +180,7 @@ def test_legend_bar_and_notes_say_what_is_seen_beside_all_of_it(page):
     assert swatch == "rgb(213, 0, 0)"
     assert page.locator("figcaption").all_inner_texts() == ["voltage (mV)"]
     assert page.locator(".bars b").all_inner_texts() == ["0", "1", "2", "3", "4"]
-    assert page.locator(".notes").inner_text().splitlines() == ["first note", "a < b"]
+    assert page.locator(".notes").inner_text().splitlines() == ["first note", "a < b", "it is <near>"]
     for selector in (".panel", ".bars", ".notes"):
         box = page.locator(selector).bounding_box()
         assert min(box["x"], box["y"]) >= 0

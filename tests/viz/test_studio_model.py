@@ -2,6 +2,7 @@
 
 import math
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,14 +16,16 @@ from support.browser import bells, quick_run
 from coilarray import couple_design, load_design
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonate
+from coilarray.design import bundled
 from coilarray.design.model import build_design, build_design_file, load_design_file, parse_design
 from coilarray.design.vary import vary
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.errors import DesignError, ElastomerError, GeometryError, LocalizeError, NetworkError, OutputError
-from coilarray.geometry import check_rules
+from coilarray.geometry import MATERIALS, Ball, Plate, Target, check_rules
 from coilarray.localize.inverse import Location, Mode
+from coilarray.response.target import target_map
 from coilarray.viz.scenes.scene import Part, Scale, Scene
-from coilarray.viz.studio import numbers
+from coilarray.viz.studio import metal, numbers
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
@@ -329,7 +332,7 @@ def test_a_saved_design_is_read_back_and_nothing_else_is_touched(starter, tmp_pa
     again = shelf.open("better.toml")
     assert again.design.digest == changed.design.digest
     assert tomllib.loads((tmp_path / "better.toml").read_text(encoding="utf-8")) == changed.opened.document
-    assert shelf.names() == ["better.toml", "gast2020", "gast_fem", "starter"]
+    assert shelf.names() == ["better.toml", *bundled.names()]
     assert parse_design(again.text()).digest == changed.design.digest
 
 
@@ -434,3 +437,45 @@ def test_what_is_no_study_is_one_line(tmp_path):
         with pytest.raises(OutputError, match="it is no study of an optimisation"):
             read_runs(tmp_path)
     assert run_folders(Path("/nowhere")) == []
+
+
+def test_bodies_are_added_and_removed_as_the_file_says_them():
+    work = work_on(OPENED, "starter")
+    texts = {**metal.FIRST, "kind": "plate above", "shape": "ring", "size": "30", "second": "12", "distance": "4"}
+    plated = work.with_tables(metal.tables_with(work.opened.document, texts))
+    texts_of_wide = {**texts, "shape": "without end", "distance": "9"}
+    plated = plated.with_tables(metal.tables_with(plated.opened.document, texts_of_wide))
+    ring, wide = plated.design.plates
+    assert (ring.name, wide.name) == ("plate1", "plate2")
+    assert ring.heights[0] == pytest.approx(plated.design.top + 4e-3, rel=1e-12)
+    assert isinstance(wide, Plate)
+    keys = {entry.key for entry in entries_of(plated.opened)}
+    assert {"plate.0.distance_mm", "plate.0.inner_diameter_mm", "plate.1.thickness_mm"} <= keys
+    moved = work.with_tables(metal.tables_with({}, {**metal.FIRST, "shape": "sphere", "distance": "1; 2,5"}))
+    assert moved.design.target.distances == (1e-3, 2e-3, 5e-3)
+    assert [row["key"] for row in metal.body_rows(moved.design)] == ["target"]
+    assert metal.body_rows(plated.design)[1]["text"].startswith("plate plate2: aluminium, 1 mm, without end, from z =")
+    without = plated.with_tables(metal.tables_without(plated.opened.document, "0"))
+    assert [plate.name for plate in without.design.plates] == ["plate2"]
+    for key, one in (("0", without), ("target", moved)):
+        assert one.with_tables(metal.tables_without(one.opened.document, key)).design.digest == work.design.digest
+    for field, text, message in (
+        ("size", "wide", "diameter_mm must be a number; got 'wide'"), ("shape", "sphere", "a sphere must be a target"),
+        ("material", "wood", "with a shape and a material that there are"),
+        ("distance", "", "distance_mm must be a number"),
+    ):  # fmt: skip
+        with pytest.raises(DesignError, match=message):
+            metal.tables_with({}, {**texts, field: text})
+
+
+def test_a_target_says_for_every_state_what_the_library_computes(starter):
+    ball = Target(Ball(5e-3, MATERIALS["brass"]), (1e-3, 3e-3), (0.0,), (0.0,))
+    found = metal.moved(replace(starter, target=ball), (2e-3, 1e-3))
+    assert found.distances[0] == 1e-3
+    assert found.distances[-1] == 3e-3
+    alone = target_map(found.design, distances=[3e-3], x=[2e-3], y=[1e-3]).isel(distance=0, x=0, y=0)
+    rows = metal.target_rows(found, len(found.distances) - 1)
+    assert [row[0] for row in rows] == ["coil1", "coil2", "coil3"]
+    for row, L, f in zip(rows, alone.effective_inductance.values, alone.frequency.values, strict=True):
+        assert float(row[2]) == pytest.approx(L * 1e6, abs=1e-4)
+        assert float(row[6]) == pytest.approx(f * 1e-6, abs=1e-5)

@@ -14,9 +14,10 @@ from support.patience import until
 from coilarray import load_design
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonate
-from coilarray.design.model import load_design_file
+from coilarray.design.model import build_design, load_design_file
 from coilarray.design.vary import vary
 from coilarray.localize.forward import forward_model
+from coilarray.viz.studio.metal import moved, target_rows
 from coilarray.viz.studio.numbers import numbers_of
 from coilarray.viz.studio.switching import state_of
 
@@ -504,3 +505,37 @@ def test_ctrl_c_ends_it_with_a_page_open_and_nothing_to_render(chromium, tmp_pat
         context.close()
         assert started.process.returncode == 0
         assert said.splitlines()[-1] == "coilarray: the studio has ended"
+
+
+def test_metal_is_added_moved_and_removed(page):
+    page.click("#tab-metal")
+    form = page.locator("#body-form")
+    browser.picture(page, "metal_none")
+    page.evaluate(
+        "trame.trigger('add_body', [{kind: 'target', shape: 'sphere', material: 'steel', size: '8', distance: '1, 4'}])"
+    )
+    page.wait_for_function("document.querySelectorAll('#target-rows tbody tr').length === 3")
+    browser.at_rest(page)
+    page.wait_for_function("!document.querySelector('#target-rows').closest('.stale')")
+    rows = "[...document.querySelectorAll('#target-rows tbody tr')].map(row => row.innerText)"
+    near = page.evaluate(rows)
+    document = {**load_design_file("starter").document}
+    document["target"] = {"shape": "sphere", "material": "steel", "diameter_mm": 8.0, "distances_mm": [1.0, 4.0]}
+    expected = moved(build_design(document), None)
+    assert [row.split("\t") for row in near] == target_rows(expected, 0)
+    page.evaluate(f"trame.trigger('move_target', [{len(expected.distances) - 1}])")
+    page.wait_for_function("document.querySelector('#distance').innerText === 'target at 4 mm'")
+    assert [row.split("\t") for row in page.evaluate(rows)] == target_rows(expected, len(expected.distances) - 1)
+    # another size: what stands there is pale until it is that of the new one
+    page.get_by_role("button", name="Target", exact=True).click()
+    browser.enter(page, "target.diameter_mm", "4")
+    page.wait_for_function("document.querySelector('#target-rows').closest('.stale')")
+    page.wait_for_function("!document.querySelector('#target-rows').closest('.stale')")
+    assert page.evaluate(rows) != near
+    form.get_by_label("distances").fill("far")
+    page.click("#add-body")
+    page.wait_for_selector("#body-problem")
+    assert page.inner_text("#body-problem") == "distances_mm must be a number; got 'far'."
+    browser.picture(page, "metal")
+    page.evaluate("trame.trigger('remove_body', ['target'])")
+    page.wait_for_function("!document.querySelector('#target-rows')")

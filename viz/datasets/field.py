@@ -128,24 +128,40 @@ def field_arrows(grid: pyvista.RectilinearGrid, spacing: float) -> pyvista.PolyD
         In mm, one after the other, with the point arrays of the grid. The length of an arrow is the spacing times the
         square root of |B| over its maximum, so that arrows are visible where the field is weak.
     """
-    import pyvista
-
     kept = [_thinned(np.asarray(axis, dtype=np.float64), spacing * MM_PER_M) for axis in (grid.x, grid.y, grid.z)]
     nx, ny, _ = grid.dimensions
     i, j, k = np.meshgrid(*kept, indexing="ij")
     chosen = (i + nx * (j + ny * k)).ravel()
-    at = pyvista.PolyData(np.asarray(grid.points)[chosen])
-    vectors, amount = (np.asarray(grid.point_data[name])[chosen] for name in (FIELD, AMOUNT))
-    at.point_data[FIELD] = vectors
-    at.point_data["size"] = np.sqrt(amount / max(float(amount.max()), np.finfo(float).tiny))
+    return arrows_at(np.asarray(grid.points)[chosen], np.asarray(grid.point_data[FIELD])[chosen], spacing)
+
+
+def arrows_at(
+    points: npt.NDArray[np.float64],
+    vectors: npt.NDArray[np.float64],
+    spacing: float,
+    names: tuple[str, str] = (FIELD, AMOUNT),
+    largest: float | None = None,
+) -> pyvista.PolyData:
+    """Return arrows along vectors, their middles at points in mm, both of shape (n, 3), as `field_arrows` does.
+
+    `names` are those of the point arrays of the vectors and of their magnitude; an arrow as strong as `largest`, by
+    default the strongest one, is as long as the `spacing` in m.
+    """
+    import pyvista
+
+    amount = np.linalg.norm(vectors, axis=1)
+    top = float(amount.max(initial=0.0)) if largest is None else largest
+    at = pyvista.PolyData(points)
+    at.point_data[names[0]] = vectors
+    at.point_data["size"] = np.sqrt(amount / max(top, np.finfo(float).tiny))
     arrow = pyvista.Arrow(
         start=(-0.5, 0.0, 0.0), tip_length=0.35, tip_radius=0.14, shaft_radius=0.05, tip_resolution=12,
         shaft_resolution=8,
     )  # fmt: skip
-    arrows: pyvista.PolyData = at.glyph(orient=FIELD, scale="size", factor=spacing * MM_PER_M, geom=arrow)
+    arrows: pyvista.PolyData = at.glyph(orient=names[0], scale="size", factor=spacing * MM_PER_M, geom=arrow)
     arrows.clear_data()
-    arrows.point_data[FIELD] = np.repeat(vectors, arrow.n_points, axis=0)
-    arrows.point_data[AMOUNT] = np.repeat(amount, arrow.n_points)
+    arrows.point_data[names[0]] = np.repeat(vectors, arrow.n_points, axis=0)
+    arrows.point_data[names[1]] = np.repeat(amount, arrow.n_points)
     return arrows
 
 

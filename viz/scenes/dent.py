@@ -15,7 +15,7 @@ from coilarray.geometry.sheet import Sheet
 from coilarray.viz.datasets.elastomer import dented_sheet_meshes, indenter_mesh
 from coilarray.viz.datasets.overlays import at_depth
 from coilarray.viz.datasets.triangles import MM_PER_M
-from coilarray.viz.palette import SHEETS, cycled
+from coilarray.viz.palette import METAL, SHEETS, cycled
 from coilarray.viz.scenes.board import Box, scene_of_board, sheet_label
 from coilarray.viz.scenes.camera import Direction, aim
 from coilarray.viz.scenes.draw import draw, set_camera
@@ -31,7 +31,6 @@ VEILED = 0.13
 
 _INTO_THE_CUT = Direction(math.radians(28), math.radians(-118))
 _WIDTH = 2.5  # width shown on each side of a dent, in thicknesses of the stack
-_STEEL = "#7C828A"
 _TALL = 0.7  # height of the indenter over the thickness of the stack
 
 
@@ -92,7 +91,7 @@ def scene_of_dent(
     deep = float(dent.depth)
     body = indenter_mesh(indenter, thickness - deep, centre, extent, _TALL * thickness)
     label = f"{indenter.name}, {deep * MM_PER_M:g} mm deep"
-    parts = [Part("indenter", body, label, _STEEL, smooth=True, ambient=0.3)]
+    parts = [Part("indenter", body, label, METAL, smooth=True, ambient=0.3)]
     colours = cycled(SHEETS, [sheet.name for sheet in sheets])
     thick = {sheet.name: sheet.thickness for sheet in sheets}
     for name, mesh in reversed(dented_sheet_meshes(dent, sheets, centre, extent).items()):

@@ -50,7 +50,7 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", pane
     Parameters
     ----------
     scene : Scene
-        Scene that is drawn.
+        Scene that is drawn, at the first position of its slider.
     plotter : pyvista.Plotter
         Plotter that gets the actors; lengths in mm. A part or text replaces one of the same name.
     side : {"oblique", "top", "front", "right"}
@@ -59,6 +59,7 @@ def draw(scene: Scene, plotter: pyvista.Plotter, *, side: Side = "oblique", pane
         Size of a panel that stands in place of the legend.
     """
     view: Any = plotter  # PyVista's decorators lose the signatures of its methods, each version in its own way
+    scene = scene.still()
     view.set_background("white")
     pixel = pixel_of(view.window_size)
     shown = replace(scene, texts=tuple(text for text in scene.texts if side not in text.hidden_from))

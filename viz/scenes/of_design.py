@@ -27,6 +27,7 @@ from coilarray.viz.scenes import overlays
 from coilarray.viz.scenes.board import scene_of_board, scene_of_lifted_board, scene_of_sheets
 from coilarray.viz.scenes.dent import VEILED, name_heights, scene_of_dent
 from coilarray.viz.scenes.field_places import Axes, count_of, field_box, field_planes, line_seeds, points_of_box
+from coilarray.viz.scenes.of_metal import scene_of_metal
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.scenes.touch import dent_of_design, first_states, off_middle
 
@@ -37,7 +38,19 @@ Tracker = Callable[[str], Progress | None]
 """Takes the name of a computation and returns its progress function, called with (done, total)."""
 
 Item = Literal[
-    "board", "elastomer", "dent", "field", "lines", "surfaces", "currents", "coupling", "response", "location"
+    "board",
+    "elastomer",
+    "dent",
+    "plates",
+    "target",
+    "eddies",
+    "field",
+    "lines",
+    "surfaces",
+    "currents",
+    "coupling",
+    "response",
+    "location",
 ]
 ITEMS: tuple[Item, ...] = get_args(Item)
 """Items that a scene of a design may contain."""
@@ -46,7 +59,8 @@ _PLANE_SPACING, _BOX_SPACING = 0.5e-3, 1e-3  # default distances of the points o
 _LEVELS = (-0.35, -0.85, -1.35)  # surfaces of equal |B|, as powers of ten of its maximum
 _ALONE: frozenset[Item] = frozenset({"board", "elastomer"})
 _IN_BOX: frozenset[Item] = frozenset({"lines", "surfaces"})
-_WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", "location", "coupling"})
+_METAL: frozenset[Item] = frozenset({"plates", "target", "eddies"})
+_WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", "location", "coupling"}) | _METAL
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +73,8 @@ class View:
     others_open: bool = False  # instead of terminated
     current: float = 1e-3  # A in the measured coil, for the field
     spacing: float | None = None  # m between points of B; 0.5 mm on planes and 1 mm in a box by default
-    at: tuple[float, float] | None = None  # of the indenter on the board in m; off the map's middle by default
+    at: tuple[float, float] | None = None  # of indenter or target on the board in m; off the map's middle by default
+    distance: float | None = None  # of the target in m, at which a slider stands first; the least one by default
     depth: float | None = None  # m; the deepest of the design by default
     response: xr.Dataset | None = None  # that is draped; computed by default
     table: xr.Dataset | None = None  # of `coilarray.localize.forward.table_for`; needed for a location
@@ -67,12 +82,23 @@ class View:
     noise: float = 1e-5  # standard deviation of δ
 
 
+def board_and_metal(design: Design) -> tuple[Item, ...]:
+    """Return what is shown of a design where nothing is said: its board, and its plates and target if it has some.
+
+    With metal the sheets are shown too, for the distances of a target begin on them.
+    """
+    plates: tuple[Item, ...] = ("plates",) if design.plates else ()
+    target: tuple[Item, ...] = ("target",) if design.target is not None else ()
+    sheets: tuple[Item, ...] = ("elastomer",) if design.sheets and (plates or target) else ()
+    return ("board", *sheets, *plates, *target)
+
+
 def scene_of_design(design: Design, view: View | None = None, track: Tracker | None = None) -> Scene:
     """Compute and put together what a view asks for, by default the board.
 
     `track` gives the progress function of each computation. GeometryError where there is no such coil or layer, the
     indenter is off the board, or a field needs too much memory; ElastomerError or LocalizeError where the indentation,
-    map or reading is impossible.
+    map or reading is impossible, MetalError for metal that the design does not have or that is not computed.
     """
     return _Making(design, view or View(), track or (lambda text: None)).scene()
 
@@ -97,9 +123,10 @@ class _Making:
         if shown <= _ALONE and {"board"} <= shown and self.view.layers is None:
             return scene_of_lifted_board(self.design.array, self.design.sheets if "elastomer" in shown else ())
         array, sheets = self.design.array, self.design.sheets
-        makers: dict[Item, Callable[[], Scene]] = {
+        makers: dict[str, Callable[[], Scene]] = {
             "dent": self._dent,
             "elastomer": lambda: scene_of_sheets(array, sheets),
+            "metal": self._metal,
             "currents": self._currents,
             "board": lambda: scene_of_board(array, layers=self.view.layers, name_heights=self._name_heights),
             "coupling": lambda: overlays.scene_of_coupling(self._coupling),
@@ -107,15 +134,23 @@ class _Making:
             "location": self._location,
         }
         left_out = ({"elastomer"} if "dent" in shown else set()) | ({"board"} if "currents" in shown else set())
+        made = (shown - left_out) | ({"metal"} if shown & _METAL else set())
         scene = Scene()
         for item, make in makers.items():
-            if item in shown - left_out:
+            if item in made:
                 scene += make()
         scene += self._field(shown)
         if not scene.parts:
             reason = f": {' '.join(scene.notes)}" if scene.notes else "."
             raise GeometryError(f"there is nothing to see of {', '.join(self.view.show) or 'nothing'}{reason}")
         return scene
+
+    def _metal(self) -> Scene:
+        view = self.view
+        return scene_of_metal(
+            self.design, frozenset(_METAL & set(view.show)), self._coil, lambda: self._coupling, current=view.current,
+            terminated=not view.others_open, distance=view.distance, at=view.at, progress=self.track("target"),
+        )  # fmt: skip
 
     def _currents(self) -> Scene:
         design, view = self.design, self.view
@@ -266,4 +301,5 @@ class _Making:
             if "surfaces" in shown:
                 scene += overlays.scene_of_surfaces(box, [scale.high * 10**level for level in _LEVELS], scale)
         carried = f"{coil} carries {self.view.current * 1e3:g} mA, the others {self._others}"
-        return scene + Scene(notes=(f"B in phase, without elastomer; {carried}.",))
+        beside = "beside the plates and under the sheets" if design.plates else "without elastomer"
+        return scene + Scene(notes=(f"B in phase, {beside}; {carried}.",))

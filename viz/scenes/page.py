@@ -7,7 +7,7 @@ import io
 import json
 import re
 import zipfile
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -34,7 +34,7 @@ _POLICY = (
 
 
 def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side = "oblique") -> None:
-    """Write a scene as a web page that can be turned, with a switch for every group.
+    """Write a scene as a web page that can be turned, with a switch for every group, and its slider where it has one.
 
     The page is one file and asks no host for anything. Making it needs neither a screen nor a graphics driver.
 
@@ -69,6 +69,8 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
         notes=scene.notes,
         texts=[{**{key: getattr(text, key) for key in keys}, "hiddenFrom": text.hidden_from} for text in texts],
         group_of_actor=[part.group for part in scene.parts],
+        step_of_actor=[part.step for part in scene.parts],
+        slider=None if scene.slider is None else asdict(scene.slider),
         bars=[_bar(scale) for scale in scene.scales],
         views={name: _view(scene, name) for name in get_args(Side)},
         first_side=side,

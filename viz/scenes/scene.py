@@ -81,6 +81,7 @@ class Part:
     smooth: bool = False  # shade flat triangles as a curved surface; edges stay sharp
     closed: bool = False  # the surface encloses a solid, and its inside is not drawn
     sunk: bool = False  # draw it just behind other surfaces in the same place
+    step: int | None = None  # the position of the slider at which it is shown; None for all
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,16 @@ class Text:
     always: bool = False  # shown in any case; where two others overlap, one of them is left out
 
 
+@dataclass(frozen=True)
+class Slider:
+    """Positions of a slider, each of which shows its own parts and lines of text."""
+
+    title: str  # what moves, without the value
+    labels: tuple[str, ...]  # value of every position, with its unit
+    notes: tuple[tuple[str, ...], ...]  # lines of text of every position
+    first: int = 0  # where it stands at first, and what a picture shows
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Parts and texts that are shown together.
@@ -108,19 +119,32 @@ class Scene:
         Texts in the scene.
     notes : tuple of str
         Lines of text beside it: assumptions, meanings of numbers.
+    slider : Slider or None
+        What a page moves; None where nothing moves.
     """
 
     parts: tuple[Part, ...] = ()
     texts: tuple[Text, ...] = ()
     notes: tuple[str, ...] = ()
+    slider: Slider | None = None
 
     def __add__(self, other: Scene) -> Scene:
-        """Put two scenes together; ValueError where both have a part of the same name."""
+        """Put two scenes together; ValueError where both have a part of the same name, or a slider."""
         both = {part.name for part in self.parts} & {part.name for part in other.parts}
         if both:
             raise ValueError(f"parts of a scene must have different names; both have {', '.join(sorted(both))}.")
+        if self.slider is not None and other.slider is not None:
+            raise ValueError(f"a scene has one slider; got {self.slider.title} and {other.slider.title}.")
         notes = tuple(dict.fromkeys((*self.notes, *other.notes)))
-        return Scene(self.parts + other.parts, self.texts + other.texts, notes)
+        return Scene(self.parts + other.parts, self.texts + other.texts, notes, self.slider or other.slider)
+
+    def still(self, step: int | None = None) -> Scene:
+        """Return what is shown at one position of the slider, by default its first one, without the slider."""
+        if self.slider is None:
+            return self
+        at = self.slider.first if step is None else step
+        parts = tuple(part for part in self.parts if part.step in (None, at))
+        return Scene(parts, self.texts, (*self.notes, *self.slider.notes[at]))
 
     @property
     def groups(self) -> dict[str, tuple[str, ...]]:

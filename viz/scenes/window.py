@@ -38,6 +38,7 @@ def show(scene: Scene, *, side: Side = "oblique") -> None:
     check_window()
     import pyvista
 
+    scene = scene.still()
     plotter: Any = pyvista.Plotter(title="coilarray", window_size=list(_SIZE))
     if without_screen(plotter.render_window.GetClassName()):  # the screen has gone since it was asked
         plotter.close()

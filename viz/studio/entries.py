@@ -11,7 +11,8 @@ from coilarray.design.model import DesignFile
 from coilarray.errors import DesignError
 
 _UNITS = {
-    "_kPa_per_mm": "kPa/mm", "_mm": "mm", "_um": "µm", "_deg": "°", "_pF": "pF", "_nH": "nH", "_ohm": "Ω", "_kPa": "kPa"
+    "_kPa_per_mm": "kPa/mm", "_MS_per_m": "MS/m", "_mm": "mm", "_um": "µm", "_deg": "°", "_pF": "pF", "_nH": "nH",
+    "_ohm": "Ω", "_kPa": "kPa",
 }  # fmt: skip
 _WHOLE = ("columns", "rows", "sides", "winding_layers", "rings")
 _COIL = {
@@ -34,6 +35,12 @@ _SHEET = {
     "youngs_modulus_kPa": "Young's modulus",
 }  # fmt: skip
 _INDENTER = {"radius_mm": "radius", "half_angle_deg": "half angle"}
+_BODY = {
+    "distance_mm": "distance", "z_mm": "height of the lower face", "thickness_mm": "thickness",
+    "diameter_mm": "diameter", "inner_diameter_mm": "inner diameter", "width_mm": "width", "height_mm": "height",
+    "tilt_deg": "tilt", "tilt_direction_deg": "direction of the tilt", "x_mm": "x", "y_mm": "y",
+    "conductivity_MS_per_m": "conductivity", "relative_permeability": "relative permeability",
+}  # fmt: skip
 _SEAT = {"seat_stiffness_kPa_per_mm": "stiffness", "seat_shear_kPa_per_mm": "stiffness along the board"}
 _CIRCUIT = {
     "capacitance_pF": "tank capacitance", "short_resistance_ohm": "resistance to ground",
@@ -107,6 +114,9 @@ def _entries(values: Mapping[str, object]) -> Iterator[Entry]:
     yield from _table(values, "array", "Array", _ARRAY)
     for k in itertools.takewhile(lambda k: f"elastomer.{k}.name" in values, itertools.count()):
         yield from _table(values, f"elastomer.{k}", f"Elastomer {values[f'elastomer.{k}.name']}", _SHEET)
+    for k in itertools.takewhile(lambda k: f"plate.{k}.name" in values, itertools.count()):
+        yield from _table(values, f"plate.{k}", f"Plate {values[f'plate.{k}.name']}", _BODY)
+    yield from _table(values, "target", "Target", _BODY)
     yield from _table(values, "indentation", "Seat", _SEAT)
     yield from _table(values, "indenter", "Indenter", _INDENTER)
     yield from _table(values, "circuit", "Circuit", _CIRCUIT)

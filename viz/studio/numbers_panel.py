@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from coilarray.design.model import Design
+from coilarray.design.model import Design, build_design
 from coilarray.geometry.rules import Margin
 from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.numbers import (
@@ -36,9 +36,10 @@ class NumbersPanel(Panel):
         self._circuit: tuple[Design, Circuit] | None = None
         values = {
             "matrix_of": "k", "matrix": {"names": [], "k": [], "L": []}, "accuracy": "", "coil_rows": [],
-            "margins": [], "rules_kept": True, "numbers_problem": "", "rules_problem": "",
+            "margins": [], "rules_kept": True, "numbers_problem": "", "rules_problem": "", "saved_rows": [],
+            "saved_line": "",
         }  # fmt: skip
-        super().__init__(page, values)
+        super().__init__(page, values, compare=self._compare)
 
     @property
     def numbers(self) -> Numbers | None:
@@ -53,6 +54,29 @@ class NumbersPanel(Panel):
         if self._circuit is None or not self._page.is_current(self._circuit[0]):
             return None
         return self._circuit[1]
+
+    def _compare(self) -> None:
+        """Compute the numbers of the design as it was read or last saved."""
+        work = self._page.work
+        self._page.state.saved_line = f"{work.file} as saved: …"
+
+        def compute() -> tuple[tuple[str, ...], ...]:
+            saved = build_design(work.kept or work.opened.document, work.design.name)
+            return coil_rows(numbers_of(saved), circuit_of(saved))
+
+        def show(rows: tuple[tuple[str, ...], ...]) -> None:
+            with self._page.state as state:
+                state.saved_line, state.saved_rows = f"{work.file} as saved", [list(row) for row in rows]
+
+        def fail(problem: str) -> None:
+            with self._page.state as state:
+                state.saved_line, state.saved_rows = problem, []
+
+        self._page.calculator.ask([Step("saved", compute, show, fail)])
+
+    def forget_saved(self) -> None:
+        """Remove the numbers of the design as saved, where another one is."""
+        self._page.state.saved_line, self._page.state.saved_rows = "", []
 
     def wait(self) -> None:
         """Mark the numbers on the page as out of date."""
@@ -104,7 +128,7 @@ class NumbersPanel(Panel):
         self._page.switches.solve()
         with self._page.state:
             self._page.arrived("circuit", found[0])
-        if self._page.state.tab == "switches":
+        if self._page.state.tab == "switches" or self._page.state.show_eddies:
             self._page.redraw()
 
     def _fail_circuit(self, design: Design, problem: str) -> None:

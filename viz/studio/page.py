@@ -19,6 +19,7 @@ from coilarray.viz.studio.build_panel import BuildPanel
 from coilarray.viz.studio.calculator import Calculator
 from coilarray.viz.studio.design_panel import DesignPanel
 from coilarray.viz.studio.job import PATIENCE, Job, Outcome, Task
+from coilarray.viz.studio.metal_panel import MetalPanel
 from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers_panel import NumbersPanel
 from coilarray.viz.studio.panel import template
@@ -42,8 +43,8 @@ class Setup:
     rendering_problem: str | None  # why there is no picture in three dimensions
 
 
-_PARTS = ("bar", "drawer", "scene", "numbers", "build", "switches", "touch", "runs", "board", "dialogs")
-_FOLLOWING = ("scene", "numbers", "rules", "circuit")  # results that a change of the design makes stale
+_PARTS = ("bar", "drawer", "scene", "numbers", "build", "switches", "touch", "metal", "runs", "board", "dialogs")
+_FOLLOWING = ("scene", "numbers", "rules", "circuit", "target")  # results that a change of the design makes stale
 _JOINED = 1.0  # s: what a slider changes within it is undone as one
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "running": False}
 
@@ -78,6 +79,7 @@ class Page:
         self.build = BuildPanel(self)
         self.switches = SwitchesPanel(self)
         self.touch = TouchPanel(self)
+        self.metal = MetalPanel(self)
         self.runs = RunsPanel(self)
         self.board = BoardPanel(self)
         self.design = DesignPanel(self)
@@ -146,6 +148,8 @@ class Page:
 
     def _show(self, work: Work, *, typed: bool) -> None:
         other = set(work.design.array.names) != set(self.work.design.array.names) or work.file != self.work.file
+        if work.kept is not self.work.kept:
+            self.numbers.forget_saved()
         self.work = work
         with self.state:
             self.state.can_undo, self.state.can_redo = bool(self._trail.before), bool(self._trail.after)
@@ -153,10 +157,12 @@ class Page:
             self.design.show(work, typed=typed)
             self.switches.show(work.design)
             self.touch.show(work.design, anew=other)
+            self.metal.show(work.design, anew=other)
             self.board.show(work.design)
             self.numbers.wait()
             self.state.scene_rests = False
-            self.state.stale = [name for name in _FOLLOWING if name != "scene" or self.scene.steps()]
+            asked = {"scene": self.scene.steps(), "target": self.metal.steps(work.design)}
+            self.state.stale = [name for name in _FOLLOWING if asked.get(name, True)]
             self._say_accuracy()
         self.follow()
 
@@ -165,7 +171,7 @@ class Page:
         design, numbers = self.work.design, self.numbers
         accurate = [numbers.rules(design), numbers.full(design), numbers.solve(design)]
         self.redraw()
-        self.calculator.ask([numbers.rough(design), *accurate])
+        self.calculator.ask([numbers.rough(design), *accurate, *self.metal.steps(design)])
 
     def redraw(self) -> None:
         """Compute the scene of the current tab again."""
@@ -255,7 +261,7 @@ class Page:
         elif accuracy == "screen":
             self.state.shown_accuracy = "rough"
         else:
-            self.state.shown_accuracy = "computing" if {"rules", "circuit"} & set(stale) else "full accuracy"
+            self.state.shown_accuracy = "computing" if {"rules", "circuit", "target"} & set(stale) else "full accuracy"
 
     def _bind(self, server: Any) -> None:
         self.endpoint = server["ws"]

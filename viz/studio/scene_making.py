@@ -11,11 +11,22 @@ import xarray as xr
 from coilarray.circuit.network import StateResult
 from coilarray.design.model import Design
 from coilarray.response.setup import indentation_of
+from coilarray.response.target import target_of
 from coilarray.viz.datasets.field import AMOUNT
 from coilarray.viz.scenes import overlays
-from coilarray.viz.scenes.board import CoilColours, recoloured
+from coilarray.viz.scenes.board import CoilColours, recoloured, scene_of_sheets
 from coilarray.viz.scenes.dent import VEILED, scene_of_dent
+from coilarray.viz.scenes.eddies import at_their_largest, eddies_of_plates, eddies_of_target, working_point
+from coilarray.viz.scenes.metal import (
+    Position,
+    around_board,
+    eddy_parts,
+    scale_of_eddies,
+    scene_of_plates,
+    scene_of_target,
+)
 from coilarray.viz.scenes.scene import Part, Scene
+from coilarray.viz.studio.metal import Moved
 from coilarray.viz.studio.switching import UnitFields
 from coilarray.viz.studio.top_view import delta_by_coil
 from coilarray.viz.studio.touch import Touched
@@ -34,16 +45,50 @@ class BoardParts:
         return Scene(recoloured(self.copper, colours)) + self.rest
 
 
-def switched_scene(board: BoardParts, fields: UnitFields, result: StateResult, current: float = 1e-3) -> Scene:
-    """Return the board coloured by the currents of a state, under a plane of B for `current` A in its first coil."""
+def switched_scene(board: BoardParts, fields: UnitFields | None, result: StateResult, current: float = 1e-3) -> Scene:
+    """Return the board coloured by the currents of a state, under a plane of B for `current` A in its first coil.
+
+    The `fields` are None for a design with plates, beside which they are others at every frequency.
+    """
     names = board.design.array.names
     first = names.index(result.state.measured[0][0])
-    plane = fields.plane(result.currents.real * current)
     scene = board.coloured(overlays.colours_of_currents(result.currents, first))
+    if fields is None:
+        return scene + Scene(notes=("B beside plates is shown by coilarray view --show board,field.",))
+    plane = fields.plane(result.currents.real * current)
     if np.asarray(plane.point_data[AMOUNT]).max(initial=0.0) > 0:
         scene += overlays.scene_of_slices([plane], overlays.scale_of_field([plane]))
     note = f"B in phase, {fields.height * 1e3:g} mm above the board, without elastomer; {current * 1e3:g} mA."
     return scene + Scene(notes=(note,))
+
+
+def metal_scene(board: BoardParts, moved: Moved | None, step: int, coupling: xr.Dataset | None) -> Scene:
+    """Return the board with sheets, plates and the target at one of its distances.
+
+    Eddy currents are shown where there is a `coupling`, 1 mA in the middle coil.
+    """
+    design, within = board.design, around_board(board.design.array)
+    scene = scene_of_sheets(design.array, design.sheets) + scene_of_plates(design.plates, within)
+    scene += Scene(board.copper) + board.rest
+    distances = [] if moved is None else [moved.distances[step]]
+    place = (0.0, 0.0) if moved is None else moved.place
+    scale, of_target = None, None
+    if coupling is not None:
+        coil = design.array.middle_coil
+        operation = working_point(design, coupling, coil, 1e-3, terminated=True)
+        phasors = eddies_of_plates(design, design.plates, operation, within)
+        found = [one for one in eddies_of_target(design, place, distances, operation, within) if one is not None]
+        eddies, when = at_their_largest([*phasors, *found])
+        scale = scale_of_eddies(eddies)
+        for number, one in enumerate(eddies[: len(phasors)]):
+            scene += Scene(eddy_parts(f"eddies of plate {number}", one, scale, within))
+        of_target = eddies[-1] if found else None
+        scene += Scene(notes=(f"Eddy currents {when}; 1 mA in {coil}.",))
+    for distance in distances:
+        height = target_of(design).height(design.top, distance)
+        position = Position(distance, (*place, height), of_target)
+        scene += scene_of_target(target_of(design).body, [position], within, scale, 0).still()
+    return scene
 
 
 def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:

@@ -66,10 +66,15 @@ class ScenePanel(Panel):
         }
         scene = None
         if tab in makers:
-            if self._parts is None or self._parts.design is not design:
-                self._parts = BoardParts(design, *board_in_pieces(design.array))
-            scene = makers[tab](design, self._parts)
+            scene = makers[tab](design, self._board(design))
+        if scene is None and (design.plates or design.target is not None):
+            scene = self._page.metal.scene(design, self._board(design))
         return scene_of_lifted_board(design.array, design.sheets if sheets else ()) if scene is None else scene
+
+    def _board(self, design: Design) -> BoardParts:
+        if self._parts is None or self._parts.design is not design:
+            self._parts = BoardParts(design, *board_in_pieces(design.array))
+        return self._parts
 
     def _show(self, found: tuple[Design, Scene]) -> None:
         if self._view is None:

@@ -57,6 +57,8 @@ class SwitchesPanel(Panel):
         result = self._result
         if result is None or len(result.currents) != len(design.array.names):
             return None
+        if design.plates:
+            return switched_scene(board, None, result)
         if self._fields is None or self._fields[0] is not design:
             self._fields = design, unit_fields(design)
         return switched_scene(board, self._fields[1], result)

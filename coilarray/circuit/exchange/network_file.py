@@ -12,7 +12,7 @@ from coilarray.circuit.active_coil import FloatArray
 from coilarray.circuit.exchange.ladder import fit_ladder
 from coilarray.circuit.exchange.spice import spice_subcircuit
 from coilarray.circuit.exchange.touchstone import touchstone
-from coilarray.circuit.network import Network, SampledResistance
+from coilarray.circuit.network import Network, SampledMatrix
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.files import write_text
 from coilarray.design.scan_states import paper_plan
@@ -83,7 +83,8 @@ def export_network(
     Y_C = np.diag(across + apart.sum(axis=1) / 12)
     R_f = np.array([network.resistance(one) for one in f.ravel().tolist()]).reshape(*f.shape, *L.shape)
     omega = 2 * np.pi * f[..., None, None]
-    Z = R_f + 1j * omega * L
+    L_f = L if network.dispersion is None else L + np.array([network.dispersion(one) for one in f.tolist()])
+    Z = R_f + 1j * omega * L_f
     touchstone(names, np.linalg.solve(np.eye(len(L)) + 1j * omega * Z @ Y_C, Z), f, target)
 
 
@@ -105,7 +106,7 @@ def _subcircuit(network: Network, title: str) -> str:
     """Write the coils of a network as a SPICE subcircuit whose resistances follow those of the network."""
     L, found = network.inductance, _grounded_resonances(network)
     middle = network.resistance(float(np.exp(np.log(found).mean())))
-    if not isinstance(network.resistance, SampledResistance) or len(network.resistance.frequencies) == 1:
+    if not isinstance(network.resistance, SampledMatrix) or len(network.resistance.frequencies) == 1:
         ladders, comments = [], []
         resistance, inductance = np.diag(middle), L
     else:
@@ -129,6 +130,13 @@ def _subcircuit(network: Network, title: str) -> str:
             comments.append(
                 f"without what the eddy currents make of each other's resistance, at most {100 * others:.2g} % of it"
             )
+    if network.dispersion is not None:
+        changes = np.diagonal(network.dispersion.matrices, axis1=1, axis2=2) / np.diag(L)
+        span = network.dispersion.frequencies
+        comments.append(
+            f"L is that at the working frequency; the plates change it by up to {100 * np.abs(changes).max():.2g} % "
+            f"from {span[0]:.4g} to {span[-1]:.4g} Hz"
+        )
     comments += [f"without {part}" for part in network.left_out]
     return spice_subcircuit(
         network.names,

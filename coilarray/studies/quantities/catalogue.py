@@ -18,9 +18,10 @@ from coilarray.studies.quantities.positions import POSITIONS
 from coilarray.studies.quantities.quantity import Quantity, Request
 from coilarray.studies.quantities.resonators import RESONATORS
 from coilarray.studies.quantities.responses import RESPONSES
+from coilarray.studies.quantities.targets import TARGETS
 
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
-    {quantity.name: quantity for quantity in (*LAYOUT, *COUPLINGS, *RESONATORS, *RESPONSES, *POSITIONS)}
+    {quantity.name: quantity for quantity in (*LAYOUT, *COUPLINGS, *RESONATORS, *TARGETS, *RESPONSES, *POSITIONS)}
 )
 """Every quantity by its name, the cheap ones first."""
 

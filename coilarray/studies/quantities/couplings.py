@@ -35,7 +35,7 @@ def _k(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return float(evaluation.coupling[first, second])
 
 
-@quantity("inductance_uH", "µH", "coupling", "self-inductance under the sheets, others open", COIL)
+@quantity("inductance_uH", "µH", "coupling", "self-inductance with sheets and plates, others open", COIL)
 def _inductance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     place = evaluation.coil(options["coil"])
     return float(evaluation.inductance[place, place]) * 1e6

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -14,8 +15,9 @@ from coilarray.circuit.impedance import scan_design
 from coilarray.design.model import Design, Indentation
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.errors import GoalError
-from coilarray.geometry import Margin, check_rules
+from coilarray.geometry import Margin, Target, check_rules
 from coilarray.response.map import response_map
+from coilarray.response.target import target_map
 
 FloatArray = npt.NDArray[np.float64]
 Rectangle = tuple[float, float, float, float]
@@ -37,7 +39,7 @@ class Evaluation:
 
     design: Design
     accuracy: Accuracy = "full"
-    _maps: dict[tuple[tuple[float, ...], ...], xr.Dataset] = field(default_factory=dict, init=False, repr=False)
+    _maps: dict[tuple[tuple[float | str, ...], ...], xr.Dataset] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def margins(self) -> tuple[Margin, ...]:
@@ -81,12 +83,31 @@ class Evaluation:
 
     def response(self, depths: FloatArray, x: FloatArray, y: FloatArray) -> xr.Dataset:
         """Return the response at depths and places in m, from the map's origin; computed once for equal ones."""
-        key = tuple(tuple(np.atleast_1d(axis).tolist()) for axis in (depths, x, y))
+        key: tuple[tuple[float | str, ...], ...] = tuple(tuple(np.atleast_1d(axis).tolist()) for axis in (depths, x, y))
         if key not in self._maps:
             network = design_circuit(self.design, accuracy=self.accuracy)
             self._maps[key] = response_map(
                 self.design, depths=depths, x=x, y=y, reach="auto", network=network, inductance=lambda: self.inductance
             )
+        return self._maps[key]
+
+    @property
+    def target(self) -> Target:
+        """Target of the design; GoalError where it has none."""
+        if self.design.target is None:
+            raise GoalError(f"the design {self.design.name} has no [target].")
+        return self.design.target
+
+    def distance(self, given_mm: float | None) -> float:
+        """Return the given distance of the target or the least one of the design, in m."""
+        return self.target.distances[0] if given_mm is None else given_mm / 1e3
+
+    def target_map(self, distances: Sequence[float], x: float, y: float) -> xr.Dataset:
+        """Return what the target does at distances and a place in m from its origin; computed once for equal ones."""
+        key = (tuple(distances), (x,), (y,), ("target",))
+        if key not in self._maps:
+            network = design_circuit(self.design, accuracy=self.accuracy)
+            self._maps[key] = target_map(self.design, distances=list(distances), x=[x], y=[y], network=network)
         return self._maps[key]
 
     def coil(self, name: str) -> int:

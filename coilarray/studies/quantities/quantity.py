@@ -13,9 +13,9 @@ from coilarray.studies.quantities.evaluation import Evaluation
 
 Value: TypeAlias = str | float | tuple[str, ...] | tuple[float, ...]
 
-Cost: TypeAlias = Literal["geometry", "coupling", "circuit", "response", "table"]
-"""Most expensive result that a quantity needs: shapes alone, inductances, the circuit of every state, an indentation at
-some places, or one at a whole table of places and depths."""
+Cost: TypeAlias = Literal["geometry", "coupling", "circuit", "target", "response", "table"]
+"""Most expensive result that a quantity needs: shapes alone, inductances, the circuit of every state, a target at some
+distances, an indentation at some places, or one at a whole table of places and depths."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Quantity:
         Unit as shown: "mm", "µH"; "1" for pure numbers.
     says : str
         Meaning of the quantity.
-    cost : {"geometry", "coupling", "circuit", "response", "table"}
+    cost : {"geometry", "coupling", "circuit", "target", "response", "table"}
         Most expensive result that it needs; see `Cost`.
     compute : callable
         Function of an `Evaluation` and the given options that returns the number.
@@ -159,7 +159,7 @@ def read_pair(given: Any) -> tuple[str, ...] | None:
 
 def read_positive(given: Any) -> float | None:
     """Read a number above zero."""
-    number = _number(given)
+    number = read_number(given)
     return number if number is not None and number > 0 else None
 
 
@@ -168,11 +168,12 @@ def read_rectangle(given: Any) -> tuple[float, ...] | None:
     parts = given.split(":") if isinstance(given, str) else given
     if not isinstance(parts, list | tuple) or len(parts) != 4:
         return None
-    numbers = [number for part in parts if (number := _number(part)) is not None]
+    numbers = [number for part in parts if (number := read_number(part)) is not None]
     return tuple(numbers) if len(numbers) == 4 and numbers[0] < numbers[1] and numbers[2] < numbers[3] else None
 
 
-def _number(given: Any) -> float | None:
+def read_number(given: Any) -> float | None:
+    """Read a finite number."""
     if isinstance(given, bool) or not isinstance(given, str | int | float):
         return None
     try:

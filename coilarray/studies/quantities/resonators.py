@@ -32,6 +32,11 @@ def _effective_resistance(evaluation: Evaluation, options: Mapping[str, Any]) ->
     return _of(evaluation, "effective_resistance", options["coil"])
 
 
+@quantity("parallel_resistance_kohm", "kΩ", "circuit", "R_p of a measured coil with the tank at its resonance", COIL)
+def _parallel_resistance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+    return _of(evaluation, "parallel_resistance", options["coil"]) * 1e-3
+
+
 @quantity("self_resonance_MHz", "MHz", "circuit", "self-resonance of a measured coil, without the tank", COIL)
 def _self_resonance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     return _of(evaluation, "state_self_resonance", options["coil"]) * 1e-6
@@ -71,6 +76,6 @@ def _of(evaluation: Evaluation, name: str, coil: str) -> float:
 
 
 RESONATORS = (
-    _effective_inductance, _effective_resistance, _frequency, _self_resonance, _quality, _self_resonance_margin,
-    _drive_margin,
+    _effective_inductance, _effective_resistance, _parallel_resistance, _frequency, _self_resonance, _quality,
+    _self_resonance_margin, _drive_margin,
 )  # fmt: skip

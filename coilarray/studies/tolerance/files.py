@@ -115,6 +115,10 @@ class _BoardPercent(_Errors):
     board_percent: _UpTo100
 
 
+class _BoardMilliradians(_Errors):
+    board_mrad: _UpTo100
+
+
 class _PositionsTable(Table):
     """``[positions]``: where the indenter presses."""
 
@@ -160,6 +164,10 @@ class _File(Table):
     permeability: _BoardPercent | None = None
     elastomer: _LayerMillimetres | None = None
     capacitance: _BoardPercent | None = None
+    plate_distance: _LayerMillimetres | None = None
+    plate_thickness: _LayerPercent | None = None
+    conductivity: _BoardPercent | None = None
+    target_tilt: _BoardMilliradians | None = None
     positions: _PositionsTable | None = None
     limit: list[_LimitTable] = Field(default_factory=list)
     assumed: dict[str, str] = Field(default_factory=dict)

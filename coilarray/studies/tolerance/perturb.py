@@ -15,6 +15,10 @@ placement_x, _y     none                m      true less believed position of th
 permeability        none                1      raises μr of all magnetic sheets
 elastomer           sheet               m      thickens the sheet
 capacitance         none                1      raises the capacitance of the tank
+plate_distance      plate               m      moves the plate away from the coils
+plate_thickness     plate               1      thickens the plate; its face near the coils stays
+conductivity        none                1      raises the conductivity of all plates and of the target
+target_tilt_x, _y   none                rad    tilts a target with an outline, which rises towards x or y
 ==================  ==================  =====  ================================================================
 
 The ends of every line stay at the drilled holes that join them. Pads, holes and the outline of the board have no error.
@@ -22,6 +26,7 @@ The ends of every line stay at the drilled holes that join them. Pads, holes and
 
 from __future__ import annotations
 
+import cmath
 import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -33,7 +38,7 @@ import numpy.typing as npt
 
 from coilarray.design.model import Design, Indentation
 from coilarray.errors import DesignError, GeometryError, GoalError
-from coilarray.geometry import Coil, CoilArray, Placement, Sheet, Stackup
+from coilarray.geometry import Coil, CoilArray, FinitePlate, Material, Placement, Plate, Sheet, Stackup, Target
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -45,7 +50,7 @@ def error_names(design: Design) -> tuple[str, ...]:
     ----------
     design : Design
         Design of the board. Layers that carry no copper of a coil have neither etch nor registration; a design without
-        an indentation has no placement, one without magnetic sheets no permeability.
+        an indentation has no placement, one without magnetic sheets no permeability, one without metal no conductivity.
 
     Examples
     --------
@@ -67,7 +72,13 @@ def error_names(design: Design) -> tuple[str, ...]:
         names += ["placement_x", "placement_y"]
     if any(sheet.relative_permeability > 1 for sheet in design.sheets):
         names.append("permeability")
-    return (*names, *(f"elastomer.{sheet.name}" for sheet in design.sheets), "capacitance")
+    names += [*(f"elastomer.{sheet.name}" for sheet in design.sheets), "capacitance"]
+    names += [f"{kind}.{plate.name}" for kind in ("plate_distance", "plate_thickness") for plate in design.plates]
+    if any(material.conductivity > 0 for material in _materials(design)):
+        names.append("conductivity")
+    if design.target is not None and isinstance(design.target.body, FinitePlate):
+        names += ["target_tilt_x", "target_tilt_y"]
+    return tuple(names)
 
 
 def perturb(design: Design, errors: Mapping[str, float]) -> Design:
@@ -118,6 +129,8 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
             sheets=tuple(_sheet(sheet, nonzero) for sheet in design.sheets),
             indentation=_indentation(design.indentation, nonzero),
             circuit=replace(design.circuit, switches=replace(switches, tank_capacitance=tank)),
+            plates=tuple(_plate(plate, nonzero) for plate in design.plates),
+            target=_target(design.target, nonzero),
         )
     except (DesignError, GeometryError) as error:
         raise GoalError(f"these errors leave no board: {error}") from None
@@ -145,6 +158,37 @@ def _indentation(setup: Indentation | None, errors: Mapping[str, float]) -> Inde
         return setup
     x, y = setup.origin_point
     return replace(setup, origin=None, origin_point=(x + shift[0], y + shift[1]))
+
+
+def _materials(design: Design) -> list[Material]:
+    """Return the materials of all plates and of the target."""
+    return [plate.material for plate in design.plates] + ([design.target.body.material] if design.target else [])
+
+
+def _conducting(material: Material, errors: Mapping[str, float]) -> Material:
+    if material.conductivity == 0:
+        return material
+    return replace(material, conductivity=_scaled(material.conductivity, errors, "conductivity"))
+
+
+def _plate(plate: Plate | FinitePlate, errors: Mapping[str, float]) -> Plate | FinitePlate:
+    thickness = _scaled(plate.thickness, errors, f"plate_thickness.{plate.name}")
+    above = plate.heights[0] >= 0
+    away = errors.get(f"plate_distance.{plate.name}", 0.0)
+    changed = replace(plate, thickness=thickness, material=_conducting(plate.material, errors))
+    near = 0 if above else 1
+    return changed.lifted((away if above else -away) + plate.heights[near] - changed.heights[near])
+
+
+def _target(target: Target | None, errors: Mapping[str, float]) -> Target | None:
+    if target is None:
+        return None
+    body = replace(target.body, material=_conducting(target.body.material, errors))
+    turn = complex(*(errors.get(f"target_tilt_{axis}", 0.0) for axis in "xy"))
+    if isinstance(body, FinitePlate) and turn:
+        tilt = cmath.rect(body.tilt, body.tilt_direction) + turn
+        body = replace(body, tilt=abs(tilt), tilt_direction=cmath.phase(tilt))
+    return replace(target, body=body)
 
 
 def _array(array: CoilArray, errors: Mapping[str, float]) -> CoilArray:

@@ -15,12 +15,14 @@ Distribution = Literal["normal", "uniform"]
 
 UNITS: Mapping[str, str] = {
     "etch": "m", "registration": "m", "rotation": "rad", "dielectric": "1", "copper": "1", "placement": "m",
-    "permeability": "1", "elastomer": "m", "capacitance": "1",
+    "permeability": "1", "elastomer": "m", "capacitance": "1", "plate_distance": "m", "plate_thickness": "1",
+    "conductivity": "1", "target_tilt": "rad",
 }  # fmt: skip
 """SI units of the errors by the tables of a file."""
 
 KINDS: Mapping[str, tuple[str, ...]] = {
-    table: (f"{table}_x", f"{table}_y") if table in ("registration", "placement") else (table,) for table in UNITS
+    table: (f"{table}_x", f"{table}_y") if table in ("registration", "placement", "target_tilt") else (table,)
+    for table in UNITS
 }
 """Errors of `coilarray.studies.tolerance.perturb` by the tables of a file."""
 

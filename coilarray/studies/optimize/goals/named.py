@@ -206,6 +206,34 @@ def _position_error(file: DesignFile) -> _Part:
     )
 
 
+def _range(file: DesignFile) -> _Part:
+    return _of_target(file, "target_range_mm[{coil}]", "maximize", "A target noticed farther", "noise of 1e-5 in δ")
+
+
+def _resolution(file: DesignFile) -> _Part:
+    distances = Evaluation(file.design).target.distances
+    middle = f"{round(distances[len(distances) // 2] * 1e3, 6):g}"
+    quantity = f"target_deviation_um[{{coil}},distance_mm={middle}]"
+    return _of_target(file, quantity, "minimize", "Distances of a target told best", "in the middle of its distances")
+
+
+def _of_target(file: DesignFile, quantity: str, direction: str, title: str, says: str) -> _Part:
+    """Change size, turns and traces of the coils, on no more board than there is."""
+    _ = Evaluation(file.design).target  # there must be one
+    coil = file.design.array.middle_coil
+    board, _ = _areas(file)[0]
+    now = evaluate(file.design, ["board_area_mm2"])["board_area_mm2"]
+    return _Part(
+        title,
+        [({"quantity": canonical(quantity.format(coil=coil)), "direction": direction}, f"of {coil}; {says}")],
+        [*ranges.size_ranges(file), *ranges.turns_ranges(file), *ranges.trace_ranges(file)],
+        [_fab(file), ({**board, "at_most": rounded(now, 3, up=True)}, "no more board than it is")],
+        [f"q[{coil}]", f"inductance_uH[{coil}]"],
+        trials=40,
+        polish=0,
+    )
+
+
 def _smallest(file: DesignFile) -> _Part:
     """Keep the inductance in the middle, the coupling and most of Q, as far as the design has them."""
     design = file.design
@@ -286,6 +314,7 @@ def _areas(file: DesignFile) -> list[tuple[dict[str, Any], str]]:
 
 _NAMED: Mapping[str, Callable[[DesignFile], _Part]] = {
     "worst_k": _worst_k, "decouple": _decouple, "position_error": _position_error, "smallest": _smallest,
+    "range": _range, "resolution": _resolution,
 }  # fmt: skip
 NAMES = tuple(_NAMED)
 """Goals that fit any design."""

@@ -1,0 +1,120 @@
+"""Plates in the circuit: their inductance and resistance over frequency in every network, table and file.
+
+Checked against each other: the network's impedance and `plate_inductance`; many coils together and one state by itself;
+the emulated board's network and the design's; a Touchstone file and the network.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import coilarray as ca
+from coilarray.circuit.coupling import design_circuit, design_inductance, design_plates, swept_circuit
+from coilarray.circuit.exchange import export_network
+from coilarray.circuit.network import Network, resonate, solve_state
+from coilarray.circuit.plates import plate_effect
+from coilarray.circuit.state_sensitivity import resonances
+from coilarray.compute.store import Store
+from coilarray.errors import DesignError
+from coilarray.hardware.scan.board_network import board_network
+from coilarray.metal.flat_plates import plate_inductance
+
+SHIELD = ca.Plate("shield", -4e-3, 0.1e-3, ca.MATERIALS["stainless_steel"])
+
+
+@pytest.fixture(scope="module")
+def bare() -> ca.Design:
+    """The coils of the starter without sheets; every other one open, so that each is alone."""
+    design = replace(ca.load_design("starter"), sheets=(), indentation=None)
+    return replace(design, circuit=replace(design.circuit, default_termination="open", switches=ca.Switches(2.5)))
+
+
+@pytest.fixture(scope="module")
+def shielded(bare: ca.Design) -> ca.Design:
+    """The same above a steel foil that is as transparent as it screens: its L and R change most with frequency."""
+    return replace(bare, plates=(SHIELD,))
+
+
+def test_a_coil_alone_has_the_impedance_of_coil_and_plate(bare: ca.Design, shielded: ca.Design) -> None:
+    f = np.array([0.3e6, 3e6, 30e6])
+    added = 2j * np.pi * f[:, None, None] * plate_inductance(bare.array, [SHIELD], f)
+    with_plate, without = (_windings_alone(swept_circuit(design, f)) for design in (shielded, bare))
+    for state in bare.plan:
+        k = bare.array.names.index(state.name)
+        for one, frequency in zip(added, f.tolist(), strict=True):
+            change = (
+                solve_state(with_plate, state, frequency).impedance - solve_state(without, state, frequency).impedance
+            )
+            assert change == pytest.approx(one[k, k], rel=1e-4)  # cubic between samples 12 % apart
+
+
+def _windings_alone(network: Network) -> Network:
+    """Without capacitance, so that open coils do not count."""
+    none = np.zeros_like(network.mutual_capacitance)
+    return replace(network, winding_capacitance=none[0], mutual_capacitance=none)
+
+
+def test_tables_have_the_plates_at_the_working_frequency(bare: ca.Design, shielded: ca.Design) -> None:
+    result, plates = ca.couple_design(shielded), design_plates(shielded)
+    assert plates is not None
+    working = result.attrs["working_frequency_Hz"]
+    assert working == pytest.approx(float(result.ideal_frequency.mean()), rel=1e-2)
+    expected = plate_inductance(bare.array, [SHIELD], [working])[0]
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(result.plate_inductance, expected.real, atol=1e-5 * scale)
+    np.testing.assert_allclose(result.plate_resistance, -2 * np.pi * working * expected.imag, rtol=1e-3)
+    np.testing.assert_allclose(result.inductance - result.plate_inductance, design_inductance(bare)[0], rtol=1e-12)
+    assert (result.quality_factor.values < 0.75 * ca.couple_design(bare).quality_factor.values).all()
+    assert result.attrs["left_out"].endswith("capacitance of the plates")
+
+
+def test_interpolation_over_frequency(shielded: ca.Design) -> None:
+    effect = plate_effect(shielded, 1e5, 1e7)
+    f = np.array([1.03e5, 9.37e5, 9.9e6])
+    expected = plate_inductance(shielded.array, [SHIELD], f)
+    for frequency, one in zip(f.tolist(), expected, strict=True):
+        np.testing.assert_allclose(effect.at(frequency), one, rtol=0, atol=1e-5 * np.abs(expected).max())
+
+
+def test_many_coils_together_and_one_by_one(shielded: ca.Design) -> None:
+    """Thirteen coils grounded at once are solved in another way than a state by itself."""
+    row = ca.lattice_array(shielded.array.stackup, shielded.array.placements[0].coil, ca.Lattice("linear", 20e-3, 13))
+    circuit = replace(shielded.circuit, default_termination="ground")
+    network = design_circuit(replace(shielded, array=row, circuit=circuit), accuracy="screen")
+    assert network.dispersion is not None
+    plan = replace(shielded, array=row, circuit=circuit).plan
+    together = resonances(network, plan)
+    for k in (0, 6):
+        assert together[k].frequency == pytest.approx(resonate(network, plan[k]).frequency, rel=1e-10)
+    still = resonate(replace(network, dispersion=None), plan[0])
+    assert abs(together[0].frequency / still.frequency - 1) > 1e-6  # the first coil does not work at the mean
+
+
+def test_the_emulated_board_and_files_have_the_plates(shielded: ca.Design, tmp_path: Path) -> None:
+    network = design_circuit(shielded)
+    for _ in range(2):  # computed, and read from the store
+        kept = board_network(shielded, Store(tmp_path))
+        state = shielded.plan[0]
+        assert solve_state(kept, state, 2.7e6).impedance == solve_state(network, state, 2.7e6).impedance
+    f = np.geomspace(1e6, 1e7, 5)
+    swept = swept_circuit(shielded, f)
+    export_network(swept, tmp_path / "three.cir")
+    text = (tmp_path / "three.cir").read_text()
+    assert "L is that at the working frequency; the plates change it by up to" in text
+    assert "without capacitance of the plates" in text
+    export_network(_windings_alone(swept), tmp_path / "three.s3p", f)
+    skrf = pytest.importorskip("skrf")
+    Z = skrf.Network(str(tmp_path / "three.s3p")).z
+    assert swept.dispersion is not None
+    L = np.array([swept.inductance + swept.dispersion(one) for one in f])
+    np.testing.assert_allclose(Z.imag, 2 * np.pi * f[:, None, None] * L, rtol=1e-6, atol=1e-5)
+
+
+def test_a_plate_with_an_outline_is_refused(bare: ca.Design) -> None:
+    disc = ca.FinitePlate("disc", ca.Disc(10e-3), (0, 0, 5e-3), 1e-3, ca.MATERIALS["copper"])
+    with pytest.raises(DesignError, match=r"plate.0 'disc' has an outline; the circuit takes plates without end"):
+        ca.couple_design(replace(bare, plates=(disc,)))

@@ -1,0 +1,125 @@
+"""Metal in scenes: bodies where they lie, currents as they flow, and a slider that says what the library computes."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coilarray import load_design
+from coilarray.errors import CoilarrayError, MetalError
+from coilarray.geometry import MATERIALS, Ball, Disc, FinitePlate, Plate, Ring, Target
+from coilarray.geometry.solids import plate_solid
+from coilarray.response.target import target_map
+from coilarray.viz.datasets.metal import EDDY, EDDY_AMOUNT
+from coilarray.viz.scenes.metal import around_board
+from coilarray.viz.scenes.of_design import View, board_and_metal, scene_of_design
+
+ALUMINIUM = MATERIALS["aluminium"]
+
+
+BACKPLANE = Plate("backplane", -6e-3, 1e-3, ALUMINIUM)
+
+
+@pytest.fixture(scope="module")
+def design():
+    """The starter board, with a steel ball that is moved over it."""
+    ball = Target(Ball(4e-3, MATERIALS["steel"]), (1e-3, 4e-3), (0.0, 8e-3), (0.0, 3e-3))
+    return replace(load_design("starter"), target=ball)
+
+
+@pytest.fixture(scope="module")
+def shown(design):
+    return scene_of_design(design, View(show=board_and_metal(design), coil="coil2"))
+
+
+def test_the_solid_of_a_plate_is_its_outline_times_its_thickness_where_it_lies():
+    outline = Ring(6e-3, 2e-3)
+    plate = FinitePlate("ring", outline, (1e-3, 2e-3, 9e-3), 1.5e-3, ALUMINIUM, tilt=0.2, tilt_direction=1.0)
+    solid = plate_solid(plate, (0.0, 0.0, 1.0, 1.0))
+    assert solid.is_watertight
+    assert solid.volume == pytest.approx(math.pi * (36 - 4) * 1e-6 * 1.5e-3, rel=1e-9)  # polygons of the same area
+    np.testing.assert_allclose(solid.bounds[:, 2], plate.heights, rtol=1e-9)
+    np.testing.assert_allclose(solid.center_mass, plate.centre, rtol=1e-9)
+
+
+def test_plates_and_target_lie_where_the_design_says(design, shown):
+    parts = {part.name: part for part in shown.parts}
+    plated = scene_of_design(replace(design, plates=(BACKPLANE,), target=None), View(show=("board", "plates")))
+    parts |= {part.name: part for part in plated.parts}
+    low_x, low_y, high_x, high_y = around_board(design.array)
+    bounds = np.array([low_x, high_x, low_y, high_y, *BACKPLANE.heights]) * 1e3
+    np.testing.assert_allclose(parts["plate backplane"].mesh.bounds, bounds, rtol=1e-6)  # single precision
+    assert parts["plate backplane"].group == "backplane: aluminium, 1 mm, without end"
+    assert "Without end, and drawn as far as the board: backplane." in plated.notes
+    centre = design.array.centres[design.array.names.index("coil2")]
+    nearest = [min(values, key=lambda value, c=c: abs(value - c)) for values, c in zip(
+        (design.target.x, design.target.y), centre, strict=True)]  # fmt: skip
+    labels = shown.slider.labels
+    assert (labels[0], labels[-1]) == ("1 mm", "4 mm")
+    for step, label in enumerate(labels):
+        body = parts[f"target {step}"]
+        assert body.step == step
+        x_min, x_max, y_min, y_max, z_min, z_max = body.mesh.bounds
+        assert z_min == pytest.approx(design.top * 1e3 + float(label.split()[0]), abs=2e-3)  # three digits
+        # a ball of 48 meridians
+        assert ((x_min + x_max) / 2, (y_min + y_max) / 2) == pytest.approx(np.multiply(1e3, nearest), abs=1e-3)
+        assert z_max - z_min == pytest.approx(8.0, abs=1e-3)
+
+
+def test_every_position_says_what_the_library_computes(design, shown):
+    x, y = (min(values, key=abs) for values in (design.target.x, design.target.y))
+    found = target_map(design, distances=[4e-3], x=[x], y=[y]).isel(distance=0, x=0, y=0).sel(state="coil2")
+    first, others = shown.slider.notes[-1]
+    assert f"δ = {float(found.delta) * 100:+.3g} %".replace("-", "−") in first
+    assert f"f = {float(found.frequency) * 1e-6:.4f} MHz" in first
+    assert others.startswith("δ of the others: coil1 ")
+    # a picture shows the first position alone
+    still = shown.still()
+    assert [part.name for part in still.parts if part.name.startswith("target")] == ["target 0"]
+    assert shown.slider.notes[0][0] in still.notes
+    assert still.slider is None
+
+
+@pytest.mark.slow
+def test_eddy_currents_run_against_the_coil(design):
+    shield = Plate("shield", 5e-3, 2e-3, MATERIALS["copper"])
+    bare = replace(design, plates=(shield,), target=None, sheets=(), indentation=None)
+    scene = scene_of_design(bare, View(show=("plates", "eddies"), coil="coil2", current=1.0, others_open=True))
+    (arrows,) = (part.mesh for part in scene.parts if part.name == "eddies of plate 0")
+    (path,) = (one.vertices for one in bare.array.conductors() if one.name == "coil2")
+    turning = np.cross(path[:-1], path[1:])[:, 2].sum()
+    points, K = np.asarray(arrows.points, dtype=float), np.asarray(arrows.point_data[EDDY])
+    away = points - [*(bare.array.centres[1] * 1e3), 7.0]
+    assert np.sign(np.cross(away, K)[:, 2].sum()) == -np.sign(turning)
+    np.testing.assert_allclose(np.linalg.norm(K, axis=1), arrows.point_data[EDDY_AMOUNT], rtol=1e-6)
+    # on the upper face, but for the arrows' own thickness
+    assert np.abs(points[:, 2] - 7.0).max() < 1.5
+    assert any("while the coil's current is largest" in note for note in scene.notes)  # copper of many skin depths
+
+
+@pytest.mark.slow
+def test_eddy_currents_at_all_distances_have_one_scale(design, monkeypatch):
+    monkeypatch.setattr("coilarray.viz.scenes.of_metal._STEPS", 0)  # no positions between those of the design
+    body = FinitePlate("target", Disc(6e-3), (0.0, 0.0, 0.0), 1e-3, ALUMINIUM)
+    moving = replace(design, sheets=(), indentation=None, target=Target(body, (1e-3, 3e-3), (0.0,), (0.0,)))
+    scene = scene_of_design(moving, View(show=("target", "eddies"), distance=3e-3))
+    assert scene.slider.labels[scene.slider.first] == "3 mm"
+    strongest = [
+        float(part.mesh.point_data[EDDY_AMOUNT].max()) for part in scene.parts if part.name.startswith("eddies")
+    ]
+    assert strongest[0] > 1.1 * strongest[1]  # the nearer, the stronger
+    (scale,) = scene.scales
+    assert scale.high == pytest.approx(strongest[0], rel=0.5)  # but for 2 % of the places, most of them at the rim
+
+
+def test_what_is_not_there_is_refused(design):
+    bare = replace(design, plates=(), target=None)
+    assert board_and_metal(bare) == ("board",)
+    with pytest.raises(MetalError, match=r"has no \[target\]"):
+        scene_of_design(bare, View(show=("target",)))
+    with pytest.raises(MetalError, match="eddy currents need plates or a target"):
+        scene_of_design(bare, View(show=("eddies",)))
+    disc = FinitePlate("coin", Disc(5e-3), (0.0, 0.0, -9e-3), 1e-3, ALUMINIUM)
+    with pytest.raises(CoilarrayError, match="'coin' has an outline"):
+        scene_of_design(replace(bare, plates=(disc,)), View(show=("field",)))

@@ -1,0 +1,121 @@
+"""Eddy currents of a design for pictures: at the frequency and with the currents with which a coil is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.circuit.operating_field import operating_currents
+from coilarray.design.model import Design
+from coilarray.geometry import FinitePlate, Plate
+from coilarray.metal.finite_plates import eddy_currents
+from coilarray.metal.plate_field import plate_currents
+from coilarray.response.target import target_of
+from coilarray.viz.datasets.metal import Eddies
+from coilarray.viz.scenes.board import Box
+
+ComplexArray = npt.NDArray[np.complex128]
+Phasors = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], ComplexArray]
+"""Points (n, 3) in m, normals (n, 3) and complex current densities (n, 3) in A/m of one body."""
+
+_ALONG = 20  # number of arrows along the longest side of a plate without end
+_FLAT = 0.9  # cosine of the angle between face and triangle: the rest is the rim
+_BLURRED = 0.4  # of their distance, over which the current of each is averaged
+
+
+@dataclass(frozen=True, eq=False)
+class WorkingPoint:
+    """Currents of all coils in A, shape (n,), while one of them carries `current`, at a frequency in Hz."""
+
+    currents: ComplexArray
+    current: float
+    frequency: float
+
+
+def working_point(design: Design, coupling: xr.Dataset, coil: str, current: float, *, terminated: bool) -> WorkingPoint:
+    """Return the operation in which a coil is measured with a current in A, without a target."""
+    currents = current * operating_currents(design, coupling, coil, terminated=terminated)
+    return WorkingPoint(currents, current, float(coupling.frequency.sel(coil=coil)))
+
+
+def eddies_of_plates(
+    design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint, within: Box
+) -> list[Phasors]:
+    """Return the eddy currents of the plates of a design; those without end over the rectangle `within` in m."""
+    endless = [plate for plate in plates if isinstance(plate, Plate)]
+    outlined = [plate for plate in plates if isinstance(plate, FinitePlate)]
+    return [
+        *_endless(design, endless, endless, operation, within),
+        *(_outlined(design, plate, operation) for plate in outlined),
+    ]
+
+
+def eddies_of_target(
+    design: Design, place: tuple[float, float], distances: Sequence[float], operation: WorkingPoint, within: Box
+) -> list[Phasors | None]:
+    """Return the eddy currents of the target over a place on the board, at distances, all in m; None for a ball."""
+    found: list[Phasors | None] = []
+    for distance in distances:
+        target = target_of(design)
+        height = target.height(design.top, distance)
+        if isinstance(target.body, Plate):
+            moved = replace(target.body, z=height)
+            beside = [plate for plate in design.plates if isinstance(plate, Plate)]
+            found += _endless(design, [moved], [moved, *beside], operation, within)
+        elif isinstance(target.body, FinitePlate):
+            found.append(_outlined(design, replace(target.body, centre=(*place, height)), operation))
+        else:
+            found.append(None)
+    return found
+
+
+def _outlined(design: Design, plate: FinitePlate, operation: WorkingPoint) -> Phasors:
+    """Eddy currents through the thickness of a plate with an outline, at the triangles of its upper face."""
+    found = eddy_currents(design.array, plate, operation.frequency, design.sheets)
+    density = np.tensordot(operation.currents, found.density, axes=1)
+    half = len(density) // 2  # the upper half, and its mirror image in the same order
+    upper, through = found.corners[:half], density[:half] + density[half:]
+    first, second, third = np.moveaxis(upper, 1, 0)
+    normals = np.cross(second - first, third - first)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    face = normals @ plate.axes[2] > _FLAT
+    return upper.mean(axis=1)[face], normals[face], through[face]
+
+
+def _endless(
+    design: Design, shown: Sequence[Plate], plates: Sequence[Plate], operation: WorkingPoint, within: Box
+) -> list[Phasors]:
+    """Eddy currents of the first plates of `plates`, those `shown`, on a grid over their upper faces."""
+    if not shown:
+        return []
+    x_min, y_min, x_max, y_max = within
+    step = max(x_max - x_min, y_max - y_min) / _ALONG
+    x, y = (np.linspace(low, high, round((high - low) / step) + 1) for low, high in ((x_min, x_max), (y_min, y_max)))
+    array, sheets = design.array, design.sheets
+    density = plate_currents(array, operation.currents, plates, operation.frequency, x, y, sheets, blur=_BLURRED * step)
+    found = []
+    for plate, K in zip(shown, density, strict=False):
+        flat = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+        points = np.column_stack((flat, np.full(len(flat), plate.heights[1])))
+        normals = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
+        found.append((points, normals, np.column_stack((K.reshape(-1, 2), np.zeros(len(flat))))))
+    return found
+
+
+def at_their_largest(all_phasors: Sequence[Phasors]) -> tuple[list[Eddies], str]:
+    """Return eddy currents at the instant at which they are the stronger, and when that is.
+
+    The instants are that at which the current of the coil is largest, and a quarter of a period before it.
+    """
+    in_phase, before = (
+        sum(float((part(density) ** 2).sum()) for *_, density in all_phasors) for part in (np.real, np.imag)
+    )
+    now = in_phase >= before
+    eddies = [
+        Eddies(points, normals, density.real if now else density.imag) for points, normals, density in all_phasors
+    ]
+    return eddies, "while the coil's current is largest" if now else "a quarter of a period before the coil's peak"

@@ -1,0 +1,166 @@
+"""The metal of a design in a scene: its plates, its target at every distance, and the eddy currents in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import xarray as xr
+
+from coilarray.compute.threads import Progress
+from coilarray.design.model import Design
+from coilarray.errors import MetalError
+from coilarray.geometry import FinitePlate
+from coilarray.response.target import target_map, target_of
+from coilarray.viz.datasets.metal import Eddies
+from coilarray.viz.scenes.eddies import (
+    WorkingPoint,
+    at_their_largest,
+    eddies_of_plates,
+    eddies_of_target,
+    working_point,
+)
+from coilarray.viz.scenes.metal import (
+    Position,
+    around_board,
+    eddy_parts,
+    scale_of_eddies,
+    scene_of_plates,
+    scene_of_target,
+)
+from coilarray.viz.scenes.scene import Scene
+
+_STEPS = 9  # positions of the slider of a distance, at least
+_NEAR = 0.05  # relative distance of a position in between from one that the design gives
+_SHOWN_STATES = 8  # whose δ stand in a line
+
+
+def scene_of_metal(
+    design: Design,
+    shown: frozenset[str],
+    coil: str,
+    coupling: Callable[[], xr.Dataset],
+    *,
+    current: float,
+    terminated: bool,
+    distance: float | None = None,
+    at: tuple[float, float] | None = None,
+    progress: Progress | None = None,
+) -> Scene:
+    """Return plates, target and eddy currents of a design.
+
+    Parameters
+    ----------
+    design : Design
+        The design.
+    shown : frozenset of str
+        Which of "plates", "target" and "eddies" are shown; eddy currents are those of what is shown with them.
+    coil, coupling, current, terminated
+        The measured coil, the function that returns the design's coupling, the coil's current in A, and whether the
+        others are terminated.
+    distance : float, optional
+        Distance of the target in m at which the slider stands first; the least one by default.
+    at : tuple of float, optional
+        x and y of the target on the board in m; by default that of its places that is nearest to the coil.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
+
+    Raises
+    ------
+    MetalError
+        A target of a design that has none, eddy currents of no metal, or what is not computed.
+    """
+    within = around_board(design.array)
+    plates = design.plates if "plates" in shown else ()
+    scene = scene_of_plates(plates, within)
+    steps = steps_of(design, distance) if "target" in shown else []
+    place = target_place(design, coil, at) if "target" in shown else (0.0, 0.0)
+    numbers = None
+    if steps:
+        origin = target_of(design).origin_point
+        x, y = (value - from_ for value, from_ in zip(place, origin, strict=True))
+        numbers = target_map(design, distances=steps, x=[x], y=[y], progress=progress)
+    of_plates: list[Eddies] = []
+    of_target: list[Eddies | None] = [None] * len(steps)
+    if "eddies" in shown:
+        if not plates and not steps:
+            raise MetalError(f"eddy currents need plates or a target in the picture of {design.name}.")
+        operation = working_point(design, coupling(), coil, current, terminated=terminated)
+        phasors = eddies_of_plates(design, plates, operation, within)
+        moved = eddies_of_target(design, place, steps, operation, within)
+        shown_now, when = at_their_largest([*phasors, *(one for one in moved if one is not None)])
+        of_plates, rest = shown_now[: len(phasors)], iter(shown_now[len(phasors) :])
+        of_target = [None if one is None else next(rest) for one in moved]
+        scene += Scene(notes=_eddy_notes(design, coil, operation, when, none_in_target=bool(steps) and None in moved))
+    scale = scale_of_eddies([*of_plates, *(one for one in of_target if one is not None)])
+    for number, one in enumerate(of_plates):
+        scene += Scene(eddy_parts(f"eddies of plate {number}", one, scale, within))
+    if numbers is None:
+        return scene
+    target, lines = (
+        target_of(design),
+        [target_lines(numbers.isel(distance=k, y=0, x=0), coil) for k in range(len(steps))],
+    )
+    positions = [
+        Position(step, (*place, target.height(design.top, step)), one, texts)
+        for step, one, texts in zip(steps, of_target, lines, strict=True)
+    ]
+    first = 0 if distance is None else steps.index(distance)
+    return scene + scene_of_target(target.body, positions, within, scale, first)
+
+
+def target_lines(at: xr.Dataset, coil: str) -> tuple[str, ...]:
+    """Return what a target at one place does: a line about the state of a coil, and one with δ of the others."""
+    states = [str(name) for name in at.state.values]
+    first = coil if coil in states else states[0]
+    one = at.sel(state=first)
+    line = (
+        f"{first}: δ = {percent(one.delta)}, L = {float(one.effective_inductance) * 1e6:.4g} µH, "
+        f"R = {float(one.effective_resistance):.3g} Ω, Q = {float(one.quality_factor):.3g}, "
+        f"f = {float(one.frequency) * 1e-6:.4f} MHz"
+    )
+    others = [name for name in states if name != first][:_SHOWN_STATES]
+    if not others:
+        return (line,)
+    return line, "δ of the others: " + ", ".join(f"{name} {percent(at.delta.sel(state=name))}" for name in others)
+
+
+def percent(delta: xr.DataArray) -> str:
+    """Return a relative change in %, with three digits."""
+    return f"{float(delta) * 100:+.3g} %".replace("-", "−")
+
+
+def steps_of(design: Design, distance: float | None = None) -> list[float]:
+    """Return the distances of the design in m, others between them where it has few, and the wanted one.
+
+    A plate with an outline over magnetic sheets takes seconds for each, and has none in between.
+    """
+    target = target_of(design)
+    given, wanted = target.distances, [] if distance is None else [distance]
+    slow = isinstance(target.body, FinitePlate) and any(sheet.relative_permeability > 1 for sheet in design.sheets)
+    between = np.geomspace(given[0], given[-1], _STEPS).tolist() if 1 < len(given) < _STEPS and not slow else []
+    near = {one for one in between if min(abs(one / other - 1) for other in (*given, *wanted)) < _NEAR}
+    return sorted({*given, *wanted, *(one for one in between if one not in near)})
+
+
+def target_place(design: Design, coil: str, at: tuple[float, float] | None) -> tuple[float, float]:
+    """Return x and y of the target on the board in m."""
+    if at is not None:
+        return at
+    target, (x, y) = target_of(design), design.array.centres[design.array.names.index(coil)].tolist()
+    return tuple(  # type: ignore[return-value]
+        min((value + origin for value in values), key=lambda value, middle=middle: abs(value - middle))
+        for values, origin, middle in zip((target.x, target.y), target.origin_point, (x, y), strict=True)
+    )
+
+
+def _eddy_notes(
+    design: Design, coil: str, operation: WorkingPoint, when: str, *, none_in_target: bool
+) -> tuple[str, ...]:
+    lines = [
+        f"Eddy currents {when}, {operation.frequency * 1e-6:.4g} MHz, {abs(operation.current) * 1e3:g} mA in {coil}, "
+        "the currents of the coils as without a target."
+    ]
+    if none_in_target:
+        lines.append("Those in the target are not drawn.")
+    return tuple(lines)

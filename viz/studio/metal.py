@@ -1,0 +1,130 @@
+"""Metal of a design in the studio: bodies that are added and removed, and what a target does at every distance."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from coilarray.design.model import Design
+from coilarray.errors import DesignError
+from coilarray.geometry import MATERIALS, Plate
+from coilarray.response.target import target_map, target_of
+from coilarray.viz.scenes.of_metal import steps_of, target_place
+from coilarray.viz.studio.entries import number_of
+
+KINDS = ("plate above", "plate below", "target")
+"""What a new body can be."""
+SIZES: Mapping[str, tuple[str, ...]] = {
+    "without end": (), "disc": ("diameter_mm",), "rectangle": ("width_mm", "height_mm"),
+    "ring": ("diameter_mm", "inner_diameter_mm"), "sphere": ("diameter_mm",),
+}  # fmt: skip
+"""Keys of the sizes of each shape of a new body."""
+FIRST = {
+    "kind": "target", "shape": "disc", "material": "aluminium", "thickness": "1", "distance": "0.5, 1, 2, 5, 10",
+    "size": "20", "second": "10",
+}  # fmt: skip
+"""What the fields of a new body say at first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """What the target of a design does at one place on the board, in m, and several distances."""
+
+    design: Design
+    place: tuple[float, float]
+    numbers: xr.Dataset  # of `coilarray.target_map`, with one x and one y
+
+    @property
+    def distances(self) -> list[float]:
+        """Distances in m."""
+        return [float(one) for one in self.numbers.distance.values]
+
+
+def moved(design: Design, place: tuple[float, float] | None) -> Moved:
+    """Move the target of a design over a place on the board in m, by default over its middle coil, at all distances.
+
+    MetalError for a design without a target, or what is not computed.
+    """
+    at = target_place(design, design.array.middle_coil, place)
+    x, y = (value - origin for value, origin in zip(at, target_of(design).origin_point, strict=True))
+    return Moved(design, at, target_map(design, distances=steps_of(design), x=[x], y=[y]))
+
+
+def target_rows(moved: Moved, step: int) -> list[list[str]]:
+    """Return a row for each state at one distance: its name, δ, L in µH, R in Ω, Q, R_p in kΩ and f in MHz."""
+    at = moved.numbers.isel(distance=step, x=0, y=0)
+    return [
+        [
+            str(state),
+            f"{float(one.delta) * 100:+.4g} %".replace("-", "−"),
+            f"{float(one.effective_inductance) * 1e6:.4f}",
+            f"{float(one.effective_resistance):.3f}",
+            f"{float(one.quality_factor):.2f}",
+            f"{float(one.parallel_resistance) * 1e-3:.3f}" if np.isfinite(one.parallel_resistance) else "∞",
+            f"{float(one.frequency) * 1e-6:.5f}",
+        ]
+        for state, one in ((name, at.sel(state=name)) for name in at.state.values)
+    ]
+
+
+def body_rows(design: Design) -> list[dict[str, str]]:
+    """Return the bodies of a design: a key by which each is removed, and what it is."""
+    rows = [
+        {
+            "key": str(number),
+            "text": f"plate {plate.name}: {plate.material.name.replace('_', ' ')}, {plate.thickness * 1e3:g} mm"
+            f"{', without end' if isinstance(plate, Plate) else ''}, from z = {plate.heights[0] * 1e3:.4g} mm",
+        }
+        for number, plate in enumerate(design.plates)
+    ]
+    if design.target is not None:
+        target = design.target
+        words = f"target: {target.kind} of {target.body.material.name.replace('_', ' ')}"
+        rows.append({"key": "target", "text": words})
+    return rows
+
+
+def tables_with(document: Mapping[str, Any], form: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the tables of a design file with a new body, as `Work.with_tables` takes them.
+
+    `form` has the texts of the fields, with the keys of `FIRST`; a new target replaces an old one. DesignError for a
+    text that is no number or a shape that a plate cannot have.
+
+    Examples
+    --------
+    >>> tables_with({}, {**FIRST, "kind": "plate below", "shape": "without end", "distance": "3"})["plate"]
+    [{'name': 'plate1', 'material': 'aluminium', 'thickness_mm': 1.0, 'distance_mm': 3.0, 'side': 'below'}]
+    """
+    given = {key: str(form.get(key, default)).strip() for key, default in FIRST.items()}
+    kind, shape = given["kind"], given["shape"]
+    if kind not in KINDS or shape not in SIZES or given["material"] not in MATERIALS:
+        raise DesignError(f"a new body must be of {', '.join(KINDS)} with a shape and a material that there are.")
+    if shape == "sphere" and kind != "target":
+        raise DesignError("a sphere must be a target; a plate is flat.")
+    sizes = {key: number_of(key, given[field]) for key, field in zip(SIZES[shape], ("size", "second"), strict=False)}
+    body: dict[str, Any] = {"material": given["material"], **sizes}
+    if shape != "sphere":
+        body["thickness_mm"] = number_of("thickness_mm", given["thickness"])
+    if kind == "target":
+        distances = [number_of("distances_mm", text) for text in re.split(r"[,;\s]+", given["distance"]) if text]
+        return {"target": {"shape": "plate" if shape == "without end" else shape, **body, "distances_mm": distances}}
+    if shape != "without end":
+        body["shape"] = shape
+    plates = list(document.get("plate", []))
+    taken = {plate.get("name") for plate in plates}
+    name = next(one for one in (f"plate{k + 1}" for k in range(len(plates) + 1)) if one not in taken)
+    place = {"distance_mm": number_of("distance_mm", given["distance"]), "side": kind.removeprefix("plate ")}
+    return {"plate": [*plates, {"name": name, **body, **place}]}
+
+
+def tables_without(document: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """Return the tables of a design file without the body of a key of `body_rows`."""
+    if key == "target":
+        return {"target": None}
+    plates = [plate for number, plate in enumerate(document.get("plate", [])) if str(number) != key]
+    return {"plate": plates or None}
