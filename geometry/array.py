@@ -18,6 +18,7 @@ from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.stackup import Stackup
 from coilarray.geometry.values import SIDES, FloatArray, IntArray, Side, place_in_mm, require_positive
 
+_NEAREST = 1.01  # of the least distance: what counts as a neighbour
 _SAME_PLACE = 1e-9  # m; distances that differ by less are equal
 
 
@@ -259,6 +260,13 @@ class CoilArray:
         """Distance in m of the two coils that are nearest to each other; infinite for a single one."""
         gaps = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
         return float(gaps[~np.eye(len(gaps), dtype=bool)].min(initial=np.inf))
+
+    @property
+    def neighbours(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of coils, by their numbers, that are as near to each other as any two, to within a hundredth."""
+        one, other = np.triu_indices(len(self.placements), 1)
+        near = np.hypot(*(self.centres[one] - self.centres[other]).T) <= _NEAREST * self.least_distance
+        return tuple(zip(one[near].tolist(), other[near].tolist(), strict=True))
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:

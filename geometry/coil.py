@@ -346,7 +346,9 @@ def _remedy(of: Wound) -> str:
     widest = 2 * least + math.ceil(4e4 * of.via.pad)
     if not fits(widest):
         return ""
-    return f"; leads.spacing_mm of {bisect_left(range(widest), True, lo=least, key=fits) / 10:g} makes it"
+    spacing = bisect_left(range(widest), True, lo=least, key=fits) / 10
+    longer = f" with leads.length_mm of {spacing / 2:g}" if spacing * 1e-3 / 2 > of.leads.length else ""
+    return f"; leads.spacing_mm of {spacing:g}{longer} makes it"
 
 
 def path_coil(

@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+from pathlib import Path
 
 # Tests run side by side, one on each core: threads of the linear algebra would only wait for each other.
 # Before the imports, for numpy reads it when it is loaded.
@@ -42,6 +43,12 @@ LONGEST = (
 def pytest_configure(config):
     # else pytest-xdist begins with the files of many tests, which are the short ones
     config.option.loadscopereorder = False
+    # Each worker reads all files, and writes down how it compiled them: no two begin at the same folder of the tests.
+    here, worker = Path(__file__).parent, getattr(config, "workerinput", None)
+    if worker is not None and [Path(name).resolve() for name in config.args] == [here]:
+        parts = sorted({path.relative_to(here).parts[0] for path in here.rglob("test_*.py")})
+        first = len(parts) * int(worker["workerid"].removeprefix("gw")) // worker["workercount"]
+        config.args[:] = [str(here / name) for name in parts[first:] + parts[:first]]
 
 
 def pytest_ignore_collect(collection_path, config):
@@ -54,7 +61,12 @@ def pytest_ignore_collect(collection_path, config):
 
 def pytest_collection_modifyitems(items):
     first = {f"tests/{name}.py": k for k, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: first.get(item.nodeid.partition("::")[0], len(first)))
+
+    def order(item):
+        name = item.nodeid.partition("::")[0]
+        return first.get(name, len(first)), name  # of the same file: as they stand there
+
+    items.sort(key=order)
 
 
 @pytest.hookimpl(optionalhook=True)

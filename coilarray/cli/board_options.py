@@ -80,7 +80,7 @@ class BoardOptions:
         list[str] | None,
         typer.Option(
             help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), "
-            "drift=0.01 (K/s), press=X,Y,DEPTH (mm from the map's origin; in live after the baseline), "
+            "drift=0.01 (K/s), press=X,Y,DEPTH (mm on the board; in live after the baseline), "
             "path=FILE.csv (columns time_s, x_mm, "
             "y_mm, depth_mm)."
         ),
@@ -98,6 +98,14 @@ class BoardOptions:
             raise HardwareError(f"--emulate is for the emulator; the board at {self.port} is a real one.")
         object.__setattr__(self, "emulation", _emulation(self.emulate or ()))
         object.__setattr__(self, "drives", _drives(self.drive or ()))
+
+    def path_of(self, design: Design) -> list[tuple[float, float, float, float]] | None:
+        """Return the path of an emulated finger, time in s and x, y and depth in m, counted from the map's origin."""
+        path = self.emulation.get("path")
+        if path is None:
+            return None
+        at_x, at_y = (0.0, 0.0) if design.indentation is None else design.indentation.origin_point
+        return [(time, x - at_x, y - at_y, depth) for time, x, y, depth in path]
 
 
 def board_command(*, without: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -157,11 +165,14 @@ def opened_board(
         bus_rate=bus_rate(port),
     )
     emulation = dict(options.emulation)
+    path = options.path_of(design)
+    if path is not None:
+        emulation["path"] = path
     if options.port == EMULATOR and real_time:
         clock = emulation["clock"] = ComputerClock()
         start = clock.now()
-        if "path" in emulation:
-            emulation["path"] = [(start + time, *place) for time, *place in emulation["path"]]
+        if path is not None:
+            emulation["path"] = [(start + time, *place) for time, *place in path]
     if options.port == EMULATOR and progress is not None:
         emulation["progress"] = progress
     with open_board(options.port, design=design, wiring=wiring, **emulation) as board:

@@ -18,6 +18,7 @@ from coilarray.cli.shared import (
     AsJson,
     DesignArgument,
     check_file,
+    from_map_origin,
     lengths,
     open_design,
     print_result,
@@ -47,10 +48,7 @@ def campaign(
     resume: Annotated[bool, typer.Option("--resume", help="Continue the recording where the file exists.")] = False,
     x_mm: Annotated[
         str | None,
-        typer.Option(
-            help="Positions along x, not on the board but from the map's origin, as 0,5 or START:STOP:COUNT; the "
-            "design's by default."
-        ),
+        typer.Option(help="Positions on the board along x, as 0,5 or START:STOP:COUNT; the design's by default."),
     ] = None,
     y_mm: Annotated[str | None, typer.Option(help="The same along y.")] = None,
     depth_mm: Annotated[str | None, typer.Option(help="Depths of the indentation, likewise.")] = None,
@@ -97,7 +95,7 @@ def campaign(
 
     Example: coilarray campaign --port /dev/ttyACM0 --stage grbl:/dev/ttyUSB0 --reach-mm -30,30,-10,10,1.2 --resume
     """
-    x, y, depths = (
+    *places, depths = (
         None if text is None else lengths(option, text)
         for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm), ("--depth-mm", depth_mm))
     )
@@ -106,11 +104,13 @@ def campaign(
     if response is not None and response.resolve() == out.resolve():
         raise OutputError(f"--response must be another file than the recording {out}.")
     opened = open_design(design, allow_violations=allow_violations)
+    x, y = from_map_origin(opened.indentation, *places)
     from coilarray.hardware.record.campaign import design_campaign
     from coilarray.hardware.record.recorder import open_recorder
     from coilarray.hardware.record.recording import open_recording
 
-    make_stage = _stage_maker(stage, reach_mm, clearance_mm, options.port)
+    origin = (0.0, 0.0) if opened.indentation is None else opened.indentation.origin_point
+    make_stage = _stage_maker(stage, reach_mm, clearance_mm, options.port, origin)
     grid = design_campaign(
         opened, x=x, y=y, depths=depths, repeats=repeats, scans=average, dwell=dwell_s, speed=speed_mm_s * 1e-3
     )
@@ -194,7 +194,7 @@ def _positions_in_lines() -> Iterator[Progress]:
 
 
 def _stage_maker(
-    stage: str | None, reach_mm: str | None, clearance_mm: float | None, port: str
+    stage: str | None, reach_mm: str | None, clearance_mm: float | None, port: str, origin: tuple[float, float]
 ) -> Callable[[Board], Stage]:
     """Return a function that makes the stage once the board is open; options that do not fit are refused at once."""
     kind, _, stage_port = (stage or _PERSON).partition(":")
@@ -212,7 +212,7 @@ def _stage_maker(
     from coilarray.hardware.wire.serial_ports import open_serial_port
 
     if reach_mm is None:
-        return lambda board: PersonStage(_ask) if board.emulator is None else EmulatedStage(board.emulator)
+        return lambda board: PersonStage(_ask, origin) if board.emulator is None else EmulatedStage(board.emulator)
     try:
         x_min, x_max, y_min, y_max, depth = (float(part) * 1e-3 for part in reach_mm.split(","))
     except ValueError:

@@ -183,7 +183,7 @@ def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[],
     emulator, setup = board.emulator, design.indentation
     if emulator is None:
         return lambda: None
-    path = options.emulation.get("path")
+    path = options.path_of(design)
     if path is not None and _held_back(options):
         ((_, x, y, depth),) = path
         emulator.world.check(Place(x, y, depth))

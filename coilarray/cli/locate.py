@@ -66,10 +66,10 @@ def locate(
     """Find where, and how deep, an indentation is from the δ of the coils, or where a target is.
 
     Maximum likelihood over all coils; every position that explains a reading is listed, both signs of y on a board that
-    is symmetric. Positions are those on the board; with --ellipse they count from the map's origin. The table of a
-    design is computed once and kept; that of one with a [target] and no [indentation] is the target's map, of which
-    coordinates with a single value are known. A stream gives one JSON line out for each line in, with "error" for a bad
-    one; the exit code is 2 only where no line was a reading.
+    is symmetric. Positions are those on the board; those of an ellipse model of `coilarray fit` or of the paper count
+    from its own origin. The table of a design is computed once and kept; that of one with a [target] and no
+    [indentation] is the target's map, of which coordinates with a single value are known. A stream gives one JSON line
+    out for each line in, with "error" for a bad one; the exit code is 2 only where no line was a reading.
 
     Example: coilarray locate --model gast2020 coil1=-2e-5,coil2=8e-5,coil3=9.5e-4,coil4=5.6e-4,coil5=-1e-5,coil6=-1e-5
 
@@ -92,7 +92,8 @@ def locate(
         raise LocalizeError("--depth-mm is for --ellipse; the depth is found otherwise.")
     given = [] if stream else [one for text in readings for one in read_readings(text)]
     if ellipse:
-        solve = _with_ellipses(_ellipse_model(model, depth, allow_violations), coil, addition_mm * 1e-3)
+        ellipses, origin = _ellipse_model(model, depth, allow_violations)
+        solve = _with_ellipses(ellipses, origin, coil, addition_mm * 1e-3)
     else:
         solve = _with_all_coils(_response(model, table, allow_violations), coil, noise, given, readings)
     if stream:
@@ -151,17 +152,21 @@ def _response(source: str | None, table: Path | None, allow_violations: bool) ->
     return _Response(tuple(state.name for state in design.plan), unknowns, lambda: kept_table(design, table))
 
 
-def _ellipse_model(source: str | None, depth: float | None, allow_violations: bool) -> EllipseModel:
+def _ellipse_model(
+    source: str | None, depth: float | None, allow_violations: bool
+) -> tuple[EllipseModel, tuple[float, float]]:
+    """Return an ellipse model, and x and y in m on the board from which it counts; zero for the paper's and a file."""
     from coilarray.localize.ellipse import fit_ellipses
     from coilarray.localize.ellipse_model import ellipse_model
     from coilarray.localize.published import published_model
+    from coilarray.response.coordinates import origin_of
 
     if source == _PUBLISHED:
-        return published_model()
+        return published_model(), (0.0, 0.0)
     if source is not None and source.lower().endswith(".json"):
-        return read_ellipses(Path(source))
+        return read_ellipses(Path(source)), (0.0, 0.0)
     response, at = one_map(source, depth, allow_violations=allow_violations)
-    return ellipse_model(fit_ellipses(response, at))
+    return ellipse_model(fit_ellipses(response, at)), origin_of(response)
 
 
 def _none_in(readings: Sequence[str]) -> str:
@@ -218,7 +223,9 @@ def _of_states(reading: Reading, used: Sequence[str], every: Sequence[str]) -> R
     return reading
 
 
-def _with_ellipses(model: EllipseModel, coils: Sequence[str] | None, addition: float) -> Solver:
+def _with_ellipses(
+    model: EllipseModel, origin: tuple[float, float], coils: Sequence[str] | None, addition: float
+) -> Solver:
     """Intersect two ellipses."""
     from coilarray.localize.ellipse_model import EllipseModel as Model
 
@@ -227,10 +234,10 @@ def _with_ellipses(model: EllipseModel, coils: Sequence[str] | None, addition: f
     widened = used.with_semiaxis_addition(addition)
     if len(used.coils) < 2:
         raise LocalizeError(f"two coils are needed for a position; the model has {', '.join(used.names)}.")
-    return lambda readings: [_crossed(widened, one, model.names) for one in readings]
+    return lambda readings: [_crossed(widened, origin, one, model.names) for one in readings]
 
 
-def _crossed(model: EllipseModel, reading: Reading, names: Sequence[str]) -> Record:
+def _crossed(model: EllipseModel, origin: tuple[float, float], reading: Reading, names: Sequence[str]) -> Record:
     from coilarray.localize.ellipse_model import locate_x
 
     if not isinstance(reading, dict):
@@ -246,5 +253,6 @@ def _crossed(model: EllipseModel, reading: Reading, names: Sequence[str]) -> Rec
         place = locate_x(model, reading)
     except LocalizeError as error:
         return {"status": "no position fits", "reason": str(error), "modes": []}
-    modes = [{"x_m": place.x, "y_m": y} for y in ((place.y, -place.y) if place.y > 0 else (0.0,))]
+    at_x, at_y = origin
+    modes = [{"x_m": at_x + place.x, "y_m": at_y + y} for y in ((place.y, -place.y) if place.y > 0 else (0.0,))]
     return {"status": "located", **modes[0], "case": place.case, "coils": list(place.coils), "modes": modes}

@@ -73,7 +73,7 @@ def response(
 
     Example: coilarray response gast2020 --depth-mm 0.5,1 --out map.nc --plot map.png
     """
-    depths, x, y = (
+    depths, *places = (
         None if text is None else shared.lengths(option, text)
         for option, text in (("--depth-mm", depth_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
     )
@@ -87,6 +87,7 @@ def response(
     from coilarray.response.map import Imperfections, response_map
 
     opened = shared.open_design(design, allow_violations=allow_violations)
+    x, y = shared.from_map_origin(opened.indentation, *places)
     offset = (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3)
     imperfections = Imperfections(tilt, offset, depth_error_mm * 1e-3, errors, noise=noise, seed=seed)
     parts = out.with_name(f"{out.name}.parts")

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
     from coilarray.compute.threads import Progress
     from coilarray.compute.workers import Pool
-    from coilarray.design.model import Design, DesignFile
+    from coilarray.design.model import Design, DesignFile, Indentation
+    from coilarray.geometry import Target
     from coilarray.report.tables import Table
 
 
@@ -112,7 +113,7 @@ Depths = Annotated[
 ]
 PlacesX = Annotated[
     str | None,
-    typer.Option(help="Positions along x, not on the board but from the map's origin, as 0,5 or START:STOP:COUNT."),
+    typer.Option(help="Positions on the board along x, as 0,5 or START:STOP:COUNT; the design's by default."),
 ]
 PlacesY = Annotated[str | None, typer.Option(help="Positions along y, in the same form.")]
 Ideal = Annotated[
@@ -157,6 +158,16 @@ def open_design_file(name: str | None, *, allow_violations: bool) -> DesignFile:
 def design_record(design: Design) -> dict[str, str]:
     """Return name and hash of a design as every JSON output has them."""
     return {"design": design.name, "design_hash": design.digest}
+
+
+def from_map_origin(
+    setup: Indentation | Target | None, x: Sequence[float] | None, y: Sequence[float] | None
+) -> tuple[tuple[float, ...] | None, ...]:
+    """Return positions of options, in m on the board, as counted from the origin of the map of a setup."""
+    from coilarray.response.coordinates import from_board
+
+    origin = (0.0, 0.0) if setup is None else setup.origin_point
+    return tuple(None if row is None else from_board(row, at) for row, at in zip((x, y), origin, strict=True))
 
 
 def lengths(option: str, text: str) -> list[float]:

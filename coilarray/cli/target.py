@@ -38,7 +38,7 @@ def target(
 
     Example: coilarray target proximity --distance-mm 0.5:20:14 --out target.csv --plot target.png
     """
-    distances, x, y = (
+    distances, *places = (
         None if text is None else shared.lengths(option, text)
         for option, text in (("--distance-mm", distance_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
     )
@@ -49,6 +49,7 @@ def target(
     from coilarray.response.target import target_map
 
     opened = shared.open_design(design, allow_violations=allow_violations)
+    x, y = shared.from_map_origin(opened.target, *places)
     parts = out.with_name(f"{out.name}.parts")
     store = open_store(parts)
     kept = store.keys()

@@ -18,10 +18,10 @@ from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.design.scan_states import Passive, ScanState
 from coilarray.errors import LocalizeError
-from coilarray.geometry import Conductor
+from coilarray.geometry import MATERIALS, Conductor, Hemisphere
 from coilarray.localize.ellipse import PARAMETERS, fit_ellipses, refined_map
 from coilarray.localize.published import published_model, undetermined_levels
-from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
+from coilarray.response.map import Imperfections, inductance_changes, respond, response_map, with_material
 from coilarray.response.setup import indentation_of, map_axes
 
 FloatArray = npt.NDArray[np.float64]
@@ -36,6 +36,7 @@ NOISE = 1e-5
 _WIDE = (18e-3, 12e-3)  # the wide window is larger by this on each side, along x and y
 _FINE = 2  # parts of the grid's step
 _SEEDS = 8
+_BALLS = ("steel", "aluminium", "ferrite")  # materials that a hemisphere may have
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +92,13 @@ def distortion(
         them) and ``open``; ``published_x0``, ``published_A``, ``published_B`` (state, delta) from Table A1, NaN for
         states that it has not; ``undetermined`` (neighbours, state, delta) and ``published_undetermined`` (state,
         delta), levels of which the window leaves too little; ``effect`` (cause, state, delta) in m, what x0 loses
-        without the cause; ``centre`` (state) in m; ``rms`` (cause, state) of the effects and ``rms_residual`` (state)
-        of predicted − published x0, in m. Values are NaN at levels that a map does not reach; effects and root mean
-        squares leave undetermined levels out. With draws also their standard deviations ``x0_std``, ``effect_std`` and
-        ``rms_std`` of the same shapes, NaN for causes but the neighbours and where a draw has no value.
+        without the cause; ``indenter_x0``, ``indenter_A``, ``indenter_B`` (indenter, state, delta) in m and
+        ``indenter_peak`` (indenter, state), the largest δ of the map, with an indenter ``without`` a material and with
+        one of steel, aluminium and ferrite; ``centre`` (state) in m; ``rms`` (cause, state) of the effects and
+        ``rms_residual`` (state) of predicted − published x0, in m. Values are NaN at levels that a map does not reach;
+        effects and root mean squares leave undetermined levels out. With draws also their standard deviations
+        ``x0_std``, ``effect_std`` and ``rms_std`` of the same shapes, NaN for causes but the neighbours and where a
+        draw has no value.
 
     Raises
     ------
@@ -108,7 +112,9 @@ def distortion(
     Causes: ``all neighbours`` and each one (opened), ``window`` (18 and 12 mm wider), ``grid`` (half the step),
     ``ellipse`` (fitted centre minus the middle of the level curve on y = 0, on the wide and fine map), ``winding and
     leads`` (each coil averaged with itself turned by half a turn), ``layers`` (all coils at one height), ``tilt`` and
-    ``noise`` (switched on, since the computed map has none; for noise the standard deviation of x0).
+    ``noise`` (switched on, since the computed map has none; for noise the standard deviation of x0). So are
+    ``indenter of steel``, ``… aluminium`` and ``… ferrite``, where the design's indenter is a hemisphere without a
+    material: eddy currents and magnetisation of a ball, with L_0 read as it just touches the sheets.
     """
     names = design.array.names
     for state in states:
@@ -137,7 +143,11 @@ def distortion(
     tilted = replace(given, tilt=(given.tilt[0] + TILT, given.tilt[1]))
     effects["tilt"] = -without(_Maps(design, tilted, maps.count).plain())
     effects["noise"] = _scatter(base, states, levels)
+    solid = maps.of_materials(base)
+    of_balls = {name: ellipse_curves(response, states, levels) for name, response in solid.items()}
+    effects |= {f"indenter of {name}": one.determined_x0 - curves.determined_x0 for name, one in of_balls.items()}
     result = _dataset(design, states, levels, curves, opened, effects)
+    result = result.assign(_balls(result, {"without": base, **solid}, {"without": curves, **of_balls}))
     if not draws:
         return result
     drawn = []
@@ -146,6 +156,23 @@ def distortion(
         pair = (response, _opened(one, response, names))
         drawn.append([ellipse_curves(each, states, levels).determined_x0 for each in pair])
     return result.assign(_errors(result, np.array(drawn)))
+
+
+def _balls(
+    result: xr.Dataset, responses: dict[str, xr.Dataset], curves: dict[str, EllipseCurves]
+) -> dict[str, xr.DataArray]:
+    """Return the variables that compare indenters with and without a material."""
+    states, indenters = result.state.values.tolist(), list(responses)
+    values = {
+        f"indenter_{name}": xr.DataArray(
+            [np.where(one.undetermined, np.nan, getattr(one, name)) for one in curves.values()],
+            dims=("indenter", "state", "delta"), attrs={"units": "m"},
+        )
+        for name in PARAMETERS
+    }  # fmt: skip
+    peaks = [one.delta.isel(depth=0).sel(state=states).max(("x", "y")).values for one in responses.values()]
+    values["indenter_peak"] = xr.DataArray(peaks, dims=("indenter", "state"), attrs={"units": "1"})
+    return {name: value.assign_coords(indenter=indenters) for name, value in values.items()}
 
 
 def _errors(result: xr.Dataset, drawn: FloatArray) -> dict[str, xr.DataArray]:
@@ -195,6 +222,16 @@ class _Maps:
         rises = zip(paths, heights.mean() - heights, strict=True)
         level = [_placed(path, np.add(path.vertices, [0.0, 0.0, rise])) for path, rise in rises]
         return respond(self._design, base, inductance_change=self._change(base, level))
+
+    def of_materials(self, base: xr.Dataset) -> dict[str, xr.Dataset]:
+        """Put indenters of metal and ferrite into a map, by their material; none where the indenter is no such ball."""
+        setup = indentation_of(self._design)
+        if setup.material is not None or not isinstance(setup.indenter, Hemisphere):
+            return {}
+        return {
+            name: with_material(self._design, base, MATERIALS[name], imperfections=self._imperfections)
+            for name in _BALLS
+        }
 
     def _change(self, base: xr.Dataset, paths: Sequence[Conductor]) -> FloatArray:
         axes = map_axes(self._design, base.depth, base.x, base.y)

@@ -162,8 +162,9 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     names = tuple(str(name) for name in response["state"].values)
     table = response_spline(x, y, depth, delta, zero_plane=zero_plane)
     parameters = ("x", "y", "distance") if is_of_target(response) else PARAMETERS
-    axes = {"x": table.x, "y": table.y, "depth": table.depth}
-    return ForwardModel(states=names, parameters=parameters, spline=table.spline, **axes)
+    return ForwardModel(
+        states=names, parameters=parameters, x=table.x, y=table.y, depth=table.depth, spline=table.spline
+    )
 
 
 def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
@@ -193,7 +194,8 @@ def checked_axes(response: xr.Dataset, what: str, least: int) -> tuple[FloatArra
     x, y, depth = (np.asarray(response[name].values, dtype=np.float64) for name in PARAMETERS)
     for name, axis, count in (("x", x, least), ("y", y, least), ("depth", depth, 1)):
         if 1 < len(axis) < count or not len(axis):
-            raise LocalizeError(f"{what} must have one or at least {count} positions along {name}; got {len(axis)}.")
+            least_one = f"{'one or ' if count > 1 else ''}at least {count}"
+            raise LocalizeError(f"{what} must have {least_one} positions along {name}; got {len(axis)}.")
         if not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
             raise LocalizeError(f"{name} of {what} must be finite and rise; got {axis}.")
     return x, y, depth

@@ -32,14 +32,13 @@ def lowered_copies(slab: Slab | None, height: float, extent: float) -> list[tupl
     """Weight and lift in m of every term that counts, `height` over the copper, for coils and plate of an extent."""
     if slab is None:
         return [(1.0, 0.0)]
-    terms, n = [], 0
+    terms: list[tuple[float, float]] = []
     scale = height + extent
     while True:
-        weight, lift = slab.transmission * slab.reflection ** (2 * n), 2 * n * slab.thickness
+        weight, lift = slab.transmission * slab.reflection ** (2 * len(terms)), 2 * len(terms) * slab.thickness
         if weight * (scale / (scale + lift)) ** 2 < _REST:
             return terms
         terms.append((weight, lift))
-        n += 1
 
 
 def field_at(paths: Sequence[Conductor], points: FloatArray, slab: Slab | None) -> FloatArray:
@@ -83,5 +82,5 @@ def _summed(
     total = np.zeros((len(paths), *points.shape))
     for weight, lift in lowered_copies(slab, height, extent):
         for number, path in enumerate(paths):
-            total[number] += weight * magnetic_field(path, points + [0.0, 0.0, lift])
+            total[number] += weight * magnetic_field(path, points + np.array([0.0, 0.0, lift]))
     return total

@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 from scipy.linalg import lu_factor, lu_solve
+from shapely.affinity import translate
 
 from coilarray.compute.memory import require_memory
-from coilarray.compute.threads import Progress, ranges, run_blocks, serial_algebra
+from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.constants import MU_0
 from coilarray.elastomer.flat_layer import Slab, magnetic_slab
 from coilarray.electromagnetics.source import Source, as_conductors
@@ -199,19 +200,24 @@ def _prepared(
         )
     nearest = float(np.where(low > top, low - float(corners[:, 2].max()), bottom - high).min())
     radius = min(float(np.ptp(path.vertices[:, :2], axis=0).min()) / 2 for path in paths)
-    hulls = [shapely.convex_hull(shapely.linestrings(path.vertices[:, :2])) for path in paths]
-    area = shapely.union_all([shapely.transform(hull, lambda xy, at=at: xy - at) for hull in hulls for at in where[:, :2]])
+    hulls = [shapely.MultiPoint(path.vertices[:, :2]).convex_hull for path in paths]
+    area = shapely.union_all([translate(hull, -x, -y) for hull in hulls for x, y in where[:, :2].tolist()])
     body = EddyBody(plate_mesh(plate.outline, plate.thickness, fineness, Footprint(area, nearest, radius)))
-    scale = min(body.mesh.inscribed, nearest + radius)
+    inscribed, scale = body.mesh.inscribed, nearest + radius
     for f in frequencies.tolist():
-        error = model_error(plate.material, plate.thickness, f, body.mesh.inscribed, scale)
+        error = max(
+            model_error(plate.material, plate.thickness, f, inscribed, kappa) for kappa in (3 / inscribed, 2 / scale)
+        )
         if error > LARGEST_ERROR:
             raise GeometryError(
-                f"skin depth or thickness of a finite plate must be small against {scale * 1e3:.3g} mm, its inscribed "
-                f"radius or the coils'; {plate.name!r}, {plate.thickness * 1e3:.3g} mm thick, has a skin depth of "
+                f"skin depth or thickness of a finite plate must be small against its inscribed radius of "
+                f"{inscribed * 1e3:.3g} mm and the coils' radius and distance of {scale * 1e3:.3g} mm; "
+                f"{plate.name!r}, {plate.thickness * 1e3:.3g} mm thick, has a skin depth of "
                 f"{plate.material.skin_depth(f) * 1e3:.3g} mm at {f:.4g} Hz, and its ΔL would err by {error:.0%}."
             )
-    return body, [surface_impedance(plate.material, plate.thickness, f, body.mesh.inscribed) for f in frequencies.tolist()]
+    return body, [
+        surface_impedance(plate.material, plate.thickness, f, body.mesh.inscribed) for f in frequencies.tolist()
+    ]
 
 
 def _linked(
@@ -232,7 +238,6 @@ def _linked(
     return np.concatenate(even, axis=1), np.concatenate(odd, axis=1)
 
 
-@serial_algebra()
 def _coupled(matrix: ComplexArray, b: FloatArray) -> ComplexArray:
     """−bᵀ matrix⁻¹ b of every position, (positions, paths, paths), for b (u, positions, paths)."""
     factors = lu_factor(matrix, overwrite_a=True, check_finite=False)

@@ -122,7 +122,7 @@ class EddyBody:
         for sign, basis in zip((1, -1), bases, strict=True):
             dense = basis.T @ (M[0] + sign * M[1]) @ basis
             stiff = [(basis.T @ part @ basis).toarray() for part in (G[0][0], G[1][0], G[1][1])]
-            made.append(Parity(sign, basis, (dense + dense.T) / 2, *stiff))
+            made.append(Parity(sign, basis, (dense + dense.T) * 0.5, *stiff))
         return made[0], made[1]
 
     def _between(self, integrals: FloatArray, signs: FloatArray) -> FloatArray:
@@ -172,17 +172,15 @@ class EddyBody:
         return [sum(axes[own, axis] * parts[own] for own in range(3)) for axis in range(3)]
 
 
-def pair_integrals(corners: FloatArray, other: FloatArray | None = None) -> FloatArray:
-    """∫∫ 1/r in m³ of all pairs of triangles (k, 3, 3) in m, among themselves or with `other` (m, 3, 3)."""
-    second = corners if other is None else other
-    integrals = np.empty((len(corners), len(second)))
+def pair_integrals(corners: FloatArray, image: FloatArray | None = None) -> FloatArray:
+    """∫∫ 1/r in m³ of all pairs of triangles (k, 3, 3) in m, or of each with the mirror images of all, shape (k, k)."""
+    integrals = np.empty((len(corners), len(corners)))
+    second = corners if image is None else image
 
     def work(rows: tuple[int, int]) -> None:
-        first = rows[0] if other is None else -1
-        triangle_pairs(corners[rows[0] : rows[1]], second, first, integrals[rows[0] : rows[1]])
+        triangle_pairs(corners[rows[0] : rows[1]], second, rows[0], integrals[rows[0] : rows[1]])
 
     run_blocks(work, ranges(len(corners), _ROWS)[::-1])  # the longest first
-    if other is None:
-        upper = np.triu_indices(len(corners), 1)
-        integrals[upper] = integrals.T[upper]
+    upper = np.triu_indices(len(corners), 1)
+    integrals[upper] = integrals.T[upper]
     return integrals

@@ -147,7 +147,9 @@ def _divided(ring: shapely.LinearRing, along: float, wanted: Sizes) -> FloatArra
     pieces = []
     for start, side in zip(corners, sides, strict=False):
         length = math.hypot(*side)
-        middles = start + side * ((np.arange(max(1, math.ceil(length / along))) + 0.5)[:, None] * min(along / length, 1))
+        middles = start + side * (
+            (np.arange(max(1, math.ceil(length / along))) + 0.5)[:, None] * min(along / length, 1)
+        )
         count = math.ceil(length / min(along, float(wanted(middles).min())) - 1e-9)
         pieces.append(start + side * (np.arange(count) / count)[:, None])
     return np.concatenate(pieces)
@@ -178,13 +180,13 @@ def _has_room(loops: Sequence[FloatArray], inset: float) -> bool:
     outer, *holes = [_inset(loop, inset) for loop in loops]
     sides = [np.roll(loop, -1, axis=0) - loop for loop in loops]
     moved = [np.roll(loop, -1, axis=0) - loop for loop in (outer, *holes)]
-    forward = all(((old * new).sum(axis=1) > 0.1 * (old * old).sum(axis=1)).all() for old, new in zip(sides, moved))
+    forward = all(
+        ((old * new).sum(axis=1) > 0.1 * (old * old).sum(axis=1)).all() for old, new in zip(sides, moved, strict=True)
+    )
     return forward and bool(shapely.Polygon(outer, holes).is_valid)
 
 
-def _lattice(
-    loops: Sequence[FloatArray], step: float, finest: float, wanted: Sizes
-) -> tuple[FloatArray, IntArray]:
+def _lattice(loops: Sequence[FloatArray], step: float, finest: float, wanted: Sizes) -> tuple[FloatArray, IntArray]:
     """Points of a triangular lattice inside loops, and the triangles of the loops' points followed by these.
 
     Each step divided by two has the points of the coarser one among its own.

@@ -64,14 +64,13 @@ def surface_impedance(material: Material, thickness: float, frequency: float, ra
     return SurfaceImpedance(even, odd, along=MU_0 / (k**2 * F), across=MU_0 * F / short)
 
 
-def model_error(material: Material, thickness: float, frequency: float, radius: float, scale: float) -> float:
-    """Relative error of the reflection of a plate without end, by the λ of a radius, at κ = 2/`scale` in 1/m.
+def model_error(material: Material, thickness: float, frequency: float, radius: float, kappa: float) -> float:
+    """Relative error of the reflection of a plate without end, by the λ of a radius, at κ in 1/m.
 
     With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 + 2κλ/(µ0 (1 ± e))): each face lies in the field of both.
     """
     if math.isinf(material.conductivity):
         return 0.0
-    kappa = 2 / scale
     e = math.exp(-kappa * thickness)
     taken, exact = (
         sum(part / (1 + 2 * kappa * value / (MU_0 * part)) for part, value in zip((1 + e, 1 - e), values, strict=True))

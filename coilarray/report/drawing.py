@@ -26,7 +26,10 @@ _OPEN: list[Drawing] = []  # one, while a block lasts
 
 
 class Drawing:
-    """Tasks of the process beside, in their order; what it has not begun at the end, or cannot do, is done here."""
+    """Tasks of the process beside, in their order; what it has not begun at the end, or cannot do, is done here.
+
+    On a computer of one core there is no such process.
+    """
 
     def __init__(self, process: subprocess.Popen[bytes] | None) -> None:
         self._process = process
@@ -38,14 +41,8 @@ class Drawing:
             self._thread.start()
 
     def submit(self, function: Callable[..., Result], *arguments: Any) -> Future[Result]:
-        """Have a function of a module called; its arguments and its result are pickled.
-
-        On a computer of one core it is called at once, here.
-        """
+        """Have a function of a module called; its arguments and its result are pickled."""
         future: Future[Result] = Future()
-        if self._process is None:
-            _fulfil((future, function, arguments))
-            return future
         with self._told:
             self._todo.append((future, function, arguments))
             self._told.notify()
@@ -148,6 +145,7 @@ def _draw(questions: BinaryIO, answers: BinaryIO) -> None:
             function, arguments = pickle.load(questions)
         except EOFError:
             return
+        answer: tuple[Any, Exception | None]
         try:
             answer = function(*arguments), None
         except Exception as error:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from coilarray.compute.display_units import DisplayUnit
+from coilarray.compute.display_units import PERCENT, DisplayUnit
 from coilarray.localize.ellipse_model import EllipseModel
 from coilarray.localize.inverse import Location
 from coilarray.localize.published import published_model, undetermined_levels
@@ -98,6 +98,34 @@ def cause_table(distortion: xr.Dataset) -> Table:
         if "rms_std" in of:
             columns[f"{state}_rms_std"] = of.rms_std.assign_attrs(long_name="±")
     return dataset_table("causes", "Causes", xr.Dataset(columns), ("cause", *columns))
+
+
+def indenter_table(distortion: xr.Dataset) -> Table:
+    """Return one row for each material of the indenter and coil: what it changes in x0, A, B and the peak.
+
+    Means over the levels of δ that both maps determine; empty where there is none. No row where the indenter is no ball
+    without a material.
+    """
+    columns = (
+        Column("indenter", "indenter of"),
+        Column("coil"),
+        Column("x0", "x0 moves by", "m"),
+        Column("A", "A grows by", "m"),
+        Column("B", "B grows by", "m"),
+        Column("peak", "largest δ grows by", "1", PERCENT),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for indenter in distortion.indenter.values.tolist()[1:]:
+        for state in distortion.state.values.tolist():
+            of = distortion.sel(state=state)
+            changed = [
+                (of[f"indenter_{name}"].sel(indenter=indenter) - of[f"indenter_{name}"].sel(indenter="without")).values
+                for name in ("x0", "A", "B")
+            ]
+            means = [cell(one[np.isfinite(one)].mean()) if np.isfinite(one).any() else "" for one in changed]
+            peak = of.indenter_peak.sel(indenter=indenter) / of.indenter_peak.sel(indenter="without") - 1
+            rows.append((indenter, state, *means, cell(float(peak))))
+    return Table("indenters", "Indenters of metal or ferrite", columns, tuple(rows))
 
 
 def residual_table(distortion: xr.Dataset) -> Table:

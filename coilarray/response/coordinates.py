@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import xarray as xr
@@ -17,6 +18,7 @@ __all__ = [
     "as_depths",
     "axis_label",
     "depth_words",
+    "from_board",
     "is_of_target",
     "on_board",
     "origin_attributes",
@@ -25,12 +27,18 @@ __all__ = [
 ]
 
 _BOARD = "board"
+_PICOMETRE = 12  # digits of m: what a shift adds to a number of few digits
 
 
 def origin_attributes(setup: Indentation | Target) -> dict[str, str | float]:
     """Return the attributes of a response that say what its positions count from: a name, and x and y in m."""
     x, y = setup.origin_point
     return {"origin": setup.origin or _BOARD, "origin_x": float(x), "origin_y": float(y)}
+
+
+def from_board(positions: Iterable[float], origin: float) -> tuple[float, ...]:
+    """Return positions in m along one axis of the board as counted from a map's origin, which lies at `origin` in m."""
+    return tuple(round(float(position) - origin, _PICOMETRE) for position in positions)
 
 
 def origin_of(response: xr.Dataset) -> tuple[float, float]:

@@ -25,7 +25,7 @@ from coilarray.elastomer.face_shift import shift_energy, shift_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, MetalError, NetworkError
-from coilarray.geometry import Ball, Conductor
+from coilarray.geometry import Ball, Conductor, Material
 from coilarray.metal.indenter import indenter_inductance
 from coilarray.response.coordinates import origin_attributes
 from coilarray.response.near import near_response
@@ -41,7 +41,15 @@ from coilarray.response.setup import (
     wedge_inductance,
 )
 
-__all__ = ["Imperfections", "Reach", "inductance_changes", "respond", "response_dataset", "response_map"]
+__all__ = [
+    "Imperfections",
+    "Reach",
+    "inductance_changes",
+    "respond",
+    "response_dataset",
+    "response_map",
+    "with_material",
+]
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -190,7 +198,9 @@ def response_map(
         delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
         delta += _shift_of_states(pressed, states, mesh)
         changes: dict[str, Variable] = {}
-        left_out = {"error_of_peak": error, "state_cutoff_m": cutoff.states, "coil_cutoff_m": cutoff.coils}
+        left_out: dict[str, object] = {
+            "error_of_peak": error, "state_cutoff_m": cutoff.states, "coil_cutoff_m": cutoff.coils
+        }  # fmt: skip
     else:
         _require_room(axes, coils, len(design.plan), 0.0)
         permittivity = design.circuit.elastomer_permittivity if dielectric else None
@@ -198,13 +208,13 @@ def response_map(
         flat = flat or flat_network()
         flats = [resonate(flat, state) for state in design.plan]
         delta = _through_circuit(flat, flats, change, capacitance_change)
-        changes, of_metal = {}, {}
+        changes, left_out = {}, {"error_of_peak": 0.0}
         if ball is not None:
             frequency = float(np.mean([one.frequency for one in flats]))
-            share = _metal(pressed, design.array, ball, frequency, rest)
+            share = _metal(pressed, design.array, ball, frequency, rest, mesh)
             both = _through_circuit(flat, flats, change + share, capacitance_change)
             changes = _metal_variables(axes, both - delta, share, frequency)
-            of_metal = {"metal_frequency_Hz": frequency, "rest_m": rest, "indenter_material": ball.material.name}
+            left_out |= _metal_attributes(ball, frequency, rest)
             delta, change = both, change + share.real
         base = np.array([_converted(flat, one) for one in flats])
         changes |= {
@@ -217,7 +227,6 @@ def response_map(
                 {"units": "F", "long_name": "capacitance of each coil, dented minus flat"},
             ),
         }  # fmt: skip
-        left_out = {"error_of_peak": 0.0, **of_metal}
     drift = true.drift * axes.order("rows") + true.column_drift * axes.order("columns")
     delta = delta + drift[..., None]
     if true.noise:
@@ -277,11 +286,69 @@ def respond(
         lossy = flat - 1j * loss / (2 * np.pi * response.attrs["metal_frequency_Hz"])
     delta = _through_circuit(network, flats, lossy, capacitance_change)
     base = np.array([_converted(network, one) for one in flats])
-    others = response.drop_dims("state")
+    others = response.drop_dims("state")  # a share in δ of a material too
     others["inductance_change"] = (response.inductance_change.dims, change, response.inductance_change.attrs)
     others["delta"] = (("depth", "y", "x", "state"), delta.reshape(*change.shape[:3], -1), response.delta.attrs)
     others["base_inductance"] = ("state", base, response.base_inductance.attrs)
     return others.assign_coords(state=[state.name for state in states])
+
+
+def with_material(
+    design: Design,
+    response: xr.Dataset,
+    material: Material,
+    *,
+    imperfections: Imperfections | None = None,
+    rest: float = 0.0,
+    ideal: bool = False,
+    mesh: LayerMesh | None = None,
+) -> xr.Dataset:
+    """Put an indenter of a material into a computed map of one without: what would it have done.
+
+    Parameters
+    ----------
+    design : Design
+        Design of the map, with a hemisphere for an indenter.
+    response : xarray.Dataset
+        Response of all coils, from `response_map` without `reach` and without an indenter's material.
+    material : Material
+        What the indenter is made of.
+    imperfections : Imperfections, optional
+        Those of the map.
+    rest, ideal, mesh
+        As for `response_map`.
+
+    Returns
+    -------
+    xarray.Dataset
+        The response with the material in it, as `response_map` returns it.
+
+    Raises
+    ------
+    ElastomerError, DesignError, NetworkError, MetalError
+        As `response_map` and `respond`.
+    """
+    if "metal_delta" in response:
+        raise ElastomerError("the response has an indenter with a material already; compute it with metal=False.")
+    solid = replace(design, indentation=replace(indentation_of(design), material=material))
+    axes = map_axes(design, response.depth, response.x, response.y)
+    ball = indentation_of(solid).ball
+    _check_metal(solid, axes, ball, rest)
+    assert ball is not None  # it has the material
+    capacitance = design.circuit.switches.tank_capacitance
+    frequency = float((1 / np.sqrt(response.base_inductance * capacitance)).mean()) / (2 * np.pi)
+    pressed = experiment(solid, axes, imperfections)
+    share = _metal(pressed, design.array, ball, frequency, rest, mesh or LayerMesh())
+    variables = _metal_variables(axes, np.zeros((*share.shape[:2], response.sizes["state"])), share, frequency)
+    whole = respond(
+        design,
+        response.assign(variables).assign_attrs(_metal_attributes(ball, frequency, rest)),
+        inductance_change=response.inductance_change.values + variables["metal_inductance_change"][1],
+        ideal=ideal,
+    )
+    of_metal = (whole.delta - respond(design, response, ideal=ideal).delta).assign_attrs(variables["metal_delta"][2])
+    delta = (response.delta + of_metal).assign_attrs(response.delta.attrs)  # noise and drift stay as they are
+    return whole.assign(delta=delta, metal_delta=of_metal)
 
 
 def inductance_changes(
@@ -308,7 +375,7 @@ def inductance_changes(
         change += _dented(source, levels, pressed.points, LayerMesh(), progress)
     change += _shift(pressed, source, LayerMesh())
     if ball is not None and frequency is not None:
-        change += _metal(pressed, source, ball, frequency, 0.0).real
+        change += _metal(pressed, source, ball, frequency, 0.0, LayerMesh()).real
     return change.reshape(*axes.shape, len(source), len(source))
 
 
@@ -466,11 +533,14 @@ def _check_metal(design: Design, axes: MapAxes, ball: Ball | None, rest: float) 
         raise MetalError(f"an indenter of {ball.material.name} is not computed beside plates; leave one of them out.")
     if ball is None and axes.depth[0] < 0:
         raise ElastomerError(
-            f"depths must be at least 0 of an indenter whose material does not count; got {axes.depth[0] * 1e3:.4g} mm."
+            f"depth of an indentation must be from 0 where no material of the indenter counts; "
+            f"got {axes.depth[0] * 1e3:.4g} mm."
         )
 
 
-def _metal(pressed: Experiment, source: Source, ball: Ball, frequency: float, rest: float) -> ComplexArray:
+def _metal(
+    pressed: Experiment, source: Source, ball: Ball, frequency: float, rest: float, mesh: LayerMesh
+) -> ComplexArray:
     """Share of the indenter's material in the changes in H, (depths, places, coils, coils), against it at rest.
 
     What a finite sample adds to its dents is left out: it is a small part of a share.
@@ -481,7 +551,7 @@ def _metal(pressed: Experiment, source: Source, ball: Ball, frequency: float, re
         flat = replace(first, displacement=np.zeros_like(first.displacement))
         at_rest = indenter_inductance(source, ball, flat, pressed.points, frequency, rest)
         parts = [
-            indenter_inductance(source, ball, dent, pressed.points, frequency, above) - at_rest
+            indenter_inductance(source, ball, dent, pressed.points, frequency, above, mesh=mesh) - at_rest
             for dent, above in zip(level.dents, pressed.above.tolist(), strict=True)
         ]
         total = total + np.einsum("dp,dpij->dpij", level.shares, parts)
@@ -503,6 +573,10 @@ def _metal_variables(axes: MapAxes, delta: FloatArray, share: ComplexArray, freq
         ),
         "metal_resistance_change": (matrix, loss, {"units": "ohm", "long_name": "eddy-current loss in the indenter"}),
     }  # fmt: skip
+
+
+def _metal_attributes(ball: Ball, frequency: float, rest: float) -> dict[str, object]:
+    return {"metal_frequency_Hz": frequency, "rest_m": rest, "indenter_material": ball.material.name}
 
 
 def _converted(network: Network, flat: Resonance) -> float:

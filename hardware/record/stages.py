@@ -59,11 +59,12 @@ class Stage(Protocol):
 class PersonStage:
     """A person who moves the indenter by hand.
 
-    `ask` shows an instruction and returns when it was carried out; it raises HardwareError where nobody answers.
+    `ask` shows an instruction and returns when it was carried out; it raises HardwareError where nobody answers. The
+    places in it are those on the board, where the map has its `origin` in m.
     """
 
-    def __init__(self, ask: Callable[[str], None]) -> None:
-        self._ask = ask
+    def __init__(self, ask: Callable[[str], None], origin: tuple[float, float] = (0.0, 0.0)) -> None:
+        self._ask, self._origin = ask, origin
         self._where = ""
 
     def check(self, places: Sequence[GridPlace]) -> None:
@@ -71,7 +72,8 @@ class PersonStage:
 
     def move(self, x: float, y: float) -> None:
         """Ask for a position."""
-        self._where = f"x = {_mm(x)}, y = {_mm(y)} mm"
+        at_x, at_y = self._origin
+        self._where = f"x = {_mm(at_x + x)}, y = {_mm(at_y + y)} mm"
         self._ask(f"Move the indenter to {self._where}, without touching.")
 
     def indent(self, depth: float, speed: float) -> None:

@@ -80,7 +80,7 @@ def test_the_whole_way_from_the_emulator(capsys):
     Path("two_coils.toml").write_text(tomli_w.dumps(two_coils_document()))
     Path("wiring.toml").write_text(WIRING_TEXT)
     noise = ("--emulate", "noise=1e-6", "--emulate", "drift=0.002")
-    axes = ("--x-mm", "-6:6:7", "--y-mm", "-4:4:5")
+    axes = ("--x-mm", "-12.64:-0.64:7", "--y-mm", "-4:4:5")
     campaign(capsys, "two_coils.toml", "--wiring", "wiring.toml", *axes, *noise, "--out", "run.sqlite")
     good(capsys, "run.sqlite", "--simulated")
     both, known = ("run.sqlite", "two_coils.toml", "--replicates", "0"), ("--calibration", "board.toml")

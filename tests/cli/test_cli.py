@@ -300,6 +300,7 @@ def test_a_failed_report_leaves_nothing_half_written(capsys, monkeypatch, functi
     text = read("gast_fem")  # one coil, here without elastomer: the quickest of all reports
     bare = text[: text.index("[[elastomer]]")] + text[text.index("[circuit]") : text.index("[assumed]")]
     Path("d.toml").write_text(bare, encoding="utf-8")
+    monkeypatch.setenv("COILARRAY_THREADS", "1")  # pictures are drawn in this process
     monkeypatch.setattr("coilarray.viz.rendering_problem", lambda: "not here")
     monkeypatch.setattr(function, failing)
     assert message in refused(capsys, "report", "d.toml")

@@ -152,7 +152,7 @@ def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
 
 @pytest.mark.slow
 def test_a_finger_that_presses_is_not_in_the_baseline(capsys, board):
-    options = ("--no-locate", "--rate", "30", "--scans", "15", "--baseline-scans", "5", "--emulate", "press=0,0,1")
+    options = ("--no-locate", "--rate", "30", "--scans", "15", "--baseline-scans", "5", "--emulate", "press=-6.64,0,1")
     answers = answers_of(capsys, *board, *options)
     assert abs(answers[4]["delta"]["coil1"]) < 1e-5  # noise: ten times that of a scan at this rate
     # a conversion may have begun before the finger came

@@ -394,6 +394,17 @@ def test_the_ellipse_model_of_a_file_of_table_a1_and_of_a_map(capsys, maps):
             assert found["coils"] == ["coil1", "coil2"]
 
 
+def test_the_ellipses_of_a_map_give_places_on_the_board(capsys, maps):
+    """Of a map whose origin is not that of the board, as those of all coils do."""
+    values = text_of({"coil1": 8.0895e-4, "coil2": 6.4684e-4, "coil3": 0.0})
+    (found,) = positions(capsys, "--model", maps / "a1.nc", "--ellipse", values)
+    with xr.open_dataset(maps / "a1.nc", engine="h5netcdf") as map_:
+        map_.load().assign_attrs(origin="coil2", origin_x=-0.02, origin_y=3e-3).to_netcdf("m.nc", engine="h5netcdf")
+    (moved,) = positions(capsys, "--model", "m.nc", "--ellipse", values)
+    assert moved["x_m"] == pytest.approx(found["x_m"] - 0.02, rel=1e-12)
+    assert moved["y_m"] == pytest.approx(found["y_m"] + 3e-3, rel=1e-12)
+
+
 def test_the_table_of_a_design_is_computed_once(capsys, monkeypatch):
     design, computed = load_design("starter"), []
 

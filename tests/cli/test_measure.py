@@ -35,7 +35,8 @@ measure_campaign, campaign_record = successes("campaign")
 scan_info, scan_info_record = successes("scan-info")
 measure_refused, campaign_refused, scan_info_refused = (runner(one)[1] for one in ("measure", "campaign", "scan-info"))
 locate, _ = runner("locate")
-GRID = ("--x-mm", "-3,0,3", "--y-mm", "0,2", "--depth-mm", "0.5,1")
+COIL1 = -6.64  # mm on the board along x: the origin of the map
+GRID = ("--x-mm", "-9.64,-6.64,-3.64", "--y-mm", "0,2", "--depth-mm", "0.5,1")
 
 
 @pytest.fixture(scope="module")
@@ -198,7 +199,7 @@ def test_a_switch_that_sticks_during_a_campaign_is_reported(board, tmp_path, cap
 
 def test_series_for_locate(board, tmp_path, capsys):
     path = tmp_path / "path.csv"
-    path.write_text("time_s,x_mm,y_mm,depth_mm\n0,0,0,0\n4,0,0,0\n4.5,2,1,0.8\n100,2,1,0.8\n")
+    path.write_text("time_s,x_mm,y_mm,depth_mm\n0,-6.64,0,0\n4,-6.64,0,0\n4.5,-4.64,1,0.8\n100,-4.64,1,0.8\n")
     run = tmp_path / "run.sqlite"
     measure(capsys, *board, "--scans", 60, "--out", run, "--emulate", f"path={path}")
     for ending in ("csv", "nc"):
@@ -210,14 +211,14 @@ def test_series_for_locate(board, tmp_path, capsys):
     assert rows[0] == "time_s,coil1,coil2"
     (tmp_path / "last.csv").write_text("\n".join([rows[0], rows[-1]]) + "\n")
     # a recorded reading on the table of a recorded campaign of that depth: the position comes out
-    grid = ("--x-mm", "-6:6:7", "--y-mm", "-4:4:5", "--depth-mm", "0.8")
+    grid = ("--x-mm", f"{COIL1 - 6}:{COIL1 + 6}:7", "--y-mm", "-4:4:5", "--depth-mm", "0.8")
     measure_campaign(capsys, *board, *grid, "--out", tmp_path / "map.sqlite", "--response", tmp_path / "map.nc")
     code, out, err = locate(capsys, "--model", tmp_path / "map.nc", tmp_path / "last.csv", "--noise", 1e-6, "--json")
     assert code == 0
     assert all_marked(err)  # that the map is of an emulator
     (position,) = json.loads(out)["positions"]
-    on_board = 2e-3 + float(load_part(tmp_path / "map.nc").attrs["origin_x"])  # the path counts from the map's origin
-    assert position["x_m"] == pytest.approx(on_board, abs=0.1e-3)  # a cubic through steps of 2 mm
+    assert float(load_part(tmp_path / "map.nc").attrs["origin_x"]) == pytest.approx(COIL1 * 1e-3)
+    assert position["x_m"] == pytest.approx(-4.64e-3, abs=0.1e-3)  # a cubic through steps of 2 mm
     assert abs(position["y_m"]) == pytest.approx(1e-3, abs=0.2e-3)  # both coils are symmetric in y
 
 
@@ -437,7 +438,7 @@ def test_marks():
 def test_real_time(board, tmp_path):
     """The path of an emulated indenter counts from the opening of the board, by the computer's clock."""
     path = tmp_path / "path.csv"
-    path.write_text("time_s,x_mm,y_mm,depth_mm\n0,1,2,0\n0.1,1,2,1\n")
+    path.write_text("time_s,x_mm,y_mm,depth_mm\n0,-5.64,2,0\n0.1,-5.64,2,1\n")
     design, _, wiring = board
     options = board_options.BoardOptions(wiring=str(wiring), rate=50, emulate=[f"path={path}"])
     with board_options.opened_board(options, load_design(design), real_time=True) as (opened, settings):

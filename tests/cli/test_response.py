@@ -11,6 +11,7 @@ from support.command_line import mistakes, runner, successes
 import coilarray.response.map
 from coilarray import load_design
 from coilarray.design.bundled import read
+from coilarray.errors import ElastomerError
 from coilarray.response.map import Imperfections, response_map
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder", "own_store")]
@@ -55,6 +56,20 @@ def delta_of(path):
     rows = list(csv.DictReader(Path(path).read_text(encoding="utf-8").splitlines()))
     assert list(rows[0]) == ["depth_m", "y_m", "x_m", "state", "delta"]
     return np.array([float(row["delta"]) for row in rows]).reshape(-1, 3)
+
+
+def test_positions_are_those_on_the_board(capsys, monkeypatch):
+    """Those of the options and of the table; the file counts from the map's origin, and says where that is."""
+    asked = []
+
+    def told(design, **choices):
+        asked.append((choices["x"], choices["y"]))
+        raise ElastomerError("enough.")
+
+    monkeypatch.setattr("coilarray.response.map.response_map", told)
+    x, y = (1e3 * v for v in load_design("gast2020").indentation.origin_point)
+    refused(capsys, "gast2020", "--x-mm", f"{x:.6g},{x + 5:.6g}", "--y-mm", f"{y:g}")
+    assert asked == [((0.0, 5e-3), (0.0,))]
 
 
 def test_json_tells_the_peaks_and_the_file_is_the_dataset_of_the_library(capsys, expected, starter):

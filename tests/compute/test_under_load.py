@@ -234,7 +234,7 @@ def whole_blocks(folder, told):
     assert line.endswith(" blocks are kept in f.nc.parts; the same command goes on from there")
 
 
-def whole_points(folder, told, what="of 9 points"):
+def whole_points(folder, told, what="of 5 points"):
     (line,) = told
     number, rest = line.removeprefix("coilarray: ").split(" ", 1)
     assert rest == f"{what} are kept in {folder / 'cache'}; the same command goes on from there"
@@ -257,9 +257,9 @@ def whole_trials(folder, told):
 @pytest.mark.parametrize(("command", "after", "check", "result"), [
     ("response small.toml --depth-mm 0.5,1 --x-mm 0,1 --y-mm 0 --out r.nc", 101, whole_parts, "r.nc"),
     ("field small.toml --z-mm 1:5 --spacing-mm 0.15 --large --workers 1 -o f.nc", 1, whole_blocks, "f.nc"),
-    ("sweep small.toml --vary array.pitch_mm=12:16:9 -q worst_k --workers 1 -o s.nc", 2, whole_points, "s.nc"),
+    ("sweep small.toml --vary array.pitch_mm=12:16:5 -q worst_k --workers 1 -o s.nc", 2, whole_points, "s.nc"),
     ("tolerance small.toml etch.toml --samples 8 --workers 1 --out t.nc", 2, whole_boards, "t.nc"),
-    ("optimize small.toml goal.toml --trials 8 --workers 1 --out o", 2, whole_trials, "o/trials.csv"),
+    ("optimize small.toml goal.toml --trials 5 --workers 1 --out o", 2, whole_trials, "o/trials.csv"),
 ])  # fmt: skip
 def test_the_same_command_goes_on_to_the_same_result(tmp_path, monkeypatch, capsys, command, after, check, result):
     broken_off, whole = tmp_path / "broken_off", tmp_path / "whole"

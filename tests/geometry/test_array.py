@@ -33,6 +33,15 @@ def test_lattice_neighbours_are_one_pitch_away(kind, inner, edges):
     assert len(np.unique(indices, axis=0)) == len(points)
 
 
+def test_neighbours_of_an_array_are_the_nearest_pairs():
+    """Of two columns one unit apart in rows of one and a half: only those in a row."""
+    places = tuple(
+        Placement(f"c{k}", COIL, ("L1", "L2"), x, y) for k, (x, y) in enumerate([(0, 0), (1, 0), (0, 1.5), (1, 1.5)])
+    )
+    assert CoilArray(many_layers(2), places).neighbours == ((0, 1), (2, 3))
+    assert CoilArray(many_layers(2), places[:1]).neighbours == ()
+
+
 def test_colours_keep_neighbours_apart():
     points, indices = lattice("hexagonal", 1.0, 6, 5)
     colour = (indices[:, 0] - indices[:, 1]) % 3

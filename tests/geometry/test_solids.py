@@ -3,12 +3,13 @@
 import math
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import shapely
 import trimesh
-from support.boards import SHEETS, VIA, WOUND, many_layers, one_coil, reference_board, wound_board
+from support.boards import SHEETS, VIA, WOUND, many_layers, one_coil, reference_board, small_board, wound_board
 from support.refusals import refused
 
 from coilarray.errors import GeometryError, OutputError
@@ -30,6 +31,9 @@ BOARDS = {
     **WOUND,
     "reference, blind holes": reference_board(count=2, turns=10, through_holes=False),
     "inner terminal": wound_board(6, 1),
+    "holes through another coil": small_board(
+        placements=tuple(replace(one, x=one.x / 5) for one in small_board().placements)
+    ),
 }
 
 

@@ -359,8 +359,9 @@ def test_a_board_needs_the_coils_of_its_wiring_and_something_to_press_with(folde
 def test_a_whole_board_from_a_design(folder, monkeypatch):
     made = []
 
-    def small(design, where, progress):
+    def small(design, where, progress, frequency):
         made.append(design)
+        assert frequency is None  # without a material of the indenter
         return response_table(design, where, (DEPTH, Y, X))
 
     def frequency(**options):

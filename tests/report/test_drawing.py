@@ -42,4 +42,6 @@ def test_what_cannot_be_pickled_is_done_here(monkeypatch):
 def test_one_core_draws_in_this_process(monkeypatch):
     monkeypatch.setenv("COILARRAY_THREADS", "1")
     with drawing_beside() as drawing:
-        assert drawing.submit(os.getpid).result() == os.getpid()
+        ours = drawing.submit(os.getpid)
+        drawing.finish()
+        assert ours.result() == os.getpid()

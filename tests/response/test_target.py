@@ -101,13 +101,14 @@ def exponential(size, length, distances):
 
 def test_range_and_resolution_are_those_of_an_exponential():
     size, length, noise = 0.1, 2e-3, 1e-5
-    found = ranges_of(exponential(size, length, np.array([0.5, 1, 2, 4, 8, 16, 24]) * 1e-3), noise)
+    distances = np.array([0.5, 1, 2, 4, 8, 16, 24]) * 1e-3
+    found = ranges_of(exponential(size, length, distances), noise)
     assert found.best_x.values.tolist() == [0.0, 1e-3]
     # the crossings lie between 4001 distances of equal ratio, each by 1e-3: linear between them errs by 1e-6
     assert found.range.values == pytest.approx(length * math.log(size / (3 * noise)), rel=1e-6)
     expected = [length * math.log(size * step / (length * noise)) for step in STEPS]
     assert found.resolved_distance.values[:, 0] == pytest.approx(expected, rel=1e-6)
-    deviation = noise * length / (size * np.exp(-found.distance / length))
+    deviation = noise * length / (size * np.exp(-distances / length))
     np.testing.assert_allclose(found.distance_deviation[:, 0], deviation, rtol=1e-9)
     assert not found.range_is_least.any()
     assert not found.resolved_is_least.any()
@@ -176,7 +177,8 @@ def test_a_staggered_target_is_located_along_the_coils():
         assert found.best.deviations[0] < 50e-6
         assert (found.best.y, found.best.depth) == (0.0, 2e-3)
     lower, upper = both.delta.sel(x=table).squeeze().transpose("state", "x").values
-    np.testing.assert_allclose(lower, upper[::-1], rtol=5e-3)  # as the coils are but for their leads
+    # turned by half a turn the board is the same but for the leads, 2 of 40 mm; the mesh errs by 1 %
+    np.testing.assert_allclose(lower, upper[::-1], rtol=2e-2)
     assert (np.diff(lower) < 0).all()
 
 

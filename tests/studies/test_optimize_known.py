@@ -100,7 +100,7 @@ def test_a_layout_of_the_real_board_with_less_coupling(tmp_path):
     """The goal with a few points; the whole of it finds 0.0159 at 15.4 mm."""
     design = load_design("gast2020")
     goal = load_goal("worst_k", design)
-    few = goal.model_copy(update={"search": goal.search.model_copy(update={"trials": 16, "polish": 6})})
+    few = goal.model_copy(update={"search": goal.search.model_copy(update={"trials": 8, "polish": 4})})
     with workers() as pool:
         result = optimize_design(design, few, tmp_path, pool)
     start, best = result.start.quantities, result.best.quantities

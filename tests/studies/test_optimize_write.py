@@ -95,6 +95,7 @@ def test_json(single, double, tmp_path):
     assert "several objectives" in result_data(double)["polish_problem"]
 
 
+@pytest.mark.slow
 def test_designs_read_back(single, double, tmp_path):
     *_, best = write_optimization(single, tmp_path)
     assert best.name == "best.toml"

@@ -100,6 +100,29 @@ def response(delta=None, depths=(0.5e-3, 1e-3), *, x=None, y=None, centre=6e-3, 
     )  # fmt: skip
 
 
+def target(distances=(1e-3, 2e-3, 4e-3, 60e-3)):
+    """Two coils of 20 µH over a plate: δ falls with e from 0.1 every 2 mm, and the other quantities go with it."""
+    d = np.array(distances)
+    share = 0.1 * np.exp(-d / 2e-3)[:, None, None, None] * np.array([1.0, 0.8])
+    values = {
+        "delta": (-share, "1"), "effective_inductance": (20e-6 * (1 - share), "H"),
+        "quality_factor": (30.0 - 20 * share, "1"), "frequency": (1e6 * (1 + share / 2), "Hz"),
+    }  # fmt: skip
+    dims = ("distance", "y", "x", "state")
+    return xr.Dataset(
+        {
+            **{name: (dims, numbers, {"units": unit}) for name, (numbers, unit) in values.items()},
+            "base_inductance": ("state", [20e-6, 20e-6]), "base_quality_factor": ("state", [30.0, 30.0]),
+            "base_frequency": ("state", [1e6, 1e6]), "best_x": ("state", [0.0, 0.0]), "best_y": ("state", [0.0, 0.0]),
+        },
+        {
+            "distance": d, "y": [0.0], "x": [0.0], "state": NAMES[:2], "coil": NAMES[:2],
+            "coil_x": ("coil", [-6e-3, 6e-3]), "coil_y": ("coil", [0.0, 0.0]),
+        },
+        {"noise": 1e-5, "material": "aluminium", "target": "plate"},
+    )  # fmt: skip
+
+
 def flat(r):
     return np.zeros_like(r)
 

@@ -52,6 +52,7 @@ ARGUMENTS = {
     "plot_sweep_lines": lambda: (results.pitch_sweep(), "worst_k"),
     "plot_sweep_map": lambda: (results.grid_sweep(), "span_mm"),
     "plot_sweep_points": lambda: (results.grid_sweep(), "span_mm", "array.pitch_mm"),
+    "plot_target": lambda: (results.target(),),
     "plot_x_error": lambda: (results.x_error(),),
 }  # fmt: skip
 
@@ -62,6 +63,7 @@ DRAWN = sorted(PLOTS.keys() - PLAIN_NUMBERS)
 # axes of texts, counts, pure numbers, and quantities whose names say the unit
 NO_UNIT = {
     "", "active coil", "passive coil", "coupling coefficient k", "k", "worst_k", "span_mm", "array.columns", "trial",
+    "|δ|",
     "ln evidence − best",
 }  # fmt: skip
 

@@ -11,8 +11,9 @@ from support.plot_results import curves, legend
 from coilarray.compute.display_units import DisplayUnit
 from coilarray.viz.plots import sweep_grid as sweeps
 from coilarray.viz.plots.optimize import plot_pareto, plot_search
-from coilarray.viz.plots.response import plot_bell_curve, plot_response
+from coilarray.viz.plots.response import plot_bell_curve, plot_response, response_figure
 from coilarray.viz.plots.style import axis_unit
+from coilarray.viz.plots.target import plot_target, target_figure
 
 
 @given(st.floats(1e-22, 1e22), st.sampled_from(["H", "ohm", "T", "Hz", "N"]))
@@ -69,8 +70,9 @@ def test_resonances_are_marked_on_every_curve():
         assert [float(line.get_xdata()[0]) for line in dots] == [1.0, 2.0]  # MHz
         (own,) = [line for line in drawn if line.get_linestyle() == ":"]  # that of b lies beyond the sweep
         assert float(own.get_xdata()[0]) == 8.0
-        labels = [text.get_text() for text in ax.get_legend().get_texts()]
-        assert labels == ["a", "b", "with the tank", "self-resonance"]
+    labels = [text.get_text() for text in inductance.get_legend().get_texts()]
+    assert labels == ["a", "b", "with the tank", "self-resonance"]
+    assert (resistance.get_legend(), quality.get_legend()) == (None, None)  # they would say the same
     assert float(next(line for line in inductance.lines if line.get_marker() == "o").get_ydata()[0]) == 50.0  # µH
     assert resistance.get_yscale() == "log"
 
@@ -213,3 +215,20 @@ def test_a_pareto_front_and_a_search_are_those_of_the_result():
     assert ax.get_ylabel() == "span_mm"
     with pytest.raises(ValueError, match="got -1"):
         plot_search(results.optimization(), -1)
+
+
+def test_a_target_is_drawn_against_its_distance():
+    drawn = curves(plot_target(results.target()))
+    assert drawn["coil1"].get_xdata() == pytest.approx([1, 2, 4, 60])
+    assert drawn["coil1"].get_ydata() == pytest.approx(0.1 * np.exp([-0.5, -1, -2, -30]))
+    assert drawn["noise"].get_ydata() == pytest.approx([1e-5, 1e-5])
+    of_L = plot_target(results.target(), "effective_inductance")
+    assert (of_L.get_xscale(), of_L.get_ylabel()) == ("log", "effective inductance (µH)")
+    assert curves(of_L)["coil2"].get_ydata()[-1] == pytest.approx(20.0)
+    figure = target_figure(results.target())
+    assert legend(figure.axes[1]) == ["coil1", "coil2", "noise"]
+    assert figure.get_suptitle() == "Target: aluminium plate"
+    with pytest.raises(ValueError, match="quantity must be one of delta, effective_inductance"):
+        plot_target(results.target(), "colour")
+    wide = xr.concat([results.target().assign_coords(x=[x]) for x in (-1e-3, 1e-3)], "x", data_vars="minimal")
+    assert response_figure(wide.isel(y=0).expand_dims("y")).axes[0].get_title(loc="left").endswith("1 mm away")

@@ -287,6 +287,7 @@ def test_the_emulated_board_is_watched_until_it_is_stopped(monkeypatch, tmp_path
     assert set(frames[0].delta.values()) == {None}  # the baseline is not there yet
 
 
+@pytest.mark.slow
 def test_the_finger_goes_round_on_the_map_and_the_folder_is_that_of_the_design(monkeypatch, tmp_path):
     setup = load_design("gast2020").indentation
     path = command._round(setup, 5.0)

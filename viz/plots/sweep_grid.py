@@ -137,6 +137,8 @@ def frequency_figure(sweep: xr.Dataset, scan: xr.Dataset) -> Figure:
     for k, name in enumerate(names):
         ax = figure.add_subplot(len(names), 1, k + 1)
         plot_frequency_sweep(sweep, name, ax, scan=scan)
+        if k and (legend := ax.get_legend()) is not None:
+            legend.remove()  # it says what the first one does
         if name == "impedance_real":
             _logarithmic(ax, sweep[name].values)
     return figure
@@ -422,6 +424,7 @@ def _plot_resonances(sweep: xr.Dataset, names: Sequence[str], ax: Axes) -> None:
     values = np.concatenate([along[name].values for name in names])
     if np.nanmax(values, initial=0.0) > _FAR_APART * np.nanmin(values, initial=np.inf):
         ax.set_yscale("log")
+        logarithmic_ticks(ax.yaxis, float(np.log10(np.nanmax(values) / np.nanmin(values))))
     _finish(ax, sweep[entry], "resonance (MHz)")
     ax.legend(loc="best")  # as above
 

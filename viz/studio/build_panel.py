@@ -11,6 +11,7 @@ from coilarray.geometry.values import SIDES
 from coilarray.viz.studio import structure
 from coilarray.viz.studio.entries import number_of, text_of
 from coilarray.viz.studio.panel import Panel
+from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.work import Work
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ class BuildPanel(Panel):
             return
         self._change(structure.place_coil, str(name), *numbers)
 
-    def _change(self, function: Callable[..., structure.Document], *arguments: Any, **named: Any) -> None:
+    def _change(self, function: Callable[..., Document], *arguments: Any, **named: Any) -> None:
         """Change the document of the design; what cannot be gives one line and changes nothing."""
         page = self._page
         try:

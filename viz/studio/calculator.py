@@ -22,7 +22,7 @@ class Step:
     show: Callable[[Any], None]  # runs on the page
     fail: Callable[[str], None]  # runs on the page with one line of text
     rest: float = 0.0  # s without a new request before it begins
-    patience: float = 3600.0  # s after which it goes before others although new requests keep coming
+    patience: float = 3600.0  # s after which it goes before others and without rest although new requests keep coming
 
 
 class Calculator:
@@ -73,13 +73,11 @@ class Calculator:
     def _next(self) -> tuple[Step, float]:
         """Return the next step, and the time in s before it may begin."""
         now = self._now()
-        late = [one for one in self._todo.values() if now - self._waiting[one.name] > one.patience]
-        for step in (*late, *self._todo.values()):
-            wait = self._asked + step.rest - now
-            if wait <= 0:
+        for step in self._todo.values():
+            if now - self._waiting[step.name] > step.patience:
                 return step, 0.0
-        step = min(self._todo.values(), key=lambda one: one.rest)
-        return step, self._asked + step.rest - now
+        step = min(self._todo.values(), key=lambda one: one.rest)  # the first of those
+        return step, max(0.0, self._asked + step.rest - now)
 
     async def _do(self, step: Step) -> None:
         try:

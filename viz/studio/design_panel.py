@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from coilarray.design.export import Format
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.viz.studio.entries import Entry, entries_of, text_of
 from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel
+from coilarray.viz.studio.searching import SUFFIXES, write_board
 from coilarray.viz.studio.work import Work
 
 if TYPE_CHECKING:
@@ -20,15 +22,16 @@ class DesignPanel(Panel):
 
     def __init__(self, page: Page) -> None:
         page.state.client_only("texts")
+        self._exported: set[Path] = set()
         values = {
             "groups": [], "texts": {}, "errors": {}, "file": "", "title": "", "changed": False, "shelf": [],
             "save_name": "", "save_over": "", "open_over": "", "file_problem": "", "file_note": "",
             "open_dialog": False, "save_dialog": False, "report_url": "",
-            "can_report": page.setup.services.write_report is not None,
+            "can_report": page.setup.services.write_report is not None, "formats": list(SUFFIXES),
         }  # fmt: skip
         super().__init__(
             page, values, enter=self._enter, look_at_shelf=self._look, open_design=self._open, save_design=self._save,
-            write_report=self._report,
+            write_report=self._report, export_board=self._export,
         )  # fmt: skip
 
     def show(self, work: Work, *, typed: bool) -> None:
@@ -94,8 +97,29 @@ class DesignPanel(Panel):
         page.state.save_over = ""
         page.state.save_dialog = False
         page.work = work
+        page.numbers.forget_saved()
         page.state.file, page.state.changed = work.file, False
         page.state.file_note = f"saved {page.setup.shelf.path(work.file)}"
+
+    def _export(self, to: Format) -> None:
+        """Write the board into the folder; what this page has not written itself is not replaced."""
+        page = self._page
+        if to not in SUFFIXES:
+            return
+        path = page.setup.shelf.folder / f"{page.work.design.name}-{to}{SUFFIXES[to]}"
+        if path.exists() and path not in self._exported:
+            page.state.problem = f"{path.name} is there already, and not from this page; rename or remove it first."
+            return
+
+        def done(line: str) -> None:
+            self._exported.add(path)
+            page.state.file_note = line
+
+        def failed(problem: str) -> None:
+            page.state.problem = problem
+
+        item = (write_board, page.work.opened.document, page.work.design.name, path, to)
+        page.start_bar("export", f"{to} of {page.work.design.name}", with_progress, item, done, failed)
 
     def _report(self) -> None:
         page = self._page

@@ -96,12 +96,15 @@ def _cells(
     matrix: FloatArray, names: Sequence[str], texts: Callable[[str, str, float], tuple[str, str]]
 ) -> tuple[tuple[Cell, ...], ...]:
     largest = float(np.abs(matrix[~np.eye(len(matrix), dtype=bool)]).max(initial=0.0)) or 1.0
-
-    def cell(a: str, b: str, value: float) -> Cell:
-        return Cell(*texts(a, b, value), *_colours(None if a == b else value / largest))
-
-    rows = zip(names, matrix.tolist(), strict=True)
-    return tuple(tuple(cell(a, b, value) for b, value in zip(names, row, strict=True)) for a, row in rows)
+    colours = _colours(matrix / largest)
+    rows = zip(names, matrix.tolist(), colours, strict=True)
+    return tuple(
+        tuple(
+            Cell(*texts(a, b, value), *(() if a == b else colour))
+            for b, value, colour in zip(names, row, its_colours, strict=True)
+        )
+        for a, row, its_colours in rows
+    )
 
 
 def coil_rows(numbers: Numbers, circuit: Circuit | None = None) -> tuple[tuple[str, ...], ...]:
@@ -151,11 +154,13 @@ def _signed(value: float, digits: int) -> str:
     return f"{round(value, digits) + 0.0:+.{digits}f}".replace("-", "−")
 
 
-def _colours(part: float | None) -> tuple[str, str]:
-    """Colour of a value from −1 to 1, and ink that is read on it; white for what is left out."""
-    if part is None:
-        return "#FFFFFF", "#202020"
-    red, green, blue, _ = colormaps[DIVERGING]((part + 1) / 2)
-    dark = 0.2126 * red + 0.7152 * green + 0.0722 * blue < _DARK
-    hexadecimal = "".join(f"{round(255 * part):02X}" for part in (red, green, blue))
-    return f"#{hexadecimal}", "#FFFFFF" if dark else "#202020"
+def _colours(parts: FloatArray) -> list[list[tuple[str, str]]]:
+    """Colours of a matrix of values from −1 to 1, and inks that are read on them."""
+    shades = colormaps[DIVERGING]((parts + 1) / 2)[..., :3]
+    dark = shades @ (0.2126, 0.7152, 0.0722) < _DARK
+    inks = np.where(dark, "#FFFFFF", Cell.ink).tolist()
+    codes = np.rint(255 * shades).astype(int).tolist()
+    return [
+        [(f"#{red:02X}{green:02X}{blue:02X}", ink) for (red, green, blue), ink in zip(*row, strict=True)]
+        for row in zip(codes, inks, strict=True)
+    ]

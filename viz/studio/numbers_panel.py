@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from coilarray.design.model import Design
+from coilarray.design.model import Design, build_design
 from coilarray.geometry.rules import Margin
 from coilarray.viz.studio.calculator import Step
 from coilarray.viz.studio.numbers import (
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
 _REST = 0.4  # s without a change before the numbers are computed with full accuracy
+_PATIENCE = 2.0  # s; longest delay of the margins, which take the time of some pictures, while a slider moves
 
 
 class NumbersPanel(Panel):
@@ -36,9 +36,10 @@ class NumbersPanel(Panel):
         self._circuit: tuple[Design, Circuit] | None = None
         values = {
             "matrix_of": "k", "matrix": {"names": [], "k": [], "L": []}, "accuracy": "", "coil_rows": [],
-            "margins": [], "rules_kept": True, "numbers_problem": "", "rules_problem": "",
+            "margins": [], "rules_kept": True, "numbers_problem": "", "rules_problem": "", "saved_rows": [],
+            "saved_line": "",
         }  # fmt: skip
-        super().__init__(page, values)
+        super().__init__(page, values, compare=self._compare)
 
     @property
     def numbers(self) -> Numbers | None:
@@ -53,6 +54,29 @@ class NumbersPanel(Panel):
         if self._circuit is None or not self._page.is_current(self._circuit[0]):
             return None
         return self._circuit[1]
+
+    def _compare(self) -> None:
+        """Compute the numbers of the design as it was read or last saved."""
+        work = self._page.work
+        self._page.state.saved_line = f"{work.file} as saved: …"
+
+        def compute() -> tuple[tuple[str, ...], ...]:
+            saved = build_design(work.kept or work.opened.document, work.design.name)
+            return coil_rows(numbers_of(saved), circuit_of(saved))
+
+        def show(rows: tuple[tuple[str, ...], ...]) -> None:
+            with self._page.state as state:
+                state.saved_line, state.saved_rows = f"{work.file} as saved", [list(row) for row in rows]
+
+        def fail(problem: str) -> None:
+            with self._page.state as state:
+                state.saved_line, state.saved_rows = problem, []
+
+        self._page.calculator.ask([Step("saved", compute, show, fail)])
+
+    def forget_saved(self) -> None:
+        """Remove the numbers of the design as saved, where another one is."""
+        self._page.state.saved_line, self._page.state.saved_rows = "", []
 
     def wait(self) -> None:
         """Mark the numbers on the page as out of date."""
@@ -74,7 +98,9 @@ class NumbersPanel(Panel):
     def rules(self, design: Design) -> Step:
         """Return the step that computes the margins."""
         fail = partial(self._fail_rules, design)
-        return Step("rules", lambda: (design, margins_of(design)), self._show_margins, fail, patience=2.0)
+        return Step(
+            "rules", lambda: (design, margins_of(design)), self._show_margins, fail, rest=_REST, patience=_PATIENCE
+        )
 
     def _show(self, found: tuple[Design, Numbers]) -> None:
         design, numbers = found
@@ -130,4 +156,4 @@ class NumbersPanel(Panel):
 
 
 def _plain(cells: Any) -> list[list[dict[str, str]]]:
-    return [[asdict(cell) for cell in row] for row in cells]
+    return [[dict(vars(cell)) for cell in row] for row in cells]

@@ -61,7 +61,10 @@ class Page:
         self.server: Any = get_server(self.key, client_type="vue3")
         self.server.cli.set_defaults(authKey=self.secret)
         self.state: Any = self.server.state
-        self.calculator = Calculator(setup.threads)
+        self.calculator, self.scenes = (
+            Calculator(setup.threads),
+            Calculator(setup.threads),
+        )  # neither waits for the other
         self._loop = asyncio.get_running_loop()
         self._jobs: dict[str, Job] = {}
         self.endpoint: Any = None  # of its messages
@@ -99,6 +102,7 @@ class Page:
         from trame_vtk.modules.vtk import HELPERS_PER_SERVER
 
         self.calculator.close()
+        self.scenes.close()
         self.runs.close()
         jobs = list(self._jobs.values())
         for job in jobs:
@@ -144,6 +148,8 @@ class Page:
 
     def _show(self, work: Work, *, typed: bool) -> None:
         other = set(work.design.array.names) != set(self.work.design.array.names) or work.file != self.work.file
+        if work.kept is not self.work.kept:
+            self.numbers.forget_saved()
         self.work = work
         with self.state:
             self.state.can_undo, self.state.can_redo = bool(self._trail.before), bool(self._trail.after)
@@ -164,11 +170,12 @@ class Page:
         """Compute everything that depends on the design."""
         design, numbers = self.work.design, self.numbers
         accurate = [numbers.rules(design), numbers.full(design), numbers.solve(design)]
-        self.calculator.ask([numbers.rough(design), *self.scene.steps(), *accurate, *self.metal.steps(design)])
+        self.redraw()
+        self.calculator.ask([numbers.rough(design), *accurate, *self.metal.steps(design)])
 
     def redraw(self) -> None:
         """Compute the scene of the current tab again."""
-        self.calculator.ask(self.scene.steps())
+        self.scenes.ask(self.scene.steps())
 
     def is_current(self, design: Design) -> bool:
         """Return whether a design is the current one."""

@@ -5,13 +5,18 @@ from __future__ import annotations
 import asyncio
 import base64
 import io
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from coilarray.errors import CoilarrayError
+from coilarray.errors import CoilarrayError, DesignError
+from coilarray.studies.optimize.goals import NAMES
 from coilarray.studies.optimize.study_file import FILE
+from coilarray.viz.studio.entries import number_of
+from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.runs import Run, front_rows, read_runs, run_folders
+from coilarray.viz.studio.searching import search_goal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,6 +25,7 @@ if TYPE_CHECKING:
 
 _DPI = 110
 _EVERY = 3.0  # s
+_MOST_TRIALS = 10_000
 
 
 class RunsPanel(Panel):
@@ -30,13 +36,16 @@ class RunsPanel(Panel):
         self._name = ""  # of the folder that is read; the state of the page may contain any text
         self._stamp: tuple[int, ...] = ()
         self._watching: asyncio.Task[None] | None = None
+        self._starting: asyncio.Task[None] | None = None
         values = {
             "run_folders": [], "run_folder": "", "run_names": [], "run_name": "", "run_axes": [], "run_x": "",
             "run_y": "", "run_picture": "", "run_summary": "", "run_front": [], "runs_problem": "",
+            "run_goals": list(NAMES), "run_goal": NAMES[0], "run_trials": "40",
         }  # fmt: skip
         super().__init__(
-            page, values, look_for_runs=self._look, read_runs=self._read, show_run=self._show, take_point=self._take
-        )
+            page, values, look_for_runs=self._look, read_runs=self._read, show_run=self._show, take_point=self._take,
+            start_run=self._start,
+        )  # fmt: skip
 
     def _look(self) -> None:
         state = self._page.state
@@ -44,6 +53,41 @@ class RunsPanel(Panel):
         state.runs_problem = "" if state.run_folders else (
             f"no folder in {self._page.setup.shelf.folder} holds a {FILE}; coilarray optimize makes one."
         )  # fmt: skip
+
+    def _start(self, goal: str, trials: str) -> None:
+        """Begin a search for a better design, or go on with one; its points are shown as they arrive."""
+        page, state = self._page, self._page.state
+        design = page.work.design
+        folder = page.setup.shelf.folder / f"{design.name}-{goal}"
+        try:
+            count = round(number_of("points", str(trials)))
+            if goal not in NAMES or not 1 <= count <= _MOST_TRIALS:
+                raise DesignError(f"points must be 1 to {_MOST_TRIALS}; got {trials}.")
+        except CoilarrayError as error:
+            state.runs_problem = str(error)
+            return
+
+        def failed(problem: str) -> None:
+            state.runs_problem = problem
+
+        def ended(line: str) -> None:
+            state.file_note = line
+            if folder.name in run_folders(folder.parent):
+                asyncio.get_running_loop().create_task(self._read(folder.name))
+
+        item = (search_goal, page.work.opened.document, design.name, goal, count, folder)
+        stopped = partial(ended, f"{goal}: stopped; the points are kept, and Start goes on from them")
+        if page.start_bar("search", f"{goal} of {design.name}", with_progress, item, ended, failed, stopped):
+            state.runs_problem = ""
+            self._starting = asyncio.get_running_loop().create_task(self._read_first(folder))
+
+    async def _read_first(self, folder: Path) -> None:
+        """Show a search from its first points on."""
+        while not (folder / FILE).is_file() and self._page.state.job["running"]:
+            await asyncio.sleep(_EVERY)
+        await asyncio.sleep(_EVERY)
+        if (folder / FILE).is_file():
+            await self._read(folder.name)
 
     async def _read(self, name: str) -> None:
         """Read a folder of runs, and again while its search goes on."""
@@ -77,8 +121,9 @@ class RunsPanel(Panel):
 
     def close(self) -> None:
         """Stop reading runs."""
-        if self._watching is not None:
-            self._watching.cancel()
+        for task in (self._watching, self._starting):
+            if task is not None:
+                task.cancel()
 
     async def _show(self, name: str, x: str, y: str) -> None:
         run = next((one for one in self._runs if one.name == name), None)

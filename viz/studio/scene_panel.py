@@ -18,7 +18,6 @@ from coilarray.viz.studio.view import SceneView
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
 
-_PATIENCE = 1.5  # s; longest delay of a scene while a slider moves
 _STOPS = 24  # colours of a bar
 
 
@@ -51,7 +50,7 @@ class ScenePanel(Panel):
         def compute() -> tuple[Design, Scene]:
             return design, self._scene(design, tab, sheets)
 
-        return [Step("scene", compute, self._show, self._fail, patience=_PATIENCE)]
+        return [Step("scene", compute, self._show, self._fail)]
 
     def close(self) -> None:
         """Release the window."""
@@ -81,10 +80,13 @@ class ScenePanel(Panel):
         if self._view is None:
             return
         design, scene = found
-        with self._page.state as state:
-            state.legend, state.scene_problem = _legend(scene), ""
-            self._page.arrived("scene", design)
-        self._view.show(scene)
+
+        def sent() -> None:
+            with self._page.state as state:
+                state.legend, state.scene_problem = _legend(scene), ""
+                self._page.arrived("scene", design)
+
+        self._view.show(scene, sent)
 
     def _fail(self, problem: str) -> None:
         with self._page.state as state:

@@ -25,19 +25,17 @@ _APART = 1.25  # pitches of a first coil to a second, in widths of the coil
 
 
 def add_coil(document: Document, design: Design) -> Document:
-    """Add a coil like the last one, beside the rightmost; the array is then one of free places."""
+    """Add a coil beside the rightmost one, on the layers that come after its; the array is then one of free places."""
     places = _placements(document, design)
     names = [place["name"] for place in places]
     k = next(k for k in range(1, len(names) + 2) if f"coil{k}" not in names)
     rightmost = max(places, key=lambda place: float(place["x_mm"]))
+    layers = list(dict.fromkeys(tuple(place["layers"]) for place in places))
+    following = layers[(layers.index(tuple(rightmost["layers"])) + 1) % len(layers)]
     lattice = design.array.lattice
     pitch = lattice.pitch if lattice is not None and lattice.pitch else _APART * _width(design)
-    added = {
-        **places[-1],
-        "name": f"coil{k}",
-        "x_mm": round(rightmost["x_mm"] + pitch * 1e3, 6),
-        "y_mm": rightmost["y_mm"],
-    }
+    x = round(rightmost["x_mm"] + pitch * 1e3, 6)
+    added = {**rightmost, "name": f"coil{k}", "layers": list(following), "x_mm": x}
     return _free(document, [*places, added])
 
 

@@ -17,8 +17,8 @@ SIZE = (900, 560)
 """Width and height of the picture in pixels before the page sends its own."""
 
 _SMOOTH_AFTER = 0.5  # s without a change before edges are smoothed
-_ENCODING = 0.01  # s between two tests whether a picture is encoded
-_LOOKS = 200  # largest number of these tests: a hidden page gets no pictures
+_ENCODING = 0.003  # s between two tests whether a picture is encoded
+_LOOKS = 600  # largest number of these tests: a hidden page gets no pictures
 _SAMPLES = 8  # samples per pixel of a smooth picture, which takes three times as long
 _SAME = 1e-6  # tolerance of the camera's numbers
 _LARGEST = (5120, 5120)  # largest width and height in pixels
@@ -43,6 +43,7 @@ class SceneView:
         self._window.SetMultiSamples(0)
         self._server, self._at_rest = server, at_rest
         self._scene: Scene | None = None
+        self._sent: Callable[[], None] | None = None
         self._hidden: set[str] = set()
         self._aimed: tuple[float, ...] = ()
         self._side: Side = "oblique"
@@ -55,8 +56,12 @@ class SceneView:
         style.AddObserver("EndInteractionEvent", lambda *_: self._smooth_soon())
         self._window.AddObserver("WindowResizeEvent", lambda *_: self._resized())
 
-    def show(self, scene: Scene) -> None:
-        """Draw another scene; a camera that the user has turned stays where it is."""
+    def show(self, scene: Scene, sent: Callable[[], None]) -> None:
+        """Draw another scene, and call `sent` with its first picture; a camera that the user has turned stays."""
+        self._sent = sent
+        self._show(scene)
+
+    def _show(self, scene: Scene) -> None:
         turned = self._scene is not None and not self._is_aimed()
         camera = self._camera()
         self._scene = scene
@@ -82,9 +87,8 @@ class SceneView:
         """Release the window."""
         self._forget(*self._timers)
         # trame would create the window again for a pending image, and never removes its observers
-        view = self.widget.module.id(self._window)
-        self._server.protocol_call("viewport.image.push.enabled", view, False)
-        while "result" in self._server.protocol_call("viewport.image.push.observer.remove", view):
+        self._server.protocol_call("viewport.image.push.enabled", self._id, False)
+        while "result" in self._server.protocol_call("viewport.image.push.observer.remove", self._id):
             pass
         self._window.RemoveAllObservers()
         self._plotter.close()
@@ -93,7 +97,7 @@ class SceneView:
         if self._scene is None:
             return
         self._plotter.set_background("white")
-        self._plotter.renderer.clear_actors()  # and not its lights
+        self._plotter.renderer.RemoveAllViewProps()  # and not its lights
         draw_parts(_fitted(self._scene, self._size), self._plotter)
         self._aim()
         self._drawn_size = self._size
@@ -102,14 +106,15 @@ class SceneView:
     def _hide(self) -> None:
         if self._scene is None:
             return
+        actors = self._plotter.actors  # which PyVista makes anew each time
         for part in self._scene.parts:
             if part.group:
-                self._plotter.actors[part.name].SetVisibility(part.group not in self._hidden)
+                actors[part.name].SetVisibility(part.group not in self._hidden)
         for text in self._scene.texts:
             height = _letters(text, self._drawn_size)
             name = f"{text_name(text.group, height, text.bold, text.always)}-labels"
-            if text.group and name in self._plotter.actors:
-                self._plotter.actors[name].SetVisibility(text.group not in self._hidden)
+            if text.group and name in actors:
+                actors[name].SetVisibility(text.group not in self._hidden)
 
     def _aim(self) -> None:
         if self._scene is not None:
@@ -136,22 +141,35 @@ class SceneView:
 
     def _send(self, smooth: bool) -> None:
         """Render, and send the picture once it is encoded."""
-        self.widget.update()
-        self._send_encoded(smooth, _LOOKS)
-
-    def _send_encoded(self, smooth: bool, looks: int) -> None:
-        """Test again soon for a pending picture; trame itself sends the previous one and waits half a second."""
-        self._forget("sending")
         protocol = self._server.protocol  # there is none before the page talks
         app = None if protocol is None else protocol.getSharedObject("app")
-        if app is not None and app.GetHasImagesBeingProcessed(self._window) and looks:
-            self._later("sending", _ENCODING, self._look, app, smooth, looks)
-        elif smooth:
-            self._at_rest(True)
+        if app is None:
+            self.widget.update()
+            self._was_sent(smooth)
+            return
+        app.InvalidateCache(self._window)
+        self._send_encoded(app, smooth, _LOOKS)
 
-    def _look(self, app: Any, smooth: bool, looks: int) -> None:
+    def _send_encoded(self, app: Any, smooth: bool, looks: int) -> None:
+        """Render if need be, and send the picture if it is encoded, or test again soon.
+
+        The widget would send the picture of before once more, and look for the new one half a second later.
+        """
+        self._forget("sending")
+        quality = self._server.protocol_call("viewport.image.push.quality.get", self._id)["quality"]
+        app.StillRenderToBuffer(self._window, 0, quality)
+        if app.GetHasImagesBeingProcessed(self._window) and looks:
+            self._later("sending", _ENCODING, self._send_encoded, app, smooth, looks - 1)
+            return
         app.InvokeEvent("UpdateEvent")  # sends what is encoded, and renders nothing
-        self._send_encoded(smooth, looks - 1)
+        self._was_sent(smooth)
+
+    def _was_sent(self, smooth: bool) -> None:
+        sent, self._sent = self._sent, None
+        if sent is not None:
+            sent()
+        if smooth:
+            self._at_rest(True)
 
     def _resized(self) -> None:
         """Draw letters and lines for another height once the size of the page is constant."""
@@ -163,7 +181,7 @@ class SceneView:
     def _fit(self) -> None:
         change = np.abs(np.divide(self._size, self._drawn_size) - 1).max()
         if self._scene is not None and change > _RESIZED:
-            self.show(self._scene)
+            self._show(self._scene)
 
     def _later(self, name: str, seconds: float, function: Callable[..., None], *arguments: Any) -> None:
         """Call a function after a while, unless it is asked for again or forgotten before."""
@@ -174,6 +192,11 @@ class SceneView:
         for name in names:
             if name in self._timers:
                 self._timers[name].cancel()
+
+    @property
+    def _id(self) -> Any:
+        """Name of the window between the server and the page."""
+        return self.widget.module.id(self._window)
 
     @property
     def _size(self) -> tuple[int, int]:

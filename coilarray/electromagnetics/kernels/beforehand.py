@@ -12,10 +12,12 @@ from typing import Any
 
 from numba import boolean, float64, int64
 from numba.core.registry import CPUDispatcher
+from numba.core.types import Array
 
 from coilarray.electromagnetics.kernels import bars, far_pairs, filaments, node_pairs, paths, sections, segments
 
 _ROW, _TABLE, _INDICES = float64[::1], float64[:, ::1], int64[::1]
+_CONSTANTS = Array(float64, 1, "C", readonly=True)
 KERNELS: tuple[tuple[Any, Sequence[Any]], ...] = (
     (paths._corner_rule, (_ROW, _ROW, boolean, int64, _TABLE)),
     (paths._angled_rule, (_ROW, _ROW, float64, boolean, int64, _TABLE)),
@@ -27,6 +29,9 @@ KERNELS: tuple[tuple[Any, Sequence[Any]], ...] = (
     (node_pairs.add_node_sums, (*(_TABLE,) * 5, _ROW)),
     (segments.add_magnetic_field, (_ROW, _ROW, _ROW, _TABLE, _INDICES, *(_ROW,) * 5)),
     (bars.bar_self, (float64,) * 3),
+    (paths._parallel_rule, (_ROW, _ROW, *(float64,) * 3, boolean, int64, _TABLE)),
+    (filaments.filament_pair_far, (*(float64,) * 14, _CONSTANTS, _CONSTANTS)),
+    (sections.pair_logs, (_TABLE, _TABLE, float64, float64, _TABLE)),
 )
 """Kernels and the types of their arguments."""
 

@@ -35,10 +35,10 @@ _RULE = np.array(
 
 @kernel
 def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals: FloatArray) -> None:
-    """Write the integrals in m³ of the triangles `corners` (k, 3, 3) with all of `other` (n, 3, 3), shape (k, n).
+    """Write the integrals in m³ of the triangles `corners` (k, 3, 3) with those of `other` (n, 3, 3), shape (k, n).
 
-    `first` is the number of corners[0] where both are of one set, of which the pairs up to the diagonal are written;
-    a negative one asks for all.
+    `other` is the whole set of which `corners` are those from number `first` on, or their mirror images, so that the
+    integrals are symmetric: those up to the diagonal are written.
     """
     n = other.shape[0]
     moments = np.empty((n, 10))
@@ -47,8 +47,7 @@ def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals
     own = np.empty(10)
     for i in range(corners.shape[0]):
         _moments(corners[i], own)
-        stop = n if first < 0 else first + i + 1
-        for j in range(stop):
+        for j in range(first + i + 1):
             dx, dy, dz = own[0] - moments[j, 0], own[1] - moments[j, 1], own[2] - moments[j, 2]
             r2 = dx * dx + dy * dy + dz * dz
             near = _NEAR * (own[9] + moments[j, 9])

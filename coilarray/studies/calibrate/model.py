@@ -14,7 +14,6 @@ from typing import Any
 
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import Network
-from coilarray.compute.recent import Recent
 from coilarray.design.model import Design, build_design
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.response.map import response_map
@@ -24,8 +23,6 @@ from coilarray.studies.calibrate.plan import IMPERFECTIONS
 
 COARSE = LayerMesh(harmonics=6, decays=6.0, width=0.4, rows=4)
 """Right to 1e-3 of δ, and twice as fast."""
-
-_NETWORKS: Recent[Network] = Recent(16)
 
 
 def evaluate_model(item: Mapping[str, Any]) -> dict[str, float]:
@@ -71,4 +68,4 @@ def imperfections_of(values: Mapping[str, float]) -> Imperfections:
 def _network(design: Design, start: Mapping[str, Any]) -> Network:
     """Circuit of a design with all losses and strays, as under the sheets that the fit began with."""
     flat = replace(design, sheets=build_design(start, start["name"]).sheets, indentation=None)
-    return _NETWORKS.get(flat.digest, lambda: design_circuit(flat))
+    return design_circuit(flat)

@@ -18,7 +18,6 @@ _FROM, _TO = 0.4, 1.0  # of the width of a coil: where the sign of its neighbour
 _SAMPLES = 5
 _PITCH_STEP = 1e-5  # m, to which a pitch is given
 _SLOPE, _CORRECTIONS = 0.01, 2
-_NEAREST = 1.02  # of the least distance: what counts as a neighbour
 
 
 def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at: Callable[[float], Design]) -> float:
@@ -72,8 +71,6 @@ def decoupled_pitch(width: float, design_at: Callable[[float], Design], rough_at
 
 def neighbour_coupling(design: Design) -> FloatArray:
     """Coupling coefficients of all coils that lie nearest to each other, under the flat sheets."""
-    centres = design.array.centres
-    i, j = np.triu_indices(len(centres), 1)
-    near = np.hypot(*(centres[i] - centres[j]).T) <= _NEAREST * design.array.least_distance
-    k: FloatArray = coupling_matrix(design_inductance(design, accuracy="screen")[0])[i[near], j[near]]
+    i, j = np.array(design.array.neighbours, dtype=np.intp).reshape(-1, 2).T
+    k: FloatArray = coupling_matrix(design_inductance(design, accuracy="screen")[0])[i, j]
     return k

@@ -19,7 +19,6 @@ from coilarray.errors import GoalError
 from coilarray.geometry import Placement
 
 _MOST_CHOICES = 12  # of copper layers; more would need more points than a search has
-_NEAREST = 1.01  # distances of neighbours differ by less
 _WIDER, _SMALLER = 1.25, 0.6  # of a pitch or a size, from what it is
 _OVERLAP = 0.5  # of the distance at which coils touch: nearer ones are all but one coil
 _TURNS_LESS, _TURNS_MORE = 0.4, 0.3  # of the turns
@@ -66,7 +65,7 @@ def neighbours(design: Design) -> Pair:
     known = pairs(design)
     if not known:
         raise GoalError(f"the design {design.name} has one coil alone, which couples with none.")
-    near = [pair for pair in known if pair.distance <= _NEAREST * known[0].distance]
+    near = known[: len(design.array.neighbours)]
     return next((pair for pair in near if not pair.share_copper), near[0])
 
 

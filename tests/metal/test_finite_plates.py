@@ -1,0 +1,221 @@
+"""Eddy currents in finite plates, against closed forms, the plate without end, finite elements and a turn of wire.
+
+A plate's moment in a uniform field, and ΔL of loops nearby. Meshes are those of `fineness` 1, whose error of ΔL is up
+to 1 %, unless a test measures the error itself.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.axial_field import loop_inductance
+
+from coilarray import inductance_matrix
+from coilarray.constants import MU_0
+from coilarray.elastomer.flat_layer import magnetic_slab
+from coilarray.electromagnetics.field import vector_potential
+from coilarray.errors import GeometryError
+from coilarray.geometry import Conductor, Sheet
+from coilarray.geometry.material import MATERIALS, Material
+from coilarray.geometry.plate import Disc, FinitePlate, Plate, Polygon, Ring
+from coilarray.metal import field_at_plate
+from coilarray.metal.field_at_plate import lowered_copies
+from coilarray.metal.finite_plates import eddy_currents, moving_plate
+from coilarray.metal.flat_plates import plate_inductance
+from coilarray.metal.half_body import EddyBody
+from coilarray.metal.plate_mesh import plate_mesh
+from coilarray.metal.surface_impedance import SurfaceImpedance, surface_impedance
+
+ALUMINIUM = MATERIALS["aluminium"]
+PERFECT = SurfaceImpedance(0, 0, 0, 0)
+SHEETS = (Sheet("base", 1e-3), Sheet("magnetic", 1e-3, 2.7))
+
+
+def loop(radius, z=0.0, sides=72, centre=(0.0, 0.0)):
+    """A polygon of a circle's area."""
+    angle = 2 * np.pi * np.arange(sides + 1) / sides
+    corner = radius * math.sqrt(2 * np.pi / sides / math.sin(2 * np.pi / sides))
+    return np.column_stack((corner * np.cos(angle) + centre[0], corner * np.sin(angle) + centre[1], 0 * angle + z))
+
+
+def disc(radius=10e-3, thickness=1e-3, material=ALUMINIUM, **more):
+    return FinitePlate("disc", Disc(radius), (0.0, 0.0, 3e-3), thickness, material, **more)
+
+
+def moment(body, impedance, field=(0.0, 0.0, 1.0)):
+    """Magnetic moment along a uniform field of 1 T in A·m²."""
+    B = np.broadcast_to(np.array(field), (1, len(body.points), 3))
+    fluxes = body.linked(B)
+    return sum(
+        complex(-(b.T @ np.linalg.solve(parity.matrix(impedance), b))[0, 0])
+        for parity, b in zip(body.parities, fluxes, strict=True)
+    )
+
+
+@pytest.mark.slow
+def test_disc_in_a_uniform_field():
+    """Perfect: −8a³H/3, for a thickness of a/1000 up to some t/a ln(a/t); resistive: −jωBσt πa⁴/8."""
+    a, t, f = 10e-3, 1e-5, 1.0
+    body = EddyBody(plate_mesh(Disc(a), t))
+    assert moment(body, PERFECT) == pytest.approx(-8 / 3 * a**3 / MU_0, rel=5e-3)
+    weak = moment(body, surface_impedance(ALUMINIUM, t, f, a))
+    assert weak.imag == pytest.approx(-2 * np.pi * f * ALUMINIUM.conductivity * t * np.pi * a**4 / 8, rel=5e-3)
+    assert abs(weak.real) < 1e-4 * abs(weak.imag)
+
+
+@pytest.mark.slow
+def test_order_of_convergence():
+    """Linear elements: the second order, here of the resistive disc whose moment is known."""
+    a, t, f = 10e-3, 1e-4, 1.0
+    exact = -2 * np.pi * f * ALUMINIUM.conductivity * t * np.pi * a**4 / 8
+    errors = []
+    for fineness in (0.35, 0.7):
+        body = EddyBody(plate_mesh(Disc(a), t, fineness))
+        errors.append(moment(body, surface_impedance(ALUMINIUM, t, f, 1e3 * a)).imag / exact - 1)
+    assert 1.6 < math.log2(errors[0] / errors[1]) < 2.6
+
+
+@pytest.mark.slow
+def test_sphere_in_a_uniform_field():
+    """A shell with E = Z K: K = −½jωaB/(Z + ⅓jωµ0 a) sin θ, of the moment 4πa³K/3; both parities carry it."""
+    a, face = 5e-3, plate_mesh(Disc(1.0), 1.0, 0.8)
+    top = face.triangles[~face.rim]
+    nodes = face.nodes[: top.max() + 1, :2]
+    radius = np.hypot(*nodes.T)
+    angle = np.pi / 2 * np.minimum(radius / radius[face.triangles[face.rim, 0].min() : len(face.ring)].mean(), 1.0)
+    turned = nodes * (np.sin(angle) / np.maximum(radius, 1e-12))[:, None]
+    edge = np.flatnonzero(angle > np.pi / 2 * (1 - 1e-9))
+    points = a * np.column_stack((turned, np.where(angle > np.pi / 2 * (1 - 1e-9), 0.0, np.cos(angle))))
+    sphere = EddyBody(replace(face, nodes=points, triangles=top, rim=np.zeros(len(top), bool), ring=edge))
+    skin = MU_0 * 0.3e-3 * (0.5 - 0.5j)
+    for impedance, share in ((PERFECT, 0.0), (SurfaceImpedance(skin, skin, skin, skin), skin)):
+        exact = -2 * np.pi * a**3 / (3 * (share / a + MU_0 / 3))
+        assert moment(sphere, impedance) == pytest.approx(exact, rel=1e-2)
+        assert moment(sphere, impedance, (1.0, 0.0, 0.0)) == pytest.approx(exact, rel=1e-2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sheets", [(), SHEETS])
+def test_a_wide_plate_is_one_without_end(sheets):
+    loops, f = [loop(5e-3), loop(4e-3, -0.5e-3, centre=(2e-3, 0.0))], [2e3, 2e5]
+    plate = FinitePlate("wide", Disc(30e-3), (0.0, 0.0, 3.5e-3), 1e-3, ALUMINIUM)
+    finite = moving_plate(loops, plate, [plate.centre], f, sheets)[0]
+    without_end = plate_inductance(loops, [Plate("wide", 3e-3, 1e-3, ALUMINIUM)], f, sheets)
+    np.testing.assert_allclose(finite.real, without_end.real, rtol=1.5e-2)
+    np.testing.assert_allclose(finite.imag, without_end.imag, rtol=4e-2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("frequency", [1e3, 2e4])
+def test_axisymmetric_finite_elements(frequency):
+    """A disc of 2 mm that is 0.8 and 3.4 skin depths thick: ΔL within 2 %, ΔR within 5 % (λ at one κ)."""
+    loops = [(8e-3, 0.0), (4e-3, 0.0)]
+
+    def inside(r, z):
+        return (r < 10e-3) & (z > 2e-3) & (z < 4e-3)
+
+    def edges(r, z):
+        near = np.maximum(np.maximum(r - 10e-3, np.abs(z - 3e-3) - 1e-3), 0.0)
+        depth = np.minimum(10e-3 - r, 1e-3 - np.abs(z - 3e-3))
+        return np.where(inside(r, z), np.abs(depth), near)
+
+    reference = loop_inductance(
+        loops,
+        lambda r, z: (np.ones_like(r), np.where(inside(r, z), ALUMINIUM.conductivity, 0.0)),
+        frequency,
+        inside,
+        edges,
+        0.125e-3,
+    )
+    plate = disc(thickness=2e-3)
+    change = moving_plate([loop(*each, sides=180) for each in loops], plate, [plate.centre], [frequency])[0, 0]
+    np.testing.assert_allclose(change.diagonal().real, reference.real, rtol=2e-2)
+    np.testing.assert_allclose(change.diagonal().imag, reference.imag, rtol=5e-2)
+
+
+@pytest.mark.slow
+def test_a_slender_ring_is_a_turn_of_wire():
+    """ΔL = −M²/(L + R/jω) of a turn with a uniform current; a ring that is cut open carries none around."""
+    ring, f = FinitePlate("ring", Ring(8.5e-3, 7.5e-3), (0.0, 0.0, 3e-3), 0.1e-3, MATERIALS["stainless_steel"]), 5e3
+    coil = loop(6e-3)
+    turn = Conductor(loop(8e-3, 3e-3), 1e-3, 0.1e-3, name="turn")
+    L = inductance_matrix([turn, Conductor(coil, 1e-5, 1e-5, name="coil")])
+    R = 2 * np.pi * 8e-3 / (ring.material.conductivity * 1e-3 * 0.1e-3)
+    expected = -(L[0, 1] ** 2) / (L[0, 0] + R / (2j * np.pi * f))
+    (change,) = moving_plate([coil], ring, [ring.centre], [f]).ravel()
+    assert change == pytest.approx(expected, rel=1e-2)
+    angle = np.linspace(0.02, 2 * np.pi - 0.02, 60)
+    arc = np.column_stack((np.cos(angle), np.sin(angle)))
+    corners = tuple(map(tuple, np.concatenate((8.5e-3 * arc, 7.5e-3 * arc[::-1])).tolist()))
+    (cut,) = moving_plate([coil], replace(ring, outline=Polygon(corners)), [ring.centre], [f]).ravel()
+    assert abs(cut) < 0.05 * abs(change)
+
+
+@pytest.fixture(scope="module")
+def three_loops():
+    return [loop(10e-3), loop(11e-3, -1e-3, 6, (4e-3, 0.0)), loop(12e-3, 0.0, 4, (0.0, -5e-3))]
+
+
+@pytest.mark.slow
+def test_losses_reciprocity_and_distance(three_loops):
+    """ΔR is positive semidefinite and ΔM symmetric; far away ΔL falls as the coil's dipole field squared, z⁻⁶."""
+    positions = [[1e-3, 2e-3, 3e-3], [5e-3, 0.0, 4e-3], [0.0, 0.0, 0.3], [0.0, 0.0, 0.6]]
+    change = moving_plate(three_loops, disc(5e-3), positions, [1e4, 1e6])
+    assert (np.linalg.eigvalsh(-change.imag) > -1e-9 * np.abs(change.imag).max(axis=(2, 3))[..., None]).all()
+    np.testing.assert_array_equal(change, change.transpose(0, 1, 3, 2))
+    assert (np.linalg.eigvalsh(change.real) < 1e-9 * np.abs(change.real).max(axis=(2, 3))[..., None]).all()
+    np.testing.assert_allclose(change[2, :, 0, 0] / change[3, :, 0, 0], 64, rtol=1e-2)
+
+
+@pytest.mark.slow
+def test_tilting_the_plate_is_tilting_the_coils(three_loops):
+    angle, towards = 0.2, 0.7
+    tilted = disc(5e-3, tilt=angle, tilt_direction=towards)
+    flat = replace(tilted, tilt=0.0)
+    change = moving_plate(three_loops, tilted, [[1e-3, 0.0, 8e-3]], [1e5])
+    turned = [path @ tilted.axes.T for path in three_loops]
+    centre = tilted.axes @ [1e-3, 0.0, 8e-3]
+    np.testing.assert_allclose(moving_plate(turned, flat, [centre], [1e5]), change, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_fields_from_a_grid_are_those_of_the_segments(three_loops, monkeypatch):
+    x, y = np.meshgrid(np.linspace(-8e-3, 8e-3, 9), np.linspace(-5e-3, 5e-3, 5))
+    positions = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, 4e-3)))
+    change = moving_plate(three_loops, disc(5e-3), positions, [1e6], SHEETS)
+    monkeypatch.setattr(field_at_plate, "_STEP", 1e-6)
+    direct = moving_plate(three_loops, disc(5e-3), positions, [1e6], SHEETS)
+    np.testing.assert_allclose(change, direct, atol=1e-5 * np.abs(direct).max(), rtol=0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sheets", [(), SHEETS])
+def test_currents_make_the_change_of_inductance(three_loops, sheets):
+    """ΔL = ∫ K·A with the coil's potential, where ΔL itself is from B: each its own rule on a triangle."""
+    plate, slab = disc(6e-3, tilt=0.1, tilt_direction=1.0), magnetic_slab(sheets)
+    found = eddy_currents(three_loops, plate, 1e5, sheets, fineness=0.7)
+    change = moving_plate(three_loops, plate, [plate.centre], [1e5], sheets, fineness=0.7)[0, 0]
+    edges = found.corners[:, 1:] - found.corners[:, :1]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
+    middles, A = found.corners.mean(axis=1), np.zeros((3, len(area), 3))
+    for weight, lift in lowered_copies(slab, 1e-3, 20e-3):
+        A += [weight * vector_potential(path, middles + np.array([0.0, 0.0, lift])) for path in three_loops]
+    linked = np.einsum("itc,jtc,t->ij", A, found.density, area)
+    np.testing.assert_allclose(linked, change, rtol=2e-2)
+
+
+@pytest.mark.parametrize(
+    ("plate", "position", "frequency", "message"),
+    [
+        (disc(material=MATERIALS["steel"]), [0, 0, 3e-3], 1e6, "must not be magnetic; the relative permeability"),
+        (disc(), [0, 0, 0.4e-3], 1e6, "must lie above z = 0 mm, the highest copper"),
+        (disc(thickness=8e-3), [0, 0, 6e-3], 50.0, "has a skin depth of 12 mm at 50 Hz, and its ΔL would err by"),
+        (disc(), [0, 0], 1e6, r"positions of a plate must be finite, of shape \(n, 3\)"),
+        (disc(), [0, 0, 3e-3], 0.0, "frequencies must be positive"),
+        (disc(material=Material("poor", 1.0, 2.0)), [0, 0, 3e-3], 1e6, "must not be magnetic"),
+    ],
+)
+def test_refusals(plate, position, frequency, message):
+    with pytest.raises(GeometryError, match=message):
+        moving_plate([loop(8e-3)], plate, [position], [frequency])

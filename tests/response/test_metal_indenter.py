@@ -1,0 +1,90 @@
+"""The share of an indenter of metal or ferrite in a response.
+
+Who checks whom: the parts of a map against maps of one part alone; a ball above the sheets against the ball itself; a
+material put into a computed map against the map of a design with it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.contacts import MESH, first_coils_design
+from support.refusals import refused
+
+from coilarray.design.model import Indentation
+from coilarray.errors import DesignError, ElastomerError, MetalError
+from coilarray.geometry import MATERIALS, Ball, FlatPunch, Plate
+from coilarray.metal.ball import ball_inductance
+from coilarray.response.map import response_map, with_material
+
+pytestmark = pytest.mark.slow
+
+PLAIN = first_coils_design(2)
+X, DEPTHS = [-13.28e-3, 2e-3], [-3e-3, 0.0, 1e-3]
+
+
+def of(material, design=PLAIN):
+    return replace(design, indentation=replace(design.indentation, material=MATERIALS[material]))
+
+
+def nominal(design, **changes):
+    return response_map(design, **{"depths": DEPTHS, "x": X, "y": [0.0], "ideal": True, "mesh": MESH, **changes})
+
+
+@pytest.fixture(scope="module")
+def steel():
+    return nominal(of("steel"))
+
+
+def test_both_parts_make_the_response(steel):
+    dent = nominal(of("steel"), depths=[0.0, 1e-3], metal=False)
+    pressed = steel.isel(depth=[1, 2])
+    for whole, share, plain in (
+        (pressed.delta, pressed.metal_delta, dent.delta),
+        (pressed.inductance_change, pressed.metal_inductance_change, dent.inductance_change),
+    ):
+        assert (whole - share).values == pytest.approx(plain.values, rel=1e-9, abs=1e-12 * np.abs(plain.values).max())
+    # above the sheets there is nothing else, but for the last step of a resonance
+    assert steel.delta.isel(depth=0).values == pytest.approx(steel.metal_delta.isel(depth=0).values, abs=1e-12)
+    assert not steel.metal_inductance_change.isel(depth=1).any()  # L_0 is read here
+    assert "metal_delta" not in dent
+
+
+def test_above_the_sheets_it_is_the_ball(steel):
+    far = nominal(of("steel"), depths=[-3e-3, 0.0], rest=np.inf)
+    ball, f = Ball(PLAIN.indentation.indenter.radius, MATERIALS["steel"]), far.attrs["metal_frequency_Hz"]
+    origin, top = PLAIN.indentation.origin_point, sum(sheet.thickness for sheet in PLAIN.sheets)
+    places = [[x + origin[0], origin[1], top + up + ball.radius] for up in (3e-3, 0.0) for x in X]
+    alone = ball_inductance(PLAIN.array, ball, places, [f], PLAIN.sheets)[:, 0].reshape(2, 1, 2, 2, 2)
+    assert far.metal_inductance_change.values == pytest.approx(alone.real, rel=1e-7)
+    assert far.metal_resistance_change.values == pytest.approx(-2 * np.pi * f * alone.imag, rel=1e-7)  # places to 1 nm
+    moved = (far.isel(depth=0) - far.isel(depth=1)).metal_inductance_change
+    assert steel.metal_inductance_change.isel(depth=0).values == pytest.approx(moved.values, rel=1e-6)
+
+
+def test_a_material_put_into_a_map_is_that_of_the_design(steel):
+    put = with_material(PLAIN, nominal(PLAIN, depths=[0.0, 1e-3]), MATERIALS["steel"], ideal=True, mesh=MESH)
+    for name in ("delta", "metal_delta", "inductance_change", "metal_resistance_change"):
+        expected = steel[name].isel(depth=[1, 2]).values
+        assert put[name].values == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
+    refused(ElastomerError, "has an indenter with a material already", with_material, PLAIN, put, MATERIALS["steel"])
+
+
+def test_aluminium_lowers_and_ferrite_raises_the_response():
+    for name, sign in (("aluminium", -1), ("ferrite", 1)):
+        share = nominal(of(name), depths=[0.25e-3, 1e-3], x=X[:1]).metal_delta.isel(x=0, y=0, state=0).values * sign
+        # it moves towards the coil by the depth, and the field of a coil falls almost evenly over a millimetre
+        assert share[1] == pytest.approx(4 * share[0], rel=0.25)
+        assert share[0] > 0
+
+
+def test_refusals():
+    refused(ElastomerError, "depth of an indentation must be from 0 .* got -3 mm", nominal, PLAIN)
+    refused(ElastomerError, "needs every coil: reach=None", nominal, of("steel"), reach=1e-3)
+    refused(MetalError, "rest must be at least 0; got -0.001 m", nominal, of("steel"), rest=-1e-3)
+    back = replace(of("steel"), plates=(Plate("back", -10e-3, 1e-3, MATERIALS["steel"]),))
+    refused(MetalError, "an indenter of steel is not computed beside plates", nominal, back)
+    refused(
+        DesignError, "counts as a ball of its radius; got a flat punch of steel",
+        Indentation, FlatPunch(1e-3), (1e-3,), material=MATERIALS["steel"],
+    )  # fmt: skip

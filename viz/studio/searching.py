@@ -1,0 +1,37 @@
+"""Work of an optimisation and of an export that the page starts; both run in processes of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from coilarray.compute.threads import Progress
+from coilarray.design.export import Format, export
+from coilarray.design.model import build_design, build_design_file
+from coilarray.viz.studio.services import Document
+
+SUFFIXES: dict[Format, str] = {
+    "kicad": "", "gerber": ".zip", "dxf": ".dxf", "svg": ".svg", "step": ".step", "stl": ".stl", "glb": ".glb"
+}  # fmt: skip
+"""Formats that the page offers, and what the names of their files end in."""
+
+
+def search_goal(document: Document, name: str, goal: str, trials: int, folder: Path, progress: Progress) -> str:
+    """Search as ``coilarray optimize`` does, into a folder; return one line about what was found."""
+    from coilarray.compute.workers import workers
+    from coilarray.studies.optimize.goals import derive_goal
+    from coilarray.studies.optimize.run import optimize_design
+    from coilarray.studies.optimize.write import write_optimization
+
+    file = build_design_file(document, name)
+    wanted = derive_goal([goal], file).goal
+    wanted = wanted.model_copy(update={"search": wanted.search.model_copy(update={"trials": trials})})
+    with workers() as pool:
+        found = optimize_design(file, wanted, folder, pool, progress=lambda done, total, _: progress(done, total))
+    write_optimization(found, folder)
+    return f"{goal}: {len(found.front)} better designs" if found.front else f"{goal}: no design is better than this one"
+
+
+def write_board(document: Document, name: str, path: Path, to: Format, _: Progress) -> str:
+    """Write the board for fabrication or for another program; return one line about it."""
+    written = export(build_design(document, name), path, to).files
+    return f"wrote {path}" if len(written) == 1 else f"wrote {len(written)} files into {path}"
