@@ -366,8 +366,8 @@ def _design_inductance(design: Design, accuracy: Accuracy, progress: Progress | 
 def design_plates(design: Design, *, accuracy: Accuracy = "full") -> Plates | None:
     """Return what the plates of a design do, around the frequencies at which its coils oscillate; None without plates.
 
-    The working frequency is the geometric mean of the resonances of the scan plan without strays. DesignError for a
-    plate that has no model, NetworkError for a state without a resonance.
+    The working frequency is the geometric mean of the resonances of the scan plan without strays. Errors as
+    of `plate_effect`; NetworkError for a state without a resonance.
     """
     if not design.plates:
         return None

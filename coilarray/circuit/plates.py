@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +13,9 @@ from coilarray.compute.recent import Recent
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.errors import DesignError
-from coilarray.geometry import Plate
+from coilarray.errors import MetalError
+from coilarray.geometry import FinitePlate, Plate
+from coilarray.metal.finite_plates import moving_plate
 from coilarray.metal.flat_plates import plate_inductance
 
 FloatArray = npt.NDArray[np.float64]
@@ -61,7 +61,7 @@ class PlateEffect:
 def plate_effect(design: Design, low: float, high: float, accuracy: Accuracy = "full") -> PlateEffect:
     """Return what the plates of a design do from a frequency `low` to one `high` in Hz; kept in memory.
 
-    DesignError for plates that have no model.
+    GeometryError or MetalError for plates that are not computed.
     """
     first = math.floor(math.log(low) / math.log(_STEP)) - 1
     count = max(math.ceil(math.log(high) / math.log(_STEP)) - first + 2, 4)
@@ -69,17 +69,21 @@ def plate_effect(design: Design, low: float, high: float, accuracy: Accuracy = "
     key = (digest_of(design.array, design.sheets, design.plates), accuracy, first, count)
     samples = _SAMPLES.get(
         key,
-        lambda: plate_inductance(
-            design.array.conductors(), wide_plates(design), effect.frequencies, design.sheets, accuracy=accuracy
-        ),
+        lambda: _plate_inductance(design, effect.frequencies, accuracy),
     )
     return PlateEffect(first, samples)
 
 
-def wide_plates(design: Design) -> Sequence[Plate]:
-    """Plates of a design, all without end; DesignError where one has an outline."""
+def _plate_inductance(design: Design, frequencies: FloatArray, accuracy: Accuracy) -> ComplexArray:
+    """Change of the impedance over jω by all plates of a design, complex (f, n, n) in H."""
+    paths, sheets = design.array.conductors(), design.sheets
     wide = [plate for plate in design.plates if isinstance(plate, Plate)]
-    for k, plate in enumerate(design.plates):
-        if not isinstance(plate, Plate):
-            raise DesignError(f"plate.{k} {plate.name!r} has an outline; the circuit takes plates without end.")
-    return wide
+    bounded = [plate for plate in design.plates if isinstance(plate, FinitePlate)]
+    if not bounded:
+        return plate_inductance(paths, wide, frequencies, sheets, accuracy=accuracy)
+    if len(design.plates) > 1:
+        raise MetalError(
+            f"plate.{design.plates.index(bounded[0])} {bounded[0].name!r} has an outline and is computed only without "
+            f"other plates; there are {len(design.plates)}."
+        )
+    return np.asarray(moving_plate(paths, bounded[0], [bounded[0].centre], frequencies, sheets)[0])

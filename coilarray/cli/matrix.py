@@ -51,6 +51,10 @@ def matrix(
             "coils": coil_table(opened, coupling).records(),
             "pairs": pair_table(coupling).records(),
         }
+        if suffix == ".inp" and opened.plates:
+            raise OutputError(
+                f"FastHenry knows no wide plate; {opened.name} has [[plate]]: write .cir or .sNp, or leave it out."
+            )
         if suffix == ".inp" and out is not None:
             write_text(out, fasthenry_input(opened.array, [float(coupling.frequency.mean())], title=opened.name))
         elif suffix in (".nc", ".csv"):

@@ -42,7 +42,8 @@ _DIGITS: dict[Accuracy, float] = {"full": 16.0, "screen": 8.0}
 _FIT: dict[Accuracy, float] = {"full": 3e-5, "screen": 1e-4}
 _LONGEST = 1e-3  # radians across the board; longer waves carry 1e-10 of the inductance
 _AROUND = 160.0  # radians across the board; the spectrum takes waves so short, images those beyond
-_FITTED, _RATIO, _SMALLEST = 200, 1.25, 1e-7  # waves of a fit, steps of its distances, and its singular values
+_FITTED, _SMALLEST = 200, 1e-7  # waves of a fit, and its smallest singular values
+_RATIOS = (2.0, 1.6, 1.25)  # of its distances: every image costs a `mutual_inductance`, so the fewest that do
 
 
 def plate_inductance(
@@ -316,25 +317,23 @@ def _images(
 
     Also from where on they hold to the `tolerance` of the largest wave. None where the spectrum takes all.
     """
+    ways, every = around.ways, np.geomspace(1 / extent, highest, _FITTED)
+    largest = np.abs(around.weights(every) * np.exp(-np.outer(ways, every))).max(axis=(1, 2))
     while split < highest:
         k = np.geomspace(split, highest, _FITTED)
-        count = math.ceil(math.log(4 * highest / split) / math.log(_RATIO))
-        lifts = np.array([0.0, *np.geomspace(0.5 / highest, 2 / split, count)])
-        waves, ways = np.exp(-2 * np.outer(k, lifts)), around.ways
-        every = np.geomspace(1 / extent, highest, _FITTED)
-        largest = np.abs(around.weights(every) * np.exp(-np.outer(ways, every))).max(axis=(1, 2))
-        weights, falls = around.weights(k), np.exp(-np.outer(ways, k))
-        shares = np.zeros((*weights.shape[:2], len(lifts)), dtype=np.complex128)
-        good = True
-        for kind, fall in enumerate(falls):
-            wanted = weights[:, kind] * fall
-            if (np.abs(wanted).max(axis=1) <= tolerance * largest).all():
-                continue
-            found = np.linalg.lstsq(waves * fall[:, None], wanted.T, rcond=_SMALLEST)[0].T
-            shares[:, kind] = found
-            good &= bool((np.abs(found @ waves.T * fall - wanted).max(axis=1) <= tolerance * largest).all())
-        if good:
-            return lifts, shares, split
+        wanted = around.weights(k) * np.exp(-np.outer(ways, k))
+        needed = np.flatnonzero((np.abs(wanted).max(axis=2) > tolerance * largest[:, None]).any(axis=0))
+        for ratio in _RATIOS:
+            count = math.ceil(math.log(4 * highest / split) / math.log(ratio))
+            lifts = np.array([0.0, *np.geomspace(0.5 / highest, 2 / split, count)])
+            shares = np.zeros((*wanted.shape[:2], len(lifts)), dtype=np.complex128)
+            error = np.zeros(len(wanted))
+            for kind in needed.tolist():
+                waves = np.exp(-2 * np.outer(k, lifts) - ways[kind] * k[:, None])
+                shares[:, kind] = np.linalg.lstsq(waves, wanted[:, kind].T, rcond=_SMALLEST)[0].T
+                error = np.maximum(error, np.abs(shares[:, kind] @ waves.T - wanted[:, kind]).max(axis=1))
+            if (error <= tolerance * largest).all():
+                return lifts, shares, split
         split *= 2
     return np.zeros(0), None, highest
 

@@ -205,11 +205,12 @@ def coil_table(design: Design, coupling: xr.Dataset) -> Table:
 
 
 def pair_table(coupling: xr.Dataset) -> Table:
-    """Return one row for each active coil and other coil; the coupling also without the magnetic sheets."""
+    """Return one row for each active coil and other coil; the coupling also without sheets and plates."""
     from coilarray.electromagnetics.inductance import coupling_matrix
 
-    bare = coupling_matrix(coupling.inductance.values - coupling.sheet_inductance.values)
-    described = {"long_name": "coupling coefficient without magnetic sheets", "units": "1"}
+    by_plates = coupling.plate_inductance.values if "plate_inductance" in coupling else 0.0
+    bare = coupling_matrix(coupling.inductance.values - coupling.sheet_inductance.values - by_plates)
+    described = {"long_name": "coupling coefficient without magnetic sheets and plates", "units": "1"}
     both = coupling.assign(
         mutual_inductance=coupling.inductance.assign_attrs(long_name="mutual inductance"),
         bare_coupling=(("coil", "other"), bare, described),

@@ -153,7 +153,7 @@ def response_map(
         lost on a tilted one, a `reach` outside its limits or together with `dielectric` or a material, and what
         `indent` and `dent_inductance` refuse.
     MetalError
-        A `rest` below 0, plates beside an indenter with a material, and what `ball_inductance` refuses.
+        A `rest` below 0, a design with plates, and what `ball_inductance` refuses.
     NetworkError
         A state without a resonance; with `reach` also a network with stray capacitances, and states and switches that
         `coilarray.circuit.state_sensitivity` does not treat.
@@ -529,8 +529,6 @@ def _check_metal(design: Design, axes: MapAxes, ball: Ball | None, rest: float) 
     """Refuse an indenter of metal where it is not computed, and depths that only such a one has."""
     if not rest >= 0:
         raise MetalError(f"rest must be at least 0; got {rest} m.")
-    if ball is not None and design.plates:
-        raise MetalError(f"an indenter of {ball.material.name} is not computed beside plates; leave one of them out.")
     if ball is None and axes.depth[0] < 0:
         raise ElastomerError(
             f"depth of an indentation must be from 0 where no material of the indenter counts; "

@@ -18,7 +18,7 @@ from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.elastomer.dent import Dent, Motion, dent_of
 from coilarray.elastomer.finite_sample import Sample, SampleCorrection, sample_correction
 from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
-from coilarray.errors import CoilarrayError, ElastomerError
+from coilarray.errors import CoilarrayError, ElastomerError, MetalError
 from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Sheet
 from coilarray.geometry.sheet import Base, Strain
 
@@ -163,9 +163,12 @@ def map_axes(
 ) -> MapAxes:
     """Return the axes of a map; those of the design where None is given.
 
-    ElastomerError for a design without an indentation, or values that are not finite and rising, or beyond 1 m.
+    ElastomerError for a design without an indentation, or values that are not finite and rising, or beyond 1 m;
+    MetalError for one with plates.
     """
     setup = indentation_of(design)
+    if design.plates:
+        raise MetalError("the response to an indentation is not computed beside a [[plate]]; leave one of them out.")
     given = (("depths", depths, setup.depths), ("x", x, setup.x), ("y", y, setup.y))
     return MapAxes(*(checked_axis(name, default if values is None else values) for name, values, default in given))
 
