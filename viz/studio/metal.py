@@ -78,7 +78,8 @@ def body_rows(design: Design) -> list[dict[str, str]]:
         {
             "key": str(number),
             "text": f"plate {plate.name}: {plate.material.name.replace('_', ' ')}, {plate.thickness * 1e3:g} mm"
-            f"{', without end' if isinstance(plate, Plate) else ''}, from z = {plate.heights[0] * 1e3:.4g} mm",
+            f"{', without end' if isinstance(plate, Plate) else ''}, "
+            f"z = {plate.heights[0] * 1e3:.4g} mm".replace("-", "−"),
         }
         for number, plate in enumerate(design.plates)
     ]
