@@ -112,8 +112,8 @@ def operating_field(
     )
     if endless:
         frequency = float(coupling.frequency.sel(coil=active))
-        axes_of = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
-        beside = plate_field(conductors, currents, endless, frequency, *axes_of, design.sheets)
+        along, across, up = (np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z))
+        beside = plate_field(conductors, currents, endless, frequency, along, across, up, design.sheets)
         in_phase, quadrature = in_phase + beside.real, quadrature + beside.imag
     dims = ("x", "y", "z", "component")
     axes = {

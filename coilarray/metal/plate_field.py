@@ -133,11 +133,12 @@ def _with_gaps(bodies: Sequence[tuple[float, float, _Layer]]) -> list[_Layer]:
 
 @dataclass(frozen=True, eq=False)
 class _Waves:
-    """Both sides of the coils, and the coils as seen from each: their spectra and what multiplies these."""
+    """Both sides of the coils that carry currents in A, and these coils as seen from each side."""
 
     up: _Side
     down: _Side
     coils: tuple[list[Segments], list[Segments]]
+    currents: ComplexArray
     between: FloatArray  # e^{−kD} between both reference planes
 
     def amplitudes(self, above: bool) -> tuple[ComplexArray, ComplexArray]:
@@ -277,19 +278,10 @@ def _waves(
 ) -> _Waves:
     up, down = _layers(plates, sheets, lowest)
     amount = np.asarray(currents, dtype=np.complex128)
-    parts = [amount.real, amount.imag] if amount.imag.any() else [amount.real]
-    joined = [_joined(segments, part) for part in parts]
-    mirrored = [_joined([_mirrored(one, lowest) for one in segments], part) for part in parts]
-    return _Waves(_side(up, k, frequency), _side(down, k, frequency), (joined, mirrored), np.exp(k * lowest))
-
-
-def _joined(segments: Sequence[Segments], currents: FloatArray) -> Segments:
-    """All coils with their currents as one."""
-    return Segments(
-        np.concatenate([one.start for one in segments]),
-        np.concatenate([one.stop for one in segments]),
-        np.concatenate([one.weights * current for one, current in zip(segments, currents, strict=True)]),
-    )
+    carrying = [one for one, current in zip(segments, amount.tolist(), strict=True) if current]
+    mirrored = [_mirrored(one, lowest) for one in carrying]
+    sides = _side(up, k, frequency), _side(down, k, frequency)
+    return _Waves(*sides, (carrying, mirrored), amount[amount != 0], np.exp(k * lowest))
 
 
 def _mirrored(coil: Segments, lowest: float) -> Segments:
@@ -323,8 +315,7 @@ def _on_grid(
         spectra = segment_spectra(waves.coils[0 if own == above else 1], waves.up.wavenumbers)
         both = [np.concatenate((one.real, one.imag)) for one in (along, across)]
         real, imaginary = np.split(gradients_on_grid(spectra, x, y, weights, *both), 2, axis=2)
-        values = real + 1j * imaginary
-        total += values[0] if len(values) == 1 else values[0] + 1j * values[1]
+        total += np.tensordot(waves.currents, real + 1j * imaginary, axes=1)
     return total
 
 

@@ -513,7 +513,7 @@ def test_bodies_are_added_and_removed_as_the_file_says_them():
     moved = work.with_tables(metal.tables_with({}, {**metal.FIRST, "shape": "sphere", "distance": "1; 2,5"}))
     assert moved.design.target.distances == (1e-3, 2e-3, 5e-3)
     assert [row["key"] for row in metal.body_rows(moved.design)] == ["target"]
-    assert metal.body_rows(plated.design)[1]["text"].startswith("plate plate2: aluminium, 1 mm, without end, from z =")
+    assert metal.body_rows(plated.design)[1]["text"].startswith("plate plate2: aluminium, 1 mm, without end, z =")
     without = plated.with_tables(metal.tables_without(plated.opened.document, "0"))
     assert [plate.name for plate in without.design.plates] == ["plate2"]
     for key, one in (("0", without), ("target", moved)):

@@ -60,7 +60,7 @@ _LEVELS = (-0.35, -0.85, -1.35)  # surfaces of equal |B|, as powers of ten of it
 _ALONE: frozenset[Item] = frozenset({"board", "elastomer"})
 _IN_BOX: frozenset[Item] = frozenset({"lines", "surfaces"})
 _METAL: frozenset[Item] = frozenset({"plates", "target", "eddies"})
-_WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", "location", "coupling"}) | _METAL
+_WITHIN: frozenset[Item] = frozenset({"field", "lines", "surfaces", "response", "location", "coupling", *_METAL})
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +136,8 @@ class _Making:
         left_out = ({"elastomer"} if "dent" in shown else set()) | ({"board"} if "currents" in shown else set())
         made = (shown - left_out) | ({"metal"} if shown & _METAL else set())
         scene = Scene()
-        for item, make in makers.items():
-            if item in made:
+        for name, make in makers.items():
+            if name in made:
                 scene += make()
         scene += self._field(shown)
         if not scene.parts:

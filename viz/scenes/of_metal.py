@@ -147,11 +147,12 @@ def target_place(design: Design, coil: str, at: tuple[float, float] | None) -> t
     """Return x and y of the target on the board in m."""
     if at is not None:
         return at
-    target, (x, y) = target_of(design), design.array.centres[design.array.names.index(coil)].tolist()
-    return tuple(  # type: ignore[return-value]
-        min((value + origin for value in values), key=lambda value, middle=middle: abs(value - middle))
-        for values, origin, middle in zip((target.x, target.y), target.origin_point, (x, y), strict=True)
-    )
+    target, centre = target_of(design), design.array.centres[design.array.names.index(coil)].tolist()
+    nearest = []
+    for values, origin, middle in zip((target.x, target.y), target.origin_point, centre, strict=True):
+        places = np.add(values, origin)
+        nearest.append(float(places[np.abs(places - middle).argmin()]))
+    return nearest[0], nearest[1]
 
 
 def _eddy_notes(

@@ -78,7 +78,7 @@ def body_rows(design: Design) -> list[dict[str, str]]:
         {
             "key": str(number),
             "text": f"plate {plate.name}: {plate.material.name.replace('_', ' ')}, {plate.thickness * 1e3:g} mm"
-            f"{', without end' if isinstance(plate, Plate) else ''}, from z = {plate.heights[0] * 1e3:.4g} mm",
+            f"{', without end' if isinstance(plate, Plate) else ''}, z = {_signed(plate.heights[0] * 1e3)} mm",
         }
         for number, plate in enumerate(design.plates)
     ]
@@ -87,6 +87,10 @@ def body_rows(design: Design) -> list[dict[str, str]]:
         words = f"target: {target.kind} of {target.body.material.name.replace('_', ' ')}"
         rows.append({"key": "target", "text": words})
     return rows
+
+
+def _signed(number: float) -> str:
+    return f"{number:.4g}".replace("-", "−")
 
 
 def tables_with(document: Mapping[str, Any], form: Mapping[str, Any]) -> dict[str, Any]:
