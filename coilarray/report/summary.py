@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
 from coilarray.geometry import Margin
-from coilarray.geometry.values import FloatArray
 from coilarray.report.tables import Column, Table, Value
 from coilarray.studies.create.tank import broken_limits
 

@@ -181,7 +181,7 @@ def response_map(
     ball = indentation_of(design).ball if metal else None
     error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=ball is not None)
     _require_room(axes, coils, len(design.plan), error, metal=ball is not None)
-    check_metal(design, axes, ball, rest)
+    check_metal(axes, ball, rest)
     pressed = experiment(design, axes, true)
 
     def flat_network() -> Network:
@@ -365,7 +365,7 @@ def inductance_changes(
     does not. Errors for a design, axes or a contact as `response_map`.
     """
     ball = None if frequency is None else indentation_of(design).ball
-    check_metal(design, axes, ball, 0.0)
+    check_metal(axes, ball, 0.0)
     source = design.array.conductors() if paths is None else paths
     pressed = experiment(design, axes, imperfections)
     change = np.zeros((len(pressed.axes.depth), len(pressed.points), len(source), len(source)))
@@ -524,61 +524,6 @@ def _shift_of_states(pressed: Experiment, states: StateSensitivity, mesh: LayerM
     return np.asarray((states.weights * energy).real)
 
 
-<<<<<<< HEAD
-def _check_metal(design: Design, axes: MapAxes, ball: Ball | None, rest: float) -> None:
-    """Refuse an indenter of metal where it is not computed, and depths that only such a one has."""
-    if not rest >= 0:
-        raise MetalError(f"rest must be at least 0; got {rest} m.")
-    if ball is None and axes.depth[0] < 0:
-        raise ElastomerError(
-            f"depth of an indentation must be from 0 where no material of the indenter counts; "
-            f"got {axes.depth[0] * 1e3:.4g} mm."
-        )
-
-
-def _metal(
-    pressed: Experiment, source: Source, ball: Ball, frequency: float, rest: float, mesh: LayerMesh
-) -> ComplexArray:
-    """Share of the indenter's material in the changes in H, (depths, places, coils, coils), against it at rest.
-
-    What a finite sample adds to its dents is left out: it is a small part of a share.
-    """
-    total: ComplexArray | float = 0.0
-    for level in (level for level in pressed.levels if not level.coarse):
-        first = level.dents[0]
-        flat = replace(first, displacement=np.zeros_like(first.displacement))
-        at_rest = indenter_inductance(source, ball, flat, pressed.points, frequency, rest)
-        parts = [
-            indenter_inductance(source, ball, dent, pressed.points, frequency, above, mesh=mesh) - at_rest
-            for dent, above in zip(level.dents, pressed.above.tolist(), strict=True)
-        ]
-        total = total + np.einsum("dp,dpij->dpij", level.shares, parts)
-    return np.asarray(total)
-
-
-def _metal_variables(axes: MapAxes, delta: FloatArray, share: ComplexArray, frequency: float) -> dict[str, Variable]:
-    """Return the variables of the material's share."""
-    matrix = ("depth", "y", "x", "coil", "other")
-    values = share.reshape(*axes.shape, *share.shape[2:])
-    loss = -2 * np.pi * frequency * values.imag
-    return {
-        "metal_delta": (
-            ("depth", "y", "x", "state"), delta.reshape(*axes.shape, -1),
-            {"units": "1", "long_name": "share of the indenter's material in delta"},
-        ),
-        "metal_inductance_change": (
-            matrix, values.real, {"units": "H", "long_name": "share of the indenter's material"}
-        ),
-        "metal_resistance_change": (matrix, loss, {"units": "ohm", "long_name": "eddy-current loss in the indenter"}),
-    }  # fmt: skip
-
-
-def _metal_attributes(ball: Ball, frequency: float, rest: float) -> dict[str, object]:
-    return {"metal_frequency_Hz": frequency, "rest_m": rest, "indenter_material": ball.material.name}
-
-
-=======
->>>>>>> sphere
 def _converted(network: Network, flat: Resonance) -> float:
     """L_0 in H as the converter sees a state."""
     return 1 / ((2 * np.pi * flat.frequency) ** 2 * network.switches.tank_capacitance)

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.design.model import Design
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, MetalError
@@ -23,12 +22,10 @@ Variable = tuple[tuple[str, ...], FloatArray, Mapping[str, str]]
 """A variable of a dataset: dimensions, values and attributes."""
 
 
-def check_metal(design: Design, axes: MapAxes, ball: Ball | None, rest: float) -> None:
+def check_metal(axes: MapAxes, ball: Ball | None, rest: float) -> None:
     """Refuse an indenter of metal where it is not computed, and depths that only such a one has."""
     if not rest >= 0:
         raise MetalError(f"rest must be at least 0; got {rest} m.")
-    if ball is not None and design.plates:
-        raise MetalError(f"an indenter of {ball.material.name} is not computed beside plates; leave one of them out.")
     if ball is None and axes.depth[0] < 0:
         raise ElastomerError(
             f"depth of an indentation must be from 0 where no material of the indenter counts; "
