@@ -183,9 +183,9 @@ def test_tilting_the_plate_is_tilting_the_coils(three_loops):
 def test_fields_from_a_grid_are_those_of_the_segments(three_loops, monkeypatch):
     x, y = np.meshgrid(np.linspace(-8e-3, 8e-3, 9), np.linspace(-5e-3, 5e-3, 5))
     positions = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, 4e-3)))
-    change = moving_plate(three_loops, disc(5e-3), positions, [1e6], SHEETS)
+    change = moving_plate(three_loops, disc(5e-3), positions, [1e6], SHEETS, fineness=0.5)
     monkeypatch.setattr(field_at_plate, "_STEP", 1e-6)
-    direct = moving_plate(three_loops, disc(5e-3), positions, [1e6], SHEETS)
+    direct = moving_plate(three_loops, disc(5e-3), positions, [1e6], SHEETS, fineness=0.5)
     np.testing.assert_allclose(change, direct, atol=1e-5 * np.abs(direct).max(), rtol=0)
 
 
@@ -194,8 +194,8 @@ def test_fields_from_a_grid_are_those_of_the_segments(three_loops, monkeypatch):
 def test_currents_make_the_change_of_inductance(three_loops, sheets):
     """ΔL = ∫ K·A with the coil's potential, where ΔL itself is from B: each its own rule on a triangle."""
     plate, slab = disc(6e-3, tilt=0.05, tilt_direction=1.0), magnetic_slab(sheets)
-    found = eddy_currents(three_loops, plate, 1e5, sheets, fineness=0.7)
-    change = moving_plate(three_loops, plate, [plate.centre], [1e5], sheets, fineness=0.7)[0, 0]
+    found = eddy_currents(three_loops, plate, 1e5, sheets, fineness=0.5)
+    change = moving_plate(three_loops, plate, [plate.centre], [1e5], sheets, fineness=0.5)[0, 0]
     edges = found.corners[:, 1:] - found.corners[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
     middles, A = found.corners.mean(axis=1), np.zeros((3, len(area), 3))
