@@ -331,7 +331,7 @@ def with_material(
     solid = replace(design, indentation=replace(indentation_of(design), material=material))
     axes = map_axes(design, response.depth, response.x, response.y)
     ball = indentation_of(solid).ball
-    check_metal(solid, axes, ball, rest)
+    check_metal(axes, ball, rest)
     assert ball is not None  # it has the material
     capacitance = design.circuit.switches.tank_capacitance
     frequency = float((1 / np.sqrt(response.base_inductance * capacitance)).mean()) / (2 * np.pi)
