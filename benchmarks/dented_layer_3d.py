@@ -40,10 +40,10 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from support.first_assumed import first_assumed
 
 from coilarray import magnetic_field
+from coilarray.compute.arrays import FloatArray
 from coilarray.constants import MU_0
 from coilarray.errors import ElastomerError, GeometryError
 
-FloatArray = npt.NDArray[np.float64]
 Face = Callable[[FloatArray], FloatArray]
 
 RESULTS = Path(__file__).with_suffix(".json")

@@ -19,18 +19,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dented_layer_3d import Box, board_coils, flat_mesh, moved_mesh, richardson, solve
 from support.first_assumed import first_assumed
 
 from coilarray.circuit.coupling import design_inductance
+from coilarray.compute.arrays import FloatArray
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.finite_sample import SampleCorrection
 from coilarray.geometry import Seat, Unevenness
 from coilarray.response.map import inductance_changes
 from coilarray.response.setup import contact_at, dents_of, experiment, map_axes
-
-FloatArray = npt.NDArray[np.float64]
 
 RESULTS = Path(__file__).with_suffix(".json")
 DESIGN = first_assumed()

@@ -15,7 +15,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 from speed import Speed, peak_memory
 
@@ -25,6 +24,7 @@ from support.lattices import hexagonal
 
 from coilarray.circuit.coupling import bare_network, design_circuit
 from coilarray.circuit.state_sensitivity import state_sensitivity
+from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design, Indentation
 from coilarray.elastomer.coil_spectrum import coil_segments, segment_centres
 from coilarray.elastomer.dent import dent_of
@@ -33,8 +33,6 @@ from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.response.map import response_map
 from coilarray.response.setup import contact_at
-
-FloatArray = npt.NDArray[np.float64]
 
 # Positions along x of two maps, whose difference is what positions cost; both are large enough that the amplitudes
 # come from tables, also with six coils, whose positions cost so little that it takes more of them.

@@ -17,11 +17,10 @@ import numpy.typing as npt
 from speed import Speed
 
 from coilarray import load_design, response_map
+from coilarray.compute.arrays import FloatArray
 from coilarray.localize.forward import ForwardModel, forward_model, table_grid
 from coilarray.localize.identifiability import covariance_of, fisher_information
 from coilarray.localize.inverse import Location, deviance, locate_all
-
-FloatArray = npt.NDArray[np.float64]
 
 NOISE = 1e-5  # of the goal
 QUIET = 3e-7  # at which the board allows it in many places

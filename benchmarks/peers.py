@@ -9,13 +9,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from speed import Speed
 
 from coilarray import inductance_matrix, load_design, magnetic_field, vector_potential
+from coilarray.compute.arrays import FloatArray
 from coilarray.geometry import Conductor
-
-FloatArray = npt.NDArray[np.float64]
 
 _REPEATS = 7
 

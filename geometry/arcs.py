@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from coilarray.geometry.values import FloatArray, IntArray, Point
+from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.geometry.values import Point
 
 Place = Point | FloatArray
 CHORD_ERROR = 0.9e-6

@@ -12,11 +12,12 @@ from typing import Literal
 import numpy as np
 import shapely
 
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError
 from coilarray.geometry.coil import CHORD, Coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.stackup import Stackup
-from coilarray.geometry.values import SIDES, FloatArray, IntArray, Side, place_in_mm, require_positive
+from coilarray.geometry.values import SIDES, Side, place_in_mm, require_positive
 
 _NEAREST = 1.01  # of the least distance: what counts as a neighbour
 _SAME_PLACE = 1e-9  # m; distances that differ by less are equal

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GeometryError
-from coilarray.geometry.values import FloatArray
 
 SMALLEST, LARGEST = 1e-30, 1e30
 """Lengths in m between which powers of them, up to the sixth in the kernels, stay within the range of float64."""

@@ -12,9 +12,10 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, disc, drills, groups, trace_outline
-from coilarray.geometry.values import FloatArray, Point
+from coilarray.geometry.values import Point
 
 if TYPE_CHECKING:
     from coilarray.geometry.readers.board_copper import BoardCopper

@@ -12,8 +12,8 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.geometry.array import CoilArray, Placement
-from coilarray.geometry.values import FloatArray
 
 # A mitre longer than this many half widths is cut off flat. 2 is the tip of an equilateral triangle; 4 leaves room
 # for corners down to 29°.

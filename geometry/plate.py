@@ -10,9 +10,10 @@ from typing import TypeAlias
 import numpy as np
 import shapely
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GeometryError
 from coilarray.geometry.material import Material
-from coilarray.geometry.values import FloatArray, Point, require_positive
+from coilarray.geometry.values import Point, require_positive
 
 _CORNERS = 96  # of the polygon that stands for a circle of the same area
 

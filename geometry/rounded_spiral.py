@@ -15,10 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError
 from coilarray.geometry.arcs import Arc, rounded_line
 from coilarray.geometry.spiral import Sense, Winding
-from coilarray.geometry.values import FloatArray, IntArray, require_positive
+from coilarray.geometry.values import require_positive
 
 
 @dataclass(frozen=True)

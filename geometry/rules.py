@@ -12,10 +12,11 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GeometryError, RuleViolationError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, copper_by_layer, drills
-from coilarray.geometry.values import FloatArray, place_in_mm
+from coilarray.geometry.values import place_in_mm
 
 # Margins above −1 µm count as kept. The sides of successive turns of a polygonal spiral are not quite parallel, as
 # every corner lies a fraction of a pitch further in than the one before: turns of nominal gap s come as close as

@@ -12,12 +12,10 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.errors import GeometryError
-from coilarray.geometry.array import CoilArray, Placement
-from coilarray.geometry.coil import Coil
+from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, disc, drills
 from coilarray.geometry.plate import FinitePlate, Plate
 from coilarray.geometry.sheet import Sheet
-from coilarray.geometry.stackup import Stackup
 
 if TYPE_CHECKING:
     import trimesh
@@ -90,25 +88,38 @@ def board_solids(array: CoilArray) -> Mapping[str, trimesh.Trimesh]:
     for place in array.placements:
         others = [replace(one, x=one.x - place.x, y=one.y - place.y) for one in holes if one.net != place.name]
         away = np.array([place.x, place.y, 0.0])
-        alone = _coil_solids(array.stackup, array.through_holes, place.coil, place.layers, place.rotation)
-        for kind, part, prism, solid in alone:
+        alone = replace(array, placements=(replace(place, x=0.0, y=0.0),))
+        for kind, part, prism, solid in _coil_solids(_Alone(alone)):
             key = f"copper/{part}/{place.name}" if kind == "copper" else f"barrel/{place.name}/{part}"
-            through = _meeting(prism, [one for one in others if kind == "copper" and part in one.layers])
+            through = _near(prism, [one for one in others if kind == "copper" and part in one.layers])
             whole = _extruded(_drilled(prism, through)) if through else solid
             pieces[key] = trimesh.Trimesh(whole.vertices + away, whole.faces, process=False)
     laminate = _laminate(array)
     return pieces if laminate is None else {**pieces, "board": _extruded(laminate)}
 
 
-@lru_cache(maxsize=64)  # of coils that are only moved, nothing is built again
-def _coil_solids(
-    stackup: Stackup, through_holes: bool, coil: Coil, layers: tuple[str, ...], rotation: float
-) -> tuple[tuple[str, str, Prism, trimesh.Trimesh], ...]:
-    """Build the copper and barrels of a coil at the origin: kind, layer or number, outline with heights, and solid."""
-    place = Placement("", coil, layers, 0.0, 0.0, rotation)
-    alone = CoilArray(stackup, (place,), through_holes=through_holes)
-    copper = [("copper", layer, prism) for layer, _, prism in _copper(alone)]
-    barrels = [("barrel", str(n), prism) for _, n, prism in _barrels(alone)]
+class _Alone:
+    """A board of one coil, equal to every other one with the same copper."""
+
+    def __init__(self, array: CoilArray) -> None:
+        self.array = array
+        (place,) = array.placements
+        coil = place.coil
+        paths = tuple(path.tobytes() for path in (*coil.lines, *coil.widths))
+        self._key = (array.stackup, array.through_holes, place.layers, place.rotation, coil.via, coil.terminal, paths)
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Alone) and self._key == other._key
+
+
+@lru_cache(maxsize=16)  # as coils are moved one after the other, nothing is built again
+def _coil_solids(alone: _Alone) -> tuple[tuple[str, str, Prism, trimesh.Trimesh], ...]:
+    """Build the copper and barrels of a coil: kind, layer or number, outline with heights, and solid."""
+    copper = [("copper", layer, prism) for layer, _, prism in _copper(alone.array)]
+    barrels = [("barrel", str(n), prism) for _, n, prism in _barrels(alone.array)]
     return tuple((kind, part, prism, _extruded(prism)) for kind, part, prism in (*copper, *barrels))
 
 
@@ -210,8 +221,8 @@ def _drilled(prism: Prism, holes: Sequence[Drill]) -> Prism:
     return replace(prism, shape=shapely.difference(prism.shape, shapely.union_all([_hole(hole) for hole in holes])))
 
 
-def _meeting(prism: Prism, holes: Sequence[Drill]) -> list[Drill]:
-    """Return the holes that meet the outline of a prism."""
-    at = np.array([(hole.x, hole.y) for hole in holes]).reshape(-1, 2)
-    meets = shapely.dwithin(prism.shape, shapely.points(at), [hole.diameter / 2 for hole in holes])
-    return [hole for hole, met in zip(holes, meets.tolist(), strict=True) if met]
+def _near(prism: Prism, holes: Sequence[Drill]) -> list[Drill]:
+    """Return the holes that may meet the outline of a prism."""
+    at = np.asarray(shapely.points(np.array([(hole.x, hole.y) for hole in holes]).reshape(-1, 2)))
+    reach = max((hole.diameter / 2 for hole in holes), default=0.0)
+    return [holes[k] for k in np.flatnonzero(shapely.dwithin(prism.shape, at, reach)).tolist()]

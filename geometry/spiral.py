@@ -15,9 +15,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError
 from coilarray.geometry.arcs import Arc
-from coilarray.geometry.values import FloatArray, IntArray, require_positive
+from coilarray.geometry.values import require_positive
 
 Sense = Literal["ccw", "cw"]
 """Sense of rotation of the current seen from above (+z)."""

@@ -5,13 +5,8 @@ from __future__ import annotations
 import math
 from typing import Literal, get_args
 
-import numpy as np
-import numpy.typing as npt
-
 from coilarray.errors import GeometryError
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 Point = tuple[float, float]
 """x and y in m, where nothing else is said."""
 Side = Literal["right", "top", "left", "bottom"]

@@ -19,10 +19,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.errors import NetworkError
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 Termination = Literal["short", "open"]
 """What closes a passive coil: ``"short"`` to ground, or ``"open"``, nothing."""

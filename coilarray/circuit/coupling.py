@@ -14,6 +14,7 @@ from coilarray.circuit.active_coil import Termination, checked_network, checked_
 from coilarray.circuit.network import Network, Resonance, SampledMatrix
 from coilarray.circuit.plates import PlateEffect, plate_effect
 from coilarray.circuit.state_sensitivity import resonances
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.netcdf import variables
 from coilarray.compute.recent import Recent
 from coilarray.compute.store import kept_dataset
@@ -29,7 +30,6 @@ from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import GeometryError, NetworkError
 from coilarray.geometry import CoilArray
 
-FloatArray = npt.NDArray[np.float64]
 LEFT_OUT = ("alternating-current resistance", "stray capacitances and inductances")
 """What an ideal network leaves out."""
 _RESISTANCE_POINTS = 9

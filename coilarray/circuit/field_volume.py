@@ -17,6 +17,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.operating_field import operating_currents, operating_field
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.large_file import LargeFile, Variable, fill_large
 from coilarray.compute.memory import require_memory
 from coilarray.compute.store import content_key
@@ -26,9 +27,6 @@ from coilarray.design.model import Design
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.errors import GeometryError, MetalError, OutputError
 from coilarray.geometry import Conductor
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 _ALIGNED = 512  # points; `magnetic_field` sums so many at once, and others give other last digits
 _MOST_POINTS, _MOST_PAIRS = 2**18, 2e10  # of points and segments in a block, some seconds of work

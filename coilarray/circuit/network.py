@@ -16,20 +16,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from coilarray.circuit.active_coil import PortImpedance, check_frequency, checked_network
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import ranges
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state
 from coilarray.errors import NetworkError
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
-IntArray = npt.NDArray[np.int64]
 
 # how far from the bare coil a resonance is looked for, and in what steps
 _SEARCH, _SEARCH_STEP = 30.0, 0.096

@@ -7,6 +7,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import provenance
+from coilarray.compute.arrays import ComplexArray
 from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
@@ -14,8 +15,6 @@ from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.errors import GeometryError, MetalError
 from coilarray.geometry import FinitePlate, Plate
 from coilarray.metal.plate_field import plate_field
-
-ComplexArray = npt.NDArray[np.complex128]
 
 
 def operating_currents(design: Design, coupling: xr.Dataset, active: str, *, terminated: bool = True) -> ComplexArray:

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from coilarray.circuit.network import SampledMatrix
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.recent import Recent
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
@@ -17,9 +17,6 @@ from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate
 from coilarray.metal.finite_plates import moving_plate
 from coilarray.metal.flat_plates import plate_inductance
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 _STEP = 1.12  # between neighbouring frequencies; cubic interpolation errs by 1e-5 of the plates' part
 _KEPT = 4

@@ -42,13 +42,10 @@ from coilarray.circuit.network import (
     resonate,
     susceptance_slope,
 )
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import serial_algebra
 from coilarray.design.scan_states import ScanState, check_state
 from coilarray.errors import NetworkError
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
-IntArray = npt.NDArray[np.int64]
 
 # Frequencies of a group of states: first two far apart, then Chebyshev points. Interpolation over a relative
 # half-width w errs by (w/2)^points.

@@ -17,13 +17,11 @@ from coilarray.cli.replacing import remember, require_own
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
     import xarray as xr
 
+    from coilarray.compute.arrays import FloatArray
     from coilarray.design.model import Design
 
-    FloatArray = npt.NDArray[np.float64]
     _Source = tuple[xr.Dataset, Sequence[FloatArray]]  # a response, and the outlines of its coils where they are known
 
 _PAGE = ".html"

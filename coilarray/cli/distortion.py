@@ -56,7 +56,8 @@ def distortion(
     shared.write_numbers(out, result, localize_tables.distortion_table(result).csv)
     shared.draw(plot, lambda: viz.distortion_figure(result))
     remaining = localize_tables.residual_table(result)
-    tables = [localize_tables.cause_table(result), localize_tables.indenter_table(result), remaining]
+    made = (localize_tables.cause_table(result), localize_tables.indenter_table(result), remaining)
+    tables = [table for table in made if table.rows]
     data = {**shared.design_record(opened), **{table.name: table.records() for table in tables}}
     shared.print_result(data, as_json=as_json, tables=tables, lines=[_verdict(remaining)], files=(out, plot))
 

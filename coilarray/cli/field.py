@@ -12,13 +12,11 @@ from coilarray.cli import shared
 from coilarray.errors import ClusterError, GeometryError, OutputError
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
     import xarray as xr
 
+    from coilarray.compute.arrays import FloatArray
     from coilarray.design.model import Design
 
-    FloatArray = npt.NDArray[np.float64]
     Axes = tuple[FloatArray, FloatArray, FloatArray]
     _Processes = tuple[int | None, str | None]  # of --workers and --cluster
 

@@ -143,7 +143,7 @@ class _Response:
 
 def _response(source: str | None, table: Path | None, allow_violations: bool) -> _Response:
     if is_map(source):
-        response = read_map(Path(str(source)))
+        response = read_map(Path(str(source)), target=True)
         states = tuple(str(name) for name in response.state.values)
         return _Response(states, 0, lambda: response)  # the map itself shows what is unknown
     design = shared.open_design(source, allow_violations=allow_violations)

@@ -14,15 +14,12 @@ from coilarray.cli.board_options import marked
 from coilarray.errors import LocalizeError
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
     import xarray as xr
 
+    from coilarray.compute.arrays import FloatArray
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design
     from coilarray.localize.ellipse_model import EllipseModel
-
-    FloatArray = npt.NDArray[np.float64]
 
 _SQLITE = b"SQLite format 3\0"  # begins every file of SQLite
 _RECORDING = ".sqlite"
@@ -50,23 +47,26 @@ def is_recording(source: str) -> bool:
     return begins == _SQLITE or source.lower().endswith(_RECORDING)
 
 
-def read_map(path: Path) -> xr.Dataset:
+def read_map(path: Path, *, target: bool = False) -> xr.Dataset:
     """Read a response with `read_response`, and say on standard error that it is of an emulated board."""
-    response = read_response(path)
+    response = read_response(path, target=target)
     if response.attrs.get("emulated", 0):
         text = f"{path} is of an emulated board: no real one was measured."
         typer.echo(marked(text, emulated=True), err=True)
     return response
 
 
-def read_response(path: Path) -> xr.Dataset:
-    """Read a response from a netCDF file; LocalizeError where it is none with δ over depth or distance, y, x, state."""
-    from coilarray.response.coordinates import over_depth
+def read_response(path: Path, *, target: bool = False) -> xr.Dataset:
+    """Read a response from a netCDF file; LocalizeError where it is none with δ over depth, y, x and state.
+
+    With `target` it may also be the map of a target, over its distance.
+    """
+    from coilarray.response.coordinates import is_of_target
 
     response = read_dataset(path)
-    wanted, dims = {"depth", "y", "x", "state"}, over_depth(response)
-    if "delta" not in dims or set(dims["delta"].dims) != wanted or not wanted <= set(dims.coords):
-        raise LocalizeError(f"{path} is no response: it must have delta over depth or distance, y, x and state.")
+    wanted = {"distance" if target and is_of_target(response) else "depth", "y", "x", "state"}
+    if "delta" not in response or set(response["delta"].dims) != wanted or not wanted <= set(response.coords):
+        raise LocalizeError(f"{path} is no response: it must have delta over depth, y, x and state.")
     return response
 
 
@@ -138,7 +138,7 @@ def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
     from coilarray.compute.netcdf import save_dataset
 
     if kept is not None and kept.exists():
-        response = read_map(kept)
+        response = read_map(kept, target=True)
         if response.attrs.get("design_hash") != design.digest:
             raise LocalizeError(f"{kept} is the table of another design than {design.name}; remove it or name another.")
         return response

@@ -54,6 +54,11 @@ def report(
         shared.print_json(made.data)
         return
     typer.echo(f"wrote {made.page} and the data in {made.folder}{os.sep}")
+    for line in made.verdicts:
+        typer.echo(line)
+    if made.summary is not None:
+        shared.print_table(made.summary.headers, made.summary.cells())
+        typer.echo("")
     shared.print_table(*_summary(opened.design.array.centres, made.coupling))
 
 

@@ -34,9 +34,10 @@ def target(
     Q, R_p and f of every state of the scan, δ against the board without the target, and every coupling. The tables
     show each state where the target moves it the most; its range, the distance at which |δ| is 3 times the noise; and
     the distances up to which 1, 10 and 100 µm are told from noise. Places in tables, pictures and a .csv are those on
-    the board. An interrupted map goes on from the folder FILE.parts when the same command runs again.
+    the board. Over magnetic sheets an interrupted map of a disc or another outline goes on, distance by distance, from
+    the folder FILE.parts when the same command runs again.
 
-    Example: coilarray target proximity --distance-mm 0.5:20:14 --out target.csv --plot target.png
+    Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
     """
     distances, *places = (
         None if text is None else shared.lengths(option, text)

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.files import make_folder, write_atomically
 from coilarray.compute.store import locked_database
 from coilarray.compute.threads import Progress
@@ -30,7 +30,6 @@ from coilarray.errors import GeometryError, OutputError
 if TYPE_CHECKING:
     import xarray as xr
 
-FloatArray = npt.NDArray[np.float64]
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 

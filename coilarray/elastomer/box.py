@@ -22,10 +22,10 @@ import numpy.typing as npt
 from numpy.polynomial import legendre
 from scipy.linalg import cholesky, solve_triangular
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import serial_algebra
 
-FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 

@@ -20,13 +20,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import ranges, run_blocks
 from coilarray.electromagnetics.source import Source, as_conductors
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 _SAME_SHAPE = 1e-9  # of the size; coils that differ by less share a spectrum
 _AT_ONCE = 16  # wavenumbers of a grid, which bounds the memory

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
 from skfem import BilinearForm, LinearForm
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.elastomer.contact_grid import ContactGrid, Stack, weight
 from coilarray.elastomer.elasticity import elastic_grid
 from coilarray.geometry import Indenter
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

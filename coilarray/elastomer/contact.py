@@ -26,6 +26,7 @@ import xarray as xr
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.optimize import nnls
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import serial_algebra
 from coilarray.elastomer.compliance import Compliance, compliance
 from coilarray.elastomer.contact_grid import ContactGrid, Stack, contact_grid, stack_of
@@ -34,8 +35,6 @@ from coilarray.elastomer.finite_strain import EDGE_ELEMENTS, TIP, Outline, SoftB
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Indenter, Seat, Sheet
 from coilarray.geometry.sheet import Base, RigidBase, Strain
-
-FloatArray = npt.NDArray[np.float64]
 
 DEFAULT_MESH = ContactMesh()
 """Force and contact radius to about 0.1 % and 0.3 %: the convergence study is in tests/elastomer/test_contact.py."""

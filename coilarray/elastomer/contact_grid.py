@@ -17,13 +17,13 @@ import numpy.typing as npt
 from scipy import sparse
 from skfem import Basis, BilinearForm, ElementQuad1, ElementQuad2, ElementVector, LinearForm, MeshQuad
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone, contact_mesh, radial_points, vertical_points
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Seat, Sheet
 from coilarray.geometry.indenter import Symmetry
 from coilarray.geometry.sheet import Base
 
-FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
 _QUADRATURE = 5  # exact for products of two biquadratic functions and r

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from skfem import MeshQuad
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import ElastomerError
-
-FloatArray = npt.NDArray[np.float64]
 
 _MARGIN = 1.1  # elements grow from this multiple of the expected contact radius on
 _NEAR = 6.0  # beyond this many thicknesses from the contact the elements grow without bound

@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Sheet
-
-FloatArray = npt.NDArray[np.float64]
 
 _STILL = 1e-3  # of the deepest displacement: where no face moves by more, the dent is over
 _FADE = 8  # points beyond the edge of what is known

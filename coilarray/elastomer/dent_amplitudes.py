@@ -16,18 +16,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import NdBSpline, make_interp_spline
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import run_blocks
 from coilarray.constants import MU_0
 from coilarray.elastomer.coil_spectrum import CoilSpectra
 from coilarray.elastomer.dent import STILL, Motion
 from coilarray.elastomer.scattering import Scattering
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 _STEPS_PER_CLEARANCE = 3  # of a table: the splines err by 1e-5 of the peak (tests/elastomer/test_dent_amplitudes.py)
 _DEGREE = 5  # of the splines

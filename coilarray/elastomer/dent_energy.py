@@ -7,15 +7,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges
 from coilarray.elastomer.coil_spectrum import Segments, harmonics_about, segment_centres, segment_spectra
 from coilarray.elastomer.dent import Dent, Motion
 from coilarray.elastomer.scattering import LayerMesh, Scattering, wavenumber_rule
 from coilarray.errors import ElastomerError
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 Solver = Callable[[Dent, FloatArray, FloatArray, float], Scattering]
 """Solves a dent for wavenumbers, their weights, and the largest displacement of the series of dents in m."""

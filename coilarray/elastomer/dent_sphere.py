@@ -12,15 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import lpmv
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.flat_stack import flat_profile
 from coilarray.elastomer.scattering import DentedSpace, LayerMesh, radial_pattern
-
-FloatArray = npt.NDArray[np.float64]
 
 _NODES = 48  # of the integral over the sphere, from pole to pole
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal, TypeAlias, get_args
 
-import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
 from coilarray.elastomer.coil_spectrum import coil_segments
@@ -17,8 +17,6 @@ from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter
 from coilarray.elastomer.shortcuts import born, first_order
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import ElastomerError
-
-FloatArray = npt.NDArray[np.float64]
 
 Model: TypeAlias = Literal["full", "first order", "Born"]
 

@@ -15,6 +15,7 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.polygon import orient
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.constants import EPSILON_0
 from coilarray.elastomer.coil_spectrum import Segments
 from coilarray.elastomer.dent import STILL, Dent
@@ -23,8 +24,6 @@ from coilarray.elastomer.scattering import LayerMesh, scatter
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Coil, CoilArray, Placement, Stackup
 from coilarray.geometry.copper import uniform_runs
-
-FloatArray = npt.NDArray[np.float64]
 
 _SLIT = 0.05  # of half a pitch: slits between turns, from the slight tilt of a spiral's sides, are closed
 

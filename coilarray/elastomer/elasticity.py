@@ -24,10 +24,10 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.elastomer.contact_grid import ContactGrid, hoop_strain, linear_pressures, quadrature_weights
 from coilarray.geometry.indenter import Symmetry
 
-FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 
 _SOFT = 1e-6  # 1/K of the factorised system in 1/μ beyond the true one: each refinement takes 1e-5 of the error at most

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial.legendre import leggauss
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
 from coilarray.elastomer.box import Axis
 from coilarray.elastomer.coil_spectrum import coil_segments, gradients_on_grid, segment_centres, segment_spectra
@@ -25,9 +26,6 @@ from coilarray.elastomer.flat_stack import flat_profile
 from coilarray.elastomer.scattering import LayerMesh, wavenumber_rule
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.geometry import Sheet
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 _STEP = 1e-6  # of a difference in heights, over the shortest wavelength
 _SPACING = 0.5  # of the points of the integral, in heights of the lowest magnetic face

@@ -22,9 +22,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import PPoly
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.elastomer.box import Axis, Box, factorised
 from coilarray.elastomer.contact_grid import Stack, stack_of
@@ -33,8 +33,6 @@ from coilarray.elastomer.wide_stack import wide_field
 from coilarray.errors import ElastomerError
 from coilarray.geometry import EVEN, Seat, Sheet, Unevenness
 from coilarray.geometry.sheet import Base
-
-FloatArray = npt.NDArray[np.float64]
 
 _ANCHOR = 1e-6  # stress per displacement, in units of the stack, that keeps a sliding sample from drifting
 _POINTS = 0.1  # thicknesses between the points of integrals over a side

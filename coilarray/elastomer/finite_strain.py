@@ -35,11 +35,11 @@ from scipy import sparse
 from scipy.linalg.lapack import dpbtrf, dtbtrs
 from scipy.sparse.linalg import splu
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.elastomer.contact_grid import ContactGrid, hoop_strain, linear_pressures, quadrature_weights, weight
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Cone, CylinderEdge, FlatPunch, Hemisphere, Indenter, Paraboloid
 
-FloatArray = npt.NDArray[np.float64]
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 

@@ -23,16 +23,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
 from coilarray.electromagnetics.plane_waves import Board, board_below, reflected_inductance, top_of, wavenumbers
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Conductor, Sheet
-
-FloatArray = npt.NDArray[np.float64]
 
 _NEAR = 1 / 16  # of the board: the spectrum takes images (twice the gap) from there on; it costs (board/distance)²
 _BALANCE = 0.025  # between the costs of an image and of the spectrum, for sheets so thin that many images lie near

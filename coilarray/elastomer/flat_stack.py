@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from typing import Literal, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from coilarray.compute.arrays import FloatArray
 
 Base: TypeAlias = Literal["open", "grounded"]
 """What is below z = 0: air, where the field comes from, or electrodes that hold the potential at z = 0."""

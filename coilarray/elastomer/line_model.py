@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.flat_stack import reflection
@@ -18,9 +19,6 @@ from coilarray.elastomer.scattering import LayerMesh, scatter, wavenumber_rule
 from coilarray.electromagnetics.kernels.sections import pair_logs
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Conductor, Sheet
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 _FLAT_DECAYS = 20.0  # wavenumbers up to 20/(2 × distance of wires and sheet): the rest is below 1e-8
 

@@ -23,11 +23,11 @@ from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import csr_matrix
 from scipy.special import jv
 from skfem import Basis, BilinearForm, ElementQuad2, MeshQuad
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.flat_stack import Base, flat_profile
@@ -36,8 +36,6 @@ from coilarray.errors import ElastomerError
 
 _MOST_WAVENUMBERS = 2000
 
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 Blocks: TypeAlias = tuple[FloatArray, FloatArray | None]
 """Energies of all harmonics as a `TensorGrid` parts them: without and with m²."""
 

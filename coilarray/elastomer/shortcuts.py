@@ -8,14 +8,12 @@ sheet demagnetises itself. `coilarray.elastomer.scattering.scatter` solves the d
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import jv, jvp
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.flat_stack import flat_profile
 from coilarray.elastomer.scattering import Scattering
-
-FloatArray = npt.NDArray[np.float64]
 
 _NODES = 8  # of a Gauss–Legendre rule for every half period of the shortest wave
 _SLOPE = 1e-6  # step of a difference in heights, over the shortest wavelength

@@ -8,14 +8,12 @@ takes half the time of a sparse decomposition and its solutions.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf
 from scipy.sparse import csr_matrix
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import ElastomerError
-
-FloatArray = npt.NDArray[np.float64]
 
 _REACH = 2  # columns that meet: the nodes of a quadratic element
 

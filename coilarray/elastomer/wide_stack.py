@@ -19,13 +19,12 @@ from numpy.polynomial import legendre
 from scipy.interpolate import CubicSpline
 from scipy.special import j0, j1
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.elastomer.box import SOFTEST, Axis, element_matrices
 from coilarray.elastomer.contact_grid import Stack
 from coilarray.elastomer.contact_mesh import graded
 from coilarray.geometry import Seat
 from coilarray.geometry.sheet import Base
-
-FloatArray = npt.NDArray[np.float64]
 
 _DEGREE = 8  # of the profiles in an element
 _SMOOTH = 1 / 3  # of the contact radius: a pressure is smoothed by so much, which decides the highest wavenumber

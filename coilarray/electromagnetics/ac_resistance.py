@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.netcdf import variables
 from coilarray.compute.recent import Recent
 from coilarray.compute.threads import Progress, ranges, run_blocks, serial_algebra
@@ -34,9 +35,6 @@ from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 WIDE = 2.0
 """Trace width in skin depths above which the section filaments take over."""

@@ -13,6 +13,7 @@ import shapely
 import xarray as xr
 from shapely import affinity
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.netcdf import variables
 from coilarray.compute.recent import Recent
 from coilarray.electromagnetics.layered_strips import LayeredMedium, crossed_grid_capacitance, strip_capacitance
@@ -20,7 +21,6 @@ from coilarray.errors import GeometryError
 from coilarray.geometry import Coil, CoilArray, Placement, Sheet, Stackup
 from coilarray.geometry.copper import uniform_runs
 
-FloatArray = npt.NDArray[np.float64]
 Slabs = tuple[tuple[float, float], ...]  # thickness in m and relative permittivity, upwards from the board
 
 # A third of a turn apart: the layers of a spiral shift past each other by whole pitches a turn, so these take the

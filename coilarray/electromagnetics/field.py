@@ -10,6 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, cores, ranges, run_blocks
 from coilarray.constants import MU_0
@@ -17,8 +18,6 @@ from coilarray.electromagnetics.kernels.segments import add_magnetic_field, add_
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry.conductor import LARGEST
-
-FloatArray = npt.NDArray[np.float64]
 
 Backend = Literal["cpu", "cuda"]
 

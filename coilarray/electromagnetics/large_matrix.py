@@ -14,9 +14,9 @@ from importlib import metadata
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.large_file import LargeFile, Variable, fill_large
 from coilarray.compute.memory import require_memory
 from coilarray.compute.store import content_key
@@ -27,8 +27,6 @@ from coilarray.electromagnetics.neumann import BYTES_A_PAIR
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import OutputError
 from coilarray.geometry import Conductor
-
-FloatArray = npt.NDArray[np.float64]
 
 _PATHS = 256  # rows and columns of a block
 _VARIABLE = Variable("inductance", ("path", "other"), "H", "inductance matrix")

@@ -23,12 +23,10 @@ import numpy.typing as npt
 import scipy.linalg
 from scipy.special import jv
 
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.threads import serial_algebra
 from coilarray.constants import EPSILON_0
 from coilarray.errors import GeometryError
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 # Wavenumbers go up to this over the smallest half width a: the tail beyond is added in its asymptotic form, which
 # leaves (ka)⁻². It holds for ka far above m²/2, so more than three basis functions need more, as their square.

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from coilarray.compute.arrays import FloatArray, IntArray
+
 BoolArray = npt.NDArray[np.bool_]
 
 MOST_PARTS = 16

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cache, cached_property, partial
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.electromagnetics.kernels.node_pairs import add_node_sums
 from coilarray.electromagnetics.kernels.paths import INNER
@@ -26,9 +26,6 @@ from coilarray.electromagnetics.neumann_far import (
 from coilarray.electromagnetics.neumann_near import Accuracy, Sums, pair_classes, part_blocks
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _Block = Callable[[], Sums]
 

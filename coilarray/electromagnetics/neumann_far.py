@@ -15,10 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from coilarray.compute.arrays import FloatArray, IntArray
 
 MOST_NODES = 16
 """Along one side of the box; nearer pairs need more and are left to the sums over segments."""

@@ -15,13 +15,12 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.electromagnetics.kernels.bars import bar_self
 from coilarray.electromagnetics.kernels.paths import mutual_sum, own_mutual_sum
 from coilarray.electromagnetics.kernels.turns import find_series, series_members, series_rules, series_sum
 from coilarray.electromagnetics.mirror_parts import PathParts, find_parts, mirrored
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 Accuracy = Literal["full", "screen"]

@@ -20,15 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import Progress, run_blocks
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.inductance import Accuracy, standing_for_all
 from coilarray.electromagnetics.kernels.cuts import lateral_axes
 from coilarray.geometry import Conductor
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-ComplexArray = npt.NDArray[np.complex128]
 WeightArray = npt.NDArray[np.float64] | npt.NDArray[np.complex128]
 
 # −ln of the error of every rule over the spectrum against the sum of all parts without their signs: 1.4e-11, 3e-4

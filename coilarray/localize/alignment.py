@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel
 
-FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 LEAST_PLACES = 8

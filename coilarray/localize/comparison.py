@@ -14,14 +14,13 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.errors import LocalizeError
 from coilarray.localize.alignment import align, inside, values_at
 from coilarray.localize.ellipse import PARAMETERS
 from coilarray.localize.forward import ForwardModel, checked_axes, forward_model
 from coilarray.localize.level_curves import LevelCurves, level_axis, level_curves
-
-FloatArray = npt.NDArray[np.float64]
 
 SOURCES = ("measured", "simulated")
 """Labels of the dimension ``source``."""

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import provenance
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.design.scan_states import Passive, ScanState
@@ -23,8 +24,6 @@ from coilarray.localize.ellipse import PARAMETERS, fit_ellipses, refined_map
 from coilarray.localize.published import published_model, undetermined_levels
 from coilarray.response.map import Imperfections, inductance_changes, respond, response_map, with_material
 from coilarray.response.setup import indentation_of, map_axes
-
-FloatArray = npt.NDArray[np.float64]
 
 DELTAS = np.arange(1e-4, 1.0e-3 + 1e-6, 2.5e-5)
 """δ at which x0 is compared: where the paper's polynomials were fitted."""

@@ -44,9 +44,8 @@ import xarray as xr
 from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import label
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LocalizeError
-
-FloatArray = npt.NDArray[np.float64]
 
 PARAMETERS = ("x0", "A", "B")
 """Of an ellipse, in the order of every row of them."""

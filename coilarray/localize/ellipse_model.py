@@ -34,10 +34,10 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import PARAMETERS, Ellipse
 
-FloatArray = npt.NDArray[np.float64]
 Coefficients = tuple[float, ...]
 """p4, p3, p2, p1, p0 of a polynomial of δ, in m."""
 

@@ -12,6 +12,7 @@ import xarray as xr
 from scipy.interpolate import NdBSpline
 
 from coilarray.circuit.network import Network
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.errors import LocalizeError
@@ -27,8 +28,6 @@ from coilarray.response.interpolation import (
 from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of
 from coilarray.response.target import target_map
-
-FloatArray = npt.NDArray[np.float64]
 
 _STEPS = 5  # positions of a table in the thickness of all sheets: the convergence study is in the tests
 _DEEPEST = 1.7  # of a table, relative to the deepest indentation of the design

@@ -15,10 +15,9 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel, checked_noise
-
-FloatArray = npt.NDArray[np.float64]
 
 _SINGULAR = 1e-13  # least eigenvalue of a scaled information; its entries are rounded to 1e-16
 

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc, chdtri
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import ranges
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel, checked_noise, require_states
@@ -23,7 +24,6 @@ from coilarray.localize.identifiability import covariance_of
 from coilarray.localize.search import refine, scan_of, starts
 from coilarray.response.interpolation import PARAMETERS
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 

@@ -8,10 +8,9 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import PARAMETERS, STEP, fit_ellipses
-
-FloatArray = npt.NDArray[np.float64]
 
 _LEAST_SHARE = 0.5  # of the noisy maps: where fewer have a level, its scatter is NaN
 

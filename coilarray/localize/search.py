@@ -22,10 +22,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import minimum_filter
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import ranges
 from coilarray.localize.forward import ForwardModel
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 

@@ -26,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.constants import MU_0
@@ -35,15 +36,12 @@ from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import Ball, Material, Sheet
 
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
-
 _LEFT_OUT = 1e-7  # of the energy: multipoles of higher order
 _FEWEST, _MOST = 8, 120  # multipoles
 _DECAYS = 16.0  # of the shortest wave from the coils to the ball
 _DOWN = 8  # steps of the continued fraction, in roots of a skin depth's part of the radius
 _REFLECTED = 160  # nodes of the integral over the reflected waves
-_POSITIONS = 64  # at a time, which bounds the memory
+_AT_ONCE = 4_000_000  # harmonics of the coils, which bounds the memory to 64 MB
 _SAME = 1e-9  # m; places that differ by less are one
 
 
@@ -149,7 +147,7 @@ def multipole_inductance(
     seen = [answer(height * _SAME, wavenumbers, alpha) for height in heights.tolist()]
     scale = weights * wavenumbers / (2 * np.pi)
     spectra = segment_spectra(coils, wavenumbers)
-    blocks = ranges(len(places), _POSITIONS)
+    blocks = ranges(len(places), max(1, _AT_ONCE // (len(wavenumbers) * len(coils) * (orders + 1))))
     for done, (start, stop) in enumerate(blocks, start=1):
         incident = harmonics_about(spectra, places[start:stop] * _SAME, orders) * scale[:, None, None, None]
         for number, one in enumerate(seen):

@@ -12,15 +12,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import map_coordinates, spline_filter
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.flat_layer import Slab
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.geometry import Conductor
-
-FloatArray = npt.NDArray[np.float64]
 
 _STEP = 0.25  # of the grid, of its height over the copper: errs by some 1e-5 of the field
 _MARGIN = 6  # steps around the places

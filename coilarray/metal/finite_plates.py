@@ -12,21 +12,18 @@ import shapely
 from scipy.linalg import lu_factor, lu_solve
 from shapely.affinity import translate
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
-from coilarray.constants import MU_0
 from coilarray.elastomer.flat_layer import Slab, magnetic_slab
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.plate import FinitePlate
 from coilarray.metal.field_at_plate import field_at
-from coilarray.metal.half_body import EddyBody, pair_integrals
+from coilarray.metal.half_body import EddyBody, inductance, pair_integrals
 from coilarray.metal.plate_mesh import Footprint, plate_mesh
 from coilarray.metal.surface_impedance import SurfaceImpedance, model_error, surface_impedance
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 LARGEST_ERROR = 0.1
 """Estimated error of the model, of ΔL, beyond which a plate is refused."""
@@ -194,7 +191,7 @@ def _prepared(
     if inside.any():
         first = int(np.flatnonzero(inside)[0])
         raise GeometryError(
-            f"a finite plate must lie above z = {top * 1e3:.4g} mm, the highest copper or magnetic sheet"
+            f"a finite plate must lie above z = {top * 1e3:.4g} mm, the highest copper or sheet"
             + ("" if math.isinf(bottom) else f", or below z = {bottom * 1e3:.4g} mm, the lowest copper")
             + f"; {plate.name!r} reaches from {low[first] * 1e3:.4g} to {high[first] * 1e3:.4g} mm."
         )
@@ -247,7 +244,7 @@ def _coupled(matrix: ComplexArray, b: FloatArray) -> ComplexArray:
         x = lu_solve(factors, some.reshape(len(b), -1), check_finite=False).reshape(some.shape)
         parts.append(-np.einsum("upi,upj->pij", some, x, optimize=True))
     both = np.concatenate(parts)
-    return np.asarray(both + both.transpose(0, 2, 1)) / 2
+    return np.asarray((both + both.transpose(0, 2, 1)) / 2, dtype=np.complex128)
 
 
 def _together(body: EddyBody, impedance: SurfaceImpedance) -> ComplexArray:
@@ -273,11 +270,8 @@ def _reflected(body: EddyBody, plate: FinitePlate, centre: FloatArray, slab: Sla
         image = corners * [1.0, 1.0, -1.0] + [0.0, 0.0, 2 * face - lift]
         integrals += weight * pair_integrals(corners, np.ascontiguousarray(image))
         n += 1
-    total = sum(
-        sign * (K.T @ (K.T @ integrals.T).T)
-        for sign, K in zip((1.0, 1.0, -1.0), body.all_currents(plate.axes), strict=True)
-    )
-    return np.asarray(MU_0 / (4 * np.pi) * (total + total.T) / 2)
+    total = inductance(body.all_currents(plate.axes), integrals, np.array([1.0, 1.0, -1.0]))
+    return np.asarray((total + total.T) / 2)
 
 
 def _same_heights(z: FloatArray) -> list[npt.NDArray[np.int64]]:

@@ -12,22 +12,20 @@ size, with the currents' mirror images in M and b. Then ΔL = bᵀψ is symmetri
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import ranges, run_blocks
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.kernels.triangles import triangle_pairs
 from coilarray.metal.plate_mesh import HalfBody
 from coilarray.metal.surface_impedance import SurfaceImpedance
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 _ROWS = 32  # triangles a task
 _MIRROR = np.array([1.0, 1.0, -1.0])
@@ -107,28 +105,24 @@ class EddyBody:
         own = pair_integrals(self.mesh.corners)
         image = pair_integrals(self.mesh.corners, np.ascontiguousarray(self.mesh.corners * _MIRROR))
         K = self.currents
-        M = [self._between(integrals, s) for integrals, s in ((own, np.ones(3)), (image, _MIRROR))]
+        M = [inductance(K, integrals, signs) for integrals, signs in ((own, np.ones(3)), (image, _MIRROR))]
         mid = np.concatenate((self.mesh.ring, *self.mesh.hole_rings))
         free = np.setdiff1d(np.arange(n), mid)
         ones = [sp.csr_array((np.ones(len(ring)), (ring, np.zeros(len(ring), int))), (n, 1)) for ring in
                 self.mesh.hole_rings]  # fmt: skip
         everything = sp.eye_array(n, format="csr")
         bases = (sp.hstack((everything[:, free], *ones), format="csr"), everything[:, 1:])  # odd: but for a constant
-        G = [
-            [sum(K[axis].T @ sp.diags_array(self.areas * which) @ K[axis] for axis in axes) for axes in ((0, 1), (2,))]
-            for which in (~self.mesh.rim, self.mesh.rim)
+        face, rim = self.areas * ~self.mesh.rim, self.areas * self.mesh.rim
+        parts = [
+            sum(K[axis].T @ sp.diags_array(areas) @ K[axis] for axis in axes)
+            for areas, axes in ((face, (0, 1, 2)), (rim, (0, 1)), (rim, (2,)))
         ]
         made = []
         for sign, basis in zip((1, -1), bases, strict=True):
-            dense = basis.T @ (M[0] + sign * M[1]) @ basis
-            stiff = [(basis.T @ part @ basis).toarray() for part in (G[0][0], G[1][0], G[1][1])]
-            made.append(Parity(sign, basis, (dense + dense.T) * 0.5, *stiff))
+            dense = np.asarray(basis.T @ (M[0] + sign * M[1]) @ basis)
+            stiff = [(basis.T @ part @ basis).toarray() for part in parts]
+            made.append(Parity(sign, basis, (dense + dense.T) / 2, *stiff))
         return made[0], made[1]
-
-    def _between(self, integrals: FloatArray, signs: FloatArray) -> FloatArray:
-        """µ0/4π Σ signs K K' times the integrals, over all pairs of nodes, (n, n) in H."""
-        total = sum(s * (K.T @ (K.T @ integrals.T).T) for s, K in zip(signs, self.currents, strict=True))
-        return np.asarray(MU_0 / (4 * np.pi) * total)
 
     @property
     def points(self) -> FloatArray:
@@ -174,13 +168,21 @@ class EddyBody:
 
 def pair_integrals(corners: FloatArray, image: FloatArray | None = None) -> FloatArray:
     """∫∫ 1/r in m³ of all pairs of triangles (k, 3, 3) in m, or of each with the mirror images of all, shape (k, k)."""
-    integrals = np.empty((len(corners), len(corners)))
+    integrals = np.zeros((len(corners), len(corners)))
     second = corners if image is None else image
 
     def work(rows: tuple[int, int]) -> None:
         triangle_pairs(corners[rows[0] : rows[1]], second, rows[0], integrals[rows[0] : rows[1]])
 
     run_blocks(work, ranges(len(corners), _ROWS)[::-1])  # the longest first
-    upper = np.triu_indices(len(corners), 1)
-    integrals[upper] = integrals.T[upper]
+    integrals += np.tril(integrals, -1).T
     return integrals
+
+
+def inductance(currents: Sequence[sp.csr_array], integrals: FloatArray, signs: FloatArray) -> FloatArray:
+    """µ0/4π Σ signs K K' times symmetric integrals (k, k) in m³, for K_x, K_y and K_z (k, n) in 1/m: (n, n) in H."""
+    total = np.zeros((currents[0].shape[1],) * 2)
+    for K, sign in zip(currents, signs, strict=True):
+        rows = K.T.tocsr()
+        total += sign * (rows @ (rows @ integrals).T)
+    return np.asarray(MU_0 / (4 * np.pi) * total)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dent_sphere import sphere_in_dent
@@ -14,9 +14,6 @@ from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.geometry import Ball, Sheet
 from coilarray.metal.ball import Multipoles, answer_of, ball_inductance, multipole_inductance
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 
 def indenter_inductance(

@@ -20,14 +20,12 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
 from coilarray.elastomer.coil_spectrum import Segments, coil_segments, gradients_on_grid, segment_spectra
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import Plate, Sheet
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 _DECAYS = 12.0  # of the fields at the highest wavenumber, which is left out: 6e-6
 _MOST_WAVENUMBERS = 1500

@@ -17,14 +17,12 @@ import numpy.typing as npt
 import shapely
 from scipy.spatial import Delaunay
 
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError
 from coilarray.geometry.plate import Outline
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-
 _ALONG = 90  # pieces of all rims together, where the plate is not narrow
-_WIDEST, _FINEST = 0.7, 0.06  # largest and smallest piece of the rim, of the inscribed radius
+_WIDEST, _FINEST = 1.4, 0.06  # largest and smallest piece of the rim, of the inscribed radius
 _FIRST, _GROWTH, _STRIPS = 0.02, 2.0, 0.35  # first strip, ratio of neighbours and width of all, of the inscribed radius
 _LATTICE = 0.08  # step of the lattice inside, of the inscribed radius, where the rim's pieces are not longer
 _CORNER = 0.25  # of half the thickness: height of the strip of the rim below its edge
@@ -161,7 +159,7 @@ def _inset(loop: FloatArray, inset: float) -> FloatArray:
     sides /= np.hypot(*sides.T)[:, None]
     normal = np.column_stack((-sides[:, 1], sides[:, 0]))
     before = np.roll(normal, 1, axis=0)
-    return loop + inset * (normal + before) / (1 + (normal * before).sum(axis=1))[:, None]
+    return np.asarray(loop + inset * (normal + before) / (1 + (normal * before).sum(axis=1))[:, None])
 
 
 def _insets(loops: Sequence[FloatArray], inscribed: float, along: float, fineness: float) -> list[float]:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.electromagnetics.source import Source
@@ -16,9 +16,6 @@ from coilarray.geometry import FinitePlate, Plate, Sheet, Target
 from coilarray.metal.ball import ball_inductance
 from coilarray.metal.finite_plates import moving_plate
 from coilarray.metal.flat_plates import plate_inductances
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 
 def target_inductance(

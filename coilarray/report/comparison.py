@@ -12,17 +12,15 @@ from importlib import metadata
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit
 from coilarray.compute.files import write_text
 from coilarray.localize.ellipse import PARAMETERS
 from coilarray.report import figures
 from coilarray.report.page import now, render_page
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table, root_mean_square
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def scale_table(comparison: xr.Dataset) -> Table:

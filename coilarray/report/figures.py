@@ -14,6 +14,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray import viz
+from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
 from coilarray.geometry import Indenter
 from coilarray.localize.ellipse_model import EllipseModel
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = npt.NDArray[np.float64]
 
 _SIZE = (1280, 720)  # pixels of what is rendered; the page is 1100 wide
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, datetime
 
 import jinja2
@@ -22,3 +23,16 @@ def render_page(template: str, **values: object) -> str:
 def now() -> str:
     """Return the date and time in UTC, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def with_contents(page: str) -> str:
+    """Return a page whose sections can be linked to, with a list of them in place of its comment "contents"."""
+    titles: list[str] = []
+
+    def linked(match: re.Match[str]) -> str:
+        titles.append(match[1])
+        return f'<h2 id="section-{len(titles)}">{match[1]}</h2>'
+
+    page = re.sub(r"<h2>(.*?)</h2>", linked, page)
+    links = " · ".join(f'<a href="#section-{k}">{title}</a>' for k, title in enumerate(titles, start=1))
+    return page.replace("<!-- contents -->", f'<nav class="contents">{links}</nav>')

@@ -38,8 +38,9 @@ from coilarray.report import (
     target_tables,
 )
 from coilarray.report.drawing import drawing_beside
-from coilarray.report.page import now, render_page
+from coilarray.report.page import now, render_page, with_contents
 from coilarray.report.position import MapPositions, map_position_table, map_positions
+from coilarray.report.summary import summary_table, verdicts
 from coilarray.report.words import array_words, metal_words
 from coilarray.response.answering import coils_outside
 from coilarray.response.coordinates import on_board, origin_of
@@ -77,6 +78,10 @@ class Report:
         Content of ``report.json``.
     rendering_problem : str or None
         Reason why the board's picture is a drawing, in one line; None where it is rendered.
+    summary : Table or None
+        Least and most of what decides, see `coilarray.report.summary.summary_table`.
+    verdicts : sequence of str
+        One line for each limit that is broken.
     """
 
     page: Path
@@ -84,6 +89,8 @@ class Report:
     coupling: xr.Dataset
     data: dict[str, object]
     rendering_problem: str | None
+    summary: tables.Table | None = None
+    verdicts: Sequence[str] = ()
 
 
 def write_report(
@@ -122,8 +129,8 @@ def write_report(
 
     Notes
     -----
-    Every number on the page also stands in the folder: ``coils.csv``, ``pairs.csv``, ``design.csv``, ``rules.csv``,
-    ``field_line.csv``, ``windings.csv``, ``states.csv``, ``state_currents.csv``, ``ldc1614.csv``,
+    Every number on the page also stands in the folder: ``summary.csv``, ``coils.csv``, ``pairs.csv``, ``design.csv``,
+    ``rules.csv``, ``field_line.csv``, ``windings.csv``, ``states.csv``, ``state_currents.csv``, ``ldc1614.csv``,
     ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv``, ``response.csv``, ``ellipses.csv``, ``polynomials.csv``,
     ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``, and of metal ``plates.csv``, ``beside_plates.csv``,
     ``target.csv``, ``target_range.csv`` and ``target_coupling.csv``, all of them in ``report.json``; ``coupling.nc``,
@@ -208,6 +215,7 @@ def write_report(
         drawing.finish()
         step()
     all_tables = [
+        summary_table(coupling, scan, margins, shown),
         tables.coil_table(design, coupling),
         tables.pair_table(coupling),
         tables.design_table(file),
@@ -220,10 +228,12 @@ def write_report(
         *([] if positions is None else _position_tables(positions, compare)),
         *([] if distortion is None else _distortion_tables(distortion)),
     ]
+    broken = verdicts(scan, margins)
     data: dict[str, object] = {
         "schema": 1,
         "provenance": {**provenance(design), "date": now()},
         "title": design.title or design.name,
+        "verdicts": broken,
         "board": array_words(design.array),
         "metal": metal_words(design),
         "source": design.source,
@@ -265,7 +275,7 @@ def write_report(
             save_dataset(dataset, data_folder / f"{name}.nc")
     write_text(folder / "report.html", page)
     step()
-    return Report(folder / "report.html", data_folder, coupling, data, problem.result())
+    return Report(folder / "report.html", data_folder, coupling, data, problem.result(), all_tables[0], broken)
 
 
 def _circuit(design: Design) -> tuple[xr.Dataset | None, xr.Dataset | None, str]:
@@ -332,7 +342,10 @@ def _position_tables(positions: MapPositions, compare: bool) -> list[tables.Tabl
 
 
 def _distortion_tables(distortion: xr.Dataset) -> list[tables.Table]:
-    return [localize_tables.residual_table(distortion), localize_tables.cause_table(distortion)]
+    made = [localize_tables.residual_table(distortion), localize_tables.cause_table(distortion)]
+    if "indenter" in distortion.dims:  # not in files of earlier versions
+        made.append(localize_tables.indenter_table(distortion))
+    return [table for table in made if table.rows]
 
 
 def _position_summary(positions: MapPositions) -> dict[str, object]:
@@ -406,7 +419,7 @@ def _page(
     by_name = {table.name: table for table in all_tables}
     profile = file.values.get("fab.profile")
     rows = tuple(row for row in by_name["design"].rows if str(row[0]).startswith(_ENTERING))
-    return render_page(
+    page = render_page(
         "page.html.j2",
         design=file.design,
         file=file,
@@ -420,3 +433,4 @@ def _page(
         maps=[picture for picture in pictures if picture.name.startswith("field_map_")],
         made=data["provenance"],
     )
+    return with_contents(page)

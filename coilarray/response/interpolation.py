@@ -16,13 +16,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import NdBSpline, make_interp_spline
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
 from coilarray.response.setup import indentation_of
-
-FloatArray = npt.NDArray[np.float64]
 
 PARAMETERS = ("x", "y", "depth")
 """Unknowns of an indentation, in the order of every last axis of this package's arrays."""

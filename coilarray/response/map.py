@@ -14,6 +14,7 @@ import xarray as xr
 from coilarray.circuit.coupling import design_circuit, design_inductance, provenance
 from coilarray.circuit.network import Network, Resonance, resonances_near, resonate
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
@@ -24,10 +25,10 @@ from coilarray.elastomer.dielectric import dent_capacitance
 from coilarray.elastomer.face_shift import shift_energy, shift_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.source import Source
-from coilarray.errors import ElastomerError, MetalError, NetworkError
-from coilarray.geometry import Ball, Conductor, Material
-from coilarray.metal.indenter import indenter_inductance
+from coilarray.errors import ElastomerError, NetworkError
+from coilarray.geometry import Conductor, Material
 from coilarray.response.coordinates import origin_attributes
+from coilarray.response.metal_share import Variable, check_metal, metal_attributes, metal_share, metal_variables
 from coilarray.response.near import near_response
 from coilarray.response.setup import (
     Experiment,
@@ -51,18 +52,15 @@ __all__ = [
     "with_material",
 ]
 
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 Reach = float | Literal["auto"] | None
 """Which coils count at a position: None for all, the allowed error of δ relative to its peak, or "auto"."""
 
-Variable = tuple[tuple[str, ...], FloatArray, Mapping[str, str]]
-"""A variable of a dataset: dimensions, values and attributes."""
 
 _POSITIONS = 1000  # in a part of a resumable map, which is of one depth
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances that the circuit takes, and a copy on the way
+_BYTES_OF_METAL = 80.0  # more with an indenter of metal: complex changes, their copies, and two variables
 _CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _ERRORS = (1e-4, 0.1)  # of the peak; being linear leaves out up to 4e-5 (tests/response/test_near_response.py)
 _AUTO_VALUES = 5_000_000  # of the inductance changes; above, "auto" leaves far coils out
@@ -182,8 +180,8 @@ def response_map(
     axes, coils = map_axes(design, depths, x, y), len(design.array.names)
     ball = indentation_of(design).ball if metal else None
     error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=ball is not None)
-    _require_room(axes, coils, len(design.plan), error)
-    _check_metal(design, axes, ball, rest)
+    _require_room(axes, coils, len(design.plan), error, metal=ball is not None)
+    check_metal(axes, ball, rest)
     pressed = experiment(design, axes, true)
 
     def flat_network() -> Network:
@@ -211,10 +209,10 @@ def response_map(
         changes, left_out = {}, {"error_of_peak": 0.0}
         if ball is not None:
             frequency = float(np.mean([one.frequency for one in flats]))
-            share = _metal(pressed, design.array, ball, frequency, rest, mesh)
+            share = metal_share(pressed, design.array, ball, frequency, rest, mesh)
             both = _through_circuit(flat, flats, change + share, capacitance_change)
-            changes = _metal_variables(axes, both - delta, share, frequency)
-            left_out |= _metal_attributes(ball, frequency, rest)
+            changes = metal_variables(axes, both - delta, share, frequency)
+            left_out |= metal_attributes(ball, frequency, rest)
             delta, change = both, change + share.real
         base = np.array([_converted(flat, one) for one in flats])
         changes |= {
@@ -333,16 +331,16 @@ def with_material(
     solid = replace(design, indentation=replace(indentation_of(design), material=material))
     axes = map_axes(design, response.depth, response.x, response.y)
     ball = indentation_of(solid).ball
-    _check_metal(solid, axes, ball, rest)
+    check_metal(axes, ball, rest)
     assert ball is not None  # it has the material
     capacitance = design.circuit.switches.tank_capacitance
     frequency = float((1 / np.sqrt(response.base_inductance * capacitance)).mean()) / (2 * np.pi)
     pressed = experiment(solid, axes, imperfections)
-    share = _metal(pressed, design.array, ball, frequency, rest, mesh or LayerMesh())
-    variables = _metal_variables(axes, np.zeros((*share.shape[:2], response.sizes["state"])), share, frequency)
+    share = metal_share(pressed, design.array, ball, frequency, rest, mesh or LayerMesh())
+    variables = metal_variables(axes, np.zeros((*share.shape[:2], response.sizes["state"])), share, frequency)
     whole = respond(
         design,
-        response.assign(variables).assign_attrs(_metal_attributes(ball, frequency, rest)),
+        response.assign(variables).assign_attrs(metal_attributes(ball, frequency, rest)),
         inductance_change=response.inductance_change.values + variables["metal_inductance_change"][1],
         ideal=ideal,
     )
@@ -367,7 +365,7 @@ def inductance_changes(
     does not. Errors for a design, axes or a contact as `response_map`.
     """
     ball = None if frequency is None else indentation_of(design).ball
-    _check_metal(design, axes, ball, 0.0)
+    check_metal(axes, ball, 0.0)
     source = design.array.conductors() if paths is None else paths
     pressed = experiment(design, axes, imperfections)
     change = np.zeros((len(pressed.axes.depth), len(pressed.points), len(source), len(source)))
@@ -375,7 +373,7 @@ def inductance_changes(
         change += _dented(source, levels, pressed.points, LayerMesh(), progress)
     change += _shift(pressed, source, LayerMesh())
     if ball is not None and frequency is not None:
-        change += _metal(pressed, source, ball, frequency, 0.0, LayerMesh()).real
+        change += metal_share(pressed, source, ball, frequency, 0.0, LayerMesh()).real
     return change.reshape(*axes.shape, len(source), len(source))
 
 
@@ -457,7 +455,7 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool,
     return reach
 
 
-def _require_room(axes: MapAxes, coils: int, states: int, error: float) -> None:
+def _require_room(axes: MapAxes, coils: int, states: int, error: float, *, metal: bool = False) -> None:
     """Refuse a map that is too large before anything of it is computed."""
     depths, places = len(axes.depth), len(axes.x) * len(axes.y)
     what = f"{depths} depths at {places} positions with {coils} coils"
@@ -470,7 +468,8 @@ def _require_room(axes: MapAxes, coils: int, states: int, error: float) -> None:
             f"{what} are {values} inductance changes; at most {_MOST_VALUES} are allowed: compute the map in pieces "
             "or with reach."
         )
-    require_memory(_BYTES_A_VALUE * values, f"a map of {what}", "compute it in pieces")
+    a_value = _BYTES_A_VALUE + metal * _BYTES_OF_METAL
+    require_memory(a_value * values, f"a map of {what}", "compute it in pieces")
 
 
 def _changes(
@@ -523,58 +522,6 @@ def _shift_of_states(pressed: Experiment, states: StateSensitivity, mesh: LayerM
     places = pressed.points - origin
     energy = shift_energy(design.array, design.sheets, pressed.correction, places, origin, mesh, currents, currents)
     return np.asarray((states.weights * energy).real)
-
-
-def _check_metal(design: Design, axes: MapAxes, ball: Ball | None, rest: float) -> None:
-    """Refuse an indenter of metal where it is not computed, and depths that only such a one has."""
-    if not rest >= 0:
-        raise MetalError(f"rest must be at least 0; got {rest} m.")
-    if ball is None and axes.depth[0] < 0:
-        raise ElastomerError(
-            f"depth of an indentation must be from 0 where no material of the indenter counts; "
-            f"got {axes.depth[0] * 1e3:.4g} mm."
-        )
-
-
-def _metal(
-    pressed: Experiment, source: Source, ball: Ball, frequency: float, rest: float, mesh: LayerMesh
-) -> ComplexArray:
-    """Share of the indenter's material in the changes in H, (depths, places, coils, coils), against it at rest.
-
-    What a finite sample adds to its dents is left out: it is a small part of a share.
-    """
-    total: ComplexArray | float = 0.0
-    for level in (level for level in pressed.levels if not level.coarse):
-        first = level.dents[0]
-        flat = replace(first, displacement=np.zeros_like(first.displacement))
-        at_rest = indenter_inductance(source, ball, flat, pressed.points, frequency, rest)
-        parts = [
-            indenter_inductance(source, ball, dent, pressed.points, frequency, above, mesh=mesh) - at_rest
-            for dent, above in zip(level.dents, pressed.above.tolist(), strict=True)
-        ]
-        total = total + np.einsum("dp,dpij->dpij", level.shares, parts)
-    return np.asarray(total)
-
-
-def _metal_variables(axes: MapAxes, delta: FloatArray, share: ComplexArray, frequency: float) -> dict[str, Variable]:
-    """Return the variables of the material's share."""
-    matrix = ("depth", "y", "x", "coil", "other")
-    values = share.reshape(*axes.shape, *share.shape[2:])
-    loss = -2 * np.pi * frequency * values.imag
-    return {
-        "metal_delta": (
-            ("depth", "y", "x", "state"), delta.reshape(*axes.shape, -1),
-            {"units": "1", "long_name": "share of the indenter's material in delta"},
-        ),
-        "metal_inductance_change": (
-            matrix, values.real, {"units": "H", "long_name": "share of the indenter's material"}
-        ),
-        "metal_resistance_change": (matrix, loss, {"units": "ohm", "long_name": "eddy-current loss in the indenter"}),
-    }  # fmt: skip
-
-
-def _metal_attributes(ball: Ball, frequency: float, rest: float) -> dict[str, object]:
-    return {"metal_frequency_Hz": frequency, "rest_m": rest, "indenter_material": ball.material.name}
 
 
 def _converted(network: Network, flat: Resonance) -> float:

@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from coilarray.circuit.state_sensitivity import StateSensitivity
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.elastomer.coil_spectrum import CoilSpectra, coil_segments, segment_centres, segment_spectra
@@ -28,9 +28,6 @@ from coilarray.elastomer.dent_amplitudes import amplitude_table, dent_amplitudes
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter, wavenumber_rule
 from coilarray.geometry import Conductor
 from coilarray.response.setup import Experiment, Level
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _TOLERANCE = 0.3  # of the amplitudes, in parts of the error; δ errs by about a tenth of it
 _FIRST_EXTENT, _WIDER = 6.0, 1.5  # of the profile, in radii of a coil, and of the next one where it ends too early

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.store import kept_dataset
 from coilarray.design.model import Design, Indentation
 from coilarray.elastomer.contact import DEFAULT_MESH, indent
@@ -21,8 +22,6 @@ from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
 from coilarray.errors import CoilarrayError, ElastomerError, MetalError
 from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Sheet
 from coilarray.geometry.sheet import Base, Strain
-
-FloatArray = npt.NDArray[np.float64]
 
 _FARTHEST = 1.0  # m
 _STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count

@@ -14,6 +14,7 @@ from scipy.interpolate import BarycentricInterpolator
 
 from coilarray.circuit.coupling import design_circuit, provenance
 from coilarray.circuit.network import Network, Resonance, changed_resonances, resonate
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Store, content_key
@@ -22,14 +23,11 @@ from coilarray.design.model import Design
 from coilarray.elastomer.flat_layer import magnetic_slab
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError
-from coilarray.geometry import FinitePlate, Plate, Target
+from coilarray.geometry import FinitePlate, Target
 from coilarray.metal.target import target_inductance
 from coilarray.response.coordinates import origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
-from coilarray.response.target_range import ranges_of
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+from coilarray.response.target_range import ranges_of, require_noise
 
 _MARGIN = (0.02, 0.2)  # of the band of log f: at least, and of its width
 _INTERPOLATION = 1e-5  # error of the change between the frequencies at which it is computed
@@ -80,7 +78,8 @@ def target_map(
     ideal : bool
         Where no network is given: leave out alternating-current resistance and all strays.
     parts : Path, optional
-        Folder where finished distances are kept, so that an interrupted map goes on from there.
+        Folder where finished distances are kept, so that an interrupted map goes on from there: one by one for a plate
+        with an outline over magnetic sheets, else all at once.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -115,6 +114,7 @@ def target_map(
     from the least distance, and every place and distance is solved in the whole circuit at its own resonance.
     """
     target = target_of(design)
+    require_noise(noise)
     given = (("distances", distances, target.distances), ("x", x, target.x), ("y", y, target.y))
     axes = MapAxes(*(checked_axis(name, own if values is None else values, MetalError) for name, values, own in given))
     if axes.depth[0] <= 0:
@@ -202,11 +202,9 @@ def _changes(
             if part is not None:
                 found[k] = part.inductance.values - 1j * part.loss.values
     missing = [k for k in range(len(keys)) if k not in found]
-    # the spectra of the coils, and in air the factors of a plate with an outline, serve all distances
-    sharing = isinstance(target.body, Plate) or (
-        isinstance(target.body, FinitePlate) and magnetic_slab(design.sheets) is None
-    )
-    blocks = [missing] if sharing and missing else [[k] for k in missing]
+    # a plate with an outline over magnetic sheets is solved at every distance anew; else what costs most serves all
+    apart = isinstance(target.body, FinitePlate) and magnetic_slab(design.sheets) is not None
+    blocks = [[k] for k in missing] if apart or not missing else [missing]
     for done, block in enumerate(blocks):
 
         def counted(within: int, total: int, done: int = done) -> None:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 from scipy.interpolate import make_interp_spline
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.netcdf import variables
 from coilarray.errors import MetalError
-
-FloatArray = npt.NDArray[np.float64]
 
 STEPS = (1e-6, 1e-5, 1e-4)
 """Changes of distance in m for which the farthest distance is given at which they are told from noise."""
@@ -49,8 +47,7 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
     -----
     Between the distances ln |δ| is a cubic spline, as δ falls about exponentially; δ itself where it changes its sign.
     """
-    if not (np.isfinite(noise) and noise > 0):
-        raise MetalError(f"noise must be positive and finite; got {noise}.")
+    require_noise(noise)
     distance = response.distance.values
     delta = response.delta.transpose("distance", "state", "y", "x").values
     flat = delta.reshape(*delta.shape[:2], -1)
@@ -82,6 +79,12 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
     )
     step = ("step", np.array(STEPS), {"units": "m", "long_name": "change of distance"})
     return xr.Dataset(variables(*rows_of), coords={"step": step}, attrs={"noise": noise, "range_factor": FACTOR})
+
+
+def require_noise(noise: float) -> None:
+    """Refuse noise of δ that is not positive and finite: MetalError."""
+    if not (np.isfinite(noise) and noise > 0):
+        raise MetalError(f"noise must be positive and finite; got {noise}.")
 
 
 Curve = Callable[[FloatArray], FloatArray]

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.files import write_atomically
 from coilarray.errors import OutputError
 from coilarray.geometry.arcs import pieces_of
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, drills
 from coilarray.geometry.extras import import_extra
-from coilarray.geometry.values import FloatArray
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing

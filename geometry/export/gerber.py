@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.files import write_atomically
 from coilarray.errors import OutputError
 from coilarray.geometry.arcs import arc_centre, arc_size, pieces_of
@@ -23,7 +24,6 @@ from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, drills
 from coilarray.geometry.export.silk import silk_labels
 from coilarray.geometry.readers.gerber_files import gerbonara
-from coilarray.geometry.values import FloatArray
 
 _MM = 1e3
 _DIGITS = 6  # of a coordinate in mm, 1 nm: the finest that the Gerber format recommends

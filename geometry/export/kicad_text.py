@@ -13,13 +13,13 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import IntArray
 from coilarray.errors import OutputError
 from coilarray.geometry.arcs import pieces_of
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, drills
 from coilarray.geometry.export.silk import Label, silk_labels
 from coilarray.geometry.stackup import Stackup
-from coilarray.geometry.values import IntArray
 
 # The format of KiCad 6, the oldest one with a stack-up in today's form; later versions read it too.
 FILE_VERSION = "20211014"

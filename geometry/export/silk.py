@@ -8,9 +8,9 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import board_outline, disc, drills
-from coilarray.geometry.values import FloatArray
 
 # Heights of the letters in m, the first that fits; below 0.8 mm KiCad warns and screens blur.
 _SIZES = (1.0e-3, 0.8e-3)

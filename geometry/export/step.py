@@ -15,6 +15,7 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.polygon import orient
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.files import write_atomically
 from coilarray.errors import OutputError
 from coilarray.geometry.array import CoilArray
@@ -22,7 +23,6 @@ from coilarray.geometry.copper import disc, drills
 from coilarray.geometry.extras import import_extra
 from coilarray.geometry.sheet import Sheet
 from coilarray.geometry.solids import Prism, board_prisms, sheet_prisms
-from coilarray.geometry.values import FloatArray
 
 _MM = 1e3
 # red, green, blue, opacity of each kind of solid, the first part of its key

@@ -10,11 +10,12 @@ import shapely
 from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import BoardError
 from coilarray.geometry.arcs import arc_points
 from coilarray.geometry.readers.kicad_layers import KicadLayers
 from coilarray.geometry.readers.sexpr import Node
-from coilarray.geometry.values import FloatArray, Point
+from coilarray.geometry.values import Point
 
 ToBoard = Callable[[float, float], Point]  # from the numbers of the file, in mm, to the frame of the board, in m
 

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import BoardError, GeometryError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.coil import PlatedHole, path_coil
 from coilarray.geometry.readers.board_copper import BoardCopper, Hole, SurfacePad
 from coilarray.geometry.readers.track_graph import TracedCoil
 from coilarray.geometry.stackup import Stackup
-from coilarray.geometry.values import FloatArray, place_in_mm
+from coilarray.geometry.values import place_in_mm
 
 SAME_SHAPE = 2e-9
 """Coils whose points and widths agree to so many m, but for a shift, are one shape: board files round to 1 nm."""

@@ -13,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import BoardError
 from coilarray.geometry.copper import groups
 from coilarray.geometry.readers.board_copper import Hole, SurfacePad, Track
-from coilarray.geometry.values import FloatArray, Point, place_in_mm
+from coilarray.geometry.values import Point, place_in_mm
 
 JOINED = 1e-6
 """Ends closer than this many m are one place, whatever lies there."""

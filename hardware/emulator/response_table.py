@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.store import Store
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, Indentation
@@ -21,8 +21,6 @@ from coilarray.response.interpolation import (
 )
 from coilarray.response.map import inductance_changes
 from coilarray.response.setup import map_axes
-
-FloatArray = npt.NDArray[np.float64]
 
 SPACING = 1.2e-3
 """Largest distance of positions in m. For gast2020 the table's inductances are then wrong by 7e-7 (root of the mean

@@ -16,9 +16,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import HardwareError
-
-FloatArray = npt.NDArray[np.float64]
 
 HIGHEST_ORDER = 3
 """Highest order of the polynomial."""

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
 from coilarray.errors import HardwareError
@@ -21,8 +20,6 @@ from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
 from coilarray.hardware.record.recording import Recording
 from coilarray.response.map import response_map
-
-FloatArray = npt.NDArray[np.float64]
 
 ClockFrom = Literal["settings", "known frequency"]
 InductancesFrom = Literal["known inductances", "design"]

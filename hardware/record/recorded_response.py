@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recording import GridPlace, RecordedScan, Recording, iso_time
 from coilarray.hardware.scan.readings import ScanReading, Verdict, read_scan
 from coilarray.response.coordinates import origin_attributes
 
-FloatArray = npt.NDArray[np.float64]
 Capacitances = Mapping[str, float] | float | None
 
 BASELINE_SCANS = 10

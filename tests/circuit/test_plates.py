@@ -39,6 +39,7 @@ def shielded(bare: ca.Design) -> ca.Design:
     return replace(bare, plates=(SHIELD,))
 
 
+@pytest.mark.slow
 def test_a_coil_alone_has_the_impedance_of_coil_and_plate(bare: ca.Design, shielded: ca.Design) -> None:
     f = np.array([0.3e6, 3e6, 30e6])
     added = 2j * np.pi * f[:, None, None] * plate_inductance(bare.array, [SHIELD], f)
@@ -121,10 +122,8 @@ def test_a_plate_with_an_outline(bare: ca.Design) -> None:
     one = replace(bare, array=bare.array.with_placements(bare.array.placements[1:2]))
     wide = ca.Plate("wide", 5e-3, 0.5e-3, ca.MATERIALS["copper"])
     disc = ca.FinitePlate("disc", ca.Disc(25e-3), (0, 0, 5.25e-3), 0.5e-3, wide.material)
-    endless, found = (design_plates(replace(one, plates=(plate,))) for plate in (wide, disc))
-    assert endless is not None
-    assert found is not None
-    np.testing.assert_allclose(found.inductance, endless.inductance, rtol=0.03)
+    endless, found = (plate_effect(replace(one, plates=(plate,)), 3e6, 3e6).at(3e6).real for plate in (wide, disc))
+    np.testing.assert_allclose(found, endless, rtol=0.03)
     both = replace(one, plates=(SHIELD, disc))
     with pytest.raises(MetalError, match=r"plate.1 'disc' has an outline and is computed only without other plates"):
         ca.couple_design(both)

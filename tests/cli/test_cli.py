@@ -179,6 +179,14 @@ def test_matrix(capsys):
         assert Path(f"m{suffix}").read_text(encoding="utf-8").startswith(beginning)
 
 
+def test_a_fasthenry_file_has_no_plates(capsys):
+    plate = '\n[[plate]]\nname = "shield"\nmaterial = "copper"\nthickness_mm = 0.1\nz_mm = -4.0\n'
+    Path("p.toml").write_text(read("starter").replace("\n[field]", plate + "\n[field]"), encoding="utf-8")
+    assert "FastHenry knows no wide plate; starter has [[plate]]" in refused(
+        capsys, "matrix", "p.toml", "--out", "m.inp"
+    )
+
+
 @pytest.mark.slow
 def test_field_plane_and_volume(capsys):
     data = answer(capsys, "field", "starter", "--spacing-mm", "2", "--current-mA", "2")

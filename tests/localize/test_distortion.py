@@ -8,14 +8,15 @@ from functools import partial
 
 import numpy as np
 import pytest
-from support.contacts import coarse_maps, first_coils_design
+from support.contacts import MESH, coarse_maps, first_coils_design
 
 import coilarray.localize.distortion as distortion_module
 from coilarray import load_design
 from coilarray.errors import LocalizeError
 from coilarray.localize.distortion import EllipseCurves, distortion, ellipse_curves
 from coilarray.localize.published import published_map, published_model
-from coilarray.response.map import Imperfections, inductance_changes, respond, response_map
+from coilarray.report.localize_tables import indenter_table
+from coilarray.response.map import Imperfections, inductance_changes, respond, response_map, with_material
 from coilarray.response.setup import map_axes
 
 pytestmark = pytest.mark.slow
@@ -30,6 +31,7 @@ def split():
     with coarse_maps(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(distortion_module, "response_map", partial(response_map, ideal=True))
         patch.setattr(distortion_module, "respond", partial(respond, ideal=True))
+        patch.setattr(distortion_module, "with_material", partial(with_material, ideal=True, mesh=MESH))
         patch.setattr(distortion_module, "_WIDE", (6e-3, 4e-3))
         patch.setattr(distortion_module, "_SEEDS", 3)
         design = first_coils_design(3)
@@ -63,6 +65,18 @@ def test_opened_neighbours_leave_the_centre(split):
     assert np.isnan(known.values).tolist() == [[True, False, False], [False, False, False]]
     away = (known - split.centre).values
     assert away[np.isfinite(away)] == pytest.approx(0, abs=0.02e-3)
+
+
+def test_no_material_of_the_indenter_moves_x0(split):
+    """A ball is as symmetric about a coil as its dent: aluminium narrows the ellipses, ferrite widens them."""
+    without, steel, aluminium, ferrite = split.indenter_peak.values
+    assert (aluminium < without).all()
+    assert (ferrite > 1.3 * without).all()
+    assert np.abs(steel / without - 1).max() < 0.1
+    for cause in ("steel", "aluminium", "ferrite"):
+        assert float(split.rms.sel(cause=f"indenter of {cause}").max()) < 0.1e-3
+    rows = {(row["indenter"], row["coil"]): row["A_m"] for row in indenter_table(split).records()}
+    assert rows["aluminium", "coil2"] < 0 < rows["ferrite", "coil2"]
 
 
 def test_nothing_explains_the_published_x0(split):

@@ -109,7 +109,7 @@ def test_a_wide_plate_is_one_without_end(sheets):
 @pytest.mark.slow
 @pytest.mark.parametrize("frequency", [1e3, 2e4])
 def test_axisymmetric_finite_elements(frequency):
-    """A disc of 2 mm that is 0.8 and 3.4 skin depths thick: ΔL within 2 %, ΔR within 5 % (λ at one κ)."""
+    """A disc of 2 mm that is 0.8 and 3.4 skin depths thick. λ is taken at one κ: 4 % at κ = 2/6 mm where it is 0.8."""
     loops = [(8e-3, 0.0), (4e-3, 0.0)]
 
     def inside(r, z):
@@ -130,7 +130,7 @@ def test_axisymmetric_finite_elements(frequency):
     )
     plate = disc(thickness=2e-3)
     change = moving_plate([loop(*each, sides=180) for each in loops], plate, [plate.centre], [frequency])[0, 0]
-    np.testing.assert_allclose(change.diagonal().real, reference.real, rtol=2e-2)
+    np.testing.assert_allclose(change.diagonal().real, reference.real, rtol=4e-2 if frequency < 1e4 else 1e-2)
     np.testing.assert_allclose(change.diagonal().imag, reference.imag, rtol=5e-2)
 
 
@@ -183,9 +183,9 @@ def test_tilting_the_plate_is_tilting_the_coils(three_loops):
 def test_fields_from_a_grid_are_those_of_the_segments(three_loops, monkeypatch):
     x, y = np.meshgrid(np.linspace(-8e-3, 8e-3, 9), np.linspace(-5e-3, 5e-3, 5))
     positions = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, 4e-3)))
-    change = moving_plate(three_loops, disc(5e-3), positions, [1e6], SHEETS)
+    change = moving_plate(three_loops, disc(5e-3), positions, [1e6], SHEETS, fineness=0.5)
     monkeypatch.setattr(field_at_plate, "_STEP", 1e-6)
-    direct = moving_plate(three_loops, disc(5e-3), positions, [1e6], SHEETS)
+    direct = moving_plate(three_loops, disc(5e-3), positions, [1e6], SHEETS, fineness=0.5)
     np.testing.assert_allclose(change, direct, atol=1e-5 * np.abs(direct).max(), rtol=0)
 
 
@@ -193,9 +193,9 @@ def test_fields_from_a_grid_are_those_of_the_segments(three_loops, monkeypatch):
 @pytest.mark.parametrize("sheets", [(), SHEETS])
 def test_currents_make_the_change_of_inductance(three_loops, sheets):
     """ΔL = ∫ K·A with the coil's potential, where ΔL itself is from B: each its own rule on a triangle."""
-    plate, slab = disc(6e-3, tilt=0.1, tilt_direction=1.0), magnetic_slab(sheets)
-    found = eddy_currents(three_loops, plate, 1e5, sheets, fineness=0.7)
-    change = moving_plate(three_loops, plate, [plate.centre], [1e5], sheets, fineness=0.7)[0, 0]
+    plate, slab = disc(6e-3, tilt=0.05, tilt_direction=1.0), magnetic_slab(sheets)
+    found = eddy_currents(three_loops, plate, 1e5, sheets, fineness=0.5)
+    change = moving_plate(three_loops, plate, [plate.centre], [1e5], sheets, fineness=0.5)[0, 0]
     edges = found.corners[:, 1:] - found.corners[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
     middles, A = found.corners.mean(axis=1), np.zeros((3, len(area), 3))

@@ -17,6 +17,7 @@ from scipy.integrate import quad_vec
 from skfem.helpers import dot, grad
 
 from coilarray import load_design
+from coilarray.compute.arrays import FloatArray
 from coilarray.constants import MU_0
 from coilarray.elastomer.flat_layer import layer_inductance
 from coilarray.electromagnetics.inductance import mutual_inductance
@@ -25,7 +26,6 @@ from coilarray.geometry import MATERIALS, Conductor, Material, Plate, Sheet
 from coilarray.metal import flat_plates
 from coilarray.metal.flat_plates import plate_inductance, plate_inductances
 
-FloatArray = npt.NDArray[np.float64]
 ALUMINIUM, STEEL = MATERIALS["aluminium"], MATERIALS["steel"]
 PERFECT = Material("perfect conductor", math.inf)
 F = np.array([1e3, 1e5, 1e7])

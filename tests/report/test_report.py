@@ -74,7 +74,7 @@ def made(tmp_path_factory):
 
 
 TABLES = (
-    "coils", "pairs", "design", "rules", "field_line", "windings", "states", "state_currents", "ldc1614",
+    "summary", "coils", "pairs", "design", "rules", "field_line", "windings", "states", "state_currents", "ldc1614",
     "ldc1614_drive", "sweep", "indentation", "response", "ellipses", "polynomials", "map_positions", "residuals",
     "causes",
 )  # fmt: skip
@@ -132,7 +132,7 @@ def test_the_causes_are_those_of_the_distortion(made):
 def test_page_needs_no_other_file(page, made):
     assert not {"script", "link"} & set(page.tags)
     assert page.sources
-    assert all(source.startswith("data:image/png;base64,") for source in page.sources)
+    assert all(source.startswith(("data:image/png;base64,", "#section-")) for source in page.sources)
     assert not re.search(r"@import|url\(", made.page.read_text(encoding="utf-8"))
 
 
@@ -146,6 +146,21 @@ def test_page_has_every_part(page):
     assert "What moves x0" in text
     assert "two standard deviations of the calibration" in text
     assert "no rendering in this test" in text
+
+
+def test_the_page_begins_with_a_summary_and_its_contents(made):
+    """The least and most are those of the tables; broken limits have a line each, and every section a link."""
+    rows = {row["quantity"]: row for row in made.data["summary"]}
+    states = made.data["states"]
+    for words, key in (("resonance with the tank", "frequency_Hz"), ("parallel resistance", "parallel_resistance_ohm")):
+        values = [row[key] for row in states]
+        assert (rows[words]["least"], rows[words]["most"]) == (min(values), max(values))
+    assert rows["largest δ, deepest"]["most"] == max(row["peak_delta"] for row in made.data["response"])
+    page = made.page.read_text(encoding="utf-8")
+    assert page.index("largest |k| of two coils") < page.index("<h2")
+    assert re.findall(r'href="#(section-\d+)"', page) == re.findall(r'<h2 id="(.*?)"', page)
+    kept = all(row["kept"] for row in made.data["rules"])
+    assert kept != any("board house" in line for line in made.verdicts)
 
 
 def test_every_number_of_the_page_stands_in_the_files(page, made):

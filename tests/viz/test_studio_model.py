@@ -25,7 +25,7 @@ from coilarray.geometry import MATERIALS, Ball, Plate, Target, check_rules
 from coilarray.localize.inverse import Location, Mode
 from coilarray.response.target import target_map
 from coilarray.viz.scenes.scene import Part, Scale, Scene
-from coilarray.viz.studio import metal, numbers
+from coilarray.viz.studio import metal, numbers, structure
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
@@ -35,6 +35,7 @@ from coilarray.viz.studio.shelf import Shelf
 from coilarray.viz.studio.switching import kept_settings, state_of, unit_fields
 from coilarray.viz.studio.top_view import board_drawing, delta_bars, delta_fills, pins, top_view, touch_drawing
 from coilarray.viz.studio.touch import crossing_line, first_place, location_lines, sensor_of, touched
+from coilarray.viz.studio.trail import Trail
 from coilarray.viz.studio.work import MOST_COILS, require_small, work_on
 
 OPENED = load_design_file("starter")
@@ -101,6 +102,64 @@ def test_a_wrong_value_is_one_line_without_the_name_of_the_design(starter, key, 
     assert str(refused.value).startswith(line)
     assert "\n" not in str(refused.value)
     assert not work.changed
+
+
+def test_a_design_is_built_piece_by_piece(starter):
+    """Each step gives a document that is read, and says nothing of what it has not changed."""
+
+    def then(function, *arguments, **named):
+        nonlocal work
+        before = work.design
+        work = work.with_document(function(work.opened.document, before, *arguments, **named))
+        return work.design
+
+    work = work_on(load_design_file("starter"), "starter")
+    more = then(structure.add_coil).array
+    assert [place.name for place in more.placements] == ["coil1", "coil2", "coil3", "coil4"]
+    np.testing.assert_allclose(more.centres[3], more.centres[2] + (more.centres[2] - more.centres[1]), atol=1e-9)
+    assert more.placements[3].layers == more.placements[1].layers != more.placements[2].layers
+    moved = then(structure.place_coil, "coil4", 5.0, -7.5, 30.0).array.placements[3]
+    assert (moved.x, moved.y, moved.rotation) == pytest.approx((5e-3, -7.5e-3, math.pi / 6))
+    assert list(then(structure.remove_coil, "coil1").array.names) == ["coil2", "coil3", "coil4"]
+    for kind, count in (("square", 4), ("hexagonal", 4), ("linear", 4), ("rings", 7), ("single", 1), ("free", 1)):
+        assert len(then(structure.set_lattice, kind).array.names) == count
+        assert work.opened.document["array"]["lattice"] == kind
+    assert len(then(structure.set_layers, 6).array.stackup.names) == 6
+    assert then(structure.set_leads, there=False).array.placements[0].coil.terminal is None
+    assert then(structure.set_leads, there=True).array.placements[0].coil.terminal is not None
+    assert then(structure.set_base, "seat").indentation.base.stiffness > 0
+    assert then(structure.set_base, "bonded").indentation.base == "bonded"
+    assert [sheet.name for sheet in then(structure.add_sheet).sheets] == ["base", "magnetic", "sheet1"]
+    kept = {key for key in work.opened.assumed if key.startswith("elastomer.1.")}
+    assert [sheet.name for sheet in then(structure.remove_sheet, 0).sheets] == ["magnetic", "sheet1"]
+    assert {key.replace("elastomer.0.", "elastomer.1.") for key in work.opened.assumed if "elastomer.0." in key} == kept
+    then(structure.remove_sheet, 0)
+    assert then(structure.remove_sheet, 0).indentation is None
+    assert then(structure.set_connector, "top").array.led_out.connector.side == "top"
+    assert then(structure.set_connector, "none").array.led_out is None
+    for wrong, arguments, line in (
+        (structure.remove_coil, work.design.array.names, "an array must have a coil"),
+        (structure.set_layers, (0,), "stackup.layers must be 1 to 64; got 0"),
+        (structure.set_lattice, ("spiral",), "array.lattice must be one of single, linear"),
+        (structure.remove_sheet, (0,), "must have a sheet of number 0; there are 0"),
+        (structure.set_base, ("seat",), "indentation is missing"),
+    ):
+        with pytest.raises(DesignError, match=line):
+            then(wrong, *arguments)
+
+
+def test_steps_are_undone_and_done_again(starter):
+    first = work_on(load_design_file("starter"), "starter")
+    second = first.with_entry("board.margin_mm", "3")
+    third = second.with_entry("board.margin_mm", "4")
+    trail = Trail().left(first).left(second)
+    trail, work = trail.undo(third.saved_as("new.toml"))
+    assert (work.opened, work.file, work.changed) == (second.opened, "new.toml", True)  # of the file as it is now
+    trail, work = trail.undo(work)
+    assert (work.opened, trail.before) == (first.opened, ())
+    trail, work = trail.redo(work)
+    assert work.opened is second.opened
+    assert trail.left(work).after == ()  # a new change ends what was undone
 
 
 def test_a_design_that_no_page_can_follow_is_refused(starter):

@@ -103,7 +103,9 @@ def change(page, key, text):
 
 def hold(page, selector, across=0.5, down=0.5):
     """Press the mouse on a part of the page; the place, and the part's width and height."""
-    box = page.locator(selector).first.bounding_box()
+    part = page.locator(selector).first
+    part.scroll_into_view_if_needed()
+    box = part.bounding_box()
     place = box["x"] + across * box["width"], box["y"] + down * box["height"]
     page.mouse.move(*place)
     page.mouse.down()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.geometry.indenter import Indenter
 from coilarray.geometry.sheet import Sheet
 from coilarray.viz.datasets.triangles import MM_PER_M, solid_mesh, triangles
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     import trimesh
     import xarray as xr
 
-FloatArray = npt.NDArray[np.float64]
 
 _ANGLES, _RADII = 271, 96  # directions and circles of a dent's mesh: 1° and, near the axis, 1/9000 of its width
 _OPENED = (-math.pi / 2, math.pi)  # directions that stay when the quarter at the lower left is cut out

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.geometry import Ball, FinitePlate, Plate
 from coilarray.geometry.solids import plate_solid
 from coilarray.geometry.target import Body
@@ -17,7 +18,6 @@ from coilarray.viz.datasets.triangles import MM_PER_M, solid_mesh
 if TYPE_CHECKING:
     import pyvista
 
-FloatArray = npt.NDArray[np.float64]
 
 EDDY, EDDY_AMOUNT = "K (A/m)", "|K| (A/m)"
 """Names of the point arrays of arrows: the current per width and its magnitude."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.response.coordinates import on_board
 from coilarray.viz.datasets.triangles import MM_PER_M, polylines
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     import pyvista
     import xarray as xr
 
-FloatArray = npt.NDArray[np.float64]
 
 COUPLING, DELTA = "k", "delta (1)"
 """Names of the arrays of coupling coefficients and of relative changes of inductance."""

@@ -14,6 +14,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse as EllipsePatch
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MILLI_DELTA, MM, true_minus
 from coilarray.localize.ellipse import Ellipse
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition
@@ -23,7 +24,6 @@ from coilarray.viz.plots import style
 
 _PARAMETERS = {"A": (BLUE, "o", "-"), "B": (VERMILLION, "s", "--"), "x0": (GREEN, "^", ":")}
 _NAMES = {"A": "A", "B": "B", "x0": r"$x_0$"}
-FloatArray = npt.NDArray[np.float64]
 
 _MARGIN = 0.3  # mm
 _SHARE = 0.1  # single neighbours whose effect is a smaller share of the largest one have no name in the legend

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.operating_field import operating_currents
+from coilarray.compute.arrays import ComplexArray
 from coilarray.design.model import Design
 from coilarray.geometry import FinitePlate, Plate
 from coilarray.metal.finite_plates import eddy_currents
@@ -18,7 +19,6 @@ from coilarray.response.target import target_of
 from coilarray.viz.datasets.metal import Eddies
 from coilarray.viz.scenes.board import Box
 
-ComplexArray = npt.NDArray[np.complex128]
 Phasors = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], ComplexArray]
 """Points (n, 3) in m, normals (n, 3) and complex current densities (n, 3) in A/m of one body."""
 

@@ -7,12 +7,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
 from coilarray.geometry.array import CoilArray
 
-FloatArray = npt.NDArray[np.float64]
 Axes = tuple[FloatArray, FloatArray, FloatArray]
 
 _WIDE, _TALL = 2.2, 1.6  # half sides of the box along and across the board, in radii of the coil

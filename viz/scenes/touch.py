@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, Indentation
 from coilarray.errors import GeometryError
@@ -22,8 +22,6 @@ from coilarray.viz.scenes.board import CoilColours, board_in_pieces, copper_part
 from coilarray.viz.scenes.dent import VEILED, scene_of_dent
 from coilarray.viz.scenes.draw import shown_units
 from coilarray.viz.scenes.scene import Scale, Scene, Text, about_zero
-
-FloatArray = npt.NDArray[np.float64]
 
 _STEPS = 5  # positions of the response per thickness of all sheets, as `coilarray.localize.forward` needs them
 _BELOW = 0.17  # distance from a coil's name down to its number, over the coil's length along y

@@ -6,19 +6,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 from matplotlib import colormaps
 
 from coilarray.circuit.active_coil import checked_network
 from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance
 from coilarray.circuit.network import Network
+from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.geometry.rules import Margin, check_rules
 from coilarray.viz.palette import DIVERGING
-
-FloatArray = npt.NDArray[np.float64]
 
 _DARK = 0.42  # luminance below which text on a colour is white
 _SHOWN_MARGINS = 40

@@ -15,13 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.circuit.exchange.spice import plain_names
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 _MM = 1e-3
 _STEEP = 1e-9  # horizontal part of a direction below which a segment is vertical, as in electromagnetics.inductance

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
-FloatArray = npt.NDArray[np.float64]
+from coilarray.compute.arrays import FloatArray
 
 _CORNERS_A_DECADE = 4
 _ABOVE = 30.0  # corners reach so far beyond the highest frequency: eddy currents begin with the frequency's square

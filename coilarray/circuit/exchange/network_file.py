@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.circuit.active_coil import FloatArray
 from coilarray.circuit.exchange.ladder import fit_ladder
 from coilarray.circuit.exchange.spice import spice_subcircuit
 from coilarray.circuit.exchange.touchstone import touchstone
 from coilarray.circuit.network import Network, SampledMatrix
 from coilarray.circuit.state_sensitivity import resonances
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.files import write_text
 from coilarray.design.scan_states import paper_plan
 from coilarray.errors import OutputError

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.circuit.active_coil import FloatArray, checked_network
+from coilarray.circuit.active_coil import checked_network
+from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.inductance import coupling_matrix
 
 _NAME_LENGTH = 60  # FastHenry reads names into buffers of 80 bytes

@@ -11,12 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
 from coilarray.electromagnetics.kernels.filaments import parallel_filaments
-
-FloatArray = npt.NDArray[np.float64]
 
 _GAUSS_16 = np.polynomial.legendre.leggauss(16)
 _NODES, _WEIGHTS = np.ascontiguousarray(_GAUSS_16[0]), np.ascontiguousarray(_GAUSS_16[1])

@@ -5,14 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 from numba import cuda
 
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.electromagnetics.kernels.segments import ON_WIRE
 from coilarray.errors import MissingDependencyError
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _THREADS = 128  # in a block
 _POINTS = 1 << 22  # at once: 0.2 GB of the GPU's memory

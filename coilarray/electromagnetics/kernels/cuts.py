@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from coilarray.compute.arrays import FloatArray, IntArray
 
 _STEEPEST = 0.5  # sine of the smallest angle at which a segment may cross the cut
 _DIRECTIONS = 64  # how many of the longest segments are tried as normals

@@ -18,10 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.electromagnetics.kernels.sections import pair_logs
 
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 Trace = tuple[float, float, float, float]
 """Centre x and z, width and thickness."""
 Basis = tuple[FloatArray, FloatArray, FloatArray]

@@ -11,12 +11,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.kernels.compiled import inner_kernel
 from coilarray.electromagnetics.kernels.segments import log_of_ratio
-
-FloatArray = npt.NDArray[np.float64]
 
 MOST_NODES = 32
 """Along one segment; pairs that need more are left to the closed forms."""

@@ -9,12 +9,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
 from coilarray.electromagnetics.kernels.segments import log_of_ratio
 
-FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float, float]
 
 PARALLEL_SIN2 = 1e-9

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.kernels.compiled import kernel
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @kernel

@@ -17,8 +17,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.kernels.bars import parallel_bars
 from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
 from coilarray.electromagnetics.kernels.far_pairs import (
@@ -32,7 +32,6 @@ from coilarray.electromagnetics.kernels.far_pairs import (
 )
 from coilarray.electromagnetics.kernels.filaments import filament_pair, filament_pair_far
 
-FloatArray = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 MAX_NODES = 16

@@ -14,14 +14,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-import numpy.typing as npt
-
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
 from coilarray.electromagnetics.kernels.segments import log_of_ratio
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 NEAR = 6.0
 """Distance, in sides of the larger cell, up to which the closed form is used."""

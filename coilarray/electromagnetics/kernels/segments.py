@@ -14,12 +14,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 ON_WIRE = 1e-12
 """A point nearer to a segment than this fraction of its length counts as on it; the segment then adds nothing."""

@@ -10,11 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
-
-FloatArray = npt.NDArray[np.float64]
 
 _NEAR = 2.5  # sums of both radii; beyond, the moments err by some 1e-4 of one pair
 _A, _B = (6.0 - math.sqrt(15.0)) / 21.0, (6.0 + math.sqrt(15.0)) / 21.0

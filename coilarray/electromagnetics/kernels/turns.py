@@ -18,11 +18,10 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
 from coilarray.electromagnetics.kernels.paths import RULE_SIZE, bar_pair, closest_offset
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 _MEMBERS, _CHECK = 5, 4  # members that stand for a series, and those of the rule that checks them

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.store import Store, open_store
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool, workers
@@ -28,8 +28,6 @@ from coilarray.studies.calibrate.plan import IMPERFECTION, Choice, DataTable, Pl
 from coilarray.studies.calibrate.result import Case, Solution, Unsolved, result_dataset, solution
 from coilarray.studies.evaluate import run_cached
 from coilarray.studies.optimize.space import value_of
-
-FloatArray = npt.NDArray[np.float64]
 
 _SAYS_NOTHING = ("title", "source", "assumed")  # tables and values of a design that enter no response
 _GUESSED_STEPS = 6  # of a fit, for a progress bar

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
 from coilarray.errors import GoalError, LocalizeError
 from coilarray.localize.comparison import own_noise
@@ -20,8 +21,6 @@ from coilarray.localize.forward import checked_axes
 from coilarray.localize.published import undetermined_levels
 from coilarray.response.setup import indentation_of
 from coilarray.studies.calibrate.plan import DataTable
-
-FloatArray = npt.NDArray[np.float64]
 
 _DIMS = ("depth", "y", "x", "state")
 _FEW = 30.0  # degrees of freedom, with which a standard deviation is known to 13 %

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import lsq_linear
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GoalError
 
-FloatArray = npt.NDArray[np.float64]
 Asking = Generator[list[FloatArray], list["FloatArray | str"], "Fit"]
 """Yields points (unknowns,), gets the model's numbers at each or why there are none, and returns the fit."""
 

@@ -8,11 +8,10 @@ its mean the probability of the box.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import log_ndtr, logsumexp, ndtri_exp
 from scipy.stats import chi2, qmc
 
-FloatArray = npt.NDArray[np.float64]
+from coilarray.compute.arrays import FloatArray
 
 _DRAWS = 4096  # of a scrambled Sobol sequence
 

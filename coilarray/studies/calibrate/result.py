@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 from scipy.special import gammaln, log_ndtr, logsumexp
 from scipy.stats import chi2, f
 
 from coilarray.circuit.coupling import provenance
+from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
 from coilarray.design.units import entry_unit
 from coilarray.design.vary import vary_document
@@ -21,8 +21,6 @@ from coilarray.studies.calibrate.data import Measurement
 from coilarray.studies.calibrate.fit import Fit, Problem, at_bound, gradient, information
 from coilarray.studies.calibrate.plan import Choice, Plan, Unknown, separated
 from coilarray.studies.calibrate.posterior import bounded_normal
-
-FloatArray = npt.NDArray[np.float64]
 
 DRAWS = 1000
 """Draws from the posterior of every combination of choices."""

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.optimize import brentq
 
 from coilarray.circuit.coupling import design_inductance
+from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.errors import DesignError
-from coilarray.geometry.values import FloatArray
 
 _FROM, _TO = 0.4, 1.0  # of the width of a coil: where the sign of its neighbours' coupling is looked for
 _SAMPLES = 5

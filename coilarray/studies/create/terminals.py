@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import DesignError, RuleViolationError
 from coilarray.geometry import Placement, require_rules
-from coilarray.geometry.values import FloatArray
 from coilarray.studies.create.plan import Plan
 
 _MOVES, _MOVE = 13, 0.5e-3  # by how much coils are moved apart until their terminals have room, in m

@@ -15,15 +15,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.studies.optimize.goal import Goal
 from coilarray.studies.optimize.search import Evaluate, frozen_trial, stored_trial
 from coilarray.studies.optimize.space import Axis
 from coilarray.studies.optimize.study_file import StudyFile
 from coilarray.studies.optimize.trials import Trial, trial_of
-
-FloatArray = npt.NDArray[np.float64]
 
 _FIRST_RADIUS = 0.05  # of the unit box; the sampler has explored the rest
 _LAST_RADIUS = 1e-7

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import design_circuit, design_inductance
 from coilarray.circuit.impedance import scan_design
+from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design, Indentation
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.errors import GoalError
@@ -19,7 +19,6 @@ from coilarray.geometry import Margin, Target, check_rules
 from coilarray.response.map import response_map
 from coilarray.response.target import target_map
 
-FloatArray = npt.NDArray[np.float64]
 Rectangle = tuple[float, float, float, float]
 
 _CONTACT_ENDS = 4.0  # depths above the tip of an indenter, beyond which it never touches (coilarray.elastomer.contact)

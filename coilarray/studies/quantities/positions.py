@@ -7,16 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GoalError
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.studies.quantities.evaluation import Evaluation
 from coilarray.studies.quantities.quantity import Option, quantity, read_positive, read_rectangle
 from coilarray.studies.quantities.responses import DEPTH
-
-FloatArray = npt.NDArray[np.float64]
 
 NOISE = 1e-5
 """Standard deviation of δ where none is given."""

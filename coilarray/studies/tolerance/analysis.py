@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import provenance
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.store import Store
 from coilarray.compute.threads import Progress
@@ -30,8 +30,6 @@ from coilarray.studies.tolerance.sampling import Sampling, draw, errors_of
 from coilarray.studies.tolerance.sensitivity import Sensitivity, difference_points, error_steps, sensitivity
 from coilarray.studies.tolerance.statistics import CENTRAL, LEAST_SAMPLES, deviation_error, kept, yield_of
 from coilarray.studies.tolerance.tolerances import UNITS, Contributor, Limit, Tolerances, contributors
-
-FloatArray = npt.NDArray[np.float64]
 
 _LEAST_KNOWN = 0.5  # of the thickness of all sheets, a length over which δ changes much
 _LINEAR_SAMPLES = 1 << 16  # of the linear model, for its yield: errs by less than 1e-3

@@ -34,13 +34,11 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design, Indentation
 from coilarray.errors import DesignError, GeometryError, GoalError
 from coilarray.geometry import Coil, CoilArray, FinitePlate, Material, Placement, Plate, Sheet, Stackup, Target
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def error_names(design: Design) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel
 from coilarray.localize.identifiability import covariance_of, fisher_information
@@ -21,7 +22,6 @@ from coilarray.localize.inverse import locate_all
 from coilarray.response.interpolation import PARAMETERS
 from coilarray.studies.tolerance.tolerances import Positions
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
 

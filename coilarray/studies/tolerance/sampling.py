@@ -10,10 +10,9 @@ import numpy.typing as npt
 from scipy.special import ndtri
 from scipy.stats import qmc
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GoalError
 from coilarray.studies.tolerance.tolerances import Contributor
-
-FloatArray = npt.NDArray[np.float64]
 
 Sampling = Literal["sobol", "random"]
 """Scrambled Sobol points, which fill the space evenly, or independent ones."""

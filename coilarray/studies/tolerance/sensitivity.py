@@ -12,11 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.studies.tolerance.tolerances import Contributor
-
-FloatArray = npt.NDArray[np.float64]
 
 STEPS = (1.0, 0.5)
 """Half widths of the central differences in standard deviations: the second gives the derivative, both its check."""

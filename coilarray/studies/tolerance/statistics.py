@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import binomtest
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.studies.tolerance.tolerances import Limit
 
-FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 LEAST_SAMPLES = 8

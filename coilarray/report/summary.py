@@ -1,0 +1,101 @@
+"""What a design comes to, in a few lines: the least and the most of what decides, and every limit that is broken."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
+from coilarray.geometry import Margin
+from coilarray.report.tables import Column, Table, Value
+from coilarray.studies.create.tank import broken_limits
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_ALIKE = 1e-9  # of a number: what rounding makes different
+_SHOWN = {"ppm": PER_MILLION, "ohm": DisplayUnit("kΩ", 1e-3, 2)}
+_OF_STATES = (
+    ("frequency", "resonance with the tank"),
+    ("effective_inductance", "effective inductance"),
+    ("quality_factor", "quality factor"),
+    ("parallel_resistance", "parallel resistance"),
+    ("state_self_resonance", "self-resonance"),
+)
+
+
+def summary_table(
+    coupling: xr.Dataset, scan: xr.Dataset | None, margins: Sequence[Margin], response: xr.Dataset | None
+) -> Table:
+    """Return one row a quantity: its least and most over all coils and states, and which these are.
+
+    Parameters
+    ----------
+    coupling : xarray.Dataset
+        Result of `coilarray.couple_design`.
+    scan : xarray.Dataset or None
+        Result of `coilarray.circuit.impedance.scan_design`; None for a circuit that has none.
+    margins : sequence of Margin
+        Result of `coilarray.geometry.check_rules`.
+    response : xarray.Dataset or None
+        Response on the board; None for a design without one.
+    """
+    found = list(_rows(coupling, scan, margins, response))
+    columns = (Column("quantity"), Column("least", unit="1"), Column("most", unit="1"), Column("unit"), Column("where"))
+    units = tuple(_SHOWN.get(str(unit)) or display_unit(str(unit)) for *_, unit, _ in found)
+    return Table("summary", "Summary", columns, tuple(found), units)
+
+
+def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin]) -> list[str]:
+    """Return one line for each kind of limit of the board house and of the converter that is broken: the worst one."""
+    lines = []
+    for rule in dict.fromkeys(margin.rule for margin in margins if not margin.kept):
+        worst = min((m for m in margins if m.rule == rule and not m.kept), key=lambda m: m.margin)
+        size, unit = (1e3, " mm") if worst.unit else (1.0, "")
+        where = f"{worst.feature} on {worst.layer}" if worst.layer else worst.feature
+        lines.append(
+            f"The board house's limit of {rule} is broken at {where}: "
+            f"{worst.value * size:.4g}{unit}; its limit is {worst.limit * size:.4g}{unit}."
+        )
+    broken = [] if scan is None else broken_limits(scan)
+    for name in dict.fromkeys(limit.name for _, limit in broken):
+        state, limit = next(one for one in broken if one[1].name == name)
+        lines.append(
+            f"The converter cannot read {state}: {name} is {limit.value:.4g}; allowed are {limit.low:.4g} to "
+            f"{limit.high:.4g}."
+        )
+    return lines
+
+
+def _rows(
+    coupling: xr.Dataset, scan: xr.Dataset | None, margins: Sequence[Margin], response: xr.Dataset | None
+) -> Iterator[tuple[Value, ...]]:
+    names = coupling.coil.values.tolist()
+    own = coupling.open_inductance
+    yield _row("inductance, the others open" if len(names) > 1 else "inductance", names, own.values, "H")
+    for name, words in _OF_STATES if scan is not None else ():
+        values = scan[name]  # type: ignore[index]
+        yield _row(words, values.state.values.tolist(), values.values, str(values.attrs["units"]))
+    if len(names) > 1:
+        k = np.abs(coupling.coupling.values - np.eye(len(names)))
+        i, j = (int(n) for n in np.unravel_index(int(k.argmax()), k.shape))
+        yield ("largest |k| of two coils", "", float(k.max()), "1", f"{names[i]} and {names[j]}")
+    lengths = [margin for margin in margins if margin.unit]
+    if lengths:
+        worst = min(lengths, key=lambda margin: margin.margin)
+        where = f"{worst.rule} of {worst.feature}"
+        yield ("least margin to the limits of the board house", worst.margin, "", "m", where)
+    if response is not None:
+        peaks = response.delta.isel(depth=-1).max(("x", "y"))
+        yield _row("largest δ, deepest", peaks.state.values.tolist(), peaks.values, "ppm")
+
+
+def _row(words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:
+    """Return least and most of a quantity, and of which names they are; one number where all are alike."""
+    least, most = int(values.argmin()), int(values.argmax())
+    low, high = float(values[least]), float(values[most])
+    alike = high - low <= _ALIKE * abs(high)
+    return words, low, "" if alike else high, unit, "" if alike else f"{names[least]}; {names[most]}"

@@ -1,0 +1,75 @@
+"""The share of an indenter's material in a response: eddy currents and magnetisation of a ball over or in the dent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.elastomer.scattering import LayerMesh
+from coilarray.electromagnetics.source import Source
+from coilarray.errors import ElastomerError, MetalError
+from coilarray.geometry import Ball
+from coilarray.metal.indenter import indenter_inductance
+from coilarray.response.setup import Experiment, MapAxes
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+Variable = tuple[tuple[str, ...], FloatArray, Mapping[str, str]]
+"""A variable of a dataset: dimensions, values and attributes."""
+
+
+def check_metal(axes: MapAxes, ball: Ball | None, rest: float) -> None:
+    """Refuse an indenter of metal where it is not computed, and depths that only such a one has."""
+    if not rest >= 0:
+        raise MetalError(f"rest must be at least 0; got {rest} m.")
+    if ball is None and axes.depth[0] < 0:
+        raise ElastomerError(
+            f"depth of an indentation must be from 0 where no material of the indenter counts; "
+            f"got {axes.depth[0] * 1e3:.4g} mm."
+        )
+
+
+def metal_share(
+    pressed: Experiment, source: Source, ball: Ball, frequency: float, rest: float, mesh: LayerMesh
+) -> ComplexArray:
+    """Share of the indenter's material in the changes in H, (depths, places, coils, coils), against it at rest.
+
+    What a finite sample adds to its dents is left out: it is a small part of a share.
+    """
+    total: ComplexArray | float = 0.0
+    for level in (level for level in pressed.levels if not level.coarse):
+        first = level.dents[0]
+        flat = replace(first, displacement=np.zeros_like(first.displacement))
+        at_rest = indenter_inductance(source, ball, flat, pressed.points, frequency, rest)
+        parts = [
+            indenter_inductance(source, ball, dent, pressed.points, frequency, above, mesh=mesh) - at_rest
+            for dent, above in zip(level.dents, pressed.above.tolist(), strict=True)
+        ]
+        total = total + np.einsum("dp,dpij->dpij", level.shares, parts)
+    return np.asarray(total)
+
+
+def metal_variables(axes: MapAxes, delta: FloatArray, share: ComplexArray, frequency: float) -> dict[str, Variable]:
+    """Return the variables of the material's share."""
+    matrix = ("depth", "y", "x", "coil", "other")
+    values = share.reshape(*axes.shape, *share.shape[2:])
+    loss = -2 * np.pi * frequency * values.imag
+    return {
+        "metal_delta": (
+            ("depth", "y", "x", "state"), delta.reshape(*axes.shape, -1),
+            {"units": "1", "long_name": "share of the indenter's material in delta"},
+        ),
+        "metal_inductance_change": (
+            matrix, values.real, {"units": "H", "long_name": "share of the indenter's material"}
+        ),
+        "metal_resistance_change": (matrix, loss, {"units": "ohm", "long_name": "eddy-current loss in the indenter"}),
+    }  # fmt: skip
+
+
+def metal_attributes(ball: Ball, frequency: float, rest: float) -> dict[str, object]:
+    """Return the attributes that say of what a share is: `rest` in m."""
+    return {"metal_frequency_Hz": frequency, "rest_m": rest, "indenter_material": ball.material.name}

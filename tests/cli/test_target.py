@@ -1,0 +1,65 @@
+"""``coilarray target`` and what `locate` makes of its file: one coil below a ball."""
+
+import csv
+from pathlib import Path
+
+import pytest
+import xarray as xr
+from support.command_line import runner, successes
+
+from coilarray import load_design, target_map
+from coilarray.design.bundled import read
+
+pytestmark = pytest.mark.slow
+
+good, answer = successes()
+_, refused = runner()
+
+TARGET = """[target]
+shape = "sphere"
+diameter_mm = 8
+material = "aluminium"
+distances_mm = [1, 2, 3, 4, 6]
+x_mm = [0, 0]
+y_mm = [0, 0]
+step_mm = 1
+
+[field]
+"""
+
+
+@pytest.fixture
+def ball(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    bare = read("gast_fem").partition("[[elastomer]]")[0]
+    rest = "[circuit]" + read("gast_fem").partition("[circuit]")[2].partition("[assumed]")[0]
+    Path("ball.toml").write_text(bare + rest.replace("[field]\n", TARGET), encoding="utf-8")
+
+
+def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
+    data = answer(capsys, "target", "ball.toml", "--ideal", "--out", "t.csv")
+    expected = target_map(load_design("ball.toml"), ideal=True)
+    assert (data["body"], data["material"], data["noise"]) == ("sphere", "aluminium", 1e-5)
+    delta = expected.delta.values.ravel()
+    assert [row["delta"] for row in data["target"]] == pytest.approx(delta)
+    with Path("t.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["delta"]) for row in rows] == pytest.approx(delta)
+    assert [float(row["quality_factor"]) for row in rows] == pytest.approx(expected.quality_factor.values.ravel())
+    assert data["target_range"][0]["range_m"] == pytest.approx(float(expected.range[0]))
+    assert data["target_coupling"] == []  # one coil
+    good(capsys, "target", "ball.toml", "--ideal", "--distance-mm", "1:3:5", "--plot", "t.png")
+    assert sorted(path.name for path in Path().iterdir()) == ["ball.toml", "t.csv", "t.png", "target.nc"]
+    with xr.open_dataset("target.nc", engine="h5netcdf") as kept:
+        reading = float(kept.delta.sel(distance=2e-3, method="nearest").squeeze())
+    out = good(capsys, "locate", "--model", "target.nc", f"coil1={reading}")
+    assert "distance (mm)" in out
+    assert "2.000" in out
+    assert "target.nc is no response: it must have delta over depth" in refused(capsys, "fit", "target.nc")
+
+
+def test_what_is_wrong_is_one_line(ball, capsys):
+    assert "the design gast_fem has no [target]" in refused(capsys, "target", "gast_fem")
+    assert "distances of a target must be above zero" in refused(capsys, "target", "ball.toml", "--distance-mm", "0,1")
+    assert "noise must be positive" in refused(capsys, "target", "ball.toml", "--ideal", "--noise", "0")
+    assert "--out must end in .nc or .csv" in refused(capsys, "target", "ball.toml", "--out", "t.txt")
