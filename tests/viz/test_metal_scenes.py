@@ -93,10 +93,11 @@ def test_eddy_currents_of_a_disc_are_nearly_those_of_a_plate_without_end_in_its_
     )
     np.testing.assert_allclose(at_disc[:, 2], 5e-3, rtol=1e-9)
     near = np.abs(at_wide[:, :2]).max(axis=1) < 9e-3
-    for point, K in zip(at_wide[near], K_wide[near], strict=True):
-        there = K_disc[np.linalg.norm(at_disc - point, axis=1).argsort()[:3]].mean(axis=0)
-        # triangles of 2 mm, currents averaged over 1 mm, and those that the rim turns back
-        np.testing.assert_allclose(there, K, atol=0.3 * np.abs(K_wide).max())
+    there = [K_disc[np.linalg.norm(at_disc - point, axis=1).argsort()[:3]].mean(axis=0) for point in at_wide[near]]
+    error = np.abs(np.array(there) - K_wide[near]).max(axis=1) / np.abs(K_wide).max()
+    # triangles of 2 mm in the one, an average over 1 mm in the other
+    assert np.median(error) < 0.05
+    assert error.max() < 0.15
 
 
 @pytest.mark.slow
