@@ -390,7 +390,7 @@ def test_metal_has_a_section_with_its_numbers(tmp_path):
     few = re.sub(r"\[indenter\].*?(?=\n\[circuit\])", "", FEW, flags=re.DOTALL)
     made = drawn_report(parse_design(few + METAL), tmp_path)
     page = made.page.read_text(encoding="utf-8")
-    assert "<h2>Metal" in page
+    assert ">Metal</h2>" in page
     assert "with the plate backplane of aluminium and a copper plate as target;" in page
     (plate,) = table(made, "plates")
     depth, f = float(plate["skin_depth_m"]), float(table(made, "coils")[0]["frequency_Hz"])
@@ -408,6 +408,12 @@ def test_metal_has_a_section_with_its_numbers(tmp_path):
     assert deltas[-1] < 0
     assert "target.nc" in {path.name for path in made.folder.iterdir()}
     assert made.data["target_problem"] == made.data["field_problem"] == ""
+    summary = {row["quantity"]: row for row in table(made, "summary")}
+    assert float(summary["change of the effective inductance by the plates"]["most"]) < -0.01
+    assert float(summary["δ of the target, 0.5 mm away"]["least"]) == pytest.approx(min(
+        float(row["delta"]) for row in table(made, "target")
+    ), rel=1e-9)  # fmt: skip
+    assert any(name.startswith("range of the target") for name in summary)
 
 
 @pytest.mark.parametrize(("old", "new", "problem", "dent"), [
