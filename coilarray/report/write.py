@@ -215,7 +215,7 @@ def write_report(
         drawing.finish()
         step()
     all_tables = [
-        summary_table(coupling, scan, margins, shown),
+        summary_table(coupling, scan, margins, shown, without, seen),
         tables.coil_table(design, coupling),
         tables.pair_table(coupling),
         tables.design_table(file),

@@ -408,6 +408,12 @@ def test_metal_has_a_section_with_its_numbers(tmp_path):
     assert deltas[-1] < 0
     assert "target.nc" in {path.name for path in made.folder.iterdir()}
     assert made.data["target_problem"] == made.data["field_problem"] == ""
+    summary = {row["quantity"]: row for row in table(made, "summary")}
+    assert float(summary["change of the effective inductance by the plates"]["most"]) < -0.01
+    assert float(summary["δ of the target, 0.5 mm away"]["least"]) == pytest.approx(min(
+        float(row["delta"]) for row in table(made, "target")
+    ), rel=1e-9)  # fmt: skip
+    assert any(name.startswith("range of the target") for name in summary)
 
 
 @pytest.mark.parametrize(("old", "new", "problem", "dent"), [
