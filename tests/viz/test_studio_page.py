@@ -401,6 +401,18 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     assert int(browser.field(page, "array.columns").input_value()) == trial.changes["array.columns"]
     pitch = float(browser.field(page, "array.pitch_mm").input_value())
     assert pitch == pytest.approx(trial.changes["array.pitch_mm"], rel=1e-11)  # shown with twelve digits
+    page.click("#do-sweep")
+    page.fill("[data-sweep='0'] input >> nth=1", "8:12:3")
+    page.fill("#quantities", "span_mm")
+    page.press("#quantities", "Enter")
+    page.click("#start-study")
+    page.wait_for_selector("#study[data-ended=true] #study-picture")
+    browser.picture(page, "sweep")
+    page.click("#study-rows tbody tr >> nth=2 >> button")
+    page.wait_for_selector("#study-line >> text=before it was changed")
+    assert browser.field(page, "array.pitch_mm").input_value() == "12"
+    page.click("#keep-study")
+    until((folder / "starter-sweep.nc").exists)
 
 
 @scenes
