@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -9,9 +10,13 @@ import numpy as np
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
+from coilarray.errors import LocalizeError
 from coilarray.geometry import Margin
+from coilarray.localize.forward import forward_model
+from coilarray.localize.identifiability import identifiability
 from coilarray.report.tables import Column, Table, Value
 from coilarray.studies.create.tank import broken_limits
+from coilarray.studies.quantities.positions import NOISE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,7 +51,8 @@ def summary_table(
     margins : sequence of Margin
         Result of `coilarray.geometry.check_rules`.
     response : xarray.Dataset or None
-        Response on the board; None for a design without one.
+        Response on the board; None for a design without one. Of it the largest δ and, where readings tell it, the
+        Cramér–Rao bound of a located x at its best place and in the median of the map.
     without : xarray.Dataset, optional
         The scan without the plates of a design that has some.
     target : xarray.Dataset, optional
@@ -100,6 +106,23 @@ def _rows(
     if response is not None:
         peaks = response.delta.isel(depth=-1).max(("x", "y"))
         yield _row("largest δ, deepest", peaks.state.values.tolist(), peaks.values, "ppm")
+        yield from _resolution(response)
+
+
+def _resolution(response: xr.Dataset) -> Iterator[tuple[Value, ...]]:
+    """Least standard deviations of a located x over the deepest map; nothing for a map from which none is located."""
+    try:
+        sigma = identifiability(forward_model(response), float(response.depth[-1]), noise=NOISE).sigma_x
+    except LocalizeError:
+        return
+    best, median = float(sigma.min()), float(sigma.median())
+    if not math.isfinite(best):
+        return
+    found = median < float(np.ptp(response.x.values))
+    place = sigma.where(sigma == best, drop=True)[0, 0]
+    at = f"at x {float(place.x) * 1e3:.1f}, y {float(place.y) * 1e3:.1f} mm"
+    half = "median of the map" if found else "half of the map does not tell x"
+    yield f"σ of a located x, deepest; noise of δ {NOISE:g}", best, median if found else "", "m", f"{at}; {half}"
 
 
 def _metal_rows(

@@ -156,6 +156,16 @@ def test_the_page_begins_with_a_summary_and_its_contents(made):
         values = [row[key] for row in states]
         assert (rows[words]["least"], rows[words]["most"]) == (min(values), max(values))
     assert rows["largest δ, deepest"]["most"] == max(row["peak_delta"] for row in made.data["response"])
+    with xr.open_dataset(made.folder / "response.nc", engine="h5netcdf") as response:
+        (resolution,) = (row for words, row in rows.items() if words.startswith("σ of a located x"))
+        delta = response.delta.isel(depth=-1).transpose("y", "x", "state").values
+        x, y = response.x.values, response.y.values
+    # by differences instead of splines, which agree where δ is steep: the best place
+    slopes = np.stack((np.gradient(delta, x, axis=1), np.gradient(delta, y, axis=0)), axis=-1) / 1e-5
+    bound = np.sqrt(np.linalg.pinv(slopes.swapaxes(-1, -2) @ slopes)[..., 0, 0])
+    within = bound[1:-1, 1:-1]
+    assert resolution["least"] == pytest.approx(within[within > 0].min(), rel=0.3)
+    assert resolution["least"] < resolution["most"] < np.ptp(x)
     page = made.page.read_text(encoding="utf-8")
     assert page.index("largest |k| of two coils") < page.index("<h2")
     assert re.findall(r'href="#(section-\d+)"', page) == re.findall(r'<h2 id="(.*?)"', page)

@@ -24,8 +24,10 @@ from coilarray.errors import DesignError, ElastomerError, GeometryError, Localiz
 from coilarray.geometry import MATERIALS, Ball, Plate, Target, check_rules
 from coilarray.localize.inverse import Location, Mode
 from coilarray.response.target import target_map
+from coilarray.studies.quantities import evaluate
+from coilarray.studies.sweep import parse_axis
 from coilarray.viz.scenes.scene import Part, Scale, Scene
-from coilarray.viz.studio import metal, numbers, structure
+from coilarray.viz.studio import metal, numbers, structure, studying
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
@@ -485,6 +487,48 @@ def test_runs_are_read_as_they_were_written(tmp_path):
     assert run_folders(tmp_path / "found") == ["."]
     work = work_on(OPENED, "starter").with_entries(best.entries)
     assert work.opened.values["array.columns"] == trial.changes["array.columns"]
+
+
+@pytest.mark.slow
+def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, monkeypatch):
+    monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path))
+    monkeypatch.setattr(studying, "_EVERY", 0.0)
+    told = []
+    asked = studying.SweepRequest(
+        OPENED.document, "starter", ("array.pitch_mm=12,-1,14", "array.columns=2,3"), ("span_mm",)
+    )
+    found = studying.sweep_entries(asked, told.append, lambda: False)
+    assert [one for one in told if isinstance(one, tuple)][-1] == (6, 6)
+    head, rows = studying.sweep_rows(found)
+    assert head == ("array.pitch_mm", "array.columns", "span_mm")
+    assert [row.point for row in rows] == [0, 1, None, None, 4, 5]  # no pitch is negative
+    assert all(row.reason and row.cells[-1] == "–" for row in rows[2:4])
+    partial = [studying.sweep_rows(one)[1] for one in told if isinstance(one, studying.SweepResult)]
+    assert [len(some) for some in partial] == [1, 2, 3, 4, 5, 6]
+    work = work_on(OPENED, "starter")
+    for row in (rows[0], rows[5]):
+        taken = work.with_entries(found.points[row.point])
+        span = evaluate(taken.design, ["span_mm"])["span_mm"]
+        assert float(row.cells[-1]) == pytest.approx(span, rel=1e-5)  # shown with six digits
+    for entry in entries_of(OPENED):
+        axis = parse_axis(f"{entry.key}={studying.axis_text(entry)}")  # what is offered can be read
+        assert min(axis.values) <= entry.value <= max(axis.values)
+
+
+def test_a_tolerance_study_says_what_contributes_most_and_the_yield():
+    two = {
+        "nominal": ("output", [0.08, 5.0]),
+        "linear_deviation": ("output", [0.01, 0.0]),
+        "share": (("contributor", "output"), [[0.25, np.nan], [0.75, np.nan]]),
+        "sample_deviation": ("output", [0.0123, 0.0]),
+        "sample_yield": ("limit", [0.875]),
+    }
+    coords = {"output": ["worst_k", "span_mm"], "contributor": ["etch.L1", "etch.L2"], "limit": ["worst_k ≤ 0.1"]}
+    assert [row.cells for row in studying.tolerance_rows(xr.Dataset(two, coords))[1]] == [
+        ("worst_k", "0.08", "0.01", "0.0123", "etch.L2 (75 %)"),
+        ("span_mm", "5", "0", "0", "no error"),
+        ("worst_k ≤ 0.1", "", "", "", "yield 87.5 %"),
+    ]
 
 
 def test_what_is_no_study_is_one_line(tmp_path):

@@ -98,6 +98,7 @@ class DesignPanel(Panel):
         page.state.save_dialog = False
         page.work = work
         page.numbers.forget_saved()
+        page.redraw()
         page.state.file, page.state.changed = work.file, False
         page.state.file_note = f"saved {page.setup.shelf.path(work.file)}"
 

@@ -27,6 +27,7 @@ from coilarray.viz.studio.runs_panel import RunsPanel
 from coilarray.viz.studio.scene_panel import ScenePanel
 from coilarray.viz.studio.services import Services
 from coilarray.viz.studio.shelf import Shelf
+from coilarray.viz.studio.studies_panel import StudiesPanel
 from coilarray.viz.studio.switches_panel import SwitchesPanel
 from coilarray.viz.studio.touch_panel import TouchPanel
 from coilarray.viz.studio.trail import Trail
@@ -43,7 +44,20 @@ class Setup:
     rendering_problem: str | None  # why there is no picture in three dimensions
 
 
-_PARTS = ("bar", "drawer", "scene", "numbers", "build", "switches", "touch", "metal", "runs", "board", "dialogs")
+_PARTS = (
+    "bar",
+    "drawer",
+    "scene",
+    "numbers",
+    "build",
+    "switches",
+    "touch",
+    "metal",
+    "runs",
+    "studies",
+    "board",
+    "dialogs",
+)
 _FOLLOWING = ("scene", "numbers", "rules", "circuit", "target")  # results that a change of the design makes stale
 _JOINED = 1.0  # s: what a slider changes within it is undone as one
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "running": False}
@@ -81,6 +95,7 @@ class Page:
         self.touch = TouchPanel(self)
         self.metal = MetalPanel(self)
         self.runs = RunsPanel(self)
+        self.studies = StudiesPanel(self)
         self.board = BoardPanel(self)
         self.design = DesignPanel(self)
         self.new = NewPanel(self)
@@ -159,6 +174,7 @@ class Page:
             self.touch.show(work.design, anew=other)
             self.metal.show(work.design, anew=other)
             self.board.show(work.design)
+            self.studies.show(work, anew=other)
             self.numbers.wait()
             self.state.scene_rests = False
             asked = {"scene": self.scene.steps(), "target": self.metal.steps(work.design)}
@@ -227,8 +243,15 @@ class Page:
         done: Callable[[Any], None],
         failed: Callable[[str], None],
         cancelled: Callable[[], None] = lambda: None,
+        watch: Callable[[Any], None] = lambda message: None,
     ) -> bool:
-        """Start a job with a progress bar; exactly one of the last three functions is called at its end."""
+        """Start a job with a progress bar; exactly one of `done`, `failed` and `cancelled` is called at its end.
+
+        Messages other than (done, total) go to `watch`.
+        """
+
+        def heard(message: Any) -> None:
+            (progress if isinstance(message, tuple) else watch)(message)
 
         def progress(message: tuple[int, int] | None = None) -> None:
             part = None if message is None or not message[1] else round(100 * message[0] / message[1], 1)
@@ -243,7 +266,7 @@ class Page:
             else:
                 cancelled()
 
-        started = self.start_job(name, task, item, on_message=progress, on_end=ended)
+        started = self.start_job(name, task, item, on_message=heard, on_end=ended)
         if started:
             progress()
         return started
