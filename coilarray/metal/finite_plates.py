@@ -176,11 +176,6 @@ def _prepared(
     fineness: float,
 ) -> tuple[EddyBody, list[SurfaceImpedance]]:
     """Return the plate's matrices and impedances, or refuse it."""
-    if plate.material.relative_permeability != 1:
-        raise GeometryError(
-            f"a finite plate must not be magnetic; the relative permeability of {plate.name!r} is "
-            f"{plate.material.relative_permeability:g}."
-        )
     corners = np.concatenate([path.vertices for path in paths])
     low, high = (np.array(plate.heights) - plate.centre[2])[:, None] + where[:, 2]
     top, bottom = float(corners[:, 2].max()), float(corners[:, 2].min())
