@@ -82,7 +82,7 @@ def moving_plate(
     Raises
     ------
     GeometryError
-        Positions or frequencies of a wrong shape, a plate that reaches into copper or sheets, a magnetic plate, one too
+        Positions or frequencies of a wrong shape, a plate that reaches into copper or sheets, one too
         thick for its size where the field enters deeply (the text has the number), or an outline too narrow.
     ElastomerError
         More than one magnetic region.

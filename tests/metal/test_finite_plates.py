@@ -17,7 +17,7 @@ from coilarray.elastomer.flat_layer import magnetic_slab
 from coilarray.electromagnetics.field import vector_potential
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
-from coilarray.geometry.material import MATERIALS, Material
+from coilarray.geometry.material import MATERIALS
 from coilarray.geometry.plate import Disc, FinitePlate, Plate, Polygon, Ring
 from coilarray.metal import field_at_plate
 from coilarray.metal.field_at_plate import lowered_copies
