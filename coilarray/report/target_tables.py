@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from coilarray.compute.display_units import PER_MILLION, DisplayUnit
+from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
 _NAMES = (
@@ -30,6 +30,7 @@ def target_table(response: xr.Dataset) -> Table:
     best = xr.concat(states, "state", data_vars="all", coords="minimal", compat="override", join="outer")
     large = float(np.abs(best.delta).max()) >= _LARGE
     shown = {"delta": _LARGE_DELTA if large else PER_MILLION, "distance_deviation": _MICROMETRES}
+    shown |= {"parallel_resistance": KILOHM}
     return dataset_table("target", "Target", best, _NAMES, shown)
 
 
