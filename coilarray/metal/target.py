@@ -68,7 +68,8 @@ def target_inductance(
     heights = [target.height(face, distance) for distance in distances]
     require_apart(body, plates)
     if isinstance(body, Plate):
-        cases = [plates, *([*plates, replace(body, z=z)] for z in heights)]
+        endless = [plate for plate in plates if isinstance(plate, Plate)]
+        cases = [endless, *([*endless, replace(body, z=z)] for z in heights)]
         without, *changes = plate_inductances(source, cases, frequencies, sheets, accuracy=accuracy, progress=progress)
         return np.repeat((np.array(changes) - without)[:, None], len(places), axis=1)
     positions = np.array([[x, y, z] for z in heights for x, y in places.tolist()])

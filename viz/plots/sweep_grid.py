@@ -97,7 +97,8 @@ def plot_frequency_sweep(
     ax = ax or new_axes(6.5, 3.6)
     for k, name in enumerate(sweep.state.values.tolist()):
         curve = shown.of(values[:, k])
-        pole = np.flatnonzero(np.diff(np.sign(values[:, k])) < 0) + 1 if quantity == "apparent_inductance" else []
+        falls = (np.diff(np.sign(values[:, k])) < 0) & (quantity == "apparent_inductance")
+        pole = np.flatnonzero(falls) + 1
         drawn = np.insert(f, pole, np.nan), np.insert(curve, pole, np.nan)
         ax.plot(*drawn, label=name, marker="o" if f.size == 1 else "", **curve_look(k))
         if scan is not None:
