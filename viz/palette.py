@@ -19,7 +19,7 @@ SKY = "#56B4E9"
 WINE, INDIGO, OLIVE = "#7A2E5A", "#3B2A6B", "#5A4A00"  # dark, for what lies on or beside those
 INK = "#202020"  # text and rulers
 METAL = "#7C828A"  # indenters and targets
-METALS = (METAL, "#A08050", "#5F7F9F", "#8F6F8F")  # plates
+METALS = ("#A08050", "#5F7F9F", "#8F6F8F", "#6F8F6F")  # plates
 
 COILS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 # after those of COILS each is as far as possible from all before it, in CIELAB and with any kind of cones missing

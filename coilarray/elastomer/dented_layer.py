@@ -68,6 +68,7 @@ def dent_inductance(
 
     Examples
     --------
+    >>> import numpy as np
     >>> r = np.linspace(0, 20e-3, 41)
     >>> shape = -0.5e-3 * np.exp(-((r / 4e-3) ** 2))
     >>> dent = Dent((4e-3, 2e-3), (1.0, 3.0), r, np.column_stack((0 * r, 0.6 * shape, shape)))

@@ -70,7 +70,7 @@ def moving_plate(
     sheets : sequence of Sheet
         Flat sheets upwards from z = 0, wide against coils and plate, which lies above them.
     fineness : float
-        Accuracy of the mesh: 2 has half the lengths of 1, which errs by less than 1 % (see Notes).
+        Fineness of the mesh: 2 has half the lengths of 1, which errs by 1 to 3 % of ΔL (see Notes).
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -95,6 +95,9 @@ def moving_plate(
     (`coilarray.metal.surface_impedance`), by a stream function (`coilarray.metal.half_body`). One matrix serves every
     place, and is factorised once a frequency; above magnetic sheets once a height too, for they reflect the plate's own
     field. The impedance holds where skin depth or thickness is small against the plate's width and the coils' distance.
+
+    The error of the mesh falls with its lengths to the power of 1.8 or so: 2.6 % of ΔL with a fineness of 1, 1.2 % with
+    1.5 and 0.8 % with 2 for the staggered target of the bundled ``linear_position`` at 2 mm.
 
     Examples
     --------

@@ -62,7 +62,7 @@ def indenter_inductance(
     -----
     In its dent the ball is solved together with the dented sheets (`coilarray.elastomer.dent_sphere`), within 0.3 % of
     finite elements for 0.25 to 2 mm in the sheets of gast2020 (tests/metal/test_indenter.py). Flat sheets as thick as
-    they are under the tip would make the effect of aluminium 9 % too large and that of ferrite 1 to 2 % too small at
+    they are under the tip would make the effect of aluminium 9 % too large and that of ferrite 0.5 to 2 % too small at
     0.5 mm; those of a tip that just touches would be 8 to 25 % too small.
     """
     if math.isinf(distance):

@@ -29,6 +29,7 @@ def target_inductance(
     plates: Sequence[Plate | FinitePlate] = (),
     *,
     accuracy: Accuracy = "full",
+    fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> ComplexArray:
     """Change of the impedance matrix of coils by a target, as a complex inductance.
@@ -51,6 +52,8 @@ def target_inductance(
         Metal that stays where it is.
     accuracy : {"full", "screen"}
         Accuracy of a target without end, see `coilarray.metal.flat_plates.plate_inductance`.
+    fineness : float
+        Fineness of the mesh of a plate with an outline, see `coilarray.metal.finite_plates.moving_plate`.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -74,7 +77,7 @@ def target_inductance(
         return np.repeat((np.array(changes) - without)[:, None], len(places), axis=1)
     positions = np.array([[x, y, z] for z in heights for x, y in places.tolist()])
     if isinstance(body, FinitePlate):
-        change = moving_plate(source, body, positions, frequencies, sheets, progress=progress)
+        change = moving_plate(source, body, positions, frequencies, sheets, fineness=fineness, progress=progress)
     else:
         change = ball_inductance(source, body, positions, frequencies, sheets, progress=progress)
     return change.reshape(len(heights), len(places), *change.shape[1:])

@@ -103,8 +103,8 @@ def cause_table(distortion: xr.Dataset) -> Table:
 def indenter_table(distortion: xr.Dataset) -> Table:
     """Return one row for each material of the indenter and coil: what it changes in x0, A, B and the peak.
 
-    Means over the levels of δ that both maps determine; empty where there is none. No row where the indenter is no ball
-    without a material.
+    Means over the levels of δ that both maps determine; empty where there is none. No row where the design's indenter
+    is no ball, or has a material of its own.
     """
     columns = (
         Column("indenter", "indenter of"),
@@ -115,7 +115,10 @@ def indenter_table(distortion: xr.Dataset) -> Table:
         Column("peak", "largest δ grows by", "1", PERCENT),
     )
     rows: list[tuple[Value, ...]] = []
-    for indenter in distortion.indenter.values.tolist()[1:]:
+    compared = (
+        distortion.indenter.values.tolist()[1:] if "indenter" in distortion.dims else []
+    )  # earlier versions: none
+    for indenter in compared:
         for state in distortion.state.values.tolist():
             of = distortion.sel(state=state)
             changed = [

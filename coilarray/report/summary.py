@@ -28,7 +28,12 @@ _OF_STATES = (
 
 
 def summary_table(
-    coupling: xr.Dataset, scan: xr.Dataset | None, margins: Sequence[Margin], response: xr.Dataset | None
+    coupling: xr.Dataset,
+    scan: xr.Dataset | None,
+    margins: Sequence[Margin],
+    response: xr.Dataset | None,
+    without: xr.Dataset | None = None,
+    target: xr.Dataset | None = None,
 ) -> Table:
     """Return one row a quantity: its least and most over all coils and states, and which these are.
 
@@ -42,8 +47,12 @@ def summary_table(
         Result of `coilarray.geometry.check_rules`.
     response : xarray.Dataset or None
         Response on the board; None for a design without one.
+    without : xarray.Dataset, optional
+        The scan without the plates of a design that has some.
+    target : xarray.Dataset, optional
+        Result of `coilarray.target_map`.
     """
-    found = list(_rows(coupling, scan, margins, response))
+    found = [*_rows(coupling, scan, margins, response), *_metal_rows(scan, without, target)]
     columns = (Column("quantity"), Column("least", unit="1"), Column("most", unit="1"), Column("unit"), Column("where"))
     units = tuple(_SHOWN.get(str(unit)) or display_unit(str(unit)) for *_, unit, _ in found)
     return Table("summary", "Summary", columns, tuple(found), units)
@@ -91,6 +100,24 @@ def _rows(
     if response is not None:
         peaks = response.delta.isel(depth=-1).max(("x", "y"))
         yield _row("largest δ, deepest", peaks.state.values.tolist(), peaks.values, "ppm")
+
+
+def _metal_rows(
+    scan: xr.Dataset | None, without: xr.Dataset | None, target: xr.Dataset | None
+) -> Iterator[tuple[Value, ...]]:
+    if scan is not None and without is not None:
+        change = scan.effective_inductance.values / without.effective_inductance.values - 1
+        yield _row("change of the effective inductance by the plates", scan.state.values.tolist(), change, "ppm")
+    if target is None:
+        return
+    states = target.state.values.tolist()
+    nearest = target.delta.isel(distance=0).transpose("state", "y", "x").values.reshape(len(states), -1)
+    largest = nearest[np.arange(len(states)), np.abs(nearest).argmax(axis=1)]
+    yield _row(f"δ of the target, {float(target.distance[0]) * 1e3:g} mm away", states, largest, "ppm")
+    ranges = target["range"].values
+    if np.isfinite(ranges).all():
+        at_least = ", at least" if target.range_is_least.values.any() else ""
+        yield _row(f"range of the target{at_least}", states, ranges, "m")
 
 
 def _row(words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:

@@ -215,7 +215,7 @@ def write_report(
         drawing.finish()
         step()
     all_tables = [
-        summary_table(coupling, scan, margins, shown),
+        summary_table(coupling, scan, margins, shown, without, seen),
         tables.coil_table(design, coupling),
         tables.pair_table(coupling),
         tables.design_table(file),
@@ -342,10 +342,8 @@ def _position_tables(positions: MapPositions, compare: bool) -> list[tables.Tabl
 
 
 def _distortion_tables(distortion: xr.Dataset) -> list[tables.Table]:
-    made = [localize_tables.residual_table(distortion), localize_tables.cause_table(distortion)]
-    if "indenter" in distortion.dims:  # not in files of earlier versions
-        made.append(localize_tables.indenter_table(distortion))
-    return [table for table in made if table.rows]
+    makers = (localize_tables.residual_table, localize_tables.cause_table, localize_tables.indenter_table)
+    return [table for table in (make(distortion) for make in makers) if table.rows]
 
 
 def _position_summary(positions: MapPositions) -> dict[str, object]:

@@ -300,7 +300,7 @@ def _full_disk(dataset, path, **_):
 @pytest.mark.parametrize(
     ("function", "failing", "message"),
     [
-        ("coilarray.compute.files.tempfile.mkstemp", _refused_permission(), "report/coils.csv: Permission denied"),
+        ("coilarray.compute.files.tempfile.mkstemp", _refused_permission(), "report/summary.csv: Permission denied"),
         ("xarray.Dataset.to_netcdf", _full_disk, "No space left on device"),
     ],
 )

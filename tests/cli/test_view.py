@@ -104,7 +104,7 @@ def test_a_reading_is_located(capsys, linear):
 
 test_mistakes_are_one_line = mistakes(
     runner("view", "starter")[1],
-    (("--show", "board,fields"), "--show must be of board, elastomer, dent, field,"),
+    (("--show", "board,fields"), "--show must be of board, elastomer, dent, plates, target, eddies, field,"),
     (("--from", "below"), "'below' is not one of 'oblique', 'top', 'front', 'right'"),
     (("--size", "big"), "--size must be as 1600x900; got 'big'"),
     (("--vtk", "no/p.vtm"), "cannot write no/p.vtm: there is no folder no"),

@@ -342,7 +342,7 @@ def test_single_coil_report(tmp_path):
     # board, two layers, line, one map, L and R over frequency, force, dent, response along x, and at every depth
     assert text.count("<img") == 11
     assert "Bz_alone_T_per_A" in table(made, "field_line")[0]
-    coils = text[text.index("<h2>Coils") : text.index("<h2>Field")]
+    coils = text[text.index(">Coils</h2>") : text.index(">Field</h2>")]
     assert not re.search("change by the others|others open", coils)  # of nothing
     assert made.data["sheet_share"]["least"] > 0
     # a single line of places has no closed curves
@@ -382,7 +382,7 @@ side = "below"
 shape = "plate"
 material = "copper"
 thickness_mm = 2.0
-distances_mm = [0.5, 2, 8]
+distances_mm = [2, 4, 8]
 """
 
 
@@ -390,7 +390,7 @@ def test_metal_has_a_section_with_its_numbers(tmp_path):
     few = re.sub(r"\[indenter\].*?(?=\n\[circuit\])", "", FEW, flags=re.DOTALL)
     made = drawn_report(parse_design(few + METAL), tmp_path)
     page = made.page.read_text(encoding="utf-8")
-    assert "<h2>Metal" in page
+    assert ">Metal</h2>" in page
     assert "with the plate backplane of aluminium and a copper plate as target;" in page
     (plate,) = table(made, "plates")
     depth, f = float(plate["skin_depth_m"]), float(table(made, "coils")[0]["frequency_Hz"])
@@ -402,12 +402,18 @@ def test_metal_has_a_section_with_its_numbers(tmp_path):
         assert change < -0.01  # a screen behind the coils takes flux
         assert float(row["quality_factor"]) < float(row["quality_factor_without"])
     ranges = {row["state"]: float(row["range_m"]) for row in table(made, "target_range")}
-    assert all(0.5e-3 < distance <= 8e-3 for distance in ranges.values())
+    assert all(2e-3 < distance <= 8e-3 for distance in ranges.values())
     deltas = [float(row["delta"]) for row in table(made, "target") if row["state"] == "coil1"]
     assert deltas == sorted(deltas)  # the nearer, the less inductance
     assert deltas[-1] < 0
     assert "target.nc" in {path.name for path in made.folder.iterdir()}
     assert made.data["target_problem"] == made.data["field_problem"] == ""
+    summary = {row["quantity"]: row for row in table(made, "summary")}
+    assert float(summary["change of the effective inductance by the plates"]["most"]) < -0.01
+    assert float(summary["δ of the target, 2 mm away"]["least"]) == pytest.approx(min(
+        float(row["delta"]) for row in table(made, "target")
+    ), rel=1e-9)  # fmt: skip
+    assert any(name.startswith("range of the target") for name in summary)
 
 
 @pytest.mark.parametrize(("old", "new", "problem", "dent"), [

@@ -103,6 +103,7 @@ def test_samples_and_larger_grids_are_dots_over_every_entry(sampled):
 def test_resonances_share_a_panel():
     names = ("frequency_MHz[coil1]", "self_resonance_MHz[coil1]", "q[coil1]")
     swept = result(PITCH, quantities=names)
+    swept[names[0]] = swept[names[0]] + 1.0  # no resonance is at zero
     swept[names[1]] = 10.0 * swept[names[0]]
     resonances, quality = sweep_figure(swept).axes
     assert [text.get_text() for text in resonances.get_legend().get_texts()] == list(names[:2])

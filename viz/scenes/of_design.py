@@ -13,7 +13,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import couple_design
-from coilarray.circuit.operating_field import operating_currents, operating_field
+from coilarray.circuit.operating_field import operating_currents, operating_field, require_endless
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, Indentation
 from coilarray.errors import GeometryError, LocalizeError
@@ -119,7 +119,7 @@ class _Making:
                 raise GeometryError(f"what is shown must be of {', '.join(ITEMS)}; got {item!r}.")
         if self.view.coil not in (None, *self.design.array.names):
             raise GeometryError(f"there is no coil {self.view.coil!r}; there are {', '.join(self.design.array.names)}.")
-        self._require_memory()
+        self._require_field()
         if shown <= _ALONE and {"board"} <= shown and self.view.layers is None:
             return scene_of_lifted_board(self.design.array, self.design.sheets if "elastomer" in shown else ())
         array, sheets = self.design.array, self.design.sheets
@@ -263,8 +263,11 @@ class _Making:
             truth=self._at if self.view.reading is None else None,
         )
 
-    def _require_memory(self) -> None:
+    def _require_field(self) -> None:
+        """Refuse a field that cannot be computed, before anything is."""
         shown = set(self.view.show)
+        if shown & {"field", *_IN_BOX}:
+            require_endless(self.design)
         if shown & _IN_BOX:
             spacing = self.view.spacing or _BOX_SPACING
             count = count_of([field_box(self.design, self._coil, spacing)])
