@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
@@ -38,8 +39,10 @@ class MaterialTable(Table):
     @model_validator(mode="after")
     def _known_material(self) -> MaterialTable:
         if self.material is not None and self.material not in MATERIALS:
+            close = difflib.get_close_matches(self.material, MATERIALS, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
             raise ValueError(
-                f"needs a material of {', '.join(MATERIALS)}, or conductivity_MS_per_m; got {self.material!r}"
+                f"needs a material of {', '.join(MATERIALS)}, or conductivity_MS_per_m; got {self.material!r}{hint}"
             )
         if self.material is not None and (self.conductivity_MS_per_m, self.relative_permeability) != (None, None):
             raise ValueError("needs a material, or else conductivity_MS_per_m and relative_permeability; got both")
@@ -76,6 +79,10 @@ class FlatTable(MaterialTable):
                 raise ValueError(f'{"needs" if key in needed else "has no"} {key} for shape = "{self.shape}"')
         if self.holes_mm and self.shape != "polygon":
             raise ValueError(f'has no holes_mm for shape = "{self.shape}"')
+        if self.diameter_mm and self.inner_diameter_mm and self.inner_diameter_mm >= self.diameter_mm:
+            raise ValueError(
+                f"needs inner_diameter_mm below its diameter_mm of {self.diameter_mm:g}; got {self.inner_diameter_mm:g}"
+            )
         if self.shape == "plate" and (self.tilt_deg or self.tilt_direction_deg):
             raise ValueError('has no tilt for shape = "plate", which is without end')
         if (self.material, self.conductivity_MS_per_m, self.relative_permeability) == (None, None, None):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
+from coilarray.compute.display_units import KILOHM, PER_MILLION, display_unit
 from coilarray.errors import LocalizeError
 from coilarray.geometry import Margin
 from coilarray.localize.forward import forward_model
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _ALIKE = 1e-9  # of a number: what rounding makes different
-_SHOWN = {"ppm": PER_MILLION, "ohm": DisplayUnit("kΩ", 1e-3, 2)}
+_SHOWN = {"ppm": PER_MILLION, "ohm": KILOHM}
 _OF_STATES = (
     ("frequency", "resonance with the tank"),
     ("effective_inductance", "effective inductance"),

@@ -72,6 +72,7 @@ def test_every_position_says_what_the_library_computes(design, shown):
     x, y = (min(values, key=abs) for values in (design.target.x, design.target.y))
     found = target_map(design, distances=[4e-3], x=[x], y=[y]).isel(distance=0, x=0, y=0).sel(state="coil2")
     first, others = shown.slider.notes[-1]
+    assert first.startswith("target at 4 mm, coil2: δ = ")
     assert f"δ = {float(found.delta) * 100:+.3g} %".replace("-", "−") in first
     assert f"f = {float(found.frequency) * 1e-6:.4f} MHz" in first
     assert others.startswith("δ of the others: coil1 ")

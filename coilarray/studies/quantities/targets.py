@@ -1,4 +1,4 @@
-"""Quantities of a target: what it does to a coil at a distance, and how far and how finely it is told."""
+"""Quantities of a target: what it does to a coil at a distance, and how far and how finely its distance is resolved."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 @quantity(
-    "target_deviation_um", "µm", "target", "standard deviation of a distance that is told from one reading",
+    "target_deviation_um", "µm", "target", "standard deviation of a distance from one reading",
     COIL, *_OVER, _NOISE,
 )  # fmt: skip
 def _deviation(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
