@@ -42,6 +42,7 @@ _LONGEST = 1e-3  # radians across the board; longer waves carry 1e-10 of the ind
 _AROUND = 160.0  # radians across the board; the spectrum takes waves so short, images those beyond
 _FITTED, _SMALLEST = 200, 1e-7  # waves of a fit, and its smallest singular values
 _RATIOS = (2.0, 1.6, 1.25)  # of its distances: every image costs a `mutual_inductance`, so the fewest that do
+_TOUCHING = 1e-9  # m; bodies that overlap by less touch
 
 
 def plate_inductance(
@@ -79,7 +80,8 @@ def plate_inductance(
     Raises
     ------
     GeometryError
-        A plate that is neither above nor below all paths, or touches them; a source that describes no path.
+        A plate that is neither above nor below all paths, or touches them; one that reaches into another or into a
+        magnetic sheet; a source that describes no path.
 
     Notes
     -----
@@ -260,11 +262,30 @@ def _around(
                 f"plate {plate.name!r} must lie above or below all paths, from z = {top:g} m or up to {bottom:g} m; "
                 f"it lies from {low:g} to {high:g} m."
             )
+    for plates in cases:
+        _require_apart(plates, sheets)
     alone = _above((), sheets, top)
     stacks = tuple((_above(plates, sheets, top), _below(plates, top)) for plates in cases)
     faces = (min(above.face for above, _ in stacks), max(below.face for _, below in stacks))
     sides = tuple(side for side, face in enumerate(faces) if math.isfinite(face))
     return _Around(stacks, alone, faces, sides, top, bottom, 2 * min(gaps), omega)
+
+
+def _require_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> None:
+    """Refuse plates that reach into each other or into the magnetic sheets."""
+    bodies = [(*plate.heights, f"plate {plate.name!r}") for plate in plates]
+    heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
+    bodies += [
+        (low, high, f"sheet {sheet.name!r}")
+        for (low, high), sheet in zip(itertools.pairwise(heights), sheets, strict=True)
+        if sheet.relative_permeability != 1
+    ]
+    for (low, high, one), (start, _, other) in itertools.pairwise(sorted(bodies)):
+        if start < high - _TOUCHING:
+            raise GeometryError(
+                f"plates and magnetic sheets must not overlap; {one} lies from z = {low:g} to {high:g} m and {other} "
+                f"begins at {start:g} m."
+            )
 
 
 def _mirrored(path: Conductor, height: float) -> Conductor:

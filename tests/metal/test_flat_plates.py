@@ -164,9 +164,19 @@ def test_coils_of_a_board_keep_their_sum_over_pieces() -> None:
     np.testing.assert_allclose(pieces[:, :2, :2].sum(axis=(1, 2)), whole[:, 0, 0], rtol=1e-6)
 
 
-def test_plates_in_the_copper_are_refused() -> None:
-    with pytest.raises(GeometryError, match=r"plate 'x' must lie above or below all paths, from z = -0.0002 m"):
-        plate_inductance(LOOPS, [Plate("x", -0.6e-3, 0.3e-3, ALUMINIUM)], F)
+@pytest.mark.parametrize(
+    ("heights", "message"),
+    [
+        ([-0.6e-3], "plate '0' must lie above or below all paths, from z = -0.0002 m"),
+        ([6e-3, 6.2e-3], r"must not overlap; plate '0' lies from z = 0.006 to 0.0063 m and plate '1' begins at 0.0062"),
+        ([-9e-3, -9.2e-3], "must not overlap; plate '1' lies"),
+        ([3.9e-3], "must not overlap; sheet 'magnetic' lies from z = 0.003 to 0.004 m and plate '0' begins at 0.0039"),
+    ],
+)
+def test_plates_in_the_copper_the_sheets_or_each_other_are_refused(heights: list[float], message: str) -> None:
+    plates = [Plate(f"{k}", z, 0.3e-3, ALUMINIUM) for k, z in enumerate(heights)]
+    with pytest.raises(GeometryError, match=message):
+        plate_inductance(LOOPS, plates, F, SHEETS)
 
 
 @pytest.mark.slow
