@@ -29,11 +29,13 @@ import numpy.typing as npt
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
+from coilarray.elastomer.flat_layer import require_below
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
 from coilarray.electromagnetics.plane_waves import Board, board_below, reflected_inductance, top_of, wavenumbers
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Plate, Sheet
+from coilarray.metal.frequencies import checked_frequencies
 
 # −ln of the error of the rules over the spectrum, and the largest one of the images' sum against the reflection
 _DIGITS: dict[Accuracy, float] = {"full": 16.0, "screen": 8.0}
@@ -82,6 +84,10 @@ def plate_inductance(
     GeometryError
         A plate that is neither above nor below all paths, or touches them; one that reaches into another or into a
         magnetic sheet; a source that describes no path.
+    ElastomerError
+        A path that reaches into a magnetic sheet or above it.
+    MetalError
+        Frequencies that are not one row of finite numbers of at least 0.
 
     Notes
     -----
@@ -117,7 +123,7 @@ def plate_inductances(
     The spectra of the paths, which cost most, are computed once.
     """
     paths = as_conductors(source)
-    omega = 2 * np.pi * np.atleast_1d(np.asarray(frequencies, dtype=float))
+    omega = 2 * np.pi * checked_frequencies(frequencies)
     shape = (len(cases), len(omega), len(paths), len(paths))
     if not any(cases):
         return np.zeros(shape, dtype=np.complex128)
@@ -265,6 +271,8 @@ def _around(
     for plates in cases:
         _require_apart(plates, sheets)
     alone = _above((), sheets, top)
+    for path in paths:
+        require_below(path, alone.face)
     stacks = tuple((_above(plates, sheets, top), _below(plates, top)) for plates in cases)
     faces = (min(above.face for above, _ in stacks), max(below.face for _, below in stacks))
     sides = tuple(side for side, face in enumerate(faces) if math.isfinite(face))

@@ -21,7 +21,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.constants import MU_0
 from coilarray.elastomer.flat_layer import layer_inductance
 from coilarray.electromagnetics.inductance import mutual_inductance
-from coilarray.errors import GeometryError
+from coilarray.errors import ElastomerError, GeometryError, MetalError
 from coilarray.geometry import MATERIALS, Conductor, Material, Plate, Sheet
 from coilarray.metal import flat_plates
 from coilarray.metal.flat_plates import plate_inductance, plate_inductances
@@ -177,6 +177,14 @@ def test_plates_in_the_copper_the_sheets_or_each_other_are_refused(heights: list
     plates = [Plate(f"{k}", z, 0.3e-3, ALUMINIUM) for k, z in enumerate(heights)]
     with pytest.raises(GeometryError, match=message):
         plate_inductance(LOOPS, plates, F, SHEETS)
+
+
+def test_frequencies_and_coils_above_a_magnetic_sheet_are_refused() -> None:
+    for wrong in ([math.nan], [-1e6], [[1e6]], []):
+        with pytest.raises(MetalError, match="frequencies must be one row of finite numbers of at least 0; got"):
+            plate_inductance(LOOPS, [Plate("x", 6e-3, 1e-3, ALUMINIUM)], wrong)
+    with pytest.raises(ElastomerError, match=r"paths must lie below the magnetic sheet, whose lower face is at z = 0.0"):
+        plate_inductance([loop(10e-3, 5e-3)], [Plate("x", 6e-3, 1e-3, ALUMINIUM)], F, SHEETS)
 
 
 @pytest.mark.slow
