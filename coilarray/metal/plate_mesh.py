@@ -83,7 +83,7 @@ def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0, above:
     inscribed = float(shapely.maximum_inscribed_circle(plane).length)
     along = min(_WIDEST * inscribed, max(plane.length / _ALONG, _FINEST * inscribed)) / fineness
     step = max(along, _LATTICE * inscribed / fineness)
-    finest = step if above is None else min(step, _LATTICE * above.radius / fineness)
+    finest = step if above is None else min(step, _LATTICE * max(above.radius, above.height) / fineness)
 
     def wanted(points: FloatArray) -> FloatArray:
         if above is None or finest == step:
