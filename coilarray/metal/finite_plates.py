@@ -263,7 +263,9 @@ def _reflected(body: EddyBody, plate: FinitePlate, centre: FloatArray, slab: Sla
     corners = np.ascontiguousarray(body.all_corners @ plate.axes + centre)
     face = slab.lower + slab.thickness
     size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-    integrals = np.zeros((len(corners), len(corners)))
+    k = len(corners)
+    require_memory(24.0 * k * k, f"the field of {k // 2} triangles that sheets reflect", "use a coarser mesh")
+    integrals = np.zeros((k, k))
     n = 0
     while True:
         weight = slab.reflection if n == 0 else -slab.transmission * slab.reflection ** (2 * n - 1)
@@ -271,7 +273,9 @@ def _reflected(body: EddyBody, plate: FinitePlate, centre: FloatArray, slab: Sla
         if abs(weight) * (size / (size + lift)) ** 3 < _REST:
             break
         image = corners * [1.0, 1.0, -1.0] + [0.0, 0.0, 2 * face - lift]
-        integrals += weight * pair_integrals(corners, np.ascontiguousarray(image))
+        of_image = pair_integrals(corners, np.ascontiguousarray(image))
+        of_image *= weight
+        integrals += of_image
         n += 1
     total = inductance(body.all_currents(plate.axes), integrals, np.array([1.0, 1.0, -1.0]))
     return np.asarray((total + total.T) / 2)
