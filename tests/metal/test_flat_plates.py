@@ -183,7 +183,9 @@ def test_frequencies_and_coils_above_a_magnetic_sheet_are_refused() -> None:
     for wrong in ([math.nan], [-1e6], [[1e6]], []):
         with pytest.raises(MetalError, match="frequencies must be one row of finite numbers of at least 0; got"):
             plate_inductance(LOOPS, [Plate("x", 6e-3, 1e-3, ALUMINIUM)], wrong)
-    with pytest.raises(ElastomerError, match=r"paths must lie below the magnetic sheet, whose lower face is at z = 0.0"):
+    with pytest.raises(
+        ElastomerError, match=r"paths must lie below the magnetic sheet, whose lower face is at z = 0.0"
+    ):
         plate_inductance([loop(10e-3, 5e-3)], [Plate("x", 6e-3, 1e-3, ALUMINIUM)], F, SHEETS)
 
 
