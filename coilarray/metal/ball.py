@@ -88,8 +88,8 @@ def ball_inductance(
     Notes
     -----
     Exact for filaments: every multipole at any skin depth, and all reflections between ball and sheets. Multipoles are
-    counted until they add less than 1e-7 of the whole. Where a ball of 5 mm touches the magnetic sheet of gast2020, the
-    reflections change what one of aluminium does by −6 %, one of ferrite by 19 %.
+    counted until they add less than 1e-7 of the whole. Measured: where a ball of 5 mm touches the magnetic sheet of
+    gast2020, the reflections change what one of aluminium does by −6 %, one of ferrite by 19 %.
 
     Examples
     --------
@@ -214,7 +214,7 @@ def _over_flat(
 
 
 def answer_of(alpha: ComplexArray, returned: FloatArray) -> ComplexArray:
-    """Strengths (1 − αS)⁻¹ α of the multipoles, shape (f, orders, orders); S is what of them is sent back."""
+    """Strengths (1 − αS)⁻¹ α of the multipoles, shape (f, orders, orders); S couples them by the sheets' reflection."""
     identity = np.eye(alpha.shape[1])
     return np.asarray(np.linalg.solve(identity - alpha[..., None] * returned, alpha[..., None] * identity))
 

@@ -92,7 +92,7 @@ def plate_inductance(
     Notes
     -----
     The current density is uniform in every bar, and paths with open ends are taken as they are, as in
-    `layer_inductance`. Else exact at any frequency, to 1e-6 of the largest entry. A plate nearer than a sixth of the
+    `layer_inductance`. Else exact at any frequency, to 5e-6 of the largest entry. A plate nearer than a sixth of the
     board's extent costs up to thirty times one `mutual_inductance` more.
 
     Examples
@@ -173,8 +173,8 @@ class _Around:
 
     Each of the cases has a stack above and one below; `sheets` are what lies above without plates. Waves are counted
     from a face above and one below, `faces`, on the `sides` where anything lies in any case (0 above, 1 below); lengths
-    in m. Their kinds are pairs of sides: upward waves that come back once, those that then come from below, and
-    downward waves that come back once.
+    in m. The kinds of waves are the sides to which they leave a path and from which they reach one in the end: up–up
+    (0, 0), up–down (0, 1), with which down–up is counted, and down–down (1, 1).
     """
 
     stacks: tuple[tuple[_Stack, _Stack], ...]
@@ -188,12 +188,12 @@ class _Around:
 
     @property
     def kinds(self) -> list[tuple[int, int]]:
-        """Pairs of sides."""
+        """Kinds of waves there are."""
         return list(itertools.combinations_with_replacement(self.sides, 2))
 
     @property
     def ways(self) -> FloatArray:
-        """Shortest way in m of each kind of waves from path to path."""
+        """Shortest length in m that each kind of waves goes from path to path."""
         across = self.faces[0] - self.faces[1]
         ways = {(0, 0): 2 * (self.faces[0] - self.top), (1, 1): 2 * (self.bottom - self.faces[1])}
         return np.array([ways.get(kind, 2 * across - (self.top - self.bottom)) for kind in self.kinds])
