@@ -12,7 +12,7 @@ import xarray as xr
 
 from coilarray.circuit.active_coil import Termination, checked_network, checked_terminations
 from coilarray.circuit.network import Network, Resonance, SampledMatrix
-from coilarray.circuit.plates import PlateEffect, plate_effect
+from coilarray.circuit.plates import PlateEffect, plate_effect, plate_model_error
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.netcdf import variables
@@ -295,8 +295,9 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
         ``ideal_effective_inductance`` in H and ``ideal_frequency`` in Hz (coil), the same at direct current and without
         strays; ``sheet_inductance`` (coil, other) in H, the part that the magnetic sheets have in the inductance; with
         plates ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil, other), what they add at the attribute
-        ``working_frequency_Hz``, to which the inductance and the coupling belong then; the coils' centres ``x`` and
-        ``y`` in m; and the attributes of `provenance`.
+        ``working_frequency_Hz``, to which the inductance and the coupling belong then, and with an outline the
+        attributes ``plate_error_inductance`` and ``plate_error_resistance``, relative estimates of the model's error;
+        the coils' centres ``x`` and ``y`` in m; and the attributes of `provenance`.
 
     Raises
     ------
@@ -334,7 +335,17 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
         )
         result = result.assign(variables(*metal)).assign_attrs(working_frequency_Hz=plates.working)
     result = result.assign(variables(*rows)).assign_coords(variables(*places))
-    return result.assign_attrs(provenance(design))
+    return result.assign_attrs({**provenance(design), **plate_errors(design)})
+
+
+def plate_errors(design: Design) -> dict[str, float]:
+    """Return the attributes that say how the model of a plate with an outline errs, none where there is no such plate.
+
+    ``plate_error_inductance`` and ``plate_error_resistance`` are relative estimates at the working frequency.
+    """
+    plates = design_plates(design)
+    error = None if plates is None else plate_model_error(design, plates.working)
+    return {} if error is None else error.attributes
 
 
 def design_inductance(

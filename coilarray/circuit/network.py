@@ -65,9 +65,8 @@ class Network:
     The inductance matrix (n, n) is in H; `resistance` takes a frequency in Hz and returns the resistance matrix (n, n)
     in Ω; `winding_capacitance` (n,) lies across each coil, in F; `mutual_capacitance` (n, n) C_ij in F between two
     coils, each at one potential, is symmetric, its diagonal is not used. `left_out` says what of the board's circuit is
-    not in it. `dispersion` is what the inductance matrix has more at other frequencies than that which it is for, in H;
-    None where it is the same at all. Shapes that do not fit, or a capacitance that is negative or not finite, are a
-    NetworkError.
+    not in it. `dispersion` is the inductance at a frequency minus `inductance`, in H; None where it is the same at all
+    frequencies. Shapes that do not fit, or a capacitance that is negative or not finite, are a NetworkError.
 
     Notes
     -----

@@ -92,8 +92,8 @@ def operating_field(
     -------
     xarray.Dataset
         ``B`` and ``B_quadrature`` in T with the dimensions (x, y, z, component): in phase with the active coil's
-        current and 90° ahead of it, in free space (no elastomer); of a design with plates beside these and under its
-        sheets, at the active coil's frequency.
+        current and 90° ahead of it, in free space, or beside the design's plates at the active coil's
+        frequency; magnetic sheets change the currents alone, with plates as without.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def operating_field(
     if endless:
         frequency = float(coupling.frequency.sel(coil=active))
         along, across, up = (np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z))
-        beside = plate_field(conductors, currents, endless, frequency, along, across, up, design.sheets)
+        beside = plate_field(conductors, currents, endless, frequency, along, across, up)
         in_phase, quadrature = in_phase + beside.real, quadrature + beside.imag
     dims = ("x", "y", "z", "component")
     axes = {

@@ -15,8 +15,9 @@ from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate
-from coilarray.metal.finite_plates import moving_plate
+from coilarray.metal.finite_plates import moving_plate, moving_plate_error
 from coilarray.metal.flat_plates import plate_inductance
+from coilarray.metal.surface_impedance import ModelError
 
 _STEP = 1.12  # between neighbouring frequencies; cubic interpolation errs by 1e-5 of the plates' part
 _KEPT = 4
@@ -71,16 +72,35 @@ def plate_effect(design: Design, low: float, high: float, accuracy: Accuracy = "
     return PlateEffect(first, samples)
 
 
+def plate_model_error(design: Design, frequency: float) -> ModelError | None:
+    """Estimate the errors of the model of a plate with an outline at a frequency in Hz; None where there is none.
+
+    GeometryError or MetalError for plates that are not computed.
+    """
+    bounded = _bounded(design)
+    if bounded is None:
+        return None
+    return moving_plate_error(design.array, bounded, [bounded.centre], [frequency], design.sheets)
+
+
+def _bounded(design: Design) -> FinitePlate | None:
+    """Return the plate with an outline of a design, which must be its only one."""
+    for k, plate in enumerate(design.plates):
+        if isinstance(plate, FinitePlate):
+            if len(design.plates) > 1:
+                raise MetalError(
+                    f"plate.{k} {plate.name!r} has an outline and is computed only without other plates; there are "
+                    f"{len(design.plates)}."
+                )
+            return plate
+    return None
+
+
 def _plate_inductance(design: Design, frequencies: FloatArray, accuracy: Accuracy) -> ComplexArray:
     """Change of the impedance over jω by all plates of a design, complex (f, n, n) in H."""
     paths, sheets = design.array.conductors(), design.sheets
-    wide = [plate for plate in design.plates if isinstance(plate, Plate)]
-    bounded = [plate for plate in design.plates if isinstance(plate, FinitePlate)]
-    if not bounded:
+    bounded = _bounded(design)
+    if bounded is None:
+        wide = [plate for plate in design.plates if isinstance(plate, Plate)]
         return plate_inductance(paths, wide, frequencies, sheets, accuracy=accuracy)
-    if len(design.plates) > 1:
-        raise MetalError(
-            f"plate.{design.plates.index(bounded[0])} {bounded[0].name!r} has an outline and is computed only without "
-            f"other plates; there are {len(design.plates)}."
-        )
-    return np.asarray(moving_plate(paths, bounded[0], [bounded[0].centre], frequencies, sheets)[0])
+    return np.asarray(moving_plate(paths, bounded, [bounded.centre], frequencies, sheets)[0])

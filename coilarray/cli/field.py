@@ -49,9 +49,9 @@ def field(
 ) -> None:
     """Write the field over the board.
 
-    B on a plane or in a volume while one coil is measured, as netCDF or VTK, in free space; of a design with plates
-    beside these and under its sheets. Traces count as thin wires on their middle lines, so points nearer to the copper
-    than a trace is wide show the wire's field, not the trace's.
+    B on a plane or in a volume while one coil is measured, as netCDF or VTK, in free space or beside the
+    design's plates; magnetic sheets change the currents alone. Traces count as thin wires on their middle lines, so
+    points nearer to the copper than a trace is wide show the wire's field, not the trace's.
 
     With --large the file is written block by block, by local processes or a cluster; an interrupted one goes on from
     the folder FILE.parts when the same command runs again.

@@ -29,7 +29,7 @@ def matrix(
     if out is not None and not re.fullmatch(r"\.(nc|csv|cir|sub|inp|s\d+p)", out.suffix.lower()):
         raise OutputError(f"--out must end in .nc, .csv, .cir, .sub, .sNp or .inp; got {out}.")
     from coilarray.circuit.active_coil import checked_network
-    from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance, swept_circuit
+    from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance, plate_errors, swept_circuit
     from coilarray.circuit.exchange import exchange_frequencies, export_network, fasthenry_input
     from coilarray.compute.display_units import DisplayUnit, display_unit
     from coilarray.compute.files import write_text
@@ -50,6 +50,7 @@ def matrix(
             "coupling": coupling.coupling.values.tolist(),
             "coils": coil_table(opened, coupling).records(),
             "pairs": pair_table(coupling).records(),
+            **plate_errors(opened),
         }
         if suffix == ".inp" and opened.plates:
             raise OutputError(
@@ -62,11 +63,13 @@ def matrix(
     if out is not None and suffix not in (".nc", ".csv", ".inp"):
         network = swept_circuit(opened, exchange_frequencies(design_circuit(opened)))
         export_network(network, out, title=opened.name)
+    lines: list[str] = []
     if not as_json:
+        lines = shared.plate_error_lines(plate_errors(opened))
         for title, values, unit in (
             ("L and M", inductance, display_unit("H")),
             ("\nk", coupling_matrix(inductance), DisplayUnit(digits=5)),
         ):
             rows = [[name, *unit.texts(row)] for name, row in zip(names, values.tolist(), strict=True)]
             shared.print_table(("", *names), rows, unit.label(title))
-    shared.print_result(data, as_json=as_json, files=[out])
+    shared.print_result(data, as_json=as_json, lines=lines, files=[out])

@@ -131,6 +131,7 @@ TableFile = Annotated[
 
 SMALLEST_MM, LONGEST_MM = 1e-6, 100_000.0
 _MOST_LENGTHS = 1000
+_WORTH_SAYING = 0.01  # of ΔL and ΔR: error of a plate's model
 _PIPE_WIDTH = 1000  # characters; output that is read by a program is never cut
 _NARROWEST = 10  # characters of a heading before it goes on in the next line
 
@@ -256,6 +257,17 @@ def print_result(
             typer.echo()
     for line in (*lines, *(f"wrote {path}" for path in files if path is not None)):
         typer.echo(line)
+
+
+def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:
+    """Say how the model of a plate with an outline errs, by a dataset's attributes, where that is more than 1 %."""
+    errors = [attributes.get(f"plate_error_{what}", 0.0) for what in ("inductance", "resistance")]
+    if max(errors) <= _WORTH_SAYING:
+        return []
+    return [
+        f"the plate's skin depth or thickness is not small against its width: its ΔL errs by up to {errors[0]:.1%}, "
+        f"its ΔR by {errors[1]:.1%} (estimated), and both by the mesh"
+    ]
 
 
 def print_json(data: Any) -> None:

@@ -92,9 +92,11 @@ def target(
         "body": result.attrs["target"],
         "material": result.attrs["material"],
         "noise": noise,
+        **{key: value for key, value in result.attrs.items() if key.startswith("plate_error_")},
         **{table.name: table.records() for table in (*tables, target_coupling_table(shown))},
     }
     lines = [
+        *shared.plate_error_lines(result.attrs),
         f"noise of δ {noise:g}: the range ends where |δ| is {result.attrs['range_factor']:g} times that; a step of "
         "distance is resolved where it is no less than the standard deviation of one reading",
         f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",

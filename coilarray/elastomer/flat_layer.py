@@ -142,7 +142,7 @@ def layer_inductance(
     if slab is None:
         return change
     for path in paths:
-        _require_below(path, slab.lower)
+        require_below(path, slab.lower)
     board = board_below(paths, slab.lower, accuracy)
     near = _near_images(board, slab)
     for n in range(near):
@@ -173,8 +173,8 @@ def _images(paths: Sequence[Conductor], slab: Slab, n: int) -> list[Conductor]:
     ]
 
 
-def _require_below(path: Conductor, face: float) -> None:
-    """Refuse a path whose highest copper does not lie below the sheet's lower face."""
+def require_below(path: Conductor, face: float) -> None:
+    """Refuse a path whose highest copper does not lie below the lower face in m of a magnetic sheet: ElastomerError."""
     top = top_of(path)
     rounding = 1e-12 * float(np.abs(path.vertices).max())
     if top > face + rounding or (path.is_filament and top > face - rounding):

@@ -35,6 +35,7 @@ from coilarray.elastomer.flat_stack import flat_profile, reflection
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import Ball, Material, Sheet
+from coilarray.metal.frequencies import checked_frequencies
 
 _LEFT_OUT = 1e-7  # of the energy: multipoles of higher order
 _FEWEST, _MOST = 8, 120  # multipoles
@@ -87,8 +88,8 @@ def ball_inductance(
     Notes
     -----
     Exact for filaments: every multipole at any skin depth, and all reflections between ball and sheets. Multipoles are
-    counted until they add less than 1e-7 of the whole. Where a ball of 5 mm touches the magnetic sheet of gast2020, the
-    reflections change what one of aluminium does by −6 %, one of ferrite by 19 %.
+    counted until they add less than 1e-7 of the whole. Measured: where a ball of 5 mm touches the magnetic sheet of
+    gast2020, the reflections change what one of aluminium does by −6 %, one of ferrite by 19 %.
 
     Examples
     --------
@@ -127,9 +128,7 @@ def multipole_inductance(
     `answer` takes the height of the ball's centre in m, the wavenumbers (k,) in 1/m and the polarisabilities of the
     ball, shape (f, orders), and returns its `Multipoles`.
     """
-    frequency = np.asarray(frequencies, dtype=np.float64)
-    if frequency.ndim != 1 or not frequency.size or not (np.isfinite(frequency) & (frequency >= 0)).all():
-        raise MetalError(f"frequencies must be one row of finite numbers of at least 0; got {frequency} Hz.")
+    frequency = checked_frequencies(frequencies)
     coils = coil_segments(source)
     middles, radius = segment_centres(coils)
     copper = _highest_copper(coils, at, ball)
@@ -215,7 +214,7 @@ def _over_flat(
 
 
 def answer_of(alpha: ComplexArray, returned: FloatArray) -> ComplexArray:
-    """Strengths (1 − αS)⁻¹ α of the multipoles, shape (f, orders, orders); S is what of them is sent back."""
+    """Strengths (1 − αS)⁻¹ α of the multipoles, shape (f, orders, orders); S couples them by the sheets' reflection."""
     identity = np.eye(alpha.shape[1])
     return np.asarray(np.linalg.solve(identity - alpha[..., None] * returned, alpha[..., None] * identity))
 

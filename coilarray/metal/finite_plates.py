@@ -22,8 +22,8 @@ from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.plate import FinitePlate
 from coilarray.metal.field_at_plate import field_at
 from coilarray.metal.half_body import EddyBody, inductance, pair_integrals
-from coilarray.metal.plate_mesh import Footprint, plate_mesh
-from coilarray.metal.surface_impedance import SurfaceImpedance, model_error, surface_impedance
+from coilarray.metal.plate_mesh import Footprint, inscribed_radius, plate_mesh
+from coilarray.metal.surface_impedance import ModelError, SurfaceImpedance, model_error, surface_impedance
 
 LARGEST_ERROR = 0.1
 """Estimated error of the model, of ΔL, beyond which a plate is refused."""
@@ -161,6 +161,22 @@ def eddy_currents(
     return EddyCurrents(corners, density)
 
 
+def moving_plate_error(
+    source: Source,
+    plate: FinitePlate,
+    positions: npt.ArrayLike,
+    frequencies: npt.ArrayLike,
+    sheets: Sequence[Sheet] = (),
+) -> ModelError:
+    """Estimate the largest errors of the model in `moving_plate`, whose arguments and errors these are.
+
+    That of the impedance, which is taken at one wavenumber for all patterns of the current; the mesh errs besides.
+    """
+    paths = as_conductors(source)
+    where, f = _checked(positions, frequencies)
+    return _model_error(plate, f, _distance(paths, plate, where, sheets), _least_radius(paths))
+
+
 def _checked(positions: npt.ArrayLike, frequencies: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     where, f = np.asarray(positions, dtype=np.float64), np.asarray(frequencies, dtype=np.float64)
     if where.ndim != 2 or where.shape[1] != 3 or not np.isfinite(where).all():
@@ -179,6 +195,23 @@ def _prepared(
     fineness: float,
 ) -> tuple[EddyBody, list[SurfaceImpedance]]:
     """Return the plate's matrices and impedances, or refuse it."""
+    nearest, radius = _distance(paths, plate, where, sheets), _least_radius(paths)
+    _model_error(plate, frequencies, nearest, radius)
+    hulls = [shapely.MultiPoint(path.vertices[:, :2]).convex_hull for path in paths]
+    area = shapely.union_all([translate(hull, -x, -y) for hull in hulls for x, y in where[:, :2].tolist()])
+    body = EddyBody(plate_mesh(plate.outline, plate.thickness, fineness, Footprint(area, nearest, radius)))
+    return body, [
+        surface_impedance(plate.material, plate.thickness, f, body.mesh.inscribed) for f in frequencies.tolist()
+    ]
+
+
+def _least_radius(paths: Sequence[Conductor]) -> float:
+    """Half the least extent in m of any path along x or y."""
+    return min(float(np.ptp(path.vertices[:, :2], axis=0).min()) / 2 for path in paths)
+
+
+def _distance(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, sheets: Sequence[Sheet]) -> float:
+    """Return the least distance in m across the plane of the plate from the copper; refuse one that is not computed."""
     corners = np.concatenate([path.vertices for path in paths])
     low, high = (np.array(plate.heights) - plate.centre[2])[:, None] + where[:, 2]
     top, bottom = float(corners[:, 2].max()), float(corners[:, 2].min())
@@ -193,26 +226,25 @@ def _prepared(
             + ("" if math.isinf(bottom) else f", or below z = {bottom * 1e3:.4g} mm, the lowest copper")
             + f"; {plate.name!r} reaches from {low[first] * 1e3:.4g} to {high[first] * 1e3:.4g} mm."
         )
-    nearest = float(np.where(low > top, low - float(corners[:, 2].max()), bottom - high).min())
-    radius = min(float(np.ptp(path.vertices[:, :2], axis=0).min()) / 2 for path in paths)
-    hulls = [shapely.MultiPoint(path.vertices[:, :2]).convex_hull for path in paths]
-    area = shapely.union_all([translate(hull, -x, -y) for hull in hulls for x, y in where[:, :2].tolist()])
-    body = EddyBody(plate_mesh(plate.outline, plate.thickness, fineness, Footprint(area, nearest, radius)))
-    inscribed, scale = body.mesh.inscribed, nearest + radius
+    return float(np.where(low > top, low - float(corners[:, 2].max()), bottom - high).min())
+
+
+def _model_error(plate: FinitePlate, frequencies: FloatArray, nearest: float, radius: float) -> ModelError:
+    """Largest errors of the model at a distance in m from coils of a radius in m; refuse those beyond the limit."""
+    inscribed, scale = inscribed_radius(plate.outline), nearest + radius
+    largest = ModelError()
     for f in frequencies.tolist():
-        error = max(
-            model_error(plate.material, plate.thickness, f, inscribed, kappa) for kappa in (3 / inscribed, 2 / scale)
-        )
-        if error > LARGEST_ERROR:
+        for kappa in (3 / inscribed, 2 / scale):
+            largest = largest.or_worse(model_error(plate.material, plate.thickness, f, inscribed, kappa))
+        if largest.whole > LARGEST_ERROR:
             raise GeometryError(
                 f"skin depth or thickness of a finite plate must be small against its inscribed radius of "
                 f"{inscribed * 1e3:.3g} mm and the coils' radius and distance of {scale * 1e3:.3g} mm; "
                 f"{plate.name!r}, {plate.thickness * 1e3:.3g} mm thick, has a skin depth of "
-                f"{plate.material.skin_depth(f) * 1e3:.3g} mm at {f:.4g} Hz, and its ΔL would err by {error:.0%}."
+                f"{plate.material.skin_depth(f) * 1e3:.3g} mm at {f:.4g} Hz, and its ΔL would err by "
+                f"{largest.whole:.0%}."
             )
-    return body, [
-        surface_impedance(plate.material, plate.thickness, f, body.mesh.inscribed) for f in frequencies.tolist()
-    ]
+    return largest
 
 
 def _linked(
@@ -258,7 +290,9 @@ def _reflected(body: EddyBody, plate: FinitePlate, centre: FloatArray, slab: Sla
     corners = np.ascontiguousarray(body.all_corners @ plate.axes + centre)
     face = slab.lower + slab.thickness
     size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-    integrals = np.zeros((len(corners), len(corners)))
+    k = len(corners)
+    require_memory(24.0 * k * k, f"the field of {k // 2} triangles that sheets reflect", "use a coarser mesh")
+    integrals = np.zeros((k, k))
     n = 0
     while True:
         weight = slab.reflection if n == 0 else -slab.transmission * slab.reflection ** (2 * n - 1)
@@ -266,7 +300,9 @@ def _reflected(body: EddyBody, plate: FinitePlate, centre: FloatArray, slab: Sla
         if abs(weight) * (size / (size + lift)) ** 3 < _REST:
             break
         image = corners * [1.0, 1.0, -1.0] + [0.0, 0.0, 2 * face - lift]
-        integrals += weight * pair_integrals(corners, np.ascontiguousarray(image))
+        of_image = pair_integrals(corners, np.ascontiguousarray(image))
+        of_image *= weight
+        integrals += of_image
         n += 1
     total = inductance(body.all_currents(plate.axes), integrals, np.array([1.0, 1.0, -1.0]))
     return np.asarray((total + total.T) / 2)

@@ -29,11 +29,13 @@ import numpy.typing as npt
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
+from coilarray.elastomer.flat_layer import require_below
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
 from coilarray.electromagnetics.plane_waves import Board, board_below, reflected_inductance, top_of, wavenumbers
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Plate, Sheet
+from coilarray.metal.frequencies import checked_frequencies
 
 # −ln of the error of the rules over the spectrum, and the largest one of the images' sum against the reflection
 _DIGITS: dict[Accuracy, float] = {"full": 16.0, "screen": 8.0}
@@ -42,6 +44,7 @@ _LONGEST = 1e-3  # radians across the board; longer waves carry 1e-10 of the ind
 _AROUND = 160.0  # radians across the board; the spectrum takes waves so short, images those beyond
 _FITTED, _SMALLEST = 200, 1e-7  # waves of a fit, and its smallest singular values
 _RATIOS = (2.0, 1.6, 1.25)  # of its distances: every image costs a `mutual_inductance`, so the fewest that do
+_TOUCHING = 1e-9  # m; bodies that overlap by less touch
 
 
 def plate_inductance(
@@ -79,12 +82,17 @@ def plate_inductance(
     Raises
     ------
     GeometryError
-        A plate that is neither above nor below all paths, or touches them; a source that describes no path.
+        A plate that is neither above nor below all paths, or touches them; one that reaches into another or into a
+        magnetic sheet; a source that describes no path.
+    ElastomerError
+        A path that reaches into a magnetic sheet or above it.
+    MetalError
+        Frequencies that are not one row of finite numbers of at least 0.
 
     Notes
     -----
     The current density is uniform in every bar, and paths with open ends are taken as they are, as in
-    `layer_inductance`. Else exact at any frequency, to 1e-6 of the largest entry. A plate nearer than a sixth of the
+    `layer_inductance`. Else exact at any frequency, to 5e-6 of the largest entry. A plate nearer than a sixth of the
     board's extent costs up to thirty times one `mutual_inductance` more.
 
     Examples
@@ -115,7 +123,7 @@ def plate_inductances(
     The spectra of the paths, which cost most, are computed once.
     """
     paths = as_conductors(source)
-    omega = 2 * np.pi * np.atleast_1d(np.asarray(frequencies, dtype=float))
+    omega = 2 * np.pi * checked_frequencies(frequencies)
     shape = (len(cases), len(omega), len(paths), len(paths))
     if not any(cases):
         return np.zeros(shape, dtype=np.complex128)
@@ -165,8 +173,8 @@ class _Around:
 
     Each of the cases has a stack above and one below; `sheets` are what lies above without plates. Waves are counted
     from a face above and one below, `faces`, on the `sides` where anything lies in any case (0 above, 1 below); lengths
-    in m. Their kinds are pairs of sides: upward waves that come back once, those that then come from below, and
-    downward waves that come back once.
+    in m. The kinds of waves are the sides to which they leave a path and from which they reach one in the end: up–up
+    (0, 0), up–down (0, 1), with which down–up is counted, and down–down (1, 1).
     """
 
     stacks: tuple[tuple[_Stack, _Stack], ...]
@@ -180,12 +188,12 @@ class _Around:
 
     @property
     def kinds(self) -> list[tuple[int, int]]:
-        """Pairs of sides."""
+        """Kinds of waves there are."""
         return list(itertools.combinations_with_replacement(self.sides, 2))
 
     @property
     def ways(self) -> FloatArray:
-        """Shortest way in m of each kind of waves from path to path."""
+        """Shortest length in m that each kind of waves goes from path to path."""
         across = self.faces[0] - self.faces[1]
         ways = {(0, 0): 2 * (self.faces[0] - self.top), (1, 1): 2 * (self.bottom - self.faces[1])}
         return np.array([ways.get(kind, 2 * across - (self.top - self.bottom)) for kind in self.kinds])
@@ -260,11 +268,32 @@ def _around(
                 f"plate {plate.name!r} must lie above or below all paths, from z = {top:g} m or up to {bottom:g} m; "
                 f"it lies from {low:g} to {high:g} m."
             )
+    for plates in cases:
+        _require_apart(plates, sheets)
     alone = _above((), sheets, top)
+    for path in paths:
+        require_below(path, alone.face)
     stacks = tuple((_above(plates, sheets, top), _below(plates, top)) for plates in cases)
     faces = (min(above.face for above, _ in stacks), max(below.face for _, below in stacks))
     sides = tuple(side for side, face in enumerate(faces) if math.isfinite(face))
     return _Around(stacks, alone, faces, sides, top, bottom, 2 * min(gaps), omega)
+
+
+def _require_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> None:
+    """Refuse plates that reach into each other or into the magnetic sheets."""
+    bodies = [(*plate.heights, f"plate {plate.name!r}") for plate in plates]
+    heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
+    bodies += [
+        (low, high, f"sheet {sheet.name!r}")
+        for (low, high), sheet in zip(itertools.pairwise(heights), sheets, strict=True)
+        if sheet.relative_permeability != 1
+    ]
+    for (low, high, one), (start, _, other) in itertools.pairwise(sorted(bodies)):
+        if start < high - _TOUCHING:
+            raise GeometryError(
+                f"plates and magnetic sheets must not overlap; {one} lies from z = {low:g} to {high:g} m and {other} "
+                f"begins at {start:g} m."
+            )
 
 
 def _mirrored(path: Conductor, height: float) -> Conductor:

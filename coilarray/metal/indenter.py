@@ -60,8 +60,8 @@ def indenter_inductance(
 
     Notes
     -----
-    In its dent the ball is solved together with the dented sheets (`coilarray.elastomer.dent_sphere`), within 0.3 % of
-    finite elements for 0.25 to 2 mm in the sheets of gast2020 (tests/metal/test_indenter.py). Flat sheets as thick as
+    In its dent the ball is solved together with the dented sheets (`coilarray.elastomer.dent_sphere`), within 0.5 % of
+    finite elements at 1 mm in the sheets of gast2020 (tests/metal/test_indenter.py). Measured: flat sheets as thick as
     they are under the tip would make the effect of aluminium 9 % too large and that of ferrite 0.5 to 2 % too small at
     0.5 mm; those of a tip that just touches would be 8 to 25 % too small.
     """

@@ -74,16 +74,20 @@ Sizes: TypeAlias = Callable[[FloatArray], FloatArray]
 """Gives the wanted side of a triangle in m at points (n, 2) in m, shape (n,)."""
 
 
+def inscribed_radius(outline: Outline) -> float:
+    """Radius in m of the largest circle in an outline."""
+    return float(shapely.maximum_inscribed_circle(_plane(outline)).length)
+
+
 def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0, above: Footprint | None = None) -> HalfBody:
     """Mesh the upper half of a plate with an outline about its centre.
 
     `fineness` 2 has half the lengths of 1; the mesh is finer where the plate is near the copper `above` or below it.
     """
-    plane = shapely.orient_polygons(shapely.Polygon(outline.exterior, outline.holes))
-    inscribed = float(shapely.maximum_inscribed_circle(plane).length)
+    plane, inscribed = _plane(outline), inscribed_radius(outline)
     along = min(_WIDEST * inscribed, max(plane.length / _ALONG, _FINEST * inscribed)) / fineness
     step = max(along, _LATTICE * inscribed / fineness)
-    finest = step if above is None else min(step, _LATTICE * above.radius / fineness)
+    finest = step if above is None else min(step, _LATTICE * max(above.radius, above.height) / fineness)
 
     def wanted(points: FloatArray) -> FloatArray:
         if above is None or finest == step:
@@ -136,6 +140,10 @@ def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0, above:
         tuple(_cap(loop[::-1], step) for loop in loops[1:]),
         inscribed,
     )
+
+
+def _plane(outline: Outline) -> shapely.Polygon:
+    return shapely.orient_polygons(shapely.Polygon(outline.exterior, outline.holes))
 
 
 def _divided(ring: shapely.LinearRing, along: float, wanted: Sizes) -> FloatArray:

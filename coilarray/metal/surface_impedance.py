@@ -64,19 +64,41 @@ def surface_impedance(material: Material, thickness: float, frequency: float, ra
     return SurfaceImpedance(even, odd, along=MU_0 / (k**2 * F), across=MU_0 * F / short)
 
 
-def model_error(material: Material, thickness: float, frequency: float, radius: float, kappa: float) -> float:
-    """Relative error of the reflection of a plate without end, by the λ of a radius, at κ in 1/m.
+@dataclass(frozen=True)
+class ModelError:
+    """Estimated relative errors: of ΔL − jΔR/ω as a complex number, of ΔL and of ΔR."""
+
+    whole: float = 0.0
+    inductance: float = 0.0
+    resistance: float = 0.0
+
+    @property
+    def attributes(self) -> dict[str, float]:
+        """Attributes of a dataset that say so."""
+        return {"plate_error_inductance": self.inductance, "plate_error_resistance": self.resistance}
+
+    def or_worse(self, other: ModelError) -> ModelError:
+        """Return the larger one of each."""
+        return ModelError(
+            max(self.whole, other.whole),
+            max(self.inductance, other.inductance),
+            max(self.resistance, other.resistance),
+        )
+
+
+def model_error(material: Material, thickness: float, frequency: float, radius: float, kappa: float) -> ModelError:
+    """Errors of the reflection of a plate without end, by the λ of a radius, at κ in 1/m.
 
     With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 + 2κλ/(µ0 (1 ± e))): each face lies in the field of both.
     """
     if math.isinf(material.conductivity):
-        return 0.0
+        return ModelError()
     e = math.exp(-kappa * thickness)
     taken, exact = (
         sum(part / (1 + 2 * kappa * value / (MU_0 * part)) for part, value in zip((1 + e, 1 - e), values, strict=True))
         for values in (_faces(material, thickness, frequency, at) for at in (2 / radius, kappa))
     )
-    return abs(taken / exact - 1)
+    return ModelError(abs(taken / exact - 1), abs(taken.real / exact.real - 1), abs(taken.imag / exact.imag - 1))
 
 
 def _faces(material: Material, t: float, frequency: float, kappa: float) -> tuple[complex, complex]:

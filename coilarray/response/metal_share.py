@@ -6,17 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, MetalError
 from coilarray.geometry import Ball
 from coilarray.metal.indenter import indenter_inductance
 from coilarray.response.setup import Experiment, MapAxes
-
-FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
 
 Variable = tuple[tuple[str, ...], FloatArray, Mapping[str, str]]
 """A variable of a dataset: dimensions, values and attributes."""
@@ -38,7 +35,8 @@ def metal_share(
 ) -> ComplexArray:
     """Share of the indenter's material in the changes in H, (depths, places, coils, coils), against it at rest.
 
-    What a finite sample adds to its dents is left out: it is a small part of a share.
+    The dents are those of wide sheets: what a finite sample adds to them is left out, and its effect on the share is
+    not known.
     """
     total: ComplexArray | float = 0.0
     for level in (level for level in pressed.levels if not level.coarse):
@@ -71,5 +69,5 @@ def metal_variables(axes: MapAxes, delta: FloatArray, share: ComplexArray, frequ
 
 
 def metal_attributes(ball: Ball, frequency: float, rest: float) -> dict[str, object]:
-    """Return the attributes that say of what a share is: `rest` in m."""
+    """Return the attributes of a share: its frequency, the indenter's material, and `rest` in m."""
     return {"metal_frequency_Hz": frequency, "rest_m": rest, "indenter_material": ball.material.name}

@@ -24,6 +24,7 @@ from coilarray.elastomer.flat_layer import magnetic_slab
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Target
+from coilarray.metal.finite_plates import moving_plate_error
 from coilarray.metal.target import require_apart, target_inductance
 from coilarray.response.coordinates import origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
@@ -98,7 +99,9 @@ def target_map(
         coils' matrix, and its ``coupling``, at ``matrix_frequency`` (distance, y, x), the mean of the states'
         resonances there. ``inductance`` (coil, other) in H without the target. And the ranges and resolutions of
         `coilarray.response.target_range.ranges_of`. ``coil_x`` and ``coil_y`` are the centres in m from the map's
-        origin, which ``origin_x`` and ``origin_y`` place on the board.
+        origin, which ``origin_x`` and ``origin_y`` place on the board. Of a plate with an outline the attributes
+        ``plate_error_inductance`` and ``plate_error_resistance`` are relative estimates of the model's error of ΔL and
+        ΔR at the least distance, beside that of the mesh.
 
     Raises
     ------
@@ -143,7 +146,12 @@ def target_map(
     base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
     middle = by_state["frequency"].mean(axis=-1)
     matrix = near(middle)
-    return _dataset(design, target, axes, noise, network, by_state, base, middle, matrix)
+    result = _dataset(design, target, axes, noise, network, by_state, base, middle, matrix)
+    if isinstance(target.body, FinitePlate):
+        height = target.height(sum(sheet.thickness for sheet in design.sheets), float(axes.depth[0]))
+        error = moving_plate_error(design.array, target.body, [[0.0, 0.0, height]], nodes, design.sheets)
+        result.attrs |= error.attributes
+    return result
 
 
 def _nodes(resonances: FloatArray) -> FloatArray:

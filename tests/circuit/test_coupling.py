@@ -1,10 +1,14 @@
 """The published board: what the model says of it, against what the paper and the project's own estimates say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.first_assumed import first_assumed
 
 from coilarray import (
+    MATERIALS,
+    Plate,
     couple_design,
     coupling_matrix,
     inductance_matrix,
@@ -62,5 +66,8 @@ def test_operating_currents_and_field():
     assert field.attrs["active_current_A"] == 2e-3
     half = operating_field(design, coupling, "coil2", x, 0.0, 3e-3, current=1e-3)
     np.testing.assert_allclose(field.B, 2 * half.B, rtol=1e-12)
+    far = replace(design, plates=(Plate("far", -50.0, 1e-3, MATERIALS["copper"]),))  # the sheets count in neither
+    beside = operating_field(far, coupling, "coil2", x, 0.0, 3e-3, current=2e-3)
+    np.testing.assert_allclose(beside.B, field.B, rtol=0, atol=1e-6 * float(abs(field.B).max()))
     with pytest.raises(GeometryError, match="there is no coil 'coil7'; there are coil1, coil2, coil3"):
         operating_currents(design, coupling, "coil7")

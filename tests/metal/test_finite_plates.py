@@ -217,3 +217,12 @@ def test_currents_make_the_change_of_inductance(three_loops, sheets):
 def test_refusals(plate, position, frequency, message):
     with pytest.raises(GeometryError, match=message):
         moving_plate([loop(8e-3)], plate, [position], [frequency])
+
+
+def test_coils_without_an_extent_across():
+    """A loop on its edge, and a straight filament beside it, of which the mesh needs no finest triangle."""
+    upright = loop(8e-3) @ [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]] - [0.0, 0.0, 9e-3]
+    straight = [[-5e-3, 2e-3, 0.0], [5e-3, 2e-3, 0.0]]
+    change = moving_plate([upright, straight], disc(3e-3), [[0.0, 0.0, 3e-3]], [1e6], fineness=0.5)[0, 0]
+    assert (change.diagonal().real < 0).all()
+    assert (change.diagonal().imag < 0).all()

@@ -21,7 +21,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.constants import MU_0
 from coilarray.elastomer.flat_layer import layer_inductance
 from coilarray.electromagnetics.inductance import mutual_inductance
-from coilarray.errors import GeometryError
+from coilarray.errors import ElastomerError, GeometryError, MetalError
 from coilarray.geometry import MATERIALS, Conductor, Material, Plate, Sheet
 from coilarray.metal import flat_plates
 from coilarray.metal.flat_plates import plate_inductance, plate_inductances
@@ -164,9 +164,29 @@ def test_coils_of_a_board_keep_their_sum_over_pieces() -> None:
     np.testing.assert_allclose(pieces[:, :2, :2].sum(axis=(1, 2)), whole[:, 0, 0], rtol=1e-6)
 
 
-def test_plates_in_the_copper_are_refused() -> None:
-    with pytest.raises(GeometryError, match=r"plate 'x' must lie above or below all paths, from z = -0.0002 m"):
-        plate_inductance(LOOPS, [Plate("x", -0.6e-3, 0.3e-3, ALUMINIUM)], F)
+@pytest.mark.parametrize(
+    ("heights", "message"),
+    [
+        ([-0.6e-3], "plate '0' must lie above or below all paths, from z = -0.0002 m"),
+        ([6e-3, 6.2e-3], r"must not overlap; plate '0' lies from z = 0.006 to 0.0063 m and plate '1' begins at 0.0062"),
+        ([-9e-3, -9.2e-3], "must not overlap; plate '1' lies"),
+        ([3.9e-3], "must not overlap; sheet 'magnetic' lies from z = 0.003 to 0.004 m and plate '0' begins at 0.0039"),
+    ],
+)
+def test_plates_in_the_copper_the_sheets_or_each_other_are_refused(heights: list[float], message: str) -> None:
+    plates = [Plate(f"{k}", z, 0.3e-3, ALUMINIUM) for k, z in enumerate(heights)]
+    with pytest.raises(GeometryError, match=message):
+        plate_inductance(LOOPS, plates, F, SHEETS)
+
+
+def test_frequencies_and_coils_above_a_magnetic_sheet_are_refused() -> None:
+    for wrong in ([math.nan], [-1e6], [[1e6]], []):
+        with pytest.raises(MetalError, match="frequencies must be one row of finite numbers of at least 0; got"):
+            plate_inductance(LOOPS, [Plate("x", 6e-3, 1e-3, ALUMINIUM)], wrong)
+    with pytest.raises(
+        ElastomerError, match=r"paths must lie below the magnetic sheet, whose lower face is at z = 0.0"
+    ):
+        plate_inductance([loop(10e-3, 5e-3)], [Plate("x", 6e-3, 1e-3, ALUMINIUM)], F, SHEETS)
 
 
 @pytest.mark.slow
