@@ -125,23 +125,32 @@ def test_a_design_is_built_piece_by_piece(starter):
         assert len(then(structure.set_lattice, kind).array.names) == count
         assert work.opened.document["array"]["lattice"] == kind
     assert len(then(structure.set_layers, 6).array.stackup.names) == 6
+    made_up = {"layers", "copper_thickness_um", "dielectric_thickness_mm", "dielectric_epsilon_r"}
+    assert {key for key, why in work.opened.assumed.items() if why == "set by the studio"} == {
+        f"stackup.{key}" for key in made_up
+    }
     assert then(structure.set_leads, there=False).array.placements[0].coil.terminal is None
     assert then(structure.set_leads, there=True).array.placements[0].coil.terminal is not None
     assert then(structure.set_base, "seat").indentation.base.stiffness > 0
+    assert work.opened.assumed["indentation.seat_stiffness_kPa_per_mm"] == "set by the studio"
     assert then(structure.set_base, "bonded").indentation.base == "bonded"
     assert [sheet.name for sheet in then(structure.add_sheet).sheets] == ["base", "magnetic", "sheet1"]
+    assert work.opened.assumed["elastomer.2.youngs_modulus_kPa"] == "set by the studio"
     kept = {key for key in work.opened.assumed if key.startswith("elastomer.1.")}
     assert [sheet.name for sheet in then(structure.remove_sheet, 0).sheets] == ["magnetic", "sheet1"]
     assert {key.replace("elastomer.0.", "elastomer.1.") for key in work.opened.assumed if "elastomer.0." in key} == kept
     then(structure.remove_sheet, 0)
     assert then(structure.remove_sheet, 0).indentation is None
+    then(structure.add_sheet)
+    assert work.opened.assumed["indenter.radius_mm"] == "set by the studio"
+    then(structure.remove_sheet, 0)
     assert then(structure.set_connector, "top").array.led_out.connector.side == "top"
     assert then(structure.set_connector, "none").array.led_out is None
     for wrong, arguments, line in (
         (structure.remove_coil, work.design.array.names, "an array must have a coil"),
         (structure.set_layers, (0,), "stackup.layers must be 1 to 64; got 0"),
         (structure.set_lattice, ("spiral",), "array.lattice must be one of single, linear"),
-        (structure.remove_sheet, (0,), "must have a sheet of number 0; there are 0"),
+        (structure.remove_sheet, (0,), "must have an entry of number 0; there are 0"),
         (structure.set_base, ("seat",), "indentation is missing"),
     ):
         with pytest.raises(DesignError, match=line):
@@ -501,30 +510,37 @@ def test_what_is_no_study_is_one_line(tmp_path):
 def test_bodies_are_added_and_removed_as_the_file_says_them():
     work = work_on(OPENED, "starter")
     texts = {**metal.FIRST, "kind": "plate above", "shape": "ring", "size": "30", "second": "12", "distance": "4"}
-    plated = work.with_tables(metal.tables_with(work.opened.document, texts))
+    plated = work.with_document(metal.with_body(work.opened.document, texts))
     texts_of_wide = {**texts, "shape": "without end", "distance": "9"}
-    plated = plated.with_tables(metal.tables_with(plated.opened.document, texts_of_wide))
+    plated = plated.with_document(metal.with_body(plated.opened.document, texts_of_wide))
     ring, wide = plated.design.plates
     assert (ring.name, wide.name) == ("plate1", "plate2")
     assert ring.heights[0] == pytest.approx(plated.design.top + 4e-3, rel=1e-12)
     assert isinstance(wide, Plate)
     keys = {entry.key for entry in entries_of(plated.opened)}
     assert {"plate.0.distance_mm", "plate.0.inner_diameter_mm", "plate.1.thickness_mm"} <= keys
-    moved = work.with_tables(metal.tables_with({}, {**metal.FIRST, "shape": "sphere", "distance": "1; 2,5"}))
+    moved = work.with_document(
+        metal.with_body(OPENED.document, {**metal.FIRST, "shape": "sphere", "distance": "1; 2,5"})
+    )
     assert moved.design.target.distances == (1e-3, 2e-3, 5e-3)
     assert [row["key"] for row in metal.body_rows(moved.design)] == ["target"]
     assert metal.body_rows(plated.design)[1]["text"].startswith("plate plate2: aluminium, 1 mm, without end, z =")
-    without = plated.with_tables(metal.tables_without(plated.opened.document, "0"))
+    reasons = {"plate.0.thickness_mm": "a guess", "plate.1.distance_mm": "measured"}
+    far = {**texts, "distance": "20"}
+    plated = plated.with_document({**plated.opened.document, "assumed": reasons})
+    assert plated.with_document(metal.with_body(plated.opened.document, far)).opened.assumed == reasons
+    without = plated.with_document(metal.without_body(plated.opened.document, "0"))
     assert [plate.name for plate in without.design.plates] == ["plate2"]
+    assert without.opened.assumed == {"plate.0.distance_mm": "measured"}
     for key, one in (("0", without), ("target", moved)):
-        assert one.with_tables(metal.tables_without(one.opened.document, key)).design.digest == work.design.digest
+        assert one.with_document(metal.without_body(one.opened.document, key)).design.digest == work.design.digest
     for field, text, message in (
         ("size", "wide", "diameter_mm must be a number; got 'wide'"), ("shape", "sphere", "a sphere must be a target"),
         ("material", "wood", "with a shape and a material that there are"),
         ("distance", "", "distance_mm must be a number"),
     ):  # fmt: skip
         with pytest.raises(DesignError, match=message):
-            metal.tables_with({}, {**texts, field: text})
+            metal.with_body({}, {**texts, field: text})
 
 
 def test_a_target_says_for_every_state_what_the_library_computes(starter):

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, get_args
 
 from coilarray.design.model import Design
+from coilarray.design.vary import no_longer_assumed
 from coilarray.errors import DesignError
 from coilarray.geometry.array import LatticeKind
 from coilarray.viz.studio.services import Document
@@ -21,6 +22,7 @@ BASES = ("bonded", "frictionless", "seat")
 _SHEET = {"thickness_mm": 1.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 100.0}
 _INDENTED = {"indenter": {"shape": "hemisphere", "radius_mm": 2.0}, "indentation": {"depths_mm": [0.3]}}
 _SEAT = 1000.0  # kPa/mm
+_MADE_UP = "set by the studio"  # reason of values that nobody has chosen
 _APART = 1.25  # pitches of a first coil to a second, in widths of the coil
 
 
@@ -50,7 +52,7 @@ def remove_coil(document: Document, design: Design, name: str) -> Document:
     ends = dict(document.get("circuit", {}).get("terminations", {}))
     if ends.pop(name, None) is not None:
         changed["circuit"] = {**document["circuit"], "terminations": ends}
-    return _assumed(changed, lambda key: key if key.split(".")[0] != "coils" or key.split(".")[1] in used else None)
+    return _renamed(changed, lambda key: key if key.split(".")[0] != "coils" or key.split(".")[1] in used else None)
 
 
 def place_coil(document: Document, design: Design, name: str, x: float, y: float, turn: float) -> Document:
@@ -79,7 +81,8 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
     )
     table["layers"] = [list(each) for each in (layers[:1] if kind == "single" else layers)]
     kept = {key: old[key] for key in ("direction_deg", "rotation_deg") if key in old}
-    return _assumed({**document, "array": table | kept}, lambda key: None if key.startswith("array.") else key)
+    changed = no_longer_assumed({**document, "array": table | kept}, ["array"])
+    return changed if kind == "single" or "pitch_mm" in old else _made_up(changed, "array.pitch_mm")
 
 
 def set_layers(document: Document, _: Design, count: int) -> Document:
@@ -95,7 +98,10 @@ def set_layers(document: Document, _: Design, count: int) -> Document:
     for key, (value, less) in usual.items():
         values = list(stackup.get(key, []))
         table[key] = (values + [values[-1] if values else value] * count)[: count - less]
-    return {**document, "stackup": table}
+    longer = [
+        key for key, values in table.items() if isinstance(values, list) and len(values) > len(stackup.get(key, []))
+    ]
+    return _made_up({**document, "stackup": table}, *(f"stackup.{key}" for key in longer))
 
 
 def set_leads(document: Document, _: Design, *, there: bool) -> Document:
@@ -106,7 +112,7 @@ def set_leads(document: Document, _: Design, *, there: bool) -> Document:
             rest = {key: value for key, value in table.items() if key != "leads"}
             coils[shape] = rest | ({"leads": table.get("leads", {})} if there else {})
     changed = {**document, "coils": coils}
-    return changed if there else _assumed(changed, lambda key: None if re.match(r"coils\..*\.leads\.", key) else key)
+    return changed if there else _renamed(changed, lambda key: None if re.match(r"coils\..*\.leads\.", key) else key)
 
 
 def set_connector(document: Document, _: Design, edge: str) -> Document:
@@ -114,7 +120,7 @@ def set_connector(document: Document, _: Design, edge: str) -> Document:
     if edge != "none":
         return {**document, "connector": {**document.get("connector", {}), "side": edge}}
     rest = {key: table for key, table in document.items() if key != "connector"}
-    return _assumed(rest, lambda key: None if key.startswith("connector.") else key)
+    return no_longer_assumed(rest, ["connector"])
 
 
 def add_sheet(document: Document, _: Design) -> Document:
@@ -122,29 +128,37 @@ def add_sheet(document: Document, _: Design) -> Document:
     sheets = list(document.get("elastomer", []))
     names = [sheet["name"] for sheet in sheets]
     name = next(name for k in range(1, len(names) + 2) if (name := f"sheet{k}") not in names)
-    return (_INDENTED if not sheets else {}) | {**document, "elastomer": [*sheets, {"name": name, **_SHEET}]}
+    new = {table: values for table, values in _INDENTED.items() if not sheets and table not in document}
+    keys = [f"{table}.{key}" for table, values in new.items() for key in values]
+    keys += [f"elastomer.{len(sheets)}.{key}" for key in _SHEET]
+    return _made_up({**new, **document, "elastomer": [*sheets, {"name": name, **_SHEET}]}, *keys)
 
 
 def remove_sheet(document: Document, _: Design, index: int) -> Document:
     """Remove a sheet by its number from below; with the last one goes what presses on it."""
-    sheets = list(document.get("elastomer", []))
-    if not 0 <= index < len(sheets):
-        raise DesignError(f"elastomer must have a sheet of number {index}; there are {len(sheets)}.")
-    del sheets[index]
-    gone = () if sheets else ("elastomer", "indenter", "indentation")
-    changed = {key: table for key, table in ({**document, "elastomer": sheets}).items() if key not in gone}
+    changed = without_entry(document, "elastomer", index)
+    if "elastomer" in changed:
+        return changed
+    gone = ("indenter", "indentation")
+    return no_longer_assumed({key: table for key, table in changed.items() if key not in gone}, gone)
+
+
+def without_entry(document: Document, table: str, index: int) -> Document:
+    """Remove one of a list of tables by its number, and what is assumed of it; the list goes with its last one."""
+    entries = list(document.get(table, []))
+    if not 0 <= index < len(entries):
+        raise DesignError(f"{table} must have an entry of number {index}; there are {len(entries)}.")
+    del entries[index]
 
     def renamed(key: str) -> str | None:
-        table, _, rest = key.partition(".")
-        if table in gone:
-            return None
-        if table != "elastomer":
+        parts = key.split(".")
+        if parts[0] != table:
             return key
-        number, _, entry = rest.partition(".")
-        k = int(number)
-        return None if k == index else f"elastomer.{k - (k > index)}.{entry}"
+        k = int(parts[1])
+        return None if k == index else ".".join([table, str(k - (k > index)), *parts[2:]])
 
-    return _assumed(changed, renamed)
+    rest = {key: value for key, value in document.items() if key != table}
+    return _renamed({**document, table: entries} if entries else rest, renamed)
 
 
 def set_base(document: Document, _: Design, base: str) -> Document:
@@ -156,7 +170,8 @@ def set_base(document: Document, _: Design, base: str) -> Document:
     table = {key: value for key, value in document["indentation"].items() if not key.startswith("seat_")}
     seat = {"seat_stiffness_kPa_per_mm": _SEAT} if base == "seat" else {}
     changed = {**document, "indentation": {**table, "base": base, **seat}}
-    return _assumed(changed, lambda key: None if key.startswith("indentation.seat_") else key)
+    chosen = [f"indentation.{key}" for key in ("base", *(key for key in document["indentation"] if key[:5] == "seat_"))]
+    return _made_up(no_longer_assumed(changed, chosen), *(f"indentation.{key}" for key in seat))
 
 
 def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
@@ -175,8 +190,7 @@ def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
 
 
 def _free(document: Document, places: list[dict[str, Any]]) -> dict[str, Any]:
-    changed = {**document, "array": {"lattice": "free", "placements": places}}
-    return _assumed(changed, lambda key: None if key.startswith("array.") else key)
+    return no_longer_assumed({**document, "array": {"lattice": "free", "placements": places}}, ["array"])
 
 
 def _width(design: Design) -> float:
@@ -185,7 +199,13 @@ def _width(design: Design) -> float:
     return float(x.max() - x.min())
 
 
-def _assumed(document: Mapping[str, Any], renamed: Callable[[str], str | None]) -> dict[str, Any]:
+def _made_up(document: Document, *keys: str) -> dict[str, Any]:
+    """Say of values by their keys that the studio has set them."""
+    reasons = {**document.get("assumed", {}), **dict.fromkeys(keys, _MADE_UP)}
+    return {**document, **({"assumed": reasons} if reasons else {})}
+
+
+def _renamed(document: Document, renamed: Callable[[str], str | None]) -> dict[str, Any]:
     """Rename the keys of what is assumed, or leave them out."""
     reasons = {new: why for key, why in document.get("assumed", {}).items() if (new := renamed(key)) is not None}
     rest = {key: table for key, table in document.items() if key != "assumed"}

@@ -8,7 +8,7 @@ from typing import Any
 
 from coilarray.design.model import Design, DesignFile, build_design_file
 from coilarray.design.save import file_text
-from coilarray.design.vary import no_longer_assumed, vary_chosen
+from coilarray.design.vary import vary_chosen
 from coilarray.errors import DesignError
 from coilarray.viz.studio.entries import number_of
 
@@ -65,11 +65,6 @@ class Work:
         """Set several entries at once, to values as for `coilarray.design.vary.vary`; errors as in `with_entry`."""
         _require_few_coils(self.opened.values, changes)
         return self.with_document(vary_chosen(self.opened.document, changes))
-
-    def with_tables(self, tables: Mapping[str, Any]) -> Work:
-        """Set whole tables of the file by their names, None for none; errors as in `with_entry`."""
-        document = {name: table for name, table in {**self.opened.document, **tables}.items() if table is not None}
-        return self.with_document(no_longer_assumed(document, tables))
 
     def with_document(self, document: Mapping[str, Any]) -> Work:
         """Return it with another document; errors as in `with_entry`."""
