@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from coilarray.design.model import Design, DesignFile, build_design_file
-from coilarray.design.save import file_text
+from coilarray.design.save import file_text, keeps_comments
 from coilarray.design.vary import vary_chosen
 from coilarray.errors import DesignError
 from coilarray.viz.studio.entries import number_of
@@ -43,6 +43,11 @@ class Work:
     def unsaved(self) -> str:
         """Line for the page where a step would lose the changes."""
         return f"The changes of {self.file} are not saved; Discard loses them."
+
+    @property
+    def keeps_comments(self) -> bool:
+        """True where the comments of its file stay when it is saved."""
+        return keeps_comments(self.opened)
 
     def with_entry(self, key: str, text: str) -> Work:
         """Set the entry of a dotted key to a typed number in its unit.
