@@ -28,6 +28,7 @@ class Work:
     opened: DesignFile
     file: str  # name of the file or bundled design
     kept: Mapping[str, Any]  # document as it was read or last saved
+    kept_text: str  # text of the file then
 
     @property
     def design(self) -> Design:
@@ -82,7 +83,10 @@ class Work:
 
     def saved_as(self, file: str) -> Work:
         """Return it after it was saved to a file."""
-        return replace(self, opened=replace(self.opened, text=self.text()), file=file, kept=self.opened.document)
+        text = self.text()
+        return replace(
+            self, opened=replace(self.opened, text=text), file=file, kept=self.opened.document, kept_text=text
+        )
 
     def text(self) -> str:
         """Return the design file, with its comments."""
@@ -92,7 +96,7 @@ class Work:
 def work_on(opened: DesignFile, file: str) -> Work:
     """Return a design as it was read; DesignError where it is too large for the studio."""
     require_small(opened.design)
-    return Work(opened, file, opened.document)
+    return Work(opened, file, opened.document, opened.text)
 
 
 def require_small(design: Design) -> None:
