@@ -98,7 +98,7 @@ class DesignPanel(Panel):
         page.state.save_over = ""
         page.state.save_dialog = False
         page.work = work
-        page.numbers.forget_saved()
+        page.numbers.forget_saved(work)
         page.state.file, page.state.changed = work.file, False
         page.state.file_note = f"saved {page.setup.shelf.path(work.file)}" + (
             "" if kept else "; its comments could not be kept, those of the starter are in their place"
