@@ -29,6 +29,7 @@ from coilarray.viz.studio import metal, numbers, structure
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
+from coilarray.viz.studio.numbers_panel import NumbersPanel
 from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders
 from coilarray.viz.studio.scene_panel import _legend
 from coilarray.viz.studio.shelf import Shelf
@@ -148,7 +149,8 @@ def test_a_design_is_built_piece_by_piece(starter):
     assert then(structure.set_connector, "none").array.led_out is None
     for wrong, arguments, line in (
         (structure.remove_coil, work.design.array.names, "an array must have a coil"),
-        (structure.set_layers, (0,), "stackup.layers must be 1 to 64; got 0"),
+        (structure.set_layers, (0,), "copper layers must be a whole number from 1 to 64; got 0"),
+        (structure.set_layers, (2.5,), "from 1 to 64; got 2.5"),
         (structure.set_lattice, ("spiral",), "array.lattice must be one of single, linear"),
         (structure.remove_sheet, (0,), "must have an entry of number 0; there are 0"),
         (structure.set_base, ("seat",), "indentation is missing"),
@@ -423,6 +425,10 @@ def test_files_that_are_no_design_and_what_would_be_lost_are_known(starter, tmp_
     mine = shelf.save(begun, "mine.toml")
     assert shelf.would_lose(begun, "mine.toml")  # it was begun with another one
     assert not shelf.would_lose(mine.with_entry("array.pitch_mm", "13"), "mine.toml")
+    again = shelf.save(mine.with_entry("array.pitch_mm", "13"), "mine.toml")
+    assert not shelf.would_lose(Trail().left(mine).undo(again)[1], "mine.toml")
+    (tmp_path / "mine.toml").write_text(f"{again.text()}# meanwhile, in an editor\n", encoding="utf-8")
+    assert shelf.would_lose(again, "mine.toml")
     shelf.save(changed, "mine.toml")  # meanwhile, from another page
     assert shelf.would_lose(mine, "mine.toml")
     (tmp_path / "mine.toml").write_text("schema = ", encoding="utf-8")
@@ -465,6 +471,16 @@ def test_a_new_design_replaces_no_changes_made_meanwhile(tmp_path, meanwhile, do
     assert page.state.new_problem.startswith(problem)
     assert page.state.new_dialog == bool(problem)
     assert len(taken) == (not problem)
+
+
+def test_a_new_design_has_no_saved_one_to_compare_with():
+    state, called = State(), {}
+    panel = NumbersPanel(SimpleNamespace(state=state, trigger=called.__setitem__))
+    mine = replace(work_on(OPENED, "mine.toml"), kept={})
+    panel.forget_saved(mine)
+    assert (state.can_compare, state.saved_line) == (False, "mine.toml is not saved yet")
+    panel.forget_saved(mine.saved_as("mine.toml"))
+    assert (state.can_compare, state.saved_line) == (True, "")
 
 
 def test_a_front_shows_the_first_point_unless_it_is_the_start():

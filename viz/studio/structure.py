@@ -85,12 +85,12 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
     return changed if kind == "single" or "pitch_mm" in old else _made_up(changed, "array.pitch_mm")
 
 
-def set_layers(document: Document, _: Design, count: int) -> Document:
+def set_layers(document: Document, _: Design, number: float) -> Document:
     """Give the board a number of copper layers: new ones like the lowest, or the lowest ones removed."""
     stackup = document["stackup"]
     names = list(stackup["layers"])
-    if not 1 <= count <= 64:
-        raise DesignError(f"stackup.layers must be 1 to 64; got {count}.")
+    if not (1 <= number <= 64 and number == (count := int(number))):
+        raise DesignError(f"copper layers must be a whole number from 1 to 64; got {number:g}.")
     free = (name for k in range(1, 2 * count + len(names) + 1) if (name := f"L{k}") not in names)
     names = [*names, *(next(free) for _ in range(count - len(names)))][:count]
     table = {**stackup, "layers": names}
