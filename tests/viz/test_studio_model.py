@@ -159,6 +159,33 @@ def test_a_design_is_built_piece_by_piece(starter):
             then(wrong, *arguments)
 
 
+def test_what_names_a_coil_stays_possible_without_it():
+    """An origin stays where it is; names, other shapes and the reasons of what does not change are kept."""
+    opened = load_design_file("gast2020")
+    names = ["a", "coil2", "c", "d", "e", "f"]
+    document = {**opened.document, "array": {**opened.document["array"], "names": names}}
+    document["coils"] = {**document["coils"], "spare": document["coils"]["hexagon"]}
+    document["circuit"] = {**document["circuit"], "terminations": {"coil2": "open", "a": "open"}}
+    work = work_on(build_design_file(document), "gast2020")
+    origin = work.design.indentation.origin_point
+    for function, chosen, left in (
+        (structure.remove_coil, "coil2", ["a", "c", "d", "e", "f"]), (structure.set_lattice, "single", ["a"]),
+    ):  # fmt: skip
+        found = work.with_document(function(document, work.design, chosen))
+        assert list(found.design.array.names) == left
+        assert found.design.indentation.origin_point == pytest.approx(origin, abs=1e-9)
+        assert found.opened.assumed["indentation.origin_mm"] == opened.assumed["indentation.origin"]
+        assert list(found.opened.document["coils"]) == ["hexagon", "spare"]
+        assert found.opened.document["circuit"]["terminations"] == {"a": "open"}
+    rings = work.with_document(structure.set_lattice(document, work.design, "rings"))
+    assert list(rings.design.array.names) == [*names, "coil1"]
+    assert rings.opened.assumed["array.pitch_mm"] == opened.assumed["array.pitch_mm"]
+    free = load_design_file("gast_fem")
+    more = build_design_file(structure.add_coil(free.document, free.design)).assumed
+    assert more["array.placements.0.layers"] == free.assumed["array.placements.0.layers"]
+    assert more["array.placements.1.x_mm"] == "set by the studio"
+
+
 def test_steps_are_undone_and_done_again(starter):
     first = work_on(load_design_file("starter"), "starter")
     second = first.with_entry("board.margin_mm", "3")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, get_args
 
 from coilarray.design.model import Design
@@ -38,21 +38,20 @@ def add_coil(document: Document, design: Design) -> Document:
     pitch = lattice.pitch if lattice is not None and lattice.pitch else _APART * _width(design)
     x = round(rightmost["x_mm"] + pitch * 1e3, 6)
     added = {**rightmost, "name": f"coil{k}", "layers": list(following), "x_mm": x}
-    return _free(document, [*places, added])
+    made_up = (f"array.placements.{len(places)}.{key}" for key in ("layers", "x_mm"))
+    return _made_up(_free(document, [*places, added]), *made_up)
 
 
 def remove_coil(document: Document, design: Design, name: str) -> Document:
     """Remove a coil and what is said of it alone; the array is then one of free places."""
-    places = [place for place in _placements(document, design) if place["name"] != name]
+    every = _placements(document, design)
+    places = [place for place in every if place["name"] != name]
     if not places:
         raise DesignError(f"{name} cannot be removed: an array must have a coil.")
-    changed = _free(document, places)
-    used = {place["coil"] for place in places}
-    changed["coils"] = {shape: table for shape, table in document["coils"].items() if shape in used}
-    ends = dict(document.get("circuit", {}).get("terminations", {}))
-    if ends.pop(name, None) is not None:
-        changed["circuit"] = {**document["circuit"], "terminations": ends}
-    return _renamed(changed, lambda key: key if key.split(".")[0] != "coils" or key.split(".")[1] in used else None)
+    changed = _without_coils(_free(document, places), design, [place["name"] for place in places])
+    unused = {place["coil"] for place in every} - {place["coil"] for place in places}
+    coils = {shape: table for shape, table in document["coils"].items() if shape not in unused}
+    return no_longer_assumed({**changed, "coils": coils}, [f"coils.{shape}" for shape in unused])
 
 
 def place_coil(document: Document, design: Design, name: str, x: float, y: float, turn: float) -> Document:
@@ -80,8 +79,19 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
         {} if kind == "single" else {"pitch_mm": pitch}
     )
     table["layers"] = [list(each) for each in (layers[:1] if kind == "single" else layers)]
-    kept = {key: old[key] for key in ("direction_deg", "rotation_deg") if key in old}
-    changed = no_longer_assumed({**document, "array": table | kept}, ["array"])
+    table |= {key: old[key] for key in ("direction_deg", "rotation_deg") if key in old}
+    points = 7 if kind == "rings" else table.get("columns", 1) * table.get("rows", 1)
+    usual = [f"coil{k + 1}" for k in range(points)]
+    names = [place["name"] for place in places][:points]
+    names += [name for name in (*usual, *(f"coil{points + k + 1}" for k in range(points))) if name not in names]
+    names = names[:points]
+    if names != usual:
+        table["names"] = names
+    changed = _renamed(
+        {**document, "array": table},
+        lambda key: key if key[:6] != "array." or (key[6:] in old and old[key[6:]] == table.get(key[6:])) else None,
+    )
+    changed = _without_coils(changed, design, names)
     return changed if kind == "single" or "pitch_mm" in old else _made_up(changed, "array.pitch_mm")
 
 
@@ -190,7 +200,40 @@ def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
 
 
 def _free(document: Document, places: list[dict[str, Any]]) -> dict[str, Any]:
-    return no_longer_assumed({**document, "array": {"lattice": "free", "placements": places}}, ["array"])
+    """Give every coil its own place; what is assumed of a coil stays where it says the same."""
+    old = document["array"].get("placements", [])
+    numbers = {place["name"]: k for k, place in enumerate(places)}
+
+    def renamed(key: str) -> str | None:
+        table, *rest = key.split(".")
+        if table != "array":
+            return key
+        if rest[0] != "placements":
+            return None
+        was, entry = old[int(rest[1])], rest[2]
+        k = numbers.get(was["name"])
+        same = k is not None and places[k].get(entry) == was.get(entry)
+        return f"array.placements.{k}.{entry}" if same else None
+
+    return _renamed({**document, "array": {"lattice": "free", "placements": places}}, renamed)
+
+
+def _without_coils(document: Document, design: Design, names: Sequence[str]) -> dict[str, Any]:
+    """Leave out how coils that have gone are terminated, and keep an origin that one of them was at its place."""
+    changed, gone = dict(document), list[str]()
+    ends = document.get("circuit", {}).get("terminations", {})
+    if set(ends) - set(names):
+        kept = {name: end for name, end in ends.items() if name in names}
+        changed["circuit"] = {**document["circuit"], "terminations": kept}
+        gone += [f"circuit.terminations.{name}" for name in ends if name not in names]
+    moved = dict[str, str]()
+    for key, setup in (("indentation", design.indentation), ("target", design.target)):
+        table = document.get(key, {})
+        if setup is not None and table.get("origin", names[0]) not in names:
+            rest = {entry: value for entry, value in table.items() if entry != "origin"}
+            changed[key] = {**rest, "origin_mm": [round(value * 1e3, 6) for value in setup.origin_point]}
+            moved[f"{key}.origin"] = f"{key}.origin_mm"
+    return no_longer_assumed(_renamed(changed, lambda key: moved.get(key, key)), gone)
 
 
 def _width(design: Design) -> float:
