@@ -210,7 +210,7 @@ def _edited_body(body: str, wanted: Mapping[str, Any]) -> str:
     added = ""
     for path, value in _missing(wanted, [names for names, *_ in entries]):
         if len(path) == 1:
-            added += document_text({path[0]: value})
+            added += document_text({str(path[0]): value})
         else:
             last = max(k for k, (names, *_) in enumerate(entries) if names[: len(path) - 1] == path[:-1])
             new[last] = f"{new.get(last, '')}{'.'.join(map(_key, path))} = {_inline(value)}\n"

@@ -19,8 +19,11 @@ LATTICES = (*get_args(LatticeKind), "free")
 BASES = ("bonded", "frictionless", "seat")
 """What the lowest sheet may lie on."""
 
-_SHEET = {"thickness_mm": 1.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 100.0}
-_INDENTED = {"indenter": {"shape": "hemisphere", "radius_mm": 2.0}, "indentation": {"depths_mm": [0.3]}}
+_SHEET: Mapping[str, float] = {"thickness_mm": 1.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 100.0}
+_INDENTED: Mapping[str, Mapping[str, Any]] = {
+    "indenter": {"shape": "hemisphere", "radius_mm": 2.0},
+    "indentation": {"depths_mm": [0.3]},
+}
 _SEAT = 1000.0  # kPa/mm
 _MADE_UP = "set by the studio"  # reason of values that nobody has chosen
 _APART = 1.25  # pitches of a first coil to a second, in widths of the coil
