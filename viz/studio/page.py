@@ -164,7 +164,7 @@ class Page:
     def _show(self, work: Work, *, typed: bool) -> None:
         other = set(work.design.array.names) != set(self.work.design.array.names) or work.file != self.work.file
         if work.kept is not self.work.kept:
-            self.numbers.forget_saved()
+            self.numbers.forget_saved(work)
         self.work = work
         with self.state:
             self.state.can_undo, self.state.can_redo = bool(self._trail.before), bool(self._trail.after)
