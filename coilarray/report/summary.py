@@ -10,7 +10,7 @@ import numpy as np
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
 from coilarray.geometry import Margin
-from coilarray.report.tables import Column, Table, Value
+from coilarray.report.tables import Column, Table, Value, cell
 from coilarray.studies.create.tank import broken_limits
 
 if TYPE_CHECKING:
@@ -121,8 +121,16 @@ def _metal_rows(
 
 
 def _row(words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:
-    """Return least and most of a quantity, and of which names they are; one number where all are alike."""
-    least, most = int(values.argmin()), int(values.argmax())
-    low, high = float(values[least]), float(values[most])
-    alike = high - low <= _ALIKE * abs(high)
-    return words, low, "" if alike else high, unit, "" if alike else f"{names[least]}; {names[most]}"
+    """Return the least and most finite value and whose these are; one number where all are alike, none where none is.
+
+    A self-resonance that is not found, and the parallel resistance of a coil without losses, are infinite.
+    """
+    finite = np.flatnonzero(np.isfinite(values))
+    if not len(finite):
+        return words, "", "", unit, ""
+    least, most = int(finite[values[finite].argmin()]), int(finite[values[finite].argmax()])
+    low, high = cell(values[least]), cell(values[most])
+    alike = values[most] - values[least] <= _ALIKE * abs(values[most])
+    if alike:
+        return words, low, "", unit, "" if len(finite) == len(values) else names[least]
+    return words, low, high, unit, f"{names[least]}; {names[most]}"
