@@ -63,19 +63,16 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin]) -> list[str]:
     lines = []
     for rule in dict.fromkeys(margin.rule for margin in margins if not margin.kept):
         worst = min((m for m in margins if m.rule == rule and not m.kept), key=lambda m: m.margin)
-        size, unit = (1e3, " mm") if worst.unit else (1.0, "")
+        shown = display_unit(worst.unit)
         where = f"{worst.feature} on {worst.layer}" if worst.layer else worst.feature
         lines.append(
             f"The board house's limit of {rule} is broken at {where}: "
-            f"{worst.value * size:.4g}{unit}; its limit is {worst.limit * size:.4g}{unit}."
+            f"{shown.text(worst.value, '.4')}; its limit is {shown.text(worst.limit, '.4')}."
         )
     broken = [] if scan is None else broken_limits(scan)
     for name in dict.fromkeys(limit.name for _, limit in broken):
         state, limit = next(one for one in broken if one[1].name == name)
-        lines.append(
-            f"The converter cannot read {state}: {name} is {limit.value:.4g}; allowed are {limit.low:.4g} to "
-            f"{limit.high:.4g}."
-        )
+        lines.append(f"The converter cannot read {state}: {limit.words}.")
     return lines
 
 
