@@ -416,7 +416,7 @@ def test_position_error_of_bells(synthetic, depth, region, noise):
     assert list(found.values()) == pytest.approx(sigma, rel=5e-3)
     assert len(calls) == 1
     beside = replace(STARTER, indentation=replace(STARTER.indentation, origin=None, origin_point=(5e-3, -1e-3)))
-    moved = {**options, "region_mm": list(np.add(region, [5, 5, -1, -1]))}  # on the board
+    moved = {**options, "region_mm": np.add(region, [5, 5, -1, -1]).tolist()}  # on the board
     again = value(beside, request({"quantity": "position_error_mm", **moved}).key)
     assert again == pytest.approx(next(iter(found.values())), rel=1e-9)
     double = evaluate(STARTER, [{"quantity": "position_error_mm", **options, "noise": 2 * noise}])
