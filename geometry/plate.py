@@ -1,4 +1,4 @@
-"""Metal plates near the board: layers without end, and flat pieces of any outline, also tilted."""
+"""Metal plates near the board: infinite plates, and flat pieces of any outline, also tilted."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CORNERS = 96  # of the polygon that stands for a circle of the same area
 
 @dataclass(frozen=True)
 class Plate:
-    """A flat plate parallel to the board, wide against the coils, taken as without end.
+    """A flat plate parallel to the board, wide against the coils: an infinite plate.
 
     Parameters
     ----------

@@ -84,7 +84,7 @@ class FlatTable(MaterialTable):
                 f"needs inner_diameter_mm below its diameter_mm of {self.diameter_mm:g}; got {self.inner_diameter_mm:g}"
             )
         if self.shape == "plate" and (self.tilt_deg or self.tilt_direction_deg):
-            raise ValueError('has no tilt for shape = "plate", which is without end')
+            raise ValueError('has no tilt for shape = "plate", which is an infinite plate')
         if (self.material, self.conductivity_MS_per_m, self.relative_permeability) == (None, None, None):
             raise ValueError("needs a material, or conductivity_MS_per_m and relative_permeability")
         return self
@@ -127,7 +127,7 @@ class PlateTable(FlatTable):
         if (self.side is None) != (self.distance_mm is None):
             raise ValueError('needs side = "above" or "below" with distance_mm, and only then')
         if self.shape == "plate" and (self.x_mm or self.y_mm):
-            raise ValueError('has no x_mm and y_mm for shape = "plate", which is without end')
+            raise ValueError('has no x_mm and y_mm for shape = "plate", which is an infinite plate')
         return self
 
     def build(self, top: float, underside: float) -> Plate | FinitePlate:

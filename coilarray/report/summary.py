@@ -14,7 +14,7 @@ from coilarray.errors import LocalizeError
 from coilarray.geometry import Margin
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
-from coilarray.report.tables import Column, Table, Value
+from coilarray.report.tables import Column, Table, Value, cell
 from coilarray.studies.create.tank import broken_limits
 from coilarray.studies.quantities.positions import NOISE
 
@@ -69,19 +69,16 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin]) -> list[str]:
     lines = []
     for rule in dict.fromkeys(margin.rule for margin in margins if not margin.kept):
         worst = min((m for m in margins if m.rule == rule and not m.kept), key=lambda m: m.margin)
-        size, unit = (1e3, " mm") if worst.unit else (1.0, "")
+        shown = display_unit(worst.unit)
         where = f"{worst.feature} on {worst.layer}" if worst.layer else worst.feature
         lines.append(
             f"The board house's limit of {rule} is broken at {where}: "
-            f"{worst.value * size:.4g}{unit}; its limit is {worst.limit * size:.4g}{unit}."
+            f"{shown.text(worst.value, '.4')}; its limit is {shown.text(worst.limit, '.4')}."
         )
     broken = [] if scan is None else broken_limits(scan)
     for name in dict.fromkeys(limit.name for _, limit in broken):
         state, limit = next(one for one in broken if one[1].name == name)
-        lines.append(
-            f"The converter cannot read {state}: {name} is {limit.value:.4g}; allowed are {limit.low:.4g} to "
-            f"{limit.high:.4g}."
-        )
+        lines.append(f"The converter cannot read {state}: {limit.words}.")
     return lines
 
 
@@ -144,8 +141,16 @@ def _metal_rows(
 
 
 def _row(words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:
-    """Return least and most of a quantity, and of which names they are; one number where all are alike."""
-    least, most = int(values.argmin()), int(values.argmax())
-    low, high = float(values[least]), float(values[most])
-    alike = high - low <= _ALIKE * abs(high)
-    return words, low, "" if alike else high, unit, "" if alike else f"{names[least]}; {names[most]}"
+    """Return the least and most finite value and whose these are; one number where all are alike, none where none is.
+
+    A self-resonance that is not found, and the parallel resistance of a coil without losses, are infinite.
+    """
+    finite = np.flatnonzero(np.isfinite(values))
+    if not len(finite):
+        return words, "", "", unit, ""
+    least, most = int(finite[values[finite].argmin()]), int(finite[values[finite].argmax()])
+    low, high = cell(values[least]), cell(values[most])
+    alike = values[most] - values[least] <= _ALIKE * abs(values[most])
+    if alike:
+        return words, low, "", unit, "" if len(finite) == len(values) else names[least]
+    return words, low, high, unit, f"{names[least]}; {names[most]}"

@@ -216,7 +216,7 @@ BAD = {
     "indenter of no size": (changed("radius_mm = 2.0", "radius_mm = 0"), "indenter.radius_mm must be greater than 0; got 0"),
     "hemisphere with an angle": (changed("radius_mm = 2.0", "radius_mm = 2.0\nhalf_angle_deg = 70"), "indenter has no key 'half_angle_deg'; allowed are conductivity_MS_per_m, material, radius_mm, relative_permeability, shape"),
     "unknown metal": (changed("radius_mm = 2.0", 'radius_mm = 2.0\nmaterial = "gold"'), "indenter needs a material of copper, .*; got 'gold'"),
-    "punch of steel": (changed('shape = "hemisphere"', 'shape = "flat_punch"\nmaterial = "steel"'), "indenter.material needs shape = \"hemisphere\", which counts as a ball of its radius; got a flat punch of steel"),
+    "punch of steel": (changed('shape = "hemisphere"', 'shape = "flat_punch"\nmaterial = "steel"'), "indenter.material needs shape = \"hemisphere\", which counts as a sphere of its radius; got a flat punch of steel"),
     "cone without angle": (changed('shape = "hemisphere"', 'shape = "cone"'), "indenter.half_angle_deg is missing"),
     "blunt cone": (changed('shape = "hemisphere"', 'shape = "cone"\nhalf_angle_deg = 90'), "indenter.half_angle_deg must be less than 90; got 90"),
     "wrong base": (changed('base = "bonded"', 'base = "glued"'), "indentation.base must be 'bonded', 'frictionless' or 'seat'; got 'glued'"),

@@ -88,6 +88,6 @@ def test_refusals():
     back = replace(of("steel"), plates=(Plate("back", -10e-3, 1e-3, MATERIALS["steel"]),))
     refused(MetalError, r"not computed beside a \[\[plate\]\]", nominal, back)
     refused(
-        DesignError, "counts as a ball of its radius; got a flat punch of steel",
+        DesignError, "counts as a sphere of its radius; got a flat punch of steel",
         Indentation, FlatPunch(1e-3), (1e-3,), material=MATERIALS["steel"],
     )  # fmt: skip

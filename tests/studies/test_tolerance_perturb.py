@@ -224,6 +224,12 @@ def test_plates_keep_or_move_their_face_near_the_coils_and_a_target_adds_its_til
     np.testing.assert_allclose(conductivities, np.multiply(0.8, before), rtol=ROUNDING)
     tilted = found.target.body
     assert (tilted.tilt, tilted.tilt_direction) == pytest.approx((0.05, math.atan2(3, 4)), rel=1e-12)
+    sheet, (upper, lower) = STARTER.sheets[0].name, STARTER.array.stackup.names[:2]
+    touching = replace(design, plates=(plates[0].lifted(STARTER.top - 12e-3),), target=None)
+    thicker = {f"elastomer.{sheet}": 20e-6, f"dielectric.{upper}-{lower}": 0.1, "plate_distance.cover": -30e-6}
+    found = perturb(touching, thicker)
+    assert found.plates[0].heights[0] == pytest.approx(found.top, rel=ROUNDING)
+    assert found.top == pytest.approx(STARTER.top + 20e-6, rel=ROUNDING)
     for error in ("plate_thickness.cover", "conductivity"):
         with pytest.raises(GoalError, match="must be above −1"):
             perturb(design, {error: -1.0})

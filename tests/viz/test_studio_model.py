@@ -598,7 +598,7 @@ def test_bodies_are_added_and_removed_as_the_file_says_them():
     work = work_on(OPENED, "starter")
     texts = {**metal.FIRST, "kind": "plate above", "shape": "ring", "size": "30", "second": "12", "distance": "4"}
     plated = work.with_document(metal.with_body(work.opened.document, texts))
-    texts_of_wide = {**texts, "shape": "without end", "distance": "9"}
+    texts_of_wide = {**texts, "shape": "infinite plate", "distance": "9"}
     plated = plated.with_document(metal.with_body(plated.opened.document, texts_of_wide))
     ring, wide = plated.design.plates
     assert (ring.name, wide.name) == ("plate1", "plate2")
@@ -611,7 +611,7 @@ def test_bodies_are_added_and_removed_as_the_file_says_them():
     )
     assert moved.design.target.distances == (1e-3, 2e-3, 5e-3)
     assert [row["key"] for row in metal.body_rows(moved.design)] == ["target"]
-    assert metal.body_rows(plated.design)[1]["text"].startswith("plate plate2: aluminium, 1 mm, without end, z =")
+    assert metal.body_rows(plated.design)[1]["text"].startswith("plate plate2: infinite plate of aluminium, 1 mm, z =")
     reasons = {"plate.0.thickness_mm": "a guess", "plate.1.distance_mm": "measured"}
     far = {**texts, "distance": "20"}
     plated = plated.with_document({**plated.opened.document, "assumed": reasons})

@@ -56,7 +56,7 @@ class BuildPanel(Panel):
             "lattice": document["array"]["lattice"],
             "layers": len(array.stackup.names),
             "leads": all(place.coil.terminal is not None for place in array.placements),
-            "connector": document.get("connector", {}).get("side", "none" if "connector" not in document else "bottom"),
+            "connector": work.opened.values.get("connector.side", "none"),
             "sheets": [sheet.name for sheet in work.design.sheets],
             "base": document["indentation"].get("base", "bonded") if "indentation" in document else "",
         }  # fmt: skip

@@ -23,7 +23,7 @@ from coilarray.viz.studio.structure import without_entry
 KINDS = ("plate above", "plate below", "target")
 """What a new body can be."""
 SIZES: Mapping[str, tuple[str, ...]] = {
-    "without end": (), "disc": ("diameter_mm",), "rectangle": ("width_mm", "height_mm"),
+    "infinite plate": (), "disc": ("diameter_mm",), "rectangle": ("width_mm", "height_mm"),
     "ring": ("diameter_mm", "inner_diameter_mm"), "sphere": ("diameter_mm",),
 }  # fmt: skip
 """Keys of the sizes of each shape of a new body."""
@@ -80,14 +80,14 @@ def body_rows(design: Design) -> list[dict[str, str]]:
     rows = [
         {
             "key": str(number),
-            "text": f"plate {plate.name}: {plate.material.name.replace('_', ' ')}, {plate.thickness * 1e3:g} mm"
-            f"{', without end' if isinstance(plate, Plate) else ''}, z = {_signed(plate.heights[0] * 1e3)} mm",
+            "text": f"plate {plate.name}: {'infinite plate of ' if isinstance(plate, Plate) else ''}"
+            f"{plate.material.words}, {plate.thickness * 1e3:g} mm, z = {_signed(plate.heights[0] * 1e3)} mm",
         }
         for number, plate in enumerate(design.plates)
     ]
     if design.target is not None:
         target = design.target
-        words = f"target: {target.kind} of {target.body.material.name.replace('_', ' ')}"
+        words = f"target: {target.kind} of {target.body.material.words}"
         rows.append({"key": "target", "text": words})
     return rows
 
@@ -104,7 +104,7 @@ def with_body(document: Document, form: Mapping[str, Any]) -> Document:
 
     Examples
     --------
-    >>> with_body({}, {**FIRST, "kind": "plate below", "shape": "without end", "distance": "3"})["plate"]
+    >>> with_body({}, {**FIRST, "kind": "plate below", "shape": "infinite plate", "distance": "3"})["plate"]
     [{'name': 'plate1', 'material': 'aluminium', 'thickness_mm': 1.0, 'distance_mm': 3.0, 'side': 'below'}]
     """
     given = {key: str(form.get(key, default)).strip() for key, default in FIRST.items()}
@@ -119,9 +119,9 @@ def with_body(document: Document, form: Mapping[str, Any]) -> Document:
         body["thickness_mm"] = number_of("thickness_mm", given["thickness"])
     if kind == "target":
         distances = [number_of("distances_mm", text) for text in re.split(r"[,;\s]+", given["distance"]) if text]
-        target = {"shape": "plate" if shape == "without end" else shape, **body, "distances_mm": distances}
+        target = {"shape": "plate" if shape == "infinite plate" else shape, **body, "distances_mm": distances}
         return no_longer_assumed({**document, "target": target}, ["target"])
-    if shape != "without end":
+    if shape != "infinite plate":
         body["shape"] = shape
     plates = list(document.get("plate", []))
     taken = {plate.get("name") for plate in plates}
