@@ -134,13 +134,17 @@ class NumbersPanel(Panel):
         self._page.switches.solve()
         with self._page.state:
             self._page.arrived("circuit", found[0])
+        if self._page.is_current(found[0]):
+            self._page.calculator.ask(self._page.summary.steps(found[0], found[1].coupling))
         if self._page.state.tab == "switches" or self._page.state.show_eddies:
             self._page.redraw()
 
     def _fail_circuit(self, design: Design, problem: str) -> None:
         self._page.switches.fail(problem)
-        with self._page.state:
+        with self._page.state as state:
+            state.summary_problem = problem
             self._page.arrived("circuit", design)
+            self._page.arrived("summary", design)
 
     def _fail(self, design: Design, problem: str) -> None:
         with self._page.state as state:

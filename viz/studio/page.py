@@ -28,6 +28,7 @@ from coilarray.viz.studio.scene_panel import ScenePanel
 from coilarray.viz.studio.services import Services
 from coilarray.viz.studio.shelf import Shelf
 from coilarray.viz.studio.studies_panel import StudiesPanel
+from coilarray.viz.studio.summary_panel import SummaryPanel
 from coilarray.viz.studio.switches_panel import SwitchesPanel
 from coilarray.viz.studio.touch_panel import TouchPanel
 from coilarray.viz.studio.trail import Trail
@@ -45,20 +46,11 @@ class Setup:
 
 
 _PARTS = (
-    "bar",
-    "drawer",
-    "scene",
-    "numbers",
-    "build",
-    "switches",
-    "touch",
-    "metal",
-    "runs",
-    "studies",
-    "board",
+    "bar", "drawer", "scene", "summary", "numbers", "build", "switches", "touch", "metal", "runs", "studies", "board",
     "dialogs",
-)
-_FOLLOWING = ("scene", "numbers", "rules", "circuit", "target")  # results that a change of the design makes stale
+)  # fmt: skip
+# results that a change of the design makes stale
+_FOLLOWING = ("scene", "numbers", "rules", "circuit", "target", "summary")
 _JOINED = 1.0  # s: what a slider changes within it is undone as one
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "running": False}
 
@@ -90,6 +82,7 @@ class Page:
         self.trigger("redo", lambda: self._follow_trail(back=False))
         self.scene = ScenePanel(self)
         self.numbers = NumbersPanel(self)
+        self.summary = SummaryPanel(self)
         self.build = BuildPanel(self)
         self.switches = SwitchesPanel(self)
         self.touch = TouchPanel(self)
@@ -177,7 +170,10 @@ class Page:
             self.studies.show(work, anew=other)
             self.numbers.wait()
             self.state.scene_rests = False
-            asked = {"scene": self.scene.steps(), "target": self.metal.steps(work.design)}
+            asked = {
+                "scene": self.scene.steps(), "target": self.metal.steps(work.design),
+                "summary": self.setup.services.summarize is not None,
+            }  # fmt: skip
             self.state.stale = [name for name in _FOLLOWING if asked.get(name, True)]
             self._say_accuracy()
         self.follow()
@@ -284,7 +280,9 @@ class Page:
         elif accuracy == "screen":
             self.state.shown_accuracy = "rough"
         else:
-            self.state.shown_accuracy = "computing" if {"rules", "circuit", "target"} & set(stale) else "full accuracy"
+            self.state.shown_accuracy = (
+                "computing" if {"rules", "circuit", "target", "summary"} & set(stale) else "full accuracy"
+            )
 
     def _bind(self, server: Any) -> None:
         self.endpoint = server["ws"]
