@@ -387,9 +387,9 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
     single, centres = ("coil",), design.array.centres
     rows = (
         ("ideal_effective_inductance", single, [one.effective_inductance for one in without], "H",
-         "effective inductance, ideal: direct current, no strays"),
+         "effective inductance, ideal: direct-current copper, no strays"),
         ("ideal_frequency", single, [one.frequency for one in without], "Hz",
-         "resonance frequency, ideal: direct current, no strays"),
+         "resonance frequency, ideal: direct-current copper, no strays"),
         ("sheet_inductance", ("coil", "other"), design_inductance(design)[1], "H", "inductance due to the sheets"),
     )  # fmt: skip
     places = (
