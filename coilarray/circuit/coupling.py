@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
@@ -30,15 +31,17 @@ from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import GeometryError, NetworkError
 from coilarray.geometry import CoilArray
 
-LEFT_OUT = ("alternating-current resistance", "stray capacitances and inductances")
+LEFT_OUT = ("alternating-current resistance of the copper", "stray capacitances and inductances")
 """What an ideal network leaves out."""
 _RESISTANCE_POINTS = 9
 _MARGIN = 0.05  # of a frequency; alternating-current resistance shifts a resonance by far less
 _MOST_TOGETHER = 24  # coils whose currents heat each other's copper: the work grows with their square
 _OTHERS_COPPER = "losses in the copper of other coils"
-_PLATES_CAPACITANCE = "capacitance of the plates"
+_PLATES_LEFT_OUT = ("change of the losses in the copper by the plates", "capacitance of the plates")
 _KEPT = 4  # designs whose circuit is kept in memory
-_PLATES_SPAN = (1.6, 5.0)  # how far plates lower or raise a resonance at most: iron doubles L, copper may leave a tenth
+_PLATES_MARGIN = 0.2  # of a frequency; strays seldom lower a resonance by more
+_STEP = 0.0125  # of log f, between samples of what plates do and of resistance beyond the resonances
+_ROUNDS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,12 @@ class Plates:
     @property
     def inductance(self) -> FloatArray:
         """Change of the inductance matrix in H at the working frequency."""
-        return np.asarray(self.effect.at(self.working).real)
+        return np.asarray(self.effect.at(np.array([self.working]))[0].real)
+
+    @property
+    def grid(self) -> FloatArray:
+        """Frequencies in Hz between which the effect is nearly linear."""
+        return _close_together(self.effect.band.low, self.effect.band.high)
 
     @property
     def resistance(self) -> FloatArray:
@@ -93,7 +101,8 @@ def design_circuit(
     design : Design
         Design of the board, for example from `coilarray.load_design`.
     ideal : bool
-        Leave out alternating-current resistance, the capacitance of the windings and all strays of the switches.
+        Leave out alternating-current resistance of the copper, the capacitance of the windings and all strays of the
+        switches. What plates do remains, their losses too.
     accuracy : {"full", "screen"}
         Accuracy of the inductance matrix, see `coilarray.inductance_matrix`.
     progress : callable, optional
@@ -129,7 +138,9 @@ def design_circuit(
         return circuit_parts(design, accuracy=accuracy, progress=progress).network
     R = dc_resistance(design.array.conductors(), design.circuit.resistivity)
     inductance = design_inductance(design, accuracy=accuracy, progress=progress)[0]
-    return bare_network(design.array.names, inductance, R, design.circuit.switches)
+    network = bare_network(design.array.names, inductance, R, design.circuit.switches)
+    plates = design_plates(design, accuracy=accuracy)
+    return network if plates is None else _sampled(network, plates.grid, np.diag(R)[None], plates)
 
 
 def bare_network(names: Sequence[str], inductance: FloatArray, resistance: FloatArray, switches: Switches) -> Network:
@@ -188,10 +199,18 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
         (
             LEFT_OUT[0],
             *([f"capacitance of the windings: {problem}"] if problem else []),
-            *([_PLATES_CAPACITANCE] if plates else []),
+            *(_PLATES_LEFT_OUT if plates else ()),
         ),
-        None if plates is None else plates.effect.dispersion(plates.effect.frequencies, plates.working),
     )
+    if plates is not None:
+        effect, direct = _followed(
+            design,
+            replace(direct, inductance=_without_plates(design, accuracy)[0]),
+            plates.effect,
+            accuracy,
+            plates.working,
+        )
+        plates = replace(plates, effect=effect)
     low, high = _band(direct, design.plan)
     apart = {_key_of(state): state for state in design.coils_in_turn}
     for state in design.plan:
@@ -213,16 +232,29 @@ def _circuit_parts(design: Design, accuracy: Accuracy, progress: Progress | None
 
 def _sampled(network: Network, frequencies: FloatArray, R: FloatArray, plates: Plates | None) -> Network:
     """Return a network with the resistance R (f, n, n) in Ω of its coils, and with what plates do, at frequencies."""
+    resistance, dispersion = _samples(frequencies, R, plates)
+    return replace(network, resistance=resistance, dispersion=dispersion)
+
+
+def _samples(
+    frequencies: FloatArray, R: FloatArray, plates: Plates | None
+) -> tuple[SampledMatrix, SampledMatrix | None]:
+    """Resistance and dispersion of a network, see `_sampled`."""
     if plates is None:
-        return replace(network, resistance=SampledMatrix(frequencies, R))
+        return SampledMatrix(frequencies, R), None
     resistance = SampledMatrix(frequencies, R + plates.effect.resistance(frequencies))
-    return replace(network, resistance=resistance, dispersion=plates.effect.dispersion(frequencies, plates.working))
+    return resistance, plates.effect.dispersion(frequencies, plates.working)
 
 
 def _band(network: Network, states: Sequence[ScanState], margin: float = _MARGIN) -> tuple[float, float]:
     """Lowest and highest frequency in Hz at which states oscillate, and a margin."""
     found = [one.frequency for one in resonances(network, states)]
     return (1 - margin) * min(found), (1 + margin) * max(found)
+
+
+def _close_together(low: float, high: float) -> FloatArray:
+    """Frequencies in Hz a `_STEP` apart or less: a quantity linear between them errs by 2e-5 of its curvature."""
+    return np.geomspace(low, high, math.ceil(math.log(high / low) / _STEP) + 1)
 
 
 def swept_circuit(design: Design, frequencies: FloatArray) -> Network:
@@ -233,9 +265,46 @@ def swept_circuit(design: Design, frequencies: FloatArray) -> Network:
     R = _circuit_resistance(design, frequencies).resistance.values
     plates = design_plates(design)
     if plates is not None:
-        low, high = (extreme(*frequencies[[0, -1]].tolist(), plates.working) for extreme in (min, max))
-        plates = replace(plates, effect=plate_effect(design, low, high))
+        plates = _plates_at(design, plates, frequencies)
     return _sampled(design_circuit(design), frequencies, R, plates)
+
+
+def _plates_at(design: Design, plates: Plates, frequencies: FloatArray) -> Plates:
+    """Return what plates do at rising frequencies (f,) in Hz and at the working one."""
+    low, high = (extreme(*frequencies[[0, -1]].tolist(), plates.working) for extreme in (min, max))
+    return replace(plates, effect=plate_effect(design, low, high))
+
+
+def widened(design: Design, network: Network, low: float, high: float) -> Network:
+    """Return a network of a design with more samples, from a frequency `low` to one `high` in Hz; its own remain.
+
+    An ideal network without plates is the same at all frequencies.
+    """
+    own = network.resistance
+    if not isinstance(own, SampledMatrix) or len(own.frequencies) == 1:
+        return network
+    ends = own.frequencies[[0, -1]].tolist()
+    below = _close_together(low, ends[0])[:-1] if low < ends[0] else np.zeros(0)
+    above = _close_together(ends[1], high)[1:] if high > ends[1] else np.zeros(0)
+    more = np.concatenate((below, above))
+    if not len(more):
+        return network
+    if LEFT_OUT[0] in network.left_out:
+        R = np.diag(dc_resistance(design.array.conductors(), design.circuit.resistivity))[None]
+    else:
+        R = _circuit_resistance(design, more).resistance.values
+    plates = design_plates(design)
+    resistance, dispersion = _samples(more, R, None if plates is None else _plates_at(design, plates, more))
+    if dispersion is not None and network.dispersion is not None:
+        dispersion = _joined(network.dispersion, dispersion)
+    return replace(network, resistance=_joined(own, resistance), dispersion=dispersion)
+
+
+def _joined(one: SampledMatrix, other: SampledMatrix) -> SampledMatrix:
+    """Return the samples of two matrices at different frequencies together."""
+    frequencies = np.concatenate((one.frequencies, other.frequencies))
+    order = frequencies.argsort()
+    return SampledMatrix(frequencies[order], np.concatenate((one.matrices, other.matrices))[order])
 
 
 def _circuit_resistance(design: Design, frequencies: FloatArray) -> xr.Dataset:
@@ -284,7 +353,7 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
     design : Design
         Design of the board, for example from `coilarray.load_design`.
     ideal : bool
-        Leave out alternating-current resistance and all strays, see `design_circuit`.
+        Leave out alternating-current resistance of the copper and all strays, see `design_circuit`.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -292,12 +361,12 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
     -------
     xarray.Dataset
         The variables of `couple`, under the flat sheets and as the converter sees them; also
-        ``ideal_effective_inductance`` in H and ``ideal_frequency`` in Hz (coil), the same at direct current and without
-        strays; ``sheet_inductance`` (coil, other) in H, the part that the magnetic sheets have in the inductance; with
-        plates ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil, other), what they add at the attribute
-        ``working_frequency_Hz``, to which the inductance and the coupling belong then, and with an outline the
-        attributes ``plate_error_inductance`` and ``plate_error_resistance``, relative estimates of the model's error;
-        the coils' centres ``x`` and ``y`` in m; and the attributes of `provenance`.
+        ``ideal_effective_inductance`` in H and ``ideal_frequency`` in Hz (coil), the same with the direct-current
+        resistance of the copper and without strays; ``sheet_inductance`` (coil, other) in H, the part that the magnetic
+        sheets have in the inductance; with plates ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil,
+        other), what they add at the attribute ``working_frequency_Hz``, to which the inductance and the coupling belong
+        then, and with an outline the attributes ``plate_error_inductance`` and ``plate_error_resistance``, relative
+        estimates of the model's error; the coils' centres ``x`` and ``y`` in m; and the attributes of `provenance`.
 
     Raises
     ------
@@ -313,14 +382,15 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
     """
     network = design_circuit(design, ideal=ideal, progress=progress)
     bare = design_circuit(design, ideal=True)
-    result = _coupled(network, design.coils_in_turn, terminations_of(design), np.diag(bare.resistance(1.0)))
+    R = dc_resistance(design.array.conductors(), design.circuit.resistivity)
+    result = _coupled(network, design.coils_in_turn, terminations_of(design), R)
     without = resonances(bare, design.coils_in_turn)
     single, centres = ("coil",), design.array.centres
     rows = (
         ("ideal_effective_inductance", single, [one.effective_inductance for one in without], "H",
-         "effective inductance, ideal: direct current, no strays"),
+         "effective inductance, ideal: direct-current copper, no strays"),
         ("ideal_frequency", single, [one.frequency for one in without], "Hz",
-         "resonance frequency, ideal: direct current, no strays"),
+         "resonance frequency, ideal: direct-current copper, no strays"),
         ("sheet_inductance", ("coil", "other"), design_inductance(design)[1], "H", "inductance due to the sheets"),
     )  # fmt: skip
     places = (
@@ -387,18 +457,41 @@ def design_plates(design: Design, *, accuracy: Accuracy = "full") -> Plates | No
 
 @serial_algebra()
 def _design_plates(design: Design, accuracy: Accuracy) -> Plates:
-    names, switches, plan = design.array.names, design.circuit.switches, design.plan
+    names, switches = design.array.names, design.circuit.switches
     R = dc_resistance(design.array.conductors(), design.circuit.resistivity)
     L = _without_plates(design, accuracy)[0]
-    low, high = _band(bare_network(names, L, R, switches), (*plan, *design.coils_in_turn), 0.0)
-    effect = plate_effect(design, low / _PLATES_SPAN[0], high * _PLATES_SPAN[1], accuracy)
-    middle = float(np.sqrt(low * high))
-    around = replace(
-        bare_network(names, L + effect.at(middle).real, R, switches),
-        dispersion=effect.dispersion(effect.frequencies, middle),
+    low, high = _band(bare_network(names, L, R, switches), design.plan, 0.0)
+    middle = math.sqrt(low * high)
+    effect, network = _followed(
+        design, bare_network(names, L, R, switches), plate_effect(design, middle, middle, "screen"), accuracy
     )
-    found = [one.frequency for one in resonances(around, plan)]
+    found = [one.frequency for one in resonances(network, design.plan)]
     return Plates(effect, float(np.exp(np.log(found).mean())))
+
+
+def _followed(
+    design: Design, network: Network, effect: PlateEffect, accuracy: Accuracy, working: float | None = None
+) -> tuple[PlateEffect, Network]:
+    """Compute plates around the resonances that a network has with them, beginning with what is known of them.
+
+    Returns the network with the plates' part in the inductance, at the working frequency in Hz where one is given.
+    NetworkError where there are no such resonances.
+    """
+    states = (*design.plan, *design.coils_in_turn)
+    for _ in range(_ROUNDS):
+        plates = Plates(effect, math.sqrt(effect.band.low * effect.band.high) if working is None else working)
+        dispersion = effect.dispersion(plates.grid, plates.working)
+        beside = replace(network, inductance=network.inductance + plates.inductance, dispersion=dispersion)
+        low, high = _band(beside, states)
+        if working is not None:
+            low, high = min(low, working), max(high, working)
+        if effect.band.holds(np.array([low, high])):
+            return effect, beside
+        effect = plate_effect(design, (1 - _PLATES_MARGIN) * low, (1 + _PLATES_MARGIN) * high, accuracy)
+    raise NetworkError(
+        f"beside the plates the coils oscillate at {low:.6g} to {high:.6g} Hz, outside of the {_ROUNDS} bands in which "
+        "the plates were computed."
+    )
 
 
 def terminations_of(design: Design) -> list[str]:

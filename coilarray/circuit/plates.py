@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,43 +16,32 @@ from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate
 from coilarray.metal.finite_plates import moving_plate, moving_plate_error
 from coilarray.metal.flat_plates import plate_inductance
+from coilarray.metal.over_frequency import FrequencyBand
 from coilarray.metal.surface_impedance import ModelError
 
-_STEP = 1.12  # between neighbouring frequencies; cubic interpolation errs by 1e-5 of the plates' part
 _KEPT = 4
 _SAMPLES: Recent[ComplexArray] = Recent(_KEPT)
 
 
 @dataclass(frozen=True, eq=False)
 class PlateEffect:
-    """Change of the impedance over jω by plates, complex (f, n, n) in H: at `_STEP` to the powers from `first` on."""
+    """Change of the impedance over jω by plates: complex samples (f, n, n) in H at the nodes of a band."""
 
-    first: int
+    band: FrequencyBand
     samples: ComplexArray
 
-    @property
-    def frequencies(self) -> FloatArray:
-        """Frequencies of the samples in Hz."""
-        return np.asarray(_STEP ** (self.first + np.arange(len(self.samples), dtype=np.float64)))
-
-    def at(self, frequency: float) -> ComplexArray:
-        """Change (n, n) at a frequency in Hz: cubic in its logarithm, constant beyond the samples."""
-        place = min(max(math.log(frequency) / math.log(_STEP) - self.first, 0.0), len(self.samples) - 1.0)
-        start = min(max(int(place) - 1, 0), len(self.samples) - 4)
-        nodes = np.arange(start, start + 4)
-        shares = [
-            math.prod((place - other) / (node - other) for other in nodes if other != node) for node in nodes.tolist()
-        ]
-        return np.asarray(np.tensordot(shares, self.samples[nodes], axes=1))
+    def at(self, frequencies: FloatArray) -> ComplexArray:
+        """Change (f, n, n) at frequencies (f,) in Hz; MetalError outside the band."""
+        return np.asarray(np.tensordot(self.band.shares(frequencies), self.samples, axes=1))
 
     def dispersion(self, frequencies: FloatArray, working: float) -> SampledMatrix:
         """Inductance in H at frequencies (f,) against that at the working one, in Hz."""
-        own = self.at(working).real
-        return SampledMatrix(frequencies, np.array([self.at(f).real - own for f in frequencies.tolist()]))
+        own = self.at(np.array([working])).real
+        return SampledMatrix(frequencies, self.at(frequencies).real - own)
 
     def resistance(self, frequencies: FloatArray) -> FloatArray:
         """Resistance matrices (f, n, n) in Ω at frequencies (f,) in Hz."""
-        return np.array([-2 * math.pi * f * self.at(f).imag for f in frequencies.tolist()])
+        return -2 * np.pi * frequencies[:, None, None] * self.at(frequencies).imag
 
 
 def plate_effect(design: Design, low: float, high: float, accuracy: Accuracy = "full") -> PlateEffect:
@@ -61,15 +49,9 @@ def plate_effect(design: Design, low: float, high: float, accuracy: Accuracy = "
 
     GeometryError or MetalError for plates that are not computed.
     """
-    first = math.floor(math.log(low) / math.log(_STEP)) - 1
-    count = max(math.ceil(math.log(high) / math.log(_STEP)) - first + 2, 4)
-    effect = PlateEffect(first, np.zeros((count, 0, 0), dtype=np.complex128))
-    key = (digest_of(design.array, design.sheets, design.plates), accuracy, first, count)
-    samples = _SAMPLES.get(
-        key,
-        lambda: _plate_inductance(design, effect.frequencies, accuracy),
-    )
-    return PlateEffect(first, samples)
+    band = FrequencyBand(low, high)
+    key = (digest_of(design.array, design.sheets, design.plates), accuracy, low, high)
+    return PlateEffect(band, _SAMPLES.get(key, lambda: _plate_inductance(design, band.nodes, accuracy)))
 
 
 def plate_model_error(design: Design, frequency: float) -> ModelError | None:

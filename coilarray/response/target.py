@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from scipy.interpolate import BarycentricInterpolator
 
-from coilarray.circuit.coupling import design_circuit, provenance
+from coilarray.circuit.coupling import design_circuit, provenance, widened
 from coilarray.circuit.network import Network, Resonance, changed_resonances, resonate
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
@@ -25,16 +24,17 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Target
 from coilarray.metal.finite_plates import moving_plate_error
+from coilarray.metal.over_frequency import FrequencyBand
 from coilarray.metal.target import require_apart, target_inductance
 from coilarray.response.coordinates import origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
 from coilarray.response.target_range import ranges_of, require_noise
 
 _MARGIN = (0.02, 0.2)  # of the band of log f: at least, and of its width
-_INTERPOLATION = 1e-5  # error of the change between the frequencies at which it is computed
-_MOST_NODES = 16
+_MOST_NODES = 16  # of bands up to a factor of fifty
 _BYTES_A_VALUE = 48.0  # a complex number as computed, in the store, and as the circuit takes it
 _CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
+_LEFT_OUT = ("change of the losses in the copper by the target", "capacitance of the target")
 _QUANTITIES = (
     ("frequency", "Hz", "resonance frequency"),
     ("effective_inductance", "H", "effective inductance"),
@@ -76,9 +76,10 @@ def target_map(
     noise : float
         Standard deviation of δ in a reading, for range and resolution.
     network : Network, optional
-        Coils, switches and strays without the target; by default `coilarray.circuit.coupling.design_circuit`.
+        Coils, switches and strays of this design without the target; by default
+        `coilarray.circuit.coupling.design_circuit`.
     ideal : bool
-        Where no network is given: leave out alternating-current resistance and all strays.
+        Where no network is given: leave out alternating-current resistance of the copper and all strays.
     fineness : float
         Fineness of the mesh of a plate with an outline: 1 errs by 1 to 3 % in ΔL, 2 by less than 1 % and takes eight
         times as long.
@@ -118,7 +119,9 @@ def target_map(
     Notes
     -----
     ΔL − jΔR/ω of the target is computed at a few frequencies of the band in which all resonances lie, which follows
-    from the least distance, and every place and distance is solved in the whole circuit at its own resonance.
+    from the least distance, and every place and distance is solved in the whole circuit at its own resonance. The
+    losses in the copper of the coils are those without the target, and the target has no capacitance to the coils: the
+    attribute ``left_out`` says so, and what the network lacks.
     """
     target = target_of(design)
     require_noise(noise)
@@ -133,40 +136,43 @@ def target_map(
     network = design_circuit(design, ideal=ideal) if network is None else network
     alone = [resonate(network, state) for state in design.plan]
     resonances = np.array([one.frequency for one in alone])
-    middle = np.exp(np.log(resonances).mean(keepdims=True))
+    middle = float(np.exp(np.log(resonances).mean()))
     nearest = replace(axes, depth=axes.depth[:1])
-    first = _changes(design, nearest, middle, parts, None, fineness, "screen")
+    at_middle = FrequencyBand(middle, middle)
+    first = _changes(design, nearest, at_middle.nodes, parts, None, fineness, "screen")
     _require_passive(network, first, nearest)
-    guess = _Change(np.log(middle), first)
+    guess = _Change(at_middle, first)
     moved = np.array([_through_circuit(network, one, guess, nearest)["frequency"] for one in alone])
-    nodes = _nodes(np.append(moved, resonances))
-    near = _Change(np.log(nodes), _changes(design, axes, nodes, parts, progress, fineness))
-    solved = [_through_circuit(network, one, near, axes) for one in alone]
-    by_state = {name: np.stack([one[name] for one in solved], axis=-1) for name, _, _ in _QUANTITIES}
+    for _ in range(2):  # the guess is of one frequency
+        band = _around(np.append(moved, resonances))
+        changes = _changes(design, axes, band.nodes, parts, progress, fineness)
+        _require_passive(network, changes, axes)
+        near, network = _Change(band, changes), widened(design, network, band.low, band.high)
+        solved = [_through_circuit(network, one, near, axes) for one in alone]
+        by_state = {name: np.stack([one[name] for one in solved], axis=-1) for name, _, _ in _QUANTITIES}
+        moved = by_state["frequency"]
+        if band.holds(moved):
+            break
+    else:
+        raise MetalError(
+            f"a target at {axes.depth[0] * 1e3:g} mm moves a resonance to {moved.min():.6g} to {moved.max():.6g} Hz; "
+            f"it is computed from {band.low:.6g} to {band.high:.6g} Hz. Begin with a greater distance."
+        )
     base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
-    middle = by_state["frequency"].mean(axis=-1)
-    matrix = near(middle)
-    result = _dataset(design, target, axes, noise, network, by_state, base, middle, matrix)
+    mean = moved.mean(axis=-1)
+    result = _dataset(design, target, axes, noise, network, by_state, base, mean, near(mean))
     if isinstance(target.body, FinitePlate):
         height = target.height(sum(sheet.thickness for sheet in design.sheets), float(axes.depth[0]))
-        error = moving_plate_error(design.array, target.body, [[0.0, 0.0, height]], nodes, design.sheets)
+        error = moving_plate_error(design.array, target.body, [[0.0, 0.0, height]], band.nodes, design.sheets)
         result.attrs |= error.attributes
     return result
 
 
-def _nodes(resonances: FloatArray) -> FloatArray:
-    """Frequencies in Hz at which a target is computed, Chebyshev points of log f: as many as the band needs.
-
-    The change over log f has its nearest poles at ±jπ/2, those of one time constant, and polynomials through n points
-    of a band of the half width w err by ρ⁻ⁿ, ρ = π/(2w) + √(π²/(4w²) + 1) (Trefethen, Approximation Theory, ch. 8).
-    """
-    low, high = np.log(resonances.min()), np.log(resonances.max())
-    margin = max(_MARGIN[0], _MARGIN[1] * (high - low))
-    half = (high - low) / 2 + margin
-    pole = np.pi / 2 / half
-    count = min(math.ceil(-math.log(_INTERPOLATION) / math.log(pole + math.hypot(pole, 1))), _MOST_NODES)
-    angle = np.pi * (np.arange(count)[::-1] + 0.5) / count
-    return np.asarray(np.exp((low + high) / 2 + half * np.cos(angle)))
+def _around(frequencies: FloatArray) -> FrequencyBand:
+    """Band of frequencies in Hz with a margin."""
+    low, high = float(frequencies.min()), float(frequencies.max())
+    margin = max(_MARGIN[0], _MARGIN[1] * math.log(high / low))
+    return FrequencyBand(low * math.exp(-margin), high * math.exp(margin))
 
 
 def _require_passive(network: Network, change: ComplexArray, axes: MapAxes) -> None:
@@ -181,15 +187,15 @@ def _require_passive(network: Network, change: ComplexArray, axes: MapAxes) -> N
 
 
 class _Change:
-    """ΔL − jΔR/ω in H of many cases, each at a frequency of its own, from values at nodes of log f."""
+    """ΔL − jΔR/ω in H of many cases, each at a frequency of its own, from values at the nodes of a band."""
 
-    def __init__(self, nodes: FloatArray, values: ComplexArray) -> None:
-        self._lagrange = BarycentricInterpolator(nodes, np.eye(len(nodes))) if len(nodes) > 1 else None
+    def __init__(self, band: FrequencyBand, values: ComplexArray) -> None:
+        self._band = band
         self._values = values.reshape(-1, *values.shape[2:])
 
     def __call__(self, frequencies: FloatArray, cases: slice = slice(None)) -> ComplexArray:
-        """Return the change (cases, n, n) at frequencies (cases,) in Hz."""
-        shares = np.ones((len(frequencies), 1)) if self._lagrange is None else self._lagrange(np.log(frequencies))
+        """Return the change (cases, n, n) at frequencies (cases,) in Hz, constant beyond the band."""
+        shares = self._band.shares(np.clip(frequencies, self._band.low, self._band.high))
         return np.asarray(np.einsum("cf,cfij->cij", shares, self._values[cases], optimize=True))
 
 
@@ -309,6 +315,7 @@ def _dataset(
         },
         attrs={
             **provenance(design),
+            "left_out": "; ".join((*network.left_out, *_LEFT_OUT)),
             "target": target.kind,
             "material": target.body.material.name,
             **origin_attributes(target),

@@ -85,7 +85,7 @@ def test_a_plan_of_each_coil_in_turn_has_the_numbers_of_the_coupling(design, sca
 
 def test_the_ideal_stands_beside_the_true_circuit(design):
     true, ideal = couple_design(design), couple_design(design, ideal=True)
-    assert ideal.attrs["left_out"] == "alternating-current resistance; stray capacitances and inductances"
+    assert ideal.attrs["left_out"] == "alternating-current resistance of the copper; stray capacitances and inductances"
     np.testing.assert_array_equal(true.ideal_frequency.values, ideal.frequency.values)
     np.testing.assert_array_equal(true.ideal_effective_inductance.values, ideal.effective_inductance.values)
     plain = couple(

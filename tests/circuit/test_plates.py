@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import coilarray as ca
+import coilarray.circuit.plates as circuit_plates
 from coilarray.circuit.coupling import design_circuit, design_inductance, design_plates, swept_circuit
 from coilarray.circuit.exchange import export_network
 from coilarray.circuit.network import Network, resonate, solve_state
@@ -50,7 +51,7 @@ def test_a_coil_alone_has_the_impedance_of_coil_and_plate(bare: ca.Design, shiel
             change = (
                 solve_state(with_plate, state, frequency).impedance - solve_state(without, state, frequency).impedance
             )
-            assert change == pytest.approx(one[k, k], rel=1e-4)  # cubic between samples 12 % apart
+            assert change == pytest.approx(one[k, k], rel=1e-4)  # interpolated to 1e-5 of the largest
 
 
 def _windings_alone(network: Network) -> Network:
@@ -70,15 +71,40 @@ def test_tables_have_the_plates_at_the_working_frequency(bare: ca.Design, shield
     np.testing.assert_allclose(result.plate_resistance, -2 * np.pi * working * expected.imag, rtol=1e-3)
     np.testing.assert_allclose(result.inductance - result.plate_inductance, design_inductance(bare)[0], rtol=1e-12)
     assert (result.quality_factor.values < 0.75 * ca.couple_design(bare).quality_factor.values).all()
-    assert result.attrs["left_out"].endswith("capacitance of the plates")
+    assert result.attrs["left_out"] == "change of the losses in the copper by the plates; capacitance of the plates"
+    ideal = design_circuit(shielded, ideal=True).resistance(working)
+    np.testing.assert_allclose(ideal, np.diag(result.resistance) + plates.resistance, rtol=1e-4, atol=1e-6)
 
 
 def test_interpolation_over_frequency(shielded: ca.Design) -> None:
     effect = plate_effect(shielded, 1e5, 1e7)
     f = np.array([1.03e5, 9.37e5, 9.9e6])
     expected = plate_inductance(shielded.array, [SHIELD], f)
-    for frequency, one in zip(f.tolist(), expected, strict=True):
-        np.testing.assert_allclose(effect.at(frequency), one, rtol=0, atol=1e-5 * np.abs(expected).max())
+    np.testing.assert_allclose(effect.at(f), expected, rtol=0, atol=1e-5 * np.abs(expected).max())
+    with pytest.raises(MetalError, match=r"known from 100000 to 1e\+07 Hz; got 50000 to 50000 Hz"):
+        effect.at(np.array([5e4]))
+
+
+@pytest.mark.parametrize("factor", [9.0, 0.1])
+def test_plates_are_computed_where_the_coils_oscillate(
+    shielded: ca.Design, monkeypatch: pytest.MonkeyPatch, factor: float
+) -> None:
+    """A formula stands in for plates that change every inductance by a factor, at other frequencies by less."""
+    L = design_inductance(replace(shielded, plates=()))[0]
+
+    def samples(design: ca.Design, frequencies: np.ndarray, accuracy: str) -> np.ndarray:
+        return (factor - 1) * L * np.exp(-0.01 * np.log(frequencies / 3e6) ** 2)[:, None, None] * (1 - 0.01j)
+
+    monkeypatch.setattr(circuit_plates, "_plate_inductance", samples)
+    # another digest for each: what is kept in memory is of no other test
+    design = replace(shielded, plates=(replace(SHIELD, thickness=factor * 1e-4),))
+    plates, network = design_plates(design), design_circuit(design, ideal=True)
+    assert plates is not None
+    for one in resonances(network, design.plan):
+        k = design.array.names.index(one.state.name)
+        own = L[k, k] + samples(design, np.array([one.frequency]), "full")[0, k, k].real
+        assert one.effective_inductance == pytest.approx(own, rel=1e-3)  # losses of 1 %, and 13 nodes a decade
+        assert plates.effect.band.holds(np.array([one.frequency]))
 
 
 def test_many_coils_together_and_one_by_one(shielded: ca.Design) -> None:
@@ -122,7 +148,9 @@ def test_a_plate_with_an_outline(bare: ca.Design) -> None:
     one = replace(bare, array=bare.array.with_placements(bare.array.placements[1:2]))
     wide = ca.Plate("wide", 5e-3, 0.5e-3, ca.MATERIALS["copper"])
     disc = ca.FinitePlate("disc", ca.Disc(25e-3), (0, 0, 5.25e-3), 0.5e-3, wide.material)
-    endless, found = (plate_effect(replace(one, plates=(plate,)), 3e6, 3e6).at(3e6).real for plate in (wide, disc))
+    endless, found = (
+        plate_effect(replace(one, plates=(plate,)), 3e6, 3e6).at(np.array([3e6])).real for plate in (wide, disc)
+    )
     np.testing.assert_allclose(found, endless, rtol=0.03)
     both = replace(one, plates=(SHIELD, disc))
     with pytest.raises(MetalError, match=r"plate.1 'disc' has an outline and is computed only without other plates"):

@@ -15,8 +15,8 @@ from support.refusals import refused
 
 import coilarray as ca
 import coilarray.response.target as module
-from coilarray.circuit.coupling import bare_network, design_circuit
-from coilarray.circuit.network import changed_resonances, resonate
+from coilarray.circuit.coupling import bare_network, design_circuit, swept_circuit
+from coilarray.circuit.network import changed_resonances, resonate, solve_state
 from coilarray.errors import LocalizeError, MetalError
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
@@ -61,6 +61,23 @@ def test_one_coil_is_the_tank_of_its_inductance_and_losses(mapped):
         assert float(at.matrix_frequency) == f
         assert float(at.inductance_change[0, 0]) == pytest.approx(change.real, rel=1e-5)
         assert float(at.resistance_change[0, 0]) == pytest.approx(loss - R, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_a_near_target_has_the_resistance_at_its_own_frequency():
+    """The resonance lies far from that without the target: the copper against `swept_circuit` around it."""
+    design = replace(ONE, target=ca.Target(ca.Plate("target", 0.0, 1e-3, ALUMINIUM), (1e-3,)))
+    found = target_map(design).isel(distance=0, x=0, y=0, state=0)
+    f, base = float(found.frequency), resonate(design_circuit(design), design.plan[0])
+    assert f > 1.2 * base.frequency
+    assert float(found.base_quality_factor) == base.quality_factor
+    network = swept_circuit(design, f * np.array([0.999, 1.001]))
+    loss = network.resistance(f) + found.resistance_change.values
+    beside = replace(
+        network, inductance=network.inductance + found.inductance_change.values, resistance=lambda frequency: loss
+    )
+    there = solve_state(beside, design.plan[0], f)
+    assert float(found.quality_factor) == pytest.approx(there.quality_factor, rel=1e-4)
 
 
 @pytest.mark.slow
@@ -214,3 +231,13 @@ def test_what_cannot_be_computed_is_refused(monkeypatch):
     refused(MetalError, line, lambda: target_map(replace(ONE, plates=(below,))))
     monkeypatch.setattr(module, "target_inductance", lambda *args, **options: np.full((1, 2, 1, 1, 1), -1.0 + 0j))
     refused(MetalError, "a target at 1 mm is too near for the model", lambda: target_map(ONE, ideal=True))
+    # the first call is the guess from which the band follows
+    L = design_circuit(ONE, ideal=True).inductance
+    for later, line in (((-1.0,), "a target at 1 mm is too near"), ((-0.5, -0.9), "at 1 mm moves a resonance to")):
+        factors = iter((0.0, *later))
+
+        def solver(source, target, places, distances, frequencies, *rest, factors=factors, **options):
+            return np.full((len(distances), len(places), len(frequencies), 1, 1), next(factors) * L + 0j)
+
+        monkeypatch.setattr(module, "target_inductance", solver)
+        refused(MetalError, line, lambda: target_map(ONE, ideal=True))

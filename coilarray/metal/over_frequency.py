@@ -1,0 +1,60 @@
+"""Frequencies at which the effect of metal is computed, and its interpolation between them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BarycentricInterpolator
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.errors import MetalError
+
+_INTERPOLATION = 1e-5  # error of the change between the frequencies at which it is computed
+_ROUNDING = 1e-9  # of a frequency
+
+
+@dataclass(frozen=True)
+class FrequencyBand:
+    """Frequencies from `low` to `high` in Hz, in which ΔL − jΔR/ω is computed at Chebyshev points of log f.
+
+    The change over log f has its nearest poles at ±jπ/2, those of one time constant, and polynomials through n points
+    of a band of the half width w err by ρ⁻ⁿ, ρ = π/(2w) + √(π²/(4w²) + 1) (Trefethen, Approximation Theory, ch. 8).
+    """
+
+    low: float
+    high: float
+
+    @cached_property
+    def nodes(self) -> FloatArray:
+        """Frequencies in Hz, rising, as many as the band needs."""
+        low, high = math.log(self.low), math.log(self.high)
+        half = (high - low) / 2
+        if half == 0:
+            return np.array([self.low])
+        pole = np.pi / 2 / half
+        count = math.ceil(-math.log(_INTERPOLATION) / math.log(pole + math.hypot(pole, 1)))
+        angle = np.pi * (np.arange(count)[::-1] + 0.5) / count
+        return np.asarray(np.exp((low + high) / 2 + half * np.cos(angle)))
+
+    @cached_property
+    def _lagrange(self) -> BarycentricInterpolator:
+        return BarycentricInterpolator(np.log(self.nodes), np.eye(len(self.nodes)))
+
+    def holds(self, frequencies: FloatArray) -> bool:
+        """Whether all frequencies in Hz lie in the band."""
+        low, high = frequencies.min(), frequencies.max()
+        return bool(low >= self.low * (1 - _ROUNDING) and high <= self.high * (1 + _ROUNDING))
+
+    def shares(self, frequencies: FloatArray) -> FloatArray:
+        """Weights (f, nodes) of the values at the nodes, for frequencies (f,) in Hz; MetalError outside the band."""
+        if not self.holds(frequencies):
+            raise MetalError(
+                f"the effect of metal is known from {self.low:.6g} to {self.high:.6g} Hz; got {frequencies.min():.6g} "
+                f"to {frequencies.max():.6g} Hz."
+            )
+        if len(self.nodes) == 1:
+            return np.ones((len(frequencies), 1))
+        return np.asarray(self._lagrange(np.log(frequencies)))
