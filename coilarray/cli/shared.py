@@ -266,7 +266,7 @@ def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:
         return []
     return [
         f"the plate's skin depth or thickness is not small against its width: its ΔL errs by up to {errors[0]:.1%}, "
-        f"its ΔR by {errors[1]:.1%} (estimated), and both by the mesh"
+        f"its ΔR by {errors[1]:.1%} (estimated), beside rim and mesh"
     ]
 
 
