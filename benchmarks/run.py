@@ -41,7 +41,9 @@ def _accuracy_table(results: list[accuracy.Accuracy]) -> str:
 
 def _speed_table(results: list[speed.Speed]) -> str:
     lines = ["| figure | value | in the same run | goal |", "| --- | --- | --- | --- |"]
-    lines += [f"| {r.what} | {r.value:.3g} {r.unit} | {r.note} | {r.goal} |" for r in results]
+    lines += [
+        f"| {r.what} | {r.value:.3g} {r.unit} | {r.note} | {r.goal}{'' if r.kept else ': missed'} |" for r in results
+    ]
     return "\n".join(lines)
 
 
@@ -122,9 +124,9 @@ def main() -> None:
         for name, table in tables.items():
             text = _renew(text, name, table)
         README.write_text(text, encoding="utf-8")
-    missed = [result for result in (*accuracies, *speeds) if not result.kept]
+    missed = [getattr(one, "what", "") or one.quantity for one in (*accuracies, *speeds) if not one.kept]
     if missed:
-        raise SystemExit(f"goals missed: {missed}")
+        raise SystemExit(f"goals missed: {'; '.join(missed)}")
 
 
 if __name__ == "__main__":

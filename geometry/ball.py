@@ -1,4 +1,4 @@
-"""A ball of metal or ferrite over the board."""
+"""A sphere of metal or ferrite over the board."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from coilarray.geometry.values import require_positive
 
 @dataclass(frozen=True)
 class Ball:
-    """A solid ball of one material; where it is, is said where it is used.
+    """A solid sphere of one material; where it is, is said where it is used.
 
     `radius` in m is positive and finite; GeometryError otherwise.
     """
@@ -19,4 +19,4 @@ class Ball:
     material: Material
 
     def __post_init__(self) -> None:
-        require_positive("radius of a ball", self.radius)
+        require_positive("radius of a sphere", self.radius)

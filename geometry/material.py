@@ -49,6 +49,11 @@ class Material:
         if self.conductivity == 0 and self.relative_permeability == 1:
             raise GeometryError(f"{self.name!r} must have a conductivity above 0 or a permeability above 1; got air.")
 
+    @property
+    def words(self) -> str:
+        """Name for people, as "stainless steel"."""
+        return self.name.replace("_", " ")
+
     def skin_depth(self, frequency: float) -> float:
         """Depth in m at which a field of a frequency in Hz has fallen by e, 1/√(π f µ σ); inf without conductivity."""
         product = math.pi * frequency * MU_0 * self.relative_permeability * self.conductivity

@@ -1,4 +1,4 @@
-"""Metal plates near the board: layers without end, and flat pieces of any outline, also tilted."""
+"""Metal plates near the board: infinite plates, and flat pieces of any outline, also tilted."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CORNERS = 96  # of the polygon that stands for a circle of the same area
 
 @dataclass(frozen=True)
 class Plate:
-    """A flat plate parallel to the board, wide against the coils, taken as without end.
+    """A flat plate parallel to the board, wide against the coils: an infinite plate.
 
     Parameters
     ----------
@@ -154,7 +154,8 @@ class Polygon:
                 raise GeometryError(f"an outline must have at least 3 finite corners; got {len(corners)}.")
         outline = shapely.Polygon(self.exterior, self.holes)
         if not outline.is_valid or outline.area == 0:
-            raise GeometryError(f"an outline must not cross or touch itself; {shapely.is_valid_reason(outline)} (m).")
+            reason = shapely.is_valid_reason(shapely.transform(outline, lambda corners: corners * 1e3))
+            raise GeometryError(f"an outline must not cross or touch itself, its holes inside; {reason} (mm).")
 
 
 def _circle(radius: float) -> tuple[Point, ...]:
@@ -182,7 +183,7 @@ class FinitePlate:
     thickness : float
         Thickness in m.
     material : Material
-        What it is made of.
+        What it is made of; not magnetic.
     tilt : float
         Angle in rad by which it rises towards `tilt_direction`, less than a right angle.
     tilt_direction : float
@@ -209,6 +210,11 @@ class FinitePlate:
         if not abs(self.tilt) < math.pi / 2:
             raise GeometryError(
                 f"tilt of plate {self.name!r} must be less than 90 degrees; got {math.degrees(self.tilt):g}."
+            )
+        if self.material.relative_permeability != 1:
+            raise GeometryError(
+                f"{self.name!r} has an outline and must not be magnetic, as a wide plate or a sphere may be; "
+                f"got a relative permeability of {self.material.relative_permeability:g}."
             )
 
     @property

@@ -69,7 +69,7 @@ def sheet_solids(array: CoilArray, sheets: Sequence[Sheet]) -> dict[str, trimesh
 
 
 def plate_solid(plate: Plate | FinitePlate, within: tuple[float, float, float, float]) -> trimesh.Trimesh:
-    """Build the solid of a metal plate in m; one without end gets the rectangle x_min, y_min, x_max, y_max in m."""
+    """Build the solid of a metal plate in m; an infinite one gets the rectangle x_min, y_min, x_max, y_max in m."""
     if isinstance(plate, Plate):
         return _extruded(Prism(shapely.box(*within), *plate.heights))
     outline = shapely.Polygon(plate.outline.exterior, plate.outline.holes)

@@ -26,7 +26,7 @@ class Target:
         Gaps in m between its nearest point and the highest face of board and sheets, rising.
     x, y : tuple of float
         Places of its centre in m, relative to `origin_point`. Where both are empty, `coilarray.Design` sets them: an
-        even grid over all coils. A plate without end has one place.
+        even grid over all coils. An infinite plate has one place.
     origin : str or None
         Name of the coil whose centre is the origin; None where `origin_point` is given.
     origin_point : tuple of float
@@ -39,7 +39,7 @@ class Target:
     Raises
     ------
     GeometryError
-        No distance, distances that do not rise from above zero, x without y, or places of a plate without end.
+        No distance, distances that do not rise from above zero, x without y, or places of an infinite plate.
 
     Examples
     --------
@@ -67,7 +67,7 @@ class Target:
         if bool(self.x) != bool(self.y):
             raise GeometryError("a target must have x and y, or none of both.")
         if isinstance(self.body, Plate) and max(len(self.x), len(self.y)) > 1:
-            raise GeometryError("a plate without end is the same everywhere: its target must have one x and one y.")
+            raise GeometryError("an infinite plate is the same everywhere: its target must have one x and one y.")
 
     @property
     def kind(self) -> str:
@@ -85,7 +85,7 @@ class Target:
         return 2 * self.body.radius
 
     def height(self, face: float, distance: float) -> float:
-        """Height in m of the body's centre, of a plate without end its lower face, at a distance above a height.
+        """Height in m of the body's centre, of an infinite plate its lower face, at a distance above a height.
 
         The distance is that of the nearest point; both are in m.
         """

@@ -134,7 +134,8 @@ def _run_probe(environment: dict[str, str]) -> _Answer:
     """Render a sphere in a child process; a failure is described in a few words."""
     try:
         child = subprocess.run(
-            [sys.executable, "-c", _PROBE], env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+            [sys.executable, "-P", "-c", _PROBE],  # without the working folder
+            env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True,
             errors="replace", timeout=_TIMEOUT, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:

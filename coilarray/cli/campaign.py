@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from coilarray.hardware.board.self_test import SelfTest
     from coilarray.hardware.record.campaign import Campaign
     from coilarray.hardware.record.recorder import Recorder
-    from coilarray.hardware.record.stages import Stage
+    from coilarray.hardware.record.stages import Dialect, Stage
     from coilarray.hardware.scan.reader import Reader
     from coilarray.hardware.scan.settings import ScanSettings
 
@@ -60,11 +60,11 @@ def campaign(
         str | None,
         typer.Option(
             help="What moves the indenter: person, who is asked (by default, with a real board); grbl:PORT or "
-            "marlin:PORT, homed, x and y of the map, z = 0 where the indenter touches."
+            "marlin:PORT, homed, x and y on the board, z = 0 where the indenter touches."
         ),
     ] = None,
     reach_mm: Annotated[
-        str | None, typer.Option(metavar="XMIN,XMAX,YMIN,YMAX,DEPTH", help="Where a G-code stage may go.")
+        str | None, typer.Option(metavar="XMIN,XMAX,YMIN,YMAX,DEPTH", help="Where a G-code stage may go on the board.")
     ] = None,
     clearance_mm: Annotated[
         float | None,
@@ -220,7 +220,8 @@ def _stage_maker(
     limits = StageLimits((x_min, x_max), (y_min, y_max), depth)
     if clearance_mm is not None:
         limits = StageLimits(limits.x, limits.y, depth, clearance_mm * 1e-3)
-    return lambda _: GcodeStage(open_serial_port(stage_port), limits, "marlin" if kind == "marlin" else "grbl")
+    dialect: Dialect = "marlin" if kind == "marlin" else "grbl"
+    return lambda _: GcodeStage(open_serial_port(stage_port), limits, dialect, origin=origin)
 
 
 def _ask(text: str) -> None:

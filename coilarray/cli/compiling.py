@@ -28,7 +28,7 @@ def compiling_beside() -> Iterator[None]:
         return
     quiet = subprocess.DEVNULL
     # what goes wrong there goes wrong here too, and is said here
-    child = subprocess.Popen([sys.executable, "-m", _MODULE], stdin=quiet, stdout=quiet, stderr=quiet)
+    child = subprocess.Popen([sys.executable, "-P", "-m", _MODULE], stdin=quiet, stdout=quiet, stderr=quiet)
     try:
         yield
     finally:

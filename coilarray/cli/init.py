@@ -149,8 +149,7 @@ def _described(file: DesignFile, wanted: float | None) -> list[str]:
     lines.append(
         "converter: every limit of an LDC1614 is kept"
         if not broken
-        else f"converter: an LDC1614 cannot read {broken[0][0]}: {broken[0][1].name} is {broken[0][1].value:.4g}, "
-        f"allowed are {broken[0][1].low:.4g} to {broken[0][1].high:.4g}"
+        else f"converter: an LDC1614 cannot read {broken[0][0]}: {broken[0][1].words}"
     )
     x_min, y_min, x_max, y_max = (edge * 1e3 for edge in design.array.bounds)
     lines.append(

@@ -37,11 +37,13 @@ def matrix(
     from coilarray.report.tables import coil_table, pair_table
 
     opened = shared.open_design(design, allow_violations=allow_violations)
+    suffix = "" if out is None else out.suffix.lower()
+    if suffix == ".inp" and opened.plates:
+        raise OutputError(f"--out .inp cannot hold [[plate]], which {opened.name} has; write .cir or .sNp.")
     names = list(opened.array.names)
     with shared.progress_bar("inductance matrix") as progress:
         # two coils in one place are refused here, before any circuit
         inductance = checked_network(design_inductance(opened, progress=progress)[0], 0.0)[0]
-    suffix = "" if out is None else out.suffix.lower()
     data: dict[str, object] = {**shared.design_record(opened), "names": names}
     if as_json or suffix in (".nc", ".csv", ".inp"):  # the matrices alone need no circuit, which takes longer
         coupling = couple_design(opened)
@@ -52,10 +54,6 @@ def matrix(
             "pairs": pair_table(coupling).records(),
             **plate_errors(opened),
         }
-        if suffix == ".inp" and opened.plates:
-            raise OutputError(
-                f"FastHenry knows no wide plate; {opened.name} has [[plate]]: write .cir or .sNp, or leave it out."
-            )
         if suffix == ".inp" and out is not None:
             write_text(out, fasthenry_input(opened.array, [float(coupling.frequency.mean())], title=opened.name))
         elif suffix in (".nc", ".csv"):

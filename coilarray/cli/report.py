@@ -58,6 +58,8 @@ def report(
         typer.echo(line)
     if made.summary is not None:
         shared.print_table(made.summary.headers, made.summary.cells())
+        if opened.assumed:
+            typer.echo(f"{len(opened.assumed)} values of the design are assumed; the page says which, and why.")
         typer.echo("")
     shared.print_table(*_summary(opened.design.array.centres, made.coupling))
 

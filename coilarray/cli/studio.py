@@ -14,15 +14,15 @@ import typer
 
 from coilarray.cli.board_options import EMULATOR, WiringName, marked
 from coilarray.cli.shared import DesignArgument, number_option
-from coilarray.errors import OutputError
+from coilarray.errors import GeometryError, NetworkError, OutputError
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from coilarray.compute.threads import Progress
-    from coilarray.design.model import Indentation
+    from coilarray.design.model import Design, Indentation
     from coilarray.hardware.record.live_tracking import LiveReading
-    from coilarray.viz.studio.services import BoardFrame, BoardRequest, Document
+    from coilarray.viz.studio.services import BoardFrame, BoardRequest, Document, Summary
 
 _LONGEST = 86_400.0  # s
 _TOUR, _PERIOD, _STEP = 3600.0, 40.0, 1.0  # s: duration of the emulated finger's tour, one turn, one step
@@ -75,9 +75,7 @@ def studio(
     with bind(address) as listening:
         from coilarray.viz.studio.server import serve
 
-        services = Services(
-            response_table=kept_response, write_report=write_report, watch_board=watch_board, port=board, wiring=wiring
-        )
+        services = Services(kept_response, write_report, watch_board, port=board, wiring=wiring, summarize=summarize)
         with suppress(KeyboardInterrupt):  # where the loop cannot handle signals
             serve(work, Shelf(where), services, address, listening, linger=linger, ready=ready)
     typer.echo("coilarray: the studio has ended", err=True)
@@ -90,6 +88,22 @@ def _folder(design: str | None, folder: Path | None) -> Path:
     if not where.is_dir():
         raise OutputError(f"--folder must be a folder; got {where}.")
     return where
+
+
+def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None) -> Summary:
+    """See `coilarray.viz.studio.services.Summarize`; the numbers are those of the report."""
+    from coilarray.circuit.impedance import scan_design
+    from coilarray.geometry import check_rules
+    from coilarray.report.summary import summary_table, verdicts
+    from coilarray.viz.studio.services import Summary
+
+    margins = check_rules(design.array, design.rules)
+    try:
+        scan = scan_design(design)
+    except (GeometryError, NetworkError):  # as in the report
+        scan = None
+    table = summary_table(coupling, scan, margins, response)
+    return Summary(table.headers, table.cells(), verdicts(scan, margins))
 
 
 # These run in processes of their own, and are therefore functions of a module with plain arguments.

@@ -39,11 +39,11 @@ def target(
     """Map what a target of metal or ferrite does to every coil, against its distance and place.
 
     The [target] of the design is moved over the board. At every distance and place the whole circuit is solved: L, R,
-    Q, R_p and f of every state of the scan, δ against the board without the target, and every coupling. The tables
-    show each state where the target moves it the most; its range, the distance at which |δ| is 3 times the noise; and
-    the distances up to which 1, 10 and 100 µm are told from noise. Places in tables, pictures and a .csv are those on
-    the board. Over magnetic sheets an interrupted map of a disc or another outline goes on, distance by distance, from
-    the folder FILE.parts when the same command runs again.
+    Q, R_p and f of every state of the scan, δ against the board without the target, and every coupling. The tables show
+    each state where the target moves it the most; its range, the distance at which |δ| is 3 times the noise; and the
+    distances up to which 1, 10 and 100 µm are resolved. Places in tables, pictures and a .csv are those on the board.
+    Over magnetic sheets an interrupted map of a disc or another outline goes on, distance by distance, from the folder
+    FILE.parts when the same command runs again.
 
     Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
     """
@@ -98,7 +98,7 @@ def target(
     lines = [
         *shared.plate_error_lines(result.attrs),
         f"noise of δ {noise:g}: the range ends where |δ| is {result.attrs['range_factor']:g} times that; a step of "
-        "distance is told where it is no less than the standard deviation of one reading",
+        "distance is resolved where it is no less than the standard deviation of one reading",
         f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",
     ]
     shared.print_result(data, as_json=as_json, tables=tables, titles=True, lines=lines, files=[plot, maps])

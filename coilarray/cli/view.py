@@ -123,6 +123,7 @@ def view(
         for option, changed in (
             ("--show", show is not None), ("--layers", layers is not None), ("--coil", coil is not None),
             ("--others-open", others_open), ("--spacing-mm", spacing_mm is not None), ("--at-mm", at_mm is not None),
+            ("--distance-mm", distance_mm is not None),
         ):  # fmt: skip
             if changed:
                 raise OutputError(f"{option} is not for --movie: a film shows the dent and δ of all coils.")
@@ -137,8 +138,10 @@ def view(
     from coilarray.viz.scenes.of_design import View, board_and_metal
 
     opened = shared.open_design(design, allow_violations=allow_violations)
-    wanted.check()
     items = items or board_and_metal(opened)
+    if distance_mm is not None and "target" not in items:
+        raise OutputError(f"--distance-mm is for a design with a [target]; {opened.name} has none.")
+    wanted.check()
     if movie is None or wanted.still:
         asked = View(
             show=items, layers=None if layers is None else tuple(name.strip() for name in layers.split(",")),

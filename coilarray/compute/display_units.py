@@ -80,6 +80,8 @@ MM = DisplayUnit("mm", 1e3, 3)
 """Places and shapes: people read pictures of boards in mm."""
 MILLI_DELTA = DisplayUnit("10⁻³", 1e3)
 """δ as an axis of its own, as in the figures of Gast & Zimmermann (2020)."""
+KILOHM = DisplayUnit("kΩ", 1e-3, 2)
+"""Parallel resistances."""
 PERCENT = DisplayUnit("%", 100.0, 2)
 """Shares and relative changes."""
 PER_MILLION = DisplayUnit("10⁻⁶", 1e6, 2)

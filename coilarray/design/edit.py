@@ -6,8 +6,9 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import SequenceMatcher
 from functools import reduce
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 from coilarray.design.write import document_text
@@ -49,7 +50,10 @@ def edited_text(text: str, document: Mapping[str, Any]) -> str | None:
             apart = _shown(blocks[behind[-1]]).endswith("\n\n")
             blocks.insert(behind[-1] + 1, replace(one, body="\n") if apart else replace(one, above="\n"))
     found = "".join(_shown(block) for block in blocks)
-    return found if tomllib.loads(found) == document else None
+    try:
+        return found if tomllib.loads(found) == document else None
+    except tomllib.TOMLDecodeError:  # as of a table that has dotted keys and a header
+        return None
 
 
 @dataclass(frozen=True)
@@ -201,17 +205,36 @@ def _entries(body: str) -> Iterator[tuple[_Path, slice, slice]]:
 
 def _edited_body(body: str, wanted: Mapping[str, Any]) -> str:
     """Make the entries of a block say what is wanted; what is not there is added at the end."""
-    old, written = tomllib.loads(body), set()
-    for names, lines, place in list(_entries(body))[::-1]:
-        written.add(names[0])
+    old, entries = tomllib.loads(body), list(_entries(body))
+    new = dict[int, str]()  # behind an entry by its number, which is the last one of a table of dotted keys
+    added = ""
+    for path, value in _missing(wanted, [names for names, *_ in entries]):
+        if len(path) == 1:
+            added += document_text({str(path[0]): value})
+        else:
+            last = max(k for k, (names, *_) in enumerate(entries) if names[: len(path) - 1] == path[:-1])
+            new[last] = f"{new.get(last, '')}{'.'.join(map(_key, path))} = {_inline(value)}\n"
+    for k, (names, lines, place) in list(enumerate(entries))[::-1]:
         before, after = _at(old, names), _at(wanted, names)
+        body = body[: lines.stop] + new.get(k, "") + body[lines.stop :]
         if after is None:
             body = body[: lines.start] + body[lines.stop :]
         elif before != after or type(before) is not type(after):
             body = body[: place.start] + _changed(body[place], before, after) + body[place.stop :]
     end = len(body.rstrip())
-    added = "".join(f"{document_text({key: value})}" for key, value in wanted.items() if key not in written)
     return f"{body[:end]}\n{added}{body[end + 1 :]}" if added and end else added + body
+
+
+def _missing(wanted: Mapping[str, Any], written: Sequence[_Path], path: _Path = ()) -> Iterator[tuple[_Path, Any]]:
+    """Give what is not written of a table, by its path; what a table of dotted keys lacks entry by entry."""
+    for key, value in wanted.items():
+        below = (*path, key)
+        if below in written:
+            continue
+        if isinstance(value, Mapping) and any(names[: len(below)] == below for names in written):
+            yield from _missing(value, written, below)
+        else:
+            yield below, value
 
 
 def _changed(text: str, before: Any, after: Any) -> str:
@@ -219,11 +242,62 @@ def _changed(text: str, before: Any, after: Any) -> str:
     old, new = list(_leaves(before)), list(_leaves(after))
     places = list(_VALUE.finditer(_bare(text)))
     if len(places) != len(old) or [path for path, _ in old] != [path for path, _ in new]:
-        return _inline(after)
+        in_lines = isinstance(before, list) and isinstance(after, list) and before and after and "\n" in text
+        return _changed_lines(text, before, after) if in_lines else _inline(after)
     for (_, was), (_, value), place in list(zip(old, new, places, strict=True))[::-1]:
         if was != value or type(was) is not type(value):
             text = text[: place.start()] + _inline(value) + text[place.end() :]
     return text
+
+
+def _changed_lines(text: str, before: Sequence[Any], after: Sequence[Any]) -> str:
+    """Return the text of a list of several lines for another one; an item that stays keeps its lines."""
+    head, items, tail = _items(text)
+    if len(items) != len(before):
+        return _inline(list(after))
+    space = re.split(r"(?<=\n)", items[0][0])[-1] if "\n" in f"{head}{items[0][0]}" else ""
+    found = list[tuple[str, str, str]]()
+    matches = SequenceMatcher(None, [_known_by(item) for item in before], [_known_by(item) for item in after], False)
+    for _, first, end, start, stop in matches.get_opcodes():
+        if end - first == stop - start:
+            pairs = zip(items[first:end], before[first:end], after[start:stop], strict=True)
+            found += [
+                (lead, value if was == item else _changed(value, was, item), behind)
+                for (lead, value, behind), was, item in pairs
+            ]
+        else:
+            found += [
+                (space if not found or found[-1][2].endswith("\n") else " ", _inline(item), "\n")
+                for item in after[start:stop]
+            ]
+    return head + "".join(f"{lead}{value},{behind}" for lead, value, behind in found) + tail
+
+
+def _items(text: str) -> tuple[str, list[tuple[str, str, str]], str]:
+    """Split the text of a list: its start; of each item what is before it, itself, and what is behind its comma."""
+    bare = _bare(text)
+    depths = list(accumulate((sign in "[{") - (sign in "]}") for sign in bare))
+    commas = [k for k, sign in enumerate(bare) if sign == "," and depths[k] == 1]
+    first = text.find("\n") + 1 if not bare[1 : text.find("\n")].strip() else 1
+    items, at = list[tuple[str, str, str]](), first
+    for stop in [*commas, len(text) - 1]:
+        value = bare[at:stop].strip()
+        if not value:
+            break
+        begin = at + bare[at:stop].index(value)
+        end = begin + len(value)
+        behind = stop + 1 if bare[stop] == "," else end
+        line_end = text.find("\n", behind) + 1 or len(text) - 1
+        rest = line_end if not bare[behind:line_end].strip() else behind
+        between = text[end:stop] if bare[stop] == "," else ""
+        items.append((text[at:begin], text[begin:end], between + text[behind:rest]))
+        at = rest
+    return text[:first], items, text[at:]
+
+
+def _known_by(item: Any) -> str:
+    """Return what an item of a list is known by: its name, else what it says."""
+    return str(item["name"]) if isinstance(item, Mapping) and "name" in item else repr(item)
 
 
 def _leaves(value: Any, path: _Path = ()) -> Iterator[tuple[_Path, Any]]:
@@ -247,7 +321,12 @@ def _inline(value: Any) -> str:
 
 
 def _entry(key: str, value: Any) -> str:
-    return f"{document_text({key: 0}).partition('=')[0].strip()} = {_inline(value)}"
+    return f"{_key(key)} = {_inline(value)}"
+
+
+def _key(name: str | int) -> str:
+    """Return a key as it stands in a file."""
+    return document_text({str(name): 0}).partition("=")[0].strip()
 
 
 def _at(document: Any, path: _Path) -> Any:

@@ -141,7 +141,7 @@ class Indentation:
     def __post_init__(self) -> None:
         if self.material is not None and not isinstance(self.indenter, Hemisphere):
             raise DesignError(
-                'indenter.material needs shape = "hemisphere", which counts as a ball of its radius; '
+                'indenter.material needs shape = "hemisphere", which counts as a sphere of its radius; '
                 f"got a {self.indenter.name} of {self.material.name}."
             )
         if not self.depths or bool(self.x) != bool(self.y):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
@@ -38,8 +39,10 @@ class MaterialTable(Table):
     @model_validator(mode="after")
     def _known_material(self) -> MaterialTable:
         if self.material is not None and self.material not in MATERIALS:
+            close = difflib.get_close_matches(self.material, MATERIALS, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
             raise ValueError(
-                f"needs a material of {', '.join(MATERIALS)}, or conductivity_MS_per_m; got {self.material!r}"
+                f"needs a material of {', '.join(MATERIALS)}, or conductivity_MS_per_m; got {self.material!r}{hint}"
             )
         if self.material is not None and (self.conductivity_MS_per_m, self.relative_permeability) != (None, None):
             raise ValueError("needs a material, or else conductivity_MS_per_m and relative_permeability; got both")
@@ -76,8 +79,12 @@ class FlatTable(MaterialTable):
                 raise ValueError(f'{"needs" if key in needed else "has no"} {key} for shape = "{self.shape}"')
         if self.holes_mm and self.shape != "polygon":
             raise ValueError(f'has no holes_mm for shape = "{self.shape}"')
+        if self.diameter_mm and self.inner_diameter_mm and self.inner_diameter_mm >= self.diameter_mm:
+            raise ValueError(
+                f"needs inner_diameter_mm below its diameter_mm of {self.diameter_mm:g}; got {self.inner_diameter_mm:g}"
+            )
         if self.shape == "plate" and (self.tilt_deg or self.tilt_direction_deg):
-            raise ValueError('has no tilt for shape = "plate", which is without end')
+            raise ValueError('has no tilt for shape = "plate", which is an infinite plate')
         if (self.material, self.conductivity_MS_per_m, self.relative_permeability) == (None, None, None):
             raise ValueError("needs a material, or conductivity_MS_per_m and relative_permeability")
         return self
@@ -120,7 +127,7 @@ class PlateTable(FlatTable):
         if (self.side is None) != (self.distance_mm is None):
             raise ValueError('needs side = "above" or "below" with distance_mm, and only then')
         if self.shape == "plate" and (self.x_mm or self.y_mm):
-            raise ValueError('has no x_mm and y_mm for shape = "plate", which is without end')
+            raise ValueError('has no x_mm and y_mm for shape = "plate", which is an infinite plate')
         return self
 
     def build(self, top: float, underside: float) -> Plate | FinitePlate:

@@ -43,6 +43,11 @@ def file_text(file: DesignFile) -> str:
     return edited_text(file.text, file.document) or with_comments(document_text(file.document))
 
 
+def keeps_comments(file: DesignFile) -> bool:
+    """Return whether `file_text` has the comments of the text that the file is from, where it has any."""
+    return "#" not in file.text or edited_text(file.text, file.document) is not None
+
+
 def with_comments(text: str) -> str:
     r"""Return the text of a design file with a comment behind every key and above every table that `starter` explains.
 

@@ -39,7 +39,7 @@ class FlatTarget(FlatTable, MovedTable):
     def _no_places_of_a_plate(self) -> Self:
         for key in PlacesTable.model_fields:
             if self.shape == "plate" and getattr(self, key) is not None:
-                raise ValueError(f'has no {key} for shape = "plate", which is without end')
+                raise ValueError(f'has no {key} for shape = "plate", which is an infinite plate')
         return self
 
     def build(self) -> Target:

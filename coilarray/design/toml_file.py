@@ -127,8 +127,9 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
     if kind == "string_pattern_mismatch":
         return f"{key} may have letters, digits, _ . + and, not first, -; got {_shown(got)}."
     limits = details.get("ctx", {})
+    least = limits.get("min_length")
     wanted = {
-        "too_short": f"have at least {limits.get('min_length')} entries",
+        "too_short": f"have at least {least} {'entry' if least == 1 else 'entries'}",
         "too_long": f"have at most {limits.get('max_length')} entries",
         "string_too_short": "not be empty",
         "greater_than": f"be greater than {limits.get('gt', 0):g}",

@@ -377,8 +377,9 @@ def _check_axis(response: xr.Dataset, delta: xr.DataArray, states: list[str]) ->
     for state in states:
         if state in response.coil.values and abs(float(response.coil_y.sel(coil=state))) > spacing / 2:
             raise LocalizeError(
-                f"the ellipses are centred on y = 0; {state} is at y = "
-                f"{float(response.coil_y.sel(coil=state)) * 1e3:.4g} mm: let the map's origin be a coil's centre."
+                "the ellipse model is that of coils in one row, at y = 0 of the map; "
+                f"{state} is at y = {float(response.coil_y.sel(coil=state)) * 1e3:.4g} mm: let the map's origin be a "
+                "coil of the row. For coils in several rows coilarray locate finds positions without ellipses."
             )
 
 

@@ -82,7 +82,7 @@ def moving_plate(
     Raises
     ------
     GeometryError
-        Positions or frequencies of a wrong shape, a plate that reaches into copper or sheets, a magnetic plate, one too
+        Positions or frequencies of a wrong shape, a plate that reaches into copper or sheets, one too
         thick for its size where the field enters deeply (the text has the number), or an outline too narrow.
     ElastomerError
         More than one magnetic region.
@@ -214,11 +214,6 @@ def _least_radius(paths: Sequence[Conductor]) -> float:
 
 def _distance(paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, sheets: Sequence[Sheet]) -> float:
     """Return the least distance in m across the plane of the plate from the copper; refuse one that is not computed."""
-    if plate.material.relative_permeability != 1:
-        raise GeometryError(
-            f"a finite plate must not be magnetic; the relative permeability of {plate.name!r} is "
-            f"{plate.material.relative_permeability:g}."
-        )
     corners = np.concatenate([path.vertices for path in paths])
     low, high = (np.array(plate.heights) - plate.centre[2])[:, None] + where[:, 2]
     top, bottom = float(corners[:, 2].max()), float(corners[:, 2].min())

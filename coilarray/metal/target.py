@@ -13,6 +13,7 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet, Target
+from coilarray.geometry.target import Body
 from coilarray.metal.ball import ball_inductance
 from coilarray.metal.finite_plates import moving_plate
 from coilarray.metal.flat_plates import plate_inductances
@@ -68,22 +69,23 @@ def target_inductance(
     """
     face, body = sum(sheet.thickness for sheet in sheets), target.body
     heights = [target.height(face, distance) for distance in distances]
+    require_apart(body, plates)
     if isinstance(body, Plate):
         endless = [plate for plate in plates if isinstance(plate, Plate)]
-        if len(endless) < len(plates):
-            raise MetalError(
-                "a target without end beside plates with an outline is not computed: leave one of them out."
-            )
         cases = [endless, *([*endless, replace(body, z=z)] for z in heights)]
         without, *changes = plate_inductances(source, cases, frequencies, sheets, accuracy=accuracy, progress=progress)
         return np.repeat((np.array(changes) - without)[:, None], len(places), axis=1)
-    if plates:
-        raise MetalError(
-            f"a target with an end beside plates is not computed; got {', '.join(plate.name for plate in plates)}."
-        )
     positions = np.array([[x, y, z] for z in heights for x, y in places.tolist()])
     if isinstance(body, FinitePlate):
         change = moving_plate(source, body, positions, frequencies, sheets, fineness=fineness, progress=progress)
     else:
         change = ball_inductance(source, body, positions, frequencies, sheets, progress=progress)
     return change.reshape(len(heights), len(places), *change.shape[1:])
+
+
+def require_apart(body: Body, plates: Sequence[Plate | FinitePlate]) -> None:
+    """Refuse a target beside plates with which it is not computed: MetalError."""
+    names = [plate.name for plate in plates if not (isinstance(body, Plate) and isinstance(plate, Plate))]
+    if names:
+        pair = "without end beside plates with an outline" if isinstance(body, Plate) else "with an end beside plates"
+        raise MetalError(f"a target {pair} is not computed: leave one of them out; got {', '.join(names)}.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xarray as xr
 
-from coilarray.compute.display_units import PER_MILLION, DisplayUnit
+from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
 from coilarray.hardware import check_channel, drive_for, settle_count
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
@@ -30,7 +30,7 @@ def state_table(scan: xr.Dataset) -> Table:
         "state", "frequency", "effective_inductance", "effective_resistance", "resistance_ratio", "quality_factor",
         "loaded_quality_factor", "parallel_resistance",
     )  # fmt: skip
-    return dataset_table("states", "States", scan, names, {"parallel_resistance": DisplayUnit("kΩ", 1e-3, 2)})
+    return dataset_table("states", "States", scan, names, {"parallel_resistance": KILOHM})
 
 
 def state_current_table(scan: xr.Dataset) -> Table:

@@ -112,9 +112,10 @@ def drawing_beside() -> Iterator[Drawing]:
     if _OPEN or cores() == 1:
         yield _OPEN[0] if _OPEN else Drawing(None)
         return
-    path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)  # on which it finds what is found here
+    # it finds what is found here, and nothing more: -P keeps the working folder off
+    path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
     process = subprocess.Popen(
-        [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        [sys.executable, "-P", "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": path, "COILARRAY_THREADS": "1"},
         start_new_session=True,  # an interrupt from the keyboard is for this process, which ends the other one
     )  # fmt: skip

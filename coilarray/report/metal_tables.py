@@ -33,13 +33,13 @@ def plate_table(design: Design, frequency: float) -> Table:
     )
     rows: list[tuple[Value, ...]] = []
     for plate in design.plates:
-        outline = type(plate.outline).__name__.lower() if isinstance(plate, FinitePlate) else "without end"
+        outline = type(plate.outline).__name__.lower() if isinstance(plate, FinitePlate) else "infinite plate"
         material = plate.material
         depth = material.skin_depth(frequency)
         numbers = (material.conductivity, material.relative_permeability, depth, plate.thickness / depth)
         rows.append(
             (
-                plate.name, outline, plate.heights[0], plate.thickness, material.name.replace("_", " "),
+                plate.name, outline, plate.heights[0], plate.thickness, material.words,
                 *("" if not math.isfinite(number) else number for number in numbers),
             )
         )  # fmt: skip

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
+from coilarray.compute.display_units import KILOHM, PER_MILLION, display_unit
+from coilarray.errors import LocalizeError
 from coilarray.geometry import Margin
-from coilarray.report.tables import Column, Table, Value
+from coilarray.localize.forward import forward_model
+from coilarray.localize.identifiability import identifiability
+from coilarray.report.tables import Column, Table, Value, cell
 from coilarray.studies.create.tank import broken_limits
+from coilarray.studies.quantities.positions import NOISE
 
 if TYPE_CHECKING:
     import xarray as xr
 
 _ALIKE = 1e-9  # of a number: what rounding makes different
-_SHOWN = {"ppm": PER_MILLION, "ohm": DisplayUnit("kΩ", 1e-3, 2)}
+_SHOWN = {"ppm": PER_MILLION, "ohm": KILOHM}
 _OF_STATES = (
     ("frequency", "resonance with the tank"),
     ("effective_inductance", "effective inductance"),
@@ -46,7 +51,8 @@ def summary_table(
     margins : sequence of Margin
         Result of `coilarray.geometry.check_rules`.
     response : xarray.Dataset or None
-        Response on the board; None for a design without one.
+        Response on the board; None for a design without one. Of it the largest δ and, where readings tell it, the
+        Cramér–Rao bound of a located x at its best place and in the median of the map.
     without : xarray.Dataset, optional
         The scan without the plates of a design that has some.
     target : xarray.Dataset, optional
@@ -63,19 +69,16 @@ def verdicts(scan: xr.Dataset | None, margins: Sequence[Margin]) -> list[str]:
     lines = []
     for rule in dict.fromkeys(margin.rule for margin in margins if not margin.kept):
         worst = min((m for m in margins if m.rule == rule and not m.kept), key=lambda m: m.margin)
-        size, unit = (1e3, " mm") if worst.unit else (1.0, "")
+        shown = display_unit(worst.unit)
         where = f"{worst.feature} on {worst.layer}" if worst.layer else worst.feature
         lines.append(
             f"The board house's limit of {rule} is broken at {where}: "
-            f"{worst.value * size:.4g}{unit}; its limit is {worst.limit * size:.4g}{unit}."
+            f"{shown.text(worst.value, '.4')}; its limit is {shown.text(worst.limit, '.4')}."
         )
     broken = [] if scan is None else broken_limits(scan)
     for name in dict.fromkeys(limit.name for _, limit in broken):
         state, limit = next(one for one in broken if one[1].name == name)
-        lines.append(
-            f"The converter cannot read {state}: {name} is {limit.value:.4g}; allowed are {limit.low:.4g} to "
-            f"{limit.high:.4g}."
-        )
+        lines.append(f"The converter cannot read {state}: {limit.words}.")
     return lines
 
 
@@ -100,6 +103,23 @@ def _rows(
     if response is not None:
         peaks = response.delta.isel(depth=-1).max(("x", "y"))
         yield _row("largest δ, deepest", peaks.state.values.tolist(), peaks.values, "ppm")
+        yield from _resolution(response)
+
+
+def _resolution(response: xr.Dataset) -> Iterator[tuple[Value, ...]]:
+    """Least standard deviations of a located x over the deepest map; nothing for a map from which none is located."""
+    try:
+        sigma = identifiability(forward_model(response), float(response.depth[-1]), noise=NOISE).sigma_x
+    except LocalizeError:
+        return
+    best, median = float(sigma.min()), float(sigma.median())
+    if not math.isfinite(best):
+        return
+    found = median < float(np.ptp(response.x.values))
+    place = sigma.where(sigma == best, drop=True)[0, 0]
+    at = f"at x {float(place.x) * 1e3:.1f}, y {float(place.y) * 1e3:.1f} mm"
+    half = "median of the map" if found else "half of the map does not tell x"
+    yield f"σ of a located x, deepest; noise of δ {NOISE:g}", best, median if found else "", "m", f"{at}; {half}"
 
 
 def _metal_rows(
@@ -121,8 +141,16 @@ def _metal_rows(
 
 
 def _row(words: str, names: Sequence[str], values: FloatArray, unit: str) -> tuple[Value, ...]:
-    """Return least and most of a quantity, and of which names they are; one number where all are alike."""
-    least, most = int(values.argmin()), int(values.argmax())
-    low, high = float(values[least]), float(values[most])
-    alike = high - low <= _ALIKE * abs(high)
-    return words, low, "" if alike else high, unit, "" if alike else f"{names[least]}; {names[most]}"
+    """Return the least and most finite value and whose these are; one number where all are alike, none where none is.
+
+    A self-resonance that is not found, and the parallel resistance of a coil without losses, are infinite.
+    """
+    finite = np.flatnonzero(np.isfinite(values))
+    if not len(finite):
+        return words, "", "", unit, ""
+    least, most = int(finite[values[finite].argmin()]), int(finite[values[finite].argmax()])
+    low, high = cell(values[least]), cell(values[most])
+    alike = values[most] - values[least] <= _ALIKE * abs(values[most])
+    if alike:
+        return words, low, "", unit, "" if len(finite) == len(values) else names[least]
+    return words, low, high, unit, f"{names[least]}; {names[most]}"

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from coilarray.compute.display_units import PER_MILLION, DisplayUnit
+from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
 _NAMES = (
     "distance", "state", "x", "y", "delta", "effective_inductance", "frequency", "effective_resistance",
     "quality_factor", "parallel_resistance", "distance_deviation",
 )  # fmt: skip
+_LARGE, _LARGE_DELTA = 0.01, DisplayUnit("%", 100.0, significant=True)  # |δ| from which its column is in %
 _MICROMETRES = DisplayUnit("µm", 1e6, 3, significant=True)
 
 
@@ -27,28 +28,30 @@ def target_table(response: xr.Dataset) -> Table:
         x, y = (("state", [float(at[axis])], response[axis].attrs) for axis in ("x", "y"))
         states.append(at.drop_vars(["x", "y"]).assign(x=x, y=y))
     best = xr.concat(states, "state", data_vars="all", coords="minimal", compat="override", join="outer")
-    shown = {"delta": PER_MILLION, "distance_deviation": _MICROMETRES}
+    large = float(np.abs(best.delta).max()) >= _LARGE
+    shown = {"delta": _LARGE_DELTA if large else PER_MILLION, "distance_deviation": _MICROMETRES}
+    shown |= {"parallel_resistance": KILOHM}
     return dataset_table("target", "Target", best, _NAMES, shown)
 
 
 def range_table(response: xr.Dataset) -> Table:
-    """Return one row for each state: its range, and how far steps of distance are told from noise.
+    """Return one row for each state: its range, and how far steps of distance are resolved.
 
-    A number that the last distance of the map limits is remarked as "at least"; what is nowhere told is empty.
+    A number that the last distance of the map limits is remarked as "at least"; what is nowhere resolved is empty.
     """
     columns = [Column("state"), Column("range", unit="m"), Column("range_is_least", "range at least")]
     steps = response.step.values
     for step in steps.tolist():
         words = f"{step * 1e6:g} µm"
-        columns.append(Column(f"resolves_{step * 1e6:g}um", f"{words} to", "m"))
+        columns.append(Column(f"resolves_{step * 1e6:g}um", f"{words} resolved up to", "m"))
     columns.append(Column("remark"))
     rows: list[tuple[Value, ...]] = []
     for k, state in enumerate(response.state.values.tolist()):
         of = response.isel(state=k)
         least = [f"{step * 1e6:g} µm" for step, more in zip(steps, of.resolved_is_least.values, strict=True) if more]
         remark = f"{', '.join(least)} farther than the map" if least else ""
-        told = (cell(value) for value in of.resolved_distance.values)
-        rows.append((state, cell(of.range), bool(of.range_is_least), *told, remark))
+        resolved = (cell(value) for value in of.resolved_distance.values)
+        rows.append((state, cell(of.range), bool(of.range_is_least), *resolved, remark))
     return Table("target_range", "Range and resolution", tuple(columns), tuple(rows)).without_empty_columns()
 
 

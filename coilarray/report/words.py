@@ -6,7 +6,7 @@ import numpy as np
 
 from coilarray.compute.display_units import MM
 from coilarray.design.model import Design
-from coilarray.geometry import Coil, CoilArray, Material, RoundedSpiral
+from coilarray.geometry import Coil, CoilArray, RoundedSpiral
 
 _SHAPES = {3: "triangular", 4: "square", 6: "hexagonal", 8: "octagonal"}
 
@@ -41,16 +41,12 @@ def metal_words(design: Design) -> str:
     >>> metal_words(load_design("proximity")), metal_words(load_design("gast2020"))
     ('an aluminium plate as target', '')
     """
-    found = [f"the plate {plate.name} of {_metal(plate.material)}" for plate in design.plates]
+    found = [f"the plate {plate.name} of {plate.material.words}" for plate in design.plates]
     if design.target is not None:
-        material = _metal(design.target.body.material)
+        material = design.target.body.material.words
         article = "an" if material[0] in "aeiou" else "a"
         found.append(f"{article} {material} {design.target.kind} as target")
     return " and ".join([", ".join(found[:-1]), found[-1]] if len(found) > 1 else found)
-
-
-def _metal(material: Material) -> str:
-    return material.name.replace("_", " ")
 
 
 def _shape(coil: Coil) -> str:

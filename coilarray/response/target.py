@@ -25,7 +25,7 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Target
 from coilarray.metal.finite_plates import moving_plate_error
-from coilarray.metal.target import target_inductance
+from coilarray.metal.target import require_apart, target_inductance
 from coilarray.response.coordinates import origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
 from coilarray.response.target_range import ranges_of, require_noise
@@ -122,6 +122,7 @@ def target_map(
     """
     target = target_of(design)
     require_noise(noise)
+    require_apart(target.body, design.plates)
     given = (("distances", distances, target.distances), ("x", x, target.x), ("y", y, target.y))
     axes = MapAxes(*(checked_axis(name, own if values is None else values, MetalError) for name, values, own in given))
     if axes.depth[0] <= 0:

@@ -1,4 +1,4 @@
-"""Range and resolution of a target: how far it is noticed, and which change of its distance is told from noise."""
+"""Range and resolution of a target: how far it is noticed, and which change of its distance is resolved."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from coilarray.compute.netcdf import variables
 from coilarray.errors import MetalError
 
 STEPS = (1e-6, 1e-5, 1e-4)
-"""Changes of distance in m for which the farthest distance is given at which they are told from noise."""
+"""Changes of distance in m for which the farthest distance is given at which they are resolved."""
 FACTOR = 3.0
 """A target is noticed as long as |δ| is at least so many standard deviations of a reading."""
 _FINE = 4001  # distances between the first and the last
@@ -74,7 +74,7 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
         ("distance_deviation", ("distance", "state"), deviation, "m", "± distance"),
         ("range", ("state",), found[0], "m", f"distance at which |δ| is {FACTOR:g} times the noise"),
         ("range_is_least", ("state",), least[0], "", "whether the range is longer"),
-        ("resolved_distance", ("step", "state"), found[1:], "m", "distance up to which a step is told"),
+        ("resolved_distance", ("step", "state"), found[1:], "m", "distance up to which a step is resolved"),
         ("resolved_is_least", ("step", "state"), least[1:], "", "whether it is longer"),
     )
     step = ("step", np.array(STEPS), {"units": "m", "long_name": "change of distance"})

@@ -6,15 +6,17 @@ import itertools
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import provenance
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.store import Store, open_store
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool, workers
@@ -263,8 +265,18 @@ def plan_sweep(
     return Sweep(file, tuple(axes), tuple(points), tuple(requests.values()), sampling, accuracy)
 
 
-def run_sweep(plan: Sweep, pool: Pool, cache: Store | None = None, *, progress: Progress | None = None) -> xr.Dataset:
+def run_sweep(
+    plan: Sweep,
+    pool: Pool,
+    cache: Store | None = None,
+    *,
+    progress: Progress | None = None,
+    watch: Callable[[Callable[[], xr.Dataset]], None] | None = None,
+) -> xr.Dataset:
     """Evaluate all points of a sweep; what a `cache` keeps is not computed again.
+
+    After every point `watch` is called with a function that returns the result so far, in which points that are still
+    to come are NaN and have no reason.
 
     Returns
     -------
@@ -290,6 +302,13 @@ def run_sweep(plan: Sweep, pool: Pool, cache: Store | None = None, *, progress: 
             reasons[index] = outcome
         else:
             values[:, index] = [outcome[key] for key in keys]
+        if watch is not None:
+            watch(lambda: _dataset(plan, values.copy(), reasons.copy()))
+    return _dataset(plan, values, reasons)
+
+
+def _dataset(plan: Sweep, values: FloatArray, reasons: npt.NDArray[np.object_]) -> xr.Dataset:
+    """Return values (quantities, points) and reasons as `run_sweep` does."""
     dims, shape = plan.dims, plan.shape
     variables = {
         one.key: (dims, row.reshape(shape), {"units": one.quantity.unit, "long_name": one.quantity.says})

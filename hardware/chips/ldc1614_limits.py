@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from coilarray.compute.display_units import DisplayUnit, display_unit
 from coilarray.hardware.chips.ldc1614 import (
     EXTERNAL_CLOCK_RANGE,
     INTERNAL_CLOCK,
@@ -20,6 +21,7 @@ REFERENCE = INTERNAL_CLOCK / 2
 """Reference frequency in Hz: the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs."""
 AMPLITUDE = AMPLITUDE_LOW, AMPLITUDE_HIGH = (1.2, 1.8)
 """Allowed peak voltage of the sensor in V: below it measures poorly, above it the input clamps act."""
+_SHOWN = {"Ω": DisplayUnit("kΩ", 1e-3)}
 DRIVE_WINDOW = "R_p (Ω)"
 """Name of the limit of `check_channel` that holds the parallel resistance to the window of table 42."""
 SENSOR_FREQUENCY = (1e3, 10e6)
@@ -89,6 +91,22 @@ class Limit:
     def kept(self) -> bool:
         """True where the value is in the range."""
         return self.low <= self.value <= self.high
+
+    @property
+    def words(self) -> str:
+        """Name, value and allowed range for people, in customary units.
+
+        >>> Limit("quality factor", 5.0, 10.0, math.inf).words, Limit(DRIVE_WINDOW, 99e3, 1e3, 90e3).words
+        ('quality factor is 5; it must be at least 10', 'R_p is 99 kΩ; it must be 1 kΩ to 90 kΩ')
+        """
+        name, _, unit = self.name.removesuffix(")").partition(" (")
+        shown = _SHOWN.get(unit) or display_unit(unit)
+        value, low, high = (shown.text(number, ".4") for number in (self.value, self.low, self.high))
+        if math.isinf(self.high):
+            allowed = f"at least {low}"
+        else:
+            allowed = f"at most {high}" if self.low <= 0 else f"{low} to {high}"
+        return f"{name} is {value}; it must be {allowed}"
 
 
 def drive_for(parallel_resistance: float) -> Drive | None:

@@ -33,10 +33,18 @@ class ResponseTable:
     """Changes of the inductance matrix over position and depth.
 
     They are known at coordinates x, y and depth in m from the map's origin, each of shape (n,): `change`, shape (depth,
-    y, x, coil, coil), is the inductance in H, dented minus flat.
+    y, x, coil, coil), is the inductance in H, dented minus flat. `origin` is that of the map on the board in m.
     """
 
-    def __init__(self, x: FloatArray, y: FloatArray, depth: FloatArray, change: FloatArray) -> None:
+    def __init__(
+        self,
+        x: FloatArray,
+        y: FloatArray,
+        depth: FloatArray,
+        change: FloatArray,
+        origin: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        self._origin = (*origin, 0.0)
         values = change.transpose(2, 1, 0, 3, 4)
         self.spline: ResponseSpline = response_spline(x, y, depth, values, zero_plane=True, in_root=True)
 
@@ -45,10 +53,12 @@ class ResponseTable:
         outside = self.spline.outside(np.array(place))
         if outside is not None:
             axis, value = outside
-            low, high = self.spline.lower[axis] * 1e3, self.spline.upper[axis] * 1e3
+            edges = (self.spline.lower[axis], self.spline.upper[axis], value)
+            low, high, got = ((self._origin[axis] + edge) * 1e3 for edge in edges)
+            where = " on the board" if axis < 2 else ""
             raise HardwareError(
-                f"{PARAMETERS[axis]} of the emulated indenter must be {low:.4g} to {high:.4g} mm; "
-                f"got {value * 1e3:.4g} mm."
+                f"{PARAMETERS[axis]} of the emulated indenter must be {low:.4g} to {high:.4g} mm{where}; "
+                f"got {got:.4g} mm."
             )
 
     def at(self, place: Place) -> FloatArray:
@@ -93,7 +103,7 @@ def response_table(
     ElastomerError
         What `coilarray.response.map.inductance_changes` refuses.
     """
-    _setup(design)
+    origin = _setup(design).origin_point
     depth, y, x = table_axes(design) if axes is None else axes
     if min(len(y), len(x)) < LEAST_POSITIONS or len(depth) < LEAST_POSITIONS - 1:
         raise HardwareError("a table of the response needs 4 positions along x and y and 3 depths.")
@@ -104,7 +114,7 @@ def response_table(
         return xr.Dataset({"inductance_change": (dims, change, {"units": "H"})})
 
     table = store.dataset(("response table", design.digest, depth, y, x, frequency), compute)
-    return ResponseTable(x, y, depth, table.inductance_change.values)
+    return ResponseTable(x, y, depth, table.inductance_change.values, origin)
 
 
 def _setup(design: Design) -> Indentation:

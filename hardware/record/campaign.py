@@ -229,7 +229,8 @@ class _Run:
             except (NoAnswer, BusFault, BoardRestarted, _BadScanError) as error:
                 if attempt == TRIES:
                     raise HardwareError(
-                        f"at x = {place.x * 1e3:.4g}, y = {place.y * 1e3:.4g} mm a scan failed {TRIES} times: {error}"
+                        f"at x = {place.x * 1e3:.4g}, y = {place.y * 1e3:.4g} mm from the map's origin a scan failed "
+                        f"{TRIES} times: {error}"
                     ) from None
                 self.stage.relax(self.campaign.speed)
                 self._configure_again()

@@ -1,7 +1,8 @@
 """What moves the indenter: a person, a machine that speaks G-code over a serial port, or the emulator.
 
-The coordinates of every stage are those of the map: x and y from its origin, depth 0 where the indenter just touches.
-The user finds that point before a campaign and homes the machine.
+A campaign gives every stage x and y from the map's origin, and a depth that is 0 where the indenter just touches. What
+people see and set is on the board: instructions, limits, and the coordinates of a machine, whose user homes it and sets
+its zero before a campaign.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ _MOST_BYTES = 65536  # of answers to one line
 _QUIET = 0.3  # s after the greeting, for its last lines
 _SHOWN = 80  # characters of an answer
 _FARTHEST, _HIGHEST = 1.0, 0.1  # m
+_ROUNDING = 1e-12  # m, of a position and its origin
 
 
 class Stage(Protocol):
@@ -135,7 +137,7 @@ class EmulatedStage:
 class StageLimits:
     """Where a machine may go, nothing outside is ever sent; HardwareError for a range that is empty or too large."""
 
-    x: tuple[float, float]  # least and greatest position in m
+    x: tuple[float, float]  # least and greatest position on the board in m
     y: tuple[float, float]  # m
     depth: float  # greatest below the point of contact in m
     clearance: float = 2e-3  # height above it in m at which the indenter travels and baselines are measured
@@ -152,11 +154,13 @@ class StageLimits:
 class GcodeStage:
     """A machine with three axes that speaks G-code in mm, as GRBL and Marlin do; it answers every line by ``ok``.
 
-    The machine must be homed and its work origin set: x and y of the map, z = 0 where the indenter just touches, z
+    The machine must be homed and its work origin set: x and y of the board, z = 0 where the indenter just touches, z
     upwards. Only ``G21``, ``G90``, ``G0``, ``G1`` and the command that waits for the end of a movement are ever sent.
 
     Parameters
     ----------
+    origin : tuple of float
+        x and y in m of the map's origin on the board, from which the positions of a campaign count.
     greeting : float
         Longest time in s from opening the port until the machine has started.
     patience : float
@@ -178,6 +182,7 @@ class GcodeStage:
         limits: StageLimits,
         dialect: Dialect = "grbl",
         *,
+        origin: tuple[float, float] = (0.0, 0.0),
         greeting: float = 3.0,
         patience: float = 5.0,
         longest: float = 120.0,
@@ -185,7 +190,7 @@ class GcodeStage:
     ) -> None:
         if dialect not in get_args(Dialect):
             raise HardwareError(f"the stage must speak {' or '.join(get_args(Dialect))}; got {dialect!r}.")
-        self._port, self._limits, self._dialect = port, limits, dialect
+        self._port, self._limits, self._dialect, self._origin = port, limits, dialect, origin
         self._patience, self._longest, self._now = patience, longest, now
         self._rest = b""  # of a line that has not ended yet
         self._due = 0  # lines that were sent and not answered: more than one after an interrupt
@@ -203,18 +208,21 @@ class GcodeStage:
         """Refuse places outside the limits of the machine."""
         (x_min, x_max), (y_min, y_max), deepest = self._limits.x, self._limits.y, self._limits.depth
         for place in places:
-            if not (x_min <= place.x <= x_max and y_min <= place.y <= y_max and place.depth <= deepest):
+            x, y = self._on_board(place.x, place.y)
+            within = _within(x_min, x, x_max) and _within(y_min, y, y_max)
+            if not (within and place.depth <= deepest):
                 raise HardwareError(
                     f"the stage at {self._port.name} reaches x {_mm(x_min)} to {_mm(x_max)}, y {_mm(y_min)} to "
-                    f"{_mm(y_max)} mm and {_mm(deepest)} mm deep; the campaign goes to x = {_mm(place.x)}, "
-                    f"y = {_mm(place.y)}, depth {_mm(place.depth)} mm."
+                    f"{_mm(y_max)} mm on the board and {_mm(deepest)} mm deep; the campaign goes to x = {_mm(x)}, "
+                    f"y = {_mm(y)}, depth {_mm(place.depth)} mm."
                 )
 
     def move(self, x: float, y: float) -> None:
         """Lift off and go to a position in m."""
         self.check([GridPlace(0, 0, 0.0, y, x)])
+        at_x, at_y = self._on_board(x, y)
         self._go(f"G0 Z{_word(self._limits.clearance)}", self._longest)
-        self._go(f"G0 X{_word(x)} Y{_word(y)}", self._longest)
+        self._go(f"G0 X{_word(at_x)} Y{_word(at_y)}", self._longest)
 
     def indent(self, depth: float, speed: float) -> None:
         """Indent to a depth in m at a speed in m/s."""
@@ -240,6 +248,10 @@ class GcodeStage:
     def close(self) -> None:
         """Release the port. Never raises."""
         self._port.close()
+
+    def _on_board(self, x: float, y: float) -> tuple[float, float]:
+        """Return a position of the map where it is on the board, in m."""
+        return self._origin[0] + x, self._origin[1] + y
 
     def _go(self, line: str, seconds: float) -> None:
         """Move and wait until the movement is over: ``ok`` alone says only that the line was understood."""
@@ -289,6 +301,11 @@ class GcodeStage:
                 break
         for _ in self._answers(self._now() + _QUIET):
             pass
+
+
+def _within(low: float, value: float, high: float) -> bool:
+    """Whether a length in m is between two others, to rounding."""
+    return low - _ROUNDING <= value <= high + _ROUNDING
 
 
 def _mm(value: float) -> str:

@@ -182,7 +182,7 @@ def test_matrix(capsys):
 def test_a_fasthenry_file_has_no_plates(capsys):
     plate = '\n[[plate]]\nname = "shield"\nmaterial = "copper"\nthickness_mm = 0.1\nz_mm = -4.0\n'
     Path("p.toml").write_text(read("starter").replace("\n[field]", plate + "\n[field]"), encoding="utf-8")
-    assert "FastHenry knows no wide plate; starter has [[plate]]" in refused(
+    assert "--out .inp cannot hold [[plate]], which starter has; write .cir or .sNp" in refused(
         capsys, "matrix", "p.toml", "--out", "m.inp"
     )
 

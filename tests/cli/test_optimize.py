@@ -209,7 +209,10 @@ test_mistakes = mistakes(
     (("starter", "nothing.toml"), "there is no goal file nothing.toml"),
     (("starter", "least"), "there is no goal 'least': it must be a file or one of worst_k, decouple, position_error,"),
     (("starter", "goal.toml", "--goal", "worst_k"), "--goal cannot be given with it"),
-    (("starter", "--goal", "q"), "a goal must be one of worst_k, decouple, position_error, smallest, or minimize"),
+    (
+        ("starter", "--goal", "q"),
+        "a goal must be one of worst_k, decouple, position_error, smallest, range, resolution, or minimize",
+    ),
     (("starter", "worst_k", "--keep", "span_mm"), "--keep must be QUANTITY>=VALUE or QUANTITY<=VALUE; got 'span_mm'"),
     (("starter", "worst_k", "--template", "t.txt"), "--template must end in .toml"),
     (("gast_fem", "decouple"), "the design gast_fem has one coil alone, which couples with none"),

@@ -124,6 +124,8 @@ test_mistakes_are_one_line = mistakes(
     (("--movie", "m.gif", "--frames", "1"), "--frames must be 2 to 1000; got 1"),
     (("--movie", "m.gif", "--show", "field"), "--show is not for --movie"),
     (("--movie", "m.gif", "--at-mm", "0", "0"), "--at-mm is not for --movie"),
+    (("--movie", "m.gif", "--distance-mm", "1"), "--distance-mm is not for --movie"),
+    (("--distance-mm", "1"), "--distance-mm is for a design with a [target]; starter has none"),
 )
 
 

@@ -14,7 +14,7 @@ from support.boards import FOUR_LAYERS, LEADS, VIA, many_layers, reference_board
 from coilarray import load_design, load_design_file
 from coilarray.design.edit import edited_text
 from coilarray.design.model import Design, parse_design, parse_design_file
-from coilarray.design.save import file_text, save_design, with_comments
+from coilarray.design.save import file_text, keeps_comments, save_design, with_comments
 from coilarray.design.vary import vary_chosen
 from coilarray.design.write import design_document, design_names, design_text, document_text, shape_names
 from coilarray.errors import DesignError
@@ -243,6 +243,8 @@ def test_comments_stay_where_a_document_changes():
     assert edited(stackup=stackup | {"copper_um": [35.0, 70.0], "layers": ["L1"]}) == replaced(
         n5=['layers = ["L1"]   # a sign in a text'], n9=["  70.0,"]
     )
+    assert edited(stackup=stackup | {"copper_um": [35.0]}) == replaced(n8=[], n9=[])
+    assert edited(stackup=stackup | {"copper_um": [35.0, 35.0, 18.0]}) == replaced(n9=["  35.0,", "  18.0,"])
     assert edited(coils={"hex": {"via": {"drill_mm": 0.3}}}) == replaced(n15=["drill_mm = 0.3"])
     assert edited(coils={"hex": {"gap_mm": 0.1, "via": {"drill_mm": 0.2}}}) == replaced(
         n13=["[coils.hex]", "gap_mm = 0.1", COMMENTED.splitlines()[13]]
@@ -255,6 +257,23 @@ def test_comments_stay_where_a_document_changes():
         'ends = { coil1 = "open", coil2 = "load" } # inline', "# at the very end", "C_pF = 9"
     ]  # fmt: skip
     assert edited(assumed={"a.b": "why"})[-3:] == ["", "[assumed]", '"a.b" = "why"']
+
+
+@pytest.mark.parametrize(("text", "document", "expected"), [
+    ('a = [\n  {name = "b", k = 1}, # of b\n  {name = "c", k = [1, 2]} # of c\n]\n',
+     {"a": [{"name": "d"}, {"name": "c", "k": [1]}]},
+     'a = [\n  { name = "d" }, # of b\n  { name = "c", k = [1] }, # of c\n]\n'),
+    ("a = [1, 2, # two\n  3]\n", {"a": [2, 3]}, "a = [ 2, # two\n  3,]\n"),
+    ("board.x = 2 # of x\n# of z\nz = 1\n", {"board": {"x": 2, "y": True, "d": {"e f": 1}}, "z": 2},
+     'board.x = 2 # of x\nboard.y = true\nboard.d = { "e f" = 1 }\n# of z\nz = 2\n'),
+    ("[coils]\nhex.x = 1 # x\n[coils.hex.via]\nd = 2\n", {"coils": {"hex": {"x": 1, "y": 1, "via": {"d": 2}}}}, None),
+])  # fmt: skip
+def test_comments_stay_in_lists_of_several_lines_and_beside_dotted_keys(text, document, expected):
+    found = edited_text(text, document)
+    assert found == expected
+    file = dataclasses.replace(load_design_file("starter"), text=text, document=document)
+    assert keeps_comments(file) == (expected is not None)
+    assert found is None or tomllib.loads(found) == document
 
 
 @pytest.mark.parametrize("name", ["gast2020", "gast_fem", "starter"])

@@ -46,14 +46,14 @@ def test_heights_from_z_and_from_distances() -> None:
 
 
 def test_a_design_with_plates_is_that_of_its_document_and_of_its_file(tmp_path: Path) -> None:
-    steel, hole = Material("mine", 7e6 / 3, 80.0), ((1e-3, 1e-3), (2e-3, 1e-3), (1e-3, 2e-3))
+    metal, hole = Material("mine", 7e6 / 3), ((1e-3, 1e-3), (2e-3, 1e-3), (1e-3, 2e-3))
     corners = ((0.0, 0.0), (10e-3, 1e-3 / 3), (0.0, 10e-3))
     plates = (
-        ca.Plate("copper pour", -1e-2 / 3, 35e-6, ca.MATERIALS["copper"]),
-        ca.FinitePlate("disc", ca.Disc(1e-2 / 3), (1e-3, -2e-3, 9e-3), 1e-3, steel, 0.1, 2.0),
-        ca.FinitePlate("ring", ca.Ring(4e-3, 2e-3), (0, 0, 20e-3), 1e-3, steel),
-        ca.FinitePlate("box", ca.Rectangle(4e-3, 2e-3), (0, 0, 30e-3), 1e-3, steel),
-        ca.FinitePlate("piece", ca.Polygon(corners, (hole,)), (0, 0, 40e-3), 1e-3, Material("lossless", 0.0, 9.0)),
+        ca.Plate("copper pour", -1e-2 / 3, 35e-6, Material("magnetic", 0.0, 9.0)),
+        ca.FinitePlate("disc", ca.Disc(1e-2 / 3), (1e-3, -2e-3, 9e-3), 1e-3, metal, 0.1, 2.0),
+        ca.FinitePlate("ring", ca.Ring(4e-3, 2e-3), (0, 0, 20e-3), 1e-3, metal),
+        ca.FinitePlate("box", ca.Rectangle(4e-3, 2e-3), (0, 0, 30e-3), 1e-3, metal),
+        ca.FinitePlate("piece", ca.Polygon(corners, (hole,)), (0, 0, 40e-3), 1e-3, ca.MATERIALS["copper"]),
     )
     design = replace(ca.load_design("starter"), plates=plates, indentation=None)
     again = build_design(ca.design_document(design))
@@ -90,6 +90,15 @@ BAD = {
     "no side": (SHIELD + "distance_mm = 1.0", 'plate.0 needs side = "above" or "below" with distance_mm'),
     "no material": (SHIELD.replace('material = "aluminium"\n', "z_mm = 9.0\n"), "plate.0 needs a material, or conduct"),
     "unknown material": (SHIELD.replace("aluminium", "tin") + "z_mm = 9.0", "plate.0 needs a material of copper"),
+    "misspelt material": (SHIELD.replace("aluminium", "aluminum") + "z_mm = 9.0", "did you mean aluminium"),
+    "magnetic disc": (
+        DISC.replace("conductivity_MS_per_m = 10.0", 'material = "steel"') + "z_mm = 9.0",
+        "plate.0: 'disc' has an outline and must not be magnetic, .* got a relative permeability of 200",
+    ),
+    "inner above outer": (
+        DISC.replace('"disc"\nd', '"ring"\ninner_diameter_mm = 30.0\nd') + "z_mm = 9.0",
+        r"plate.0 needs inner_diameter_mm below its diameter_mm of \d+; got 30",
+    ),
     "two materials": (SHIELD + "z_mm = 9.0\nconductivity_MS_per_m = 1.0", "got both"),
     "air": (DISC.replace("10.0", "0.0") + "z_mm = 9.0", r"plate.0: 'disc' must have a conductivity above 0 .*got air"),
     "no size": (DISC.replace("diameter", "width") + "z_mm = 9.0", "plate.0 (needs diameter_mm|has no width_mm)"),
@@ -100,7 +109,7 @@ BAD = {
     "in each other": (SHIELD + "z_mm = 9.0\n" + DISC + "z_mm = 9.4", "plate.1 must not overlap another plate; 'disc'"),
     "crossing": (
         DISC.partition('"disc"\nd')[0] + '"polygon"\ncorners_mm = [[0, 0], [1, 1], [1, 0], [0, 1]]\nz_mm = 9.0',
-        "plate.0: an outline must not cross or touch itself",
+        r"plate.0: an outline must not cross or touch itself, .*0.5 0.5\] \(mm\)",
     ),
     "unknown key": (SHIELD + "z = 9.0", "plate.0 has no key 'z'"),
 }  # fmt: skip

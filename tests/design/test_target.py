@@ -60,8 +60,9 @@ def test_a_design_with_a_target_is_that_of_its_document(table):
 
 def test_what_cannot_be_is_refused_in_one_line():
     for table, line in (
+        (DISC.replace("aluminium", "ferrite"), "target: 'target' has an outline and must not be magnetic, .* got a"),
         (DISC.replace('"disc"', '"cube"'), "target.shape must be 'plate', 'disc', 'rectangle', 'ring', 'polygon' or"),
-        (PLATE + "origin_mm = [1, 1]\n", 'target has no origin_mm for shape = "plate", which is without end'),
+        (PLATE + "origin_mm = [1, 1]\n", 'target has no origin_mm for shape = "plate", which is an infinite plate'),
         (DISC.replace("diameter_mm = 20\n", ""), 'target needs diameter_mm for shape = "disc"'),
         (DISC + "x_mm = [0, 5]\n", "target needs x_mm, y_mm and step_mm, or else"),
         (DISC.replace("[0.5, 1, 2.5]", "[1, 0.5]"), "target needs distances_mm that rise from each to the next"),
@@ -78,6 +79,6 @@ def test_what_cannot_be_is_refused_in_one_line():
         ({"distances": ()}, "distances of a target must rise from above zero"),
         ({"distances": (0.0, 1e-3)}, "distances of a target must rise from above zero"),
         ({"x": (0.0,)}, "a target must have x and y, or none of both"),
-        ({"x": (0.0, 1e-3), "y": (0.0,)}, "a plate without end is the same everywhere"),
+        ({"x": (0.0, 1e-3), "y": (0.0,)}, "an infinite plate is the same everywhere"),
     ):
         refused(GeometryError, line, lambda wrong: ca.Target(**{"body": plate, "distances": (1e-3,)} | wrong), wrong)

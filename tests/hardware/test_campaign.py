@@ -386,7 +386,7 @@ def test_a_board_that_restarts_for_ever_or_cannot_be_opened_again(path, tmp_path
     ("name", "reason"), [("no answer", "did not answer"), ("dead sample", "coil2 gave no value: no result in time")]
 )
 def test_it_is_given_up(path, name, reason):
-    board, told = quick_board(), rf"at x = -2, y = 0 mm a scan failed {TRIES} times: .*{reason}"
+    board, told = quick_board(), rf"at x = -2, y = 0 mm from the map's origin a scan failed {TRIES} times: .*{reason}"
     refused(HardwareError, told, run, path, SMALL, board, reader=failing(name, 1000))
     assert (board.emulator.place().depth, board.emulator.seen().state) == (0, None)  # lifted and grounded
     with open_recording(path) as recording:

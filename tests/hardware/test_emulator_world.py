@@ -226,7 +226,7 @@ def test_paths_that_cannot_be(path, said):
 
 
 @pytest.mark.parametrize(("place", "said"), [
-    ((0.1, 0.0, 1e-3), "x of the emulated indenter must be -6 to 6 mm; got 100 mm"),
+    ((0.1, 0.0, 1e-3), "x of the emulated indenter must be -25.92 to -13.92 mm on the board; got 80.08 mm"),
     ((0.0, 0.1, 1e-3), "y of the emulated indenter"), ((0.0, 0.0, 2e-3), "depth .* must be 0 to 1.7 mm; got 2 mm"),
 ])  # fmt: skip
 def test_places_that_the_table_does_not_reach(make, place, said):

@@ -191,11 +191,21 @@ def test_after_an_interrupt_no_answer_stands_for_that_of_the_next_line(machine, 
 def test_out_of_reach(machine, stage, place):
     x, y, depth = place
     both = (GridPlace(0, 0, 1e-3, 0.0, 0.0), GridPlace(1, 0, depth, y, x))
-    refused(HardwareError, "a machine reaches x -30 to 30, y -10 to 10 mm and 2 mm deep", stage.check, both)
+    refused(
+        HardwareError, "a machine reaches x -30 to 30, y -10 to 10 mm on the board and 2 mm deep", stage.check, both
+    )
     with pytest.raises(HardwareError, match=r"reaches|depth of the stage must be"):  # noqa: PT012 - one of the two
         stage.move(x, y)
         stage.indent(depth, SPEED)
     assert all(-30 <= x <= 30 and -10 <= y <= 10 and z >= -2 for x, y, z in machine.path)
+
+
+def test_limits_and_machine_count_on_the_board(machine):
+    stage = GcodeStage(machine, LIMITS, now=machine.now, origin=(-20.1e-3, 3e-3))
+    stage.move(50.1e-3, -13e-3)  # the corner, to rounding
+    assert machine.path[-1] == (30.0, -10.0, 2.0)
+    refused(HardwareError, "the campaign goes to x = -30.1, y = 3, depth 0 mm", stage.move, -10e-3, 0.0)
+    assert len(machine.path) == 2
 
 
 @pytest.mark.parametrize("speed", [0.0, -1e-3, float("nan"), float("inf")])

@@ -337,7 +337,7 @@ GAP = MAP.where((MAP.y != WINDOW_Y[2]) | (MAP.x != WINDOW_X[3]))
     (0 * MAP, {}, "no closed curves"),
     (MAP - 2e-3, {}, "no closed curves"),
     (MAP, {"states": ["coil1"], "lowest": 2e-3}, "no level of coil1 is an ellipse"),
-    (MAP.assign_coords(coil=["coil1"], coil_y=("coil", [12e-3])), {}, "coil1 is at y = 12 mm"),
+    (MAP.assign_coords(coil=["coil1"], coil_y=("coil", [12e-3])), {}, "of coils in one row, .* coil1 is at y = 12 mm"),
 ])  # fmt: skip
 def test_bad_maps_and_settings_are_named(dataset, settings, text):
     with pytest.raises(LocalizeError, match=text):

@@ -31,6 +31,15 @@ def test_the_process_answers_and_what_it_cannot_do_is_done_here(monkeypatch):
         assert after.result() == here
 
 
+def test_what_lies_in_the_working_folder_is_not_run(monkeypatch, tmp_path):
+    monkeypatch.setenv("COILARRAY_THREADS", "2")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "shapely.py").write_text("open('run', 'w')\nraise SystemExit\n")
+    with drawing_beside() as drawing:
+        assert drawing.submit(os.getpid).result(60) != os.getpid()
+    assert not (tmp_path / "run").exists()
+
+
 def test_what_cannot_be_pickled_is_done_here(monkeypatch):
     monkeypatch.setenv("COILARRAY_THREADS", "2")
     with drawing_beside() as drawing:

@@ -6,6 +6,7 @@ import xarray as xr
 
 from coilarray.cli import shared
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
+from coilarray.report import summary
 from coilarray.report.indentation_tables import response_table
 from coilarray.report.tables import Column, Table, dataset_table
 
@@ -40,6 +41,14 @@ def test_rows_are_the_combinations_of_the_coordinates():
     ]  # fmt: skip
     assert table.records()[3]["impedance_ohm"] == ""
     assert table.cells()[3] == ["2.0000", "b", "", "5000000.00", "no"]
+
+
+def test_a_summary_has_the_least_and_most_of_what_is_finite():
+    """A self-resonance that is not found is infinite, which neither JSON nor a person can read."""
+    names = ["a", "b", "c"]
+    of = {"least": [3e6, np.inf, 2e6], "one": [np.inf, 1e6, np.inf], "none": [np.inf] * 3}
+    rows = [summary._row(words, names, np.array(values), "Hz") for words, values in of.items()]
+    assert rows == [("least", 2e6, 3e6, "Hz", "c; a"), ("one", 1e6, "", "Hz", "b"), ("none", "", "", "Hz", "")]
 
 
 def test_headings_take_several_lines_on_a_narrow_terminal(monkeypatch):

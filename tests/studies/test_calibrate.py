@@ -332,7 +332,7 @@ TWICE = {"name": "b", "set": {MU: 2}}
     ({"unknown": [{**UNKNOWN, "start": 5.0}]}, "needs start from low to high; got 5"),
     ({"unknown": [{**UNKNOWN, "prior_std": 1.0}]}, "both prior_mean and prior_std"),
     ({"unknown": [{**UNKNOWN, "entry": "imperfections.dirt"}]}, "needs an imperfection that there is: .* got imper"),
-    ({"unknown": [{**UNKNOWN, "entry": []}]}, "unknown.0.entry must have at least 1 entries"),
+    ({"unknown": [{**UNKNOWN, "entry": []}]}, "unknown.0.entry must have at least 1 entry"),
     ({"unknown": [UNKNOWN, UNKNOWN]}, "names elastomer.1.relative_permeability in more than one unknown"),
     ({"unknown": [UNKNOWN], "alternative": [{"name": "a", "choice": []}]}, "alternative.0.choice must have at least 1"),
     ({"unknown": [UNKNOWN], "alternative": [{"name": "a", "choice": [TWICE]}]}, "sets .* twice"),

@@ -80,7 +80,7 @@ def test_what_tells_studies_apart(design):
 @pytest.mark.parametrize(("text", "message"), [
     ("", "goal: schema is missing."), ("schema = 2", "schema must be at most 1; got 2"),
     ("schema = 1", "variable is missing"),
-    ("schema = 1\nvariable = []\n" + LEAST, "variable must have at least 1 entries"),
+    ("schema = 1\nvariable = []\n" + LEAST, "variable must have at least 1 entry"),
     ("schema = 1\n" + PITCH, "objective is missing"),
     ("schema = 1\nvariables = []", "the file has no key 'variables'; did you mean variable?"),
     ("schema = 1\n" + PITCH + "hihg = 2\n" + LEAST, "variable.0 has no key 'hihg'; did you mean high?"),

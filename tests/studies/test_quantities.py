@@ -415,6 +415,10 @@ def test_position_error_of_bells(synthetic, depth, region, noise):
     # the bells grow as h^1.6, which three depths and 0 tell to some 1e-3; widths of 7 mm are smooth against the table
     assert list(found.values()) == pytest.approx(sigma, rel=5e-3)
     assert len(calls) == 1
+    beside = replace(STARTER, indentation=replace(STARTER.indentation, origin=None, origin_point=(5e-3, -1e-3)))
+    moved = {**options, "region_mm": np.add(region, [5, 5, -1, -1]).tolist()}  # on the board
+    again = value(beside, request({"quantity": "position_error_mm", **moved}).key)
+    assert again == pytest.approx(next(iter(found.values())), rel=1e-9)
     double = evaluate(STARTER, [{"quantity": "position_error_mm", **options, "noise": 2 * noise}])
     assert next(iter(double.values())) == pytest.approx(2 * next(iter(found.values())), rel=1e-9)
 
@@ -516,7 +520,7 @@ def test_a_target_is_that_of_its_map_over_the_coil_or_where_it_is_asked():
         assert near[f"target_{name}[coil2]"] == pytest.approx(scale * float(values[0]), rel=1e-9)
         assert far[f"target_{name}[coil2,distance_mm=3]"] == pytest.approx(scale * float(values[1]), rel=1e-9)
     assert near["target_delta[coil2]"] < far["target_delta[coil2,distance_mm=3]"] < 0
-    beside = value(design, "target_delta[coil2,x_mm=6,y_mm=-2]")
+    beside = value(design, "target_delta[coil2,x_mm=8,y_mm=-2]")  # on the board
     assert beside == pytest.approx(
         float(target_map(design, distances=[1e-3], x=[6e-3], y=[-2e-3]).delta[0, 0, 0, 1]), rel=1e-9
     )

@@ -119,7 +119,7 @@ HEAD = "schema = 1\n"
     (HEAD + "quantities = [3]", "quantities.0 must be a text"),
     (HEAD + "[positions]\nx_mm = [0]\ny_mm = [0]", "positions.depth_mm is missing"),
     (HEAD + "[positions]\nx_mm = [1, 0]\ny_mm = [0]\ndepth_mm = 1", "positions needs x_mm that rise"),
-    (HEAD + "[positions]\nx_mm = []\ny_mm = [0]\ndepth_mm = 1", "positions.x_mm must have at least 1 entries"),
+    (HEAD + "[positions]\nx_mm = []\ny_mm = [0]\ndepth_mm = 1", "positions.x_mm must have at least 1 entry"),
     (HEAD + "[positions]\nx_mm = [0]\ny_mm = [0]\ndepth_mm = 0", "positions.depth_mm must be greater than 0"),
     (HEAD + "[positions]\nx_mm = [0]\ny_mm = [0]\ndepth_mm = 1\nnoise = 0", "positions.noise must be greater than 0"),
     (HEAD + '[[limit]]\nquantity = "rms_k"', "limit.0 needs at_least, at_most or both"),

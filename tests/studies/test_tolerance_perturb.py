@@ -202,10 +202,10 @@ def test_widths_of_the_loops_are_as_meant():
 
 
 def test_plates_keep_or_move_their_face_near_the_coils_and_a_target_adds_its_tilts():
-    aluminium, steel = MATERIALS["aluminium"], MATERIALS["steel"]
+    aluminium, brass = MATERIALS["aluminium"], MATERIALS["brass"]
     plates = (
         Plate("cover", 12e-3, 1e-3, aluminium),
-        FinitePlate("back", Disc(8e-3), (0.0, 0.0, -5e-3), 2e-3, steel, tilt=0.1),
+        FinitePlate("back", Disc(8e-3), (0.0, 0.0, -5e-3), 2e-3, brass, tilt=0.1),
     )
     body = FinitePlate("target", Disc(8e-3), (0.0, 0.0, 0.0), 1e-3, aluminium, tilt=0.03, tilt_direction=math.pi / 2)
     design = replace(STARTER, plates=plates, target=Target(body, (1e-3,), (0.0,), (0.0,)))
@@ -220,10 +220,16 @@ def test_plates_keep_or_move_their_face_near_the_coils_and_a_target_adds_its_til
     assert back.heights[1] == pytest.approx(plates[1].heights[1] - 0.2e-3, rel=ROUNDING)
     assert back.thickness == pytest.approx(2.2e-3, rel=ROUNDING)
     conductivities = [one.material.conductivity for one in (cover, back, found.target.body)]
-    before = [aluminium.conductivity, steel.conductivity, aluminium.conductivity]
+    before = [aluminium.conductivity, brass.conductivity, aluminium.conductivity]
     np.testing.assert_allclose(conductivities, np.multiply(0.8, before), rtol=ROUNDING)
     tilted = found.target.body
     assert (tilted.tilt, tilted.tilt_direction) == pytest.approx((0.05, math.atan2(3, 4)), rel=1e-12)
+    sheet, (upper, lower) = STARTER.sheets[0].name, STARTER.array.stackup.names[:2]
+    touching = replace(design, plates=(plates[0].lifted(STARTER.top - 12e-3),), target=None)
+    thicker = {f"elastomer.{sheet}": 20e-6, f"dielectric.{upper}-{lower}": 0.1, "plate_distance.cover": -30e-6}
+    found = perturb(touching, thicker)
+    assert found.plates[0].heights[0] == pytest.approx(found.top, rel=ROUNDING)
+    assert found.top == pytest.approx(STARTER.top + 20e-6, rel=ROUNDING)
     for error in ("plate_thickness.cover", "conductivity"):
         with pytest.raises(GoalError, match="must be above −1"):
             perturb(design, {error: -1.0})

@@ -271,6 +271,15 @@ def bells(document, name, progress=lambda done, total: None):
     return xr.Dataset({"delta": (("depth", "y", "x", "state"), np.stack(delta, axis=-1))}, coords, attributes)
 
 
+def summary_of_circuit(design, coupling, response):
+    """The report's summary without its scan, which takes seconds."""
+    from coilarray.report.summary import summary_table, verdicts
+    from coilarray.viz.studio.services import Summary
+
+    table = summary_table(coupling, None, (), response)
+    return Summary(table.headers, table.cells(), verdicts(None, ()))
+
+
 def ideal_circuit(design):
     """The circuit without losses at alternating current and strays, which take seconds for every change."""
     from coilarray.circuit.coupling import couple_design, design_circuit
@@ -369,7 +378,7 @@ def main():
     numbers_panel.circuit_of = browser.ideal_circuit
     new_panel.make_design = browser.quick_new
 
-    services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator")
+    services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator", None, summary_of_circuit)
     address = Address(given.host or LOOPBACK, given.port, new_token() if given.host else "")
     work = work_on(load_design_file(given.design), given.design)
     with bind(address) as listening:

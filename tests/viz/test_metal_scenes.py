@@ -51,8 +51,8 @@ def test_plates_and_target_lie_where_the_design_says(design, shown):
     low_x, low_y, high_x, high_y = around_board(design.array)
     bounds = np.array([low_x, high_x, low_y, high_y, *BACKPLANE.heights]) * 1e3
     np.testing.assert_allclose(parts["plate backplane"].mesh.bounds, bounds, rtol=1e-6)  # single precision
-    assert parts["plate backplane"].group == "backplane: aluminium, 1 mm, without end"
-    assert "Without end, and drawn as far as the board: backplane." in plated.notes
+    assert parts["plate backplane"].group == "backplane: infinite plate of aluminium, 1 mm"
+    assert "Infinite plates, drawn as far as the board: backplane." in plated.notes
     centre = design.array.centres[design.array.names.index("coil2")]
     nearest = [min(values, key=lambda value, c=c: abs(value - c)) for values, c in zip(
         (design.target.x, design.target.y), centre, strict=True)]  # fmt: skip
@@ -72,6 +72,7 @@ def test_every_position_says_what_the_library_computes(design, shown):
     x, y = (min(values, key=abs) for values in (design.target.x, design.target.y))
     found = target_map(design, distances=[4e-3], x=[x], y=[y]).isel(distance=0, x=0, y=0).sel(state="coil2")
     first, others = shown.slider.notes[-1]
+    assert first.startswith("target at 4 mm, coil2: δ = ")
     assert f"δ = {float(found.delta) * 100:+.3g} %".replace("-", "−") in first
     assert f"f = {float(found.frequency) * 1e-6:.4f} MHz" in first
     assert others.startswith("δ of the others: coil1 ")

@@ -81,6 +81,9 @@ def test_a_pole_is_cut_off_at_four_times_the_first_value():
     sweep = results.frequency_sweep()
     assert sweeps.plot_frequency_sweep(sweep).get_ylim() == (0, pytest.approx(4 * 60))  # µH
     assert sweeps.plot_frequency_sweep(sweep, "quality_factor").get_ylim() == (0, pytest.approx(1.08 * 37.5))
+    beyond = sweep.assign(apparent_inductance=sweep.apparent_inductance * xr.where(sweep.frequency > 1e6, -1, 1))
+    line = next(iter(curves(sweeps.plot_frequency_sweep(beyond)).values()))
+    assert np.isnan(line.get_ydata()).sum() == 1  # no line through zero where the winding resonates by itself
     flat = sweep.isel(state=[0])
     assert sweeps.plot_frequency_sweep(flat).get_ylim() == (0, pytest.approx(1.08 * 50))
     single = sweeps.plot_frequency_sweep(sweep.isel(frequency=[0]))

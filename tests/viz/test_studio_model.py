@@ -24,11 +24,14 @@ from coilarray.errors import DesignError, ElastomerError, GeometryError, Localiz
 from coilarray.geometry import MATERIALS, Ball, Plate, Target, check_rules
 from coilarray.localize.inverse import Location, Mode
 from coilarray.response.target import target_map
+from coilarray.studies.quantities import evaluate
+from coilarray.studies.sweep import parse_axis
 from coilarray.viz.scenes.scene import Part, Scale, Scene
-from coilarray.viz.studio import metal, numbers, structure
+from coilarray.viz.studio import metal, numbers, structure, studying
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
 from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
+from coilarray.viz.studio.numbers_panel import NumbersPanel
 from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders
 from coilarray.viz.studio.scene_panel import _legend
 from coilarray.viz.studio.shelf import Shelf
@@ -125,27 +128,64 @@ def test_a_design_is_built_piece_by_piece(starter):
         assert len(then(structure.set_lattice, kind).array.names) == count
         assert work.opened.document["array"]["lattice"] == kind
     assert len(then(structure.set_layers, 6).array.stackup.names) == 6
+    made_up = {"layers", "copper_thickness_um", "dielectric_thickness_mm", "dielectric_epsilon_r"}
+    assert {key for key, why in work.opened.assumed.items() if why == "set by the studio"} == {
+        f"stackup.{key}" for key in made_up
+    }
     assert then(structure.set_leads, there=False).array.placements[0].coil.terminal is None
     assert then(structure.set_leads, there=True).array.placements[0].coil.terminal is not None
     assert then(structure.set_base, "seat").indentation.base.stiffness > 0
+    assert work.opened.assumed["indentation.seat_stiffness_kPa_per_mm"] == "set by the studio"
     assert then(structure.set_base, "bonded").indentation.base == "bonded"
     assert [sheet.name for sheet in then(structure.add_sheet).sheets] == ["base", "magnetic", "sheet1"]
+    assert work.opened.assumed["elastomer.2.youngs_modulus_kPa"] == "set by the studio"
     kept = {key for key in work.opened.assumed if key.startswith("elastomer.1.")}
     assert [sheet.name for sheet in then(structure.remove_sheet, 0).sheets] == ["magnetic", "sheet1"]
     assert {key.replace("elastomer.0.", "elastomer.1.") for key in work.opened.assumed if "elastomer.0." in key} == kept
     then(structure.remove_sheet, 0)
     assert then(structure.remove_sheet, 0).indentation is None
+    then(structure.add_sheet)
+    assert work.opened.assumed["indenter.radius_mm"] == "set by the studio"
+    then(structure.remove_sheet, 0)
     assert then(structure.set_connector, "top").array.led_out.connector.side == "top"
     assert then(structure.set_connector, "none").array.led_out is None
     for wrong, arguments, line in (
         (structure.remove_coil, work.design.array.names, "an array must have a coil"),
-        (structure.set_layers, (0,), "stackup.layers must be 1 to 64; got 0"),
+        (structure.set_layers, (0,), "copper layers must be a whole number from 1 to 64; got 0"),
+        (structure.set_layers, (2.5,), "from 1 to 64; got 2.5"),
         (structure.set_lattice, ("spiral",), "array.lattice must be one of single, linear"),
-        (structure.remove_sheet, (0,), "must have a sheet of number 0; there are 0"),
+        (structure.remove_sheet, (0,), "must have an entry of number 0; there are 0"),
         (structure.set_base, ("seat",), "indentation is missing"),
     ):
         with pytest.raises(DesignError, match=line):
             then(wrong, *arguments)
+
+
+def test_what_names_a_coil_stays_possible_without_it():
+    """An origin stays where it is; names, other shapes and the reasons of what does not change are kept."""
+    opened = load_design_file("gast2020")
+    names = ["a", "coil2", "c", "d", "e", "f"]
+    document = {**opened.document, "array": {**opened.document["array"], "names": names}}
+    document["coils"] = {**document["coils"], "spare": document["coils"]["hexagon"]}
+    document["circuit"] = {**document["circuit"], "terminations": {"coil2": "open", "a": "open"}}
+    work = work_on(build_design_file(document), "gast2020")
+    origin = work.design.indentation.origin_point
+    for function, chosen, left in (
+        (structure.remove_coil, "coil2", ["a", "c", "d", "e", "f"]), (structure.set_lattice, "single", ["a"]),
+    ):  # fmt: skip
+        found = work.with_document(function(document, work.design, chosen))
+        assert list(found.design.array.names) == left
+        assert found.design.indentation.origin_point == pytest.approx(origin, abs=1e-9)
+        assert found.opened.assumed["indentation.origin_mm"] == opened.assumed["indentation.origin"]
+        assert list(found.opened.document["coils"]) == ["hexagon", "spare"]
+        assert found.opened.document["circuit"]["terminations"] == {"a": "open"}
+    rings = work.with_document(structure.set_lattice(document, work.design, "rings"))
+    assert list(rings.design.array.names) == [*names, "coil1"]
+    assert rings.opened.assumed["array.pitch_mm"] == opened.assumed["array.pitch_mm"]
+    free = load_design_file("gast_fem")
+    more = build_design_file(structure.add_coil(free.document, free.design)).assumed
+    assert more["array.placements.0.layers"] == free.assumed["array.placements.0.layers"]
+    assert more["array.placements.1.x_mm"] == "set by the studio"
 
 
 def test_steps_are_undone_and_done_again(starter):
@@ -414,6 +454,10 @@ def test_files_that_are_no_design_and_what_would_be_lost_are_known(starter, tmp_
     mine = shelf.save(begun, "mine.toml")
     assert shelf.would_lose(begun, "mine.toml")  # it was begun with another one
     assert not shelf.would_lose(mine.with_entry("array.pitch_mm", "13"), "mine.toml")
+    again = shelf.save(mine.with_entry("array.pitch_mm", "13"), "mine.toml")
+    assert not shelf.would_lose(Trail().left(mine).undo(again)[1], "mine.toml")
+    (tmp_path / "mine.toml").write_text(f"{again.text()}# meanwhile, in an editor\n", encoding="utf-8")
+    assert shelf.would_lose(again, "mine.toml")
     shelf.save(changed, "mine.toml")  # meanwhile, from another page
     assert shelf.would_lose(mine, "mine.toml")
     (tmp_path / "mine.toml").write_text("schema = ", encoding="utf-8")
@@ -458,6 +502,16 @@ def test_a_new_design_replaces_no_changes_made_meanwhile(tmp_path, meanwhile, do
     assert len(taken) == (not problem)
 
 
+def test_a_new_design_has_no_saved_one_to_compare_with():
+    state, called = State(), {}
+    panel = NumbersPanel(SimpleNamespace(state=state, trigger=called.__setitem__))
+    mine = replace(work_on(OPENED, "mine.toml"), kept={})
+    panel.forget_saved(mine)
+    assert (state.can_compare, state.saved_line) == (False, "mine.toml is not saved yet")
+    panel.forget_saved(mine.saved_as("mine.toml"))
+    assert (state.can_compare, state.saved_line) == (True, "")
+
+
 def test_a_front_shows_the_first_point_unless_it_is_the_start():
     for start in (False, True):
         points = (RunPoint("search 0", {}, {}, (1.0,), True, start), RunPoint("search 1", {}, {}, (2.0,), True, False))
@@ -487,6 +541,48 @@ def test_runs_are_read_as_they_were_written(tmp_path):
     assert work.opened.values["array.columns"] == trial.changes["array.columns"]
 
 
+@pytest.mark.slow
+def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, monkeypatch):
+    monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path))
+    monkeypatch.setattr(studying, "_EVERY", 0.0)
+    told = []
+    asked = studying.SweepRequest(
+        OPENED.document, "starter", ("array.pitch_mm=12,-1,14", "array.columns=2,3"), ("span_mm",)
+    )
+    found = studying.sweep_entries(asked, told.append, lambda: False)
+    assert [one for one in told if isinstance(one, tuple)][-1] == (6, 6)
+    head, rows = studying.sweep_rows(found)
+    assert head == ("array.pitch_mm", "array.columns", "span_mm")
+    assert [row.point for row in rows] == [0, 1, None, None, 4, 5]  # no pitch is negative
+    assert all(row.reason and row.cells[-1] == "–" for row in rows[2:4])
+    partial = [studying.sweep_rows(one)[1] for one in told if isinstance(one, studying.SweepResult)]
+    assert [len(some) for some in partial] == [1, 2, 3, 4, 5, 6]
+    work = work_on(OPENED, "starter")
+    for row in (rows[0], rows[5]):
+        taken = work.with_entries(found.points[row.point])
+        span = evaluate(taken.design, ["span_mm"])["span_mm"]
+        assert float(row.cells[-1]) == pytest.approx(span, rel=1e-5)  # shown with six digits
+    for entry in entries_of(OPENED):
+        axis = parse_axis(f"{entry.key}={studying.axis_text(entry)}")  # what is offered can be read
+        assert min(axis.values) <= entry.value <= max(axis.values)
+
+
+def test_a_tolerance_study_says_what_contributes_most_and_the_yield():
+    two = {
+        "nominal": ("output", [0.08, 5.0]),
+        "linear_deviation": ("output", [0.01, 0.0]),
+        "share": (("contributor", "output"), [[0.25, np.nan], [0.75, np.nan]]),
+        "sample_deviation": ("output", [0.0123, 0.0]),
+        "sample_yield": ("limit", [0.875]),
+    }
+    coords = {"output": ["worst_k", "span_mm"], "contributor": ["etch.L1", "etch.L2"], "limit": ["worst_k ≤ 0.1"]}
+    assert [row.cells for row in studying.tolerance_rows(xr.Dataset(two, coords))[1]] == [
+        ("worst_k", "0.08", "0.01", "0.0123", "etch.L2 (75 %)"),
+        ("span_mm", "5", "0", "0", "no error"),
+        ("worst_k ≤ 0.1", "", "", "", "yield 87.5 %"),
+    ]
+
+
 def test_what_is_no_study_is_one_line(tmp_path):
     pytest.importorskip("optuna")
     with pytest.raises(OutputError, match=r"there is no study\.db"):
@@ -501,30 +597,37 @@ def test_what_is_no_study_is_one_line(tmp_path):
 def test_bodies_are_added_and_removed_as_the_file_says_them():
     work = work_on(OPENED, "starter")
     texts = {**metal.FIRST, "kind": "plate above", "shape": "ring", "size": "30", "second": "12", "distance": "4"}
-    plated = work.with_tables(metal.tables_with(work.opened.document, texts))
-    texts_of_wide = {**texts, "shape": "without end", "distance": "9"}
-    plated = plated.with_tables(metal.tables_with(plated.opened.document, texts_of_wide))
+    plated = work.with_document(metal.with_body(work.opened.document, texts))
+    texts_of_wide = {**texts, "shape": "infinite plate", "distance": "9"}
+    plated = plated.with_document(metal.with_body(plated.opened.document, texts_of_wide))
     ring, wide = plated.design.plates
     assert (ring.name, wide.name) == ("plate1", "plate2")
     assert ring.heights[0] == pytest.approx(plated.design.top + 4e-3, rel=1e-12)
     assert isinstance(wide, Plate)
     keys = {entry.key for entry in entries_of(plated.opened)}
     assert {"plate.0.distance_mm", "plate.0.inner_diameter_mm", "plate.1.thickness_mm"} <= keys
-    moved = work.with_tables(metal.tables_with({}, {**metal.FIRST, "shape": "sphere", "distance": "1; 2,5"}))
+    moved = work.with_document(
+        metal.with_body(OPENED.document, {**metal.FIRST, "shape": "sphere", "distance": "1; 2,5"})
+    )
     assert moved.design.target.distances == (1e-3, 2e-3, 5e-3)
     assert [row["key"] for row in metal.body_rows(moved.design)] == ["target"]
-    assert metal.body_rows(plated.design)[1]["text"].startswith("plate plate2: aluminium, 1 mm, without end, z =")
-    without = plated.with_tables(metal.tables_without(plated.opened.document, "0"))
+    assert metal.body_rows(plated.design)[1]["text"].startswith("plate plate2: infinite plate of aluminium, 1 mm, z =")
+    reasons = {"plate.0.thickness_mm": "a guess", "plate.1.distance_mm": "measured"}
+    far = {**texts, "distance": "20"}
+    plated = plated.with_document({**plated.opened.document, "assumed": reasons})
+    assert plated.with_document(metal.with_body(plated.opened.document, far)).opened.assumed == reasons
+    without = plated.with_document(metal.without_body(plated.opened.document, "0"))
     assert [plate.name for plate in without.design.plates] == ["plate2"]
+    assert without.opened.assumed == {"plate.0.distance_mm": "measured"}
     for key, one in (("0", without), ("target", moved)):
-        assert one.with_tables(metal.tables_without(one.opened.document, key)).design.digest == work.design.digest
+        assert one.with_document(metal.without_body(one.opened.document, key)).design.digest == work.design.digest
     for field, text, message in (
         ("size", "wide", "diameter_mm must be a number; got 'wide'"), ("shape", "sphere", "a sphere must be a target"),
         ("material", "wood", "with a shape and a material that there are"),
         ("distance", "", "distance_mm must be a number"),
     ):  # fmt: skip
         with pytest.raises(DesignError, match=message):
-            metal.tables_with({}, {**texts, field: text})
+            metal.with_body({}, {**texts, field: text})
 
 
 def test_a_target_says_for_every_state_what_the_library_computes(starter):

@@ -1,5 +1,6 @@
 """The studio in a real browser: what a user does on the page, and that the numbers there are the library's."""
 
+import io
 import os
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -8,6 +9,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from PIL import Image
 from support import browser
 from support.patience import until
 
@@ -401,6 +403,18 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     assert int(browser.field(page, "array.columns").input_value()) == trial.changes["array.columns"]
     pitch = float(browser.field(page, "array.pitch_mm").input_value())
     assert pitch == pytest.approx(trial.changes["array.pitch_mm"], rel=1e-11)  # shown with twelve digits
+    page.click("#do-sweep")
+    page.fill("[data-sweep='0'] input >> nth=1", "8:12:3")
+    page.fill("#quantities", "span_mm")
+    page.press("#quantities", "Enter")
+    page.click("#start-study")
+    page.wait_for_selector("#study[data-ended=true] #study-picture")
+    browser.picture(page, "sweep")
+    page.click("#study-rows tbody tr >> nth=2 >> button")
+    page.wait_for_selector("#study-line >> text=before it was changed")
+    assert browser.field(page, "array.pitch_mm").input_value() == "12"
+    page.click("#keep-study")
+    until((folder / "starter-sweep.nc").exists)
 
 
 @scenes
@@ -454,8 +468,18 @@ def test_the_scene_is_turned_and_its_groups_are_hidden(page):
     page.wait_for_selector("#scene button.off:has-text('copper L1')")
     browser.redrawn(page, turned)
     browser.picture(page, "turned")
-    page.click("#scene button:has-text('copper L1')")
+    page.click("#beside")
+    page.wait_for_selector("#saved-picture")
+    shown = browser.drawn(page)
+    saved = page.locator("#saved-picture").screenshot()
+    a, b = (np.asarray(Image.open(io.BytesIO(png)).convert("L"), dtype=float) for png in (shown, saved))
+    # the same design, turned as far and with as little copper; one of both is a JPEG, with smooth edges
+    assert np.abs(a - b).mean() < 0.1 * np.abs(a - 255).mean()
     page.click("#scene button:has-text('oblique')")
+    browser.redrawn(page, shown)
+    assert page.locator("#saved-picture").screenshot() != saved
+    page.click("#beside")
+    page.click("#scene button:has-text('copper L1')")
 
 
 def test_the_program_wants_its_token_and_ends_when_the_page_is_closed(chromium, tmp_path):

@@ -40,7 +40,7 @@ class Eddies:
 
 
 def plate_mesh(plate: Plate | FinitePlate, within: tuple[float, float, float, float]) -> pyvista.PolyData:
-    """Return the surface of a plate in mm; one without end is cut to the rectangle x_min, y_min, x_max, y_max in m."""
+    """Return the surface of a plate in mm; an infinite one is cut to the rectangle x_min, y_min, x_max, y_max in m."""
     return solid_mesh(plate_solid(plate, within))
 
 
@@ -59,7 +59,7 @@ def ball_mesh(radius: float, centre: tuple[float, float, float]) -> pyvista.Poly
 def body_mesh(
     body: Body, place: tuple[float, float, float], within: tuple[float, float, float, float]
 ) -> pyvista.PolyData:
-    """Return the surface in mm of a body with its centre, of a plate without end its lower face, at a place in m."""
+    """Return the surface in mm of a body with its centre, of an infinite plate its lower face, at a place in m."""
     if isinstance(body, Ball):
         return ball_mesh(body.radius, place)
     mesh = plate_mesh(body, within)

@@ -96,9 +96,13 @@ def plot_frequency_sweep(
     f = of_frequency.of(sweep.frequency)
     ax = ax or new_axes(6.5, 3.6)
     for k, name in enumerate(sweep.state.values.tolist()):
-        ax.plot(f, shown.of(values[:, k]), label=name, marker="o" if f.size == 1 else "", **curve_look(k))
+        curve = shown.of(values[:, k])
+        falls = (np.diff(np.sign(values[:, k])) < 0) & (quantity == "apparent_inductance")
+        pole = np.flatnonzero(falls) + 1
+        drawn = np.insert(f, pole, np.nan), np.insert(curve, pole, np.nan)
+        ax.plot(*drawn, label=name, marker="o" if f.size == 1 else "", **curve_look(k))
         if scan is not None:
-            _mark_resonances(ax, scan, name, of_frequency.of, f, shown.of(values[:, k]), curve_look(k)["color"])
+            _mark_resonances(ax, scan, name, of_frequency.of, f, curve, curve_look(k)["color"])
     if scan is not None:
         for mark, label in (("o", "with the tank"), (":", "self-resonance")):
             ax.plot([], [], mark, color=GREY, label=label)

@@ -48,7 +48,7 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
     Examples
     --------
     >>> from coilarray import load_design, target_map
-    >>> ax = plot_target(target_map(load_design("proximity"), distances=[1e-3, 2e-3, 4e-3]))
+    >>> ax = plot_target(target_map(load_design("proximity"), distances=[4e-3, 8e-3]))
     >>> ax.get_xlabel(), ax.get_ylabel()
     ('distance (mm)', '|δ|')
     """

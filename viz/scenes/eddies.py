@@ -22,7 +22,7 @@ from coilarray.viz.scenes.board import Box
 Phasors = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], ComplexArray]
 """Points (n, 3) in m, normals (n, 3) and complex current densities (n, 3) in A/m of one body."""
 
-_ALONG = 20  # number of arrows along the longest side of a plate without end
+_ALONG = 20  # number of arrows along the longest side of an infinite plate
 _FLAT = 0.9  # cosine of the angle between face and triangle: the rest is the rim
 _BLURRED = 0.4  # of their distance, over which the current of each is averaged
 
@@ -45,7 +45,7 @@ def working_point(design: Design, coupling: xr.Dataset, coil: str, current: floa
 def eddies_of_plates(
     design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint, within: Box
 ) -> list[Phasors]:
-    """Return the eddy currents of the plates of a design; those without end over the rectangle `within` in m."""
+    """Return the eddy currents of the plates of a design; infinite ones over the rectangle `within` in m."""
     endless = [plate for plate in plates if isinstance(plate, Plate)]
     outlined = [plate for plate in plates if isinstance(plate, FinitePlate)]
     return [

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from coilarray.geometry import Ball, CoilArray, FinitePlate, Material, Plate
+from coilarray.geometry import Ball, CoilArray, FinitePlate, Plate
 from coilarray.geometry.target import Body
 from coilarray.viz.datasets.metal import EDDY_AMOUNT, Eddies, body_mesh, eddy_arrows, plate_mesh
 from coilarray.viz.datasets.triangles import surface_of
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pyvista
 
 _GLASS, _DENSER = 0.22, 0.45  # opacities of what covers the board, and of what covers a part of it
-_BEYOND = 0.06  # of the board's longer side, by which a plate without end is drawn beyond it
+_BEYOND = 0.06  # of the board's longer side, by which an infinite plate is drawn beyond it
 _DECADES = 1.5  # range of current densities that the colours resolve, in powers of ten
 _ARROWS, _MOST_ARROWS = 20, 32  # arrows along the longest side of a body, and of all that is shown
 _STRONG = 0.98  # quantile of the current densities that has the last colour: at rims they grow without end
@@ -31,7 +31,7 @@ _SHARP = 30.0  # angle in degrees of an edge that is drawn
 class Position:
     """One position of a target: its distance and place in m, its eddy currents if they are shown, and lines about it.
 
-    `place` is that of its centre, of a plate without end that of its lower face.
+    `place` is that of its centre, of an infinite plate that of its lower face.
     """
 
     distance: float
@@ -41,14 +41,14 @@ class Position:
 
 
 def around_board(array: CoilArray) -> Box:
-    """Return the rectangle in m to which plates without end are cut in pictures."""
+    """Return the rectangle in m to which infinite plates are cut in pictures."""
     x_min, y_min, x_max, y_max = array.bounds
     rim = _BEYOND * max(x_max - x_min, y_max - y_min)
     return x_min - rim, y_min - rim, x_max + rim, y_max + rim
 
 
 def scene_of_plates(plates: Sequence[Plate | FinitePlate], within: Box) -> Scene:
-    """Return the plates of a design, translucent and with clear edges; those without end are cut to `within` in m."""
+    """Return the plates of a design, translucent and with clear edges; infinite ones are cut to `within` in m."""
     colours = cycled(METALS, [plate.name for plate in plates])
     parts: list[Part] = []
     for plate in plates:
@@ -60,7 +60,7 @@ def scene_of_plates(plates: Sequence[Plate | FinitePlate], within: Box) -> Scene
 def scene_of_target(body: Body, positions: Sequence[Position], within: Box, scale: Scale | None, first: int) -> Scene:
     """Return a target at all its positions, each with its lines and eddy currents, for a slider of its distance.
 
-    Plates without end are cut to `within` in m; `scale` is that of the eddy currents where they are shown, `first` the
+    Infinite plates are cut to `within` in m; `scale` is that of the eddy currents where they are shown, `first` the
     position of the slider at first.
     """
     group = f"target: {_body_words(body)}"
@@ -114,17 +114,13 @@ def _at(part: Part, step: int) -> Part:
 def _body_words(body: Body) -> str:
     """Return material and thickness or diameter of a body, as in a legend."""
     if isinstance(body, Ball):
-        return f"ball of {_material(body.material)}, {body.radius * 2e3:g} mm"
-    end = ", without end" if isinstance(body, Plate) else ""
-    return f"{_material(body.material)}, {body.thickness * 1e3:g} mm{end}"
-
-
-def _material(material: Material) -> str:
-    return material.name.replace("_", " ")
+        return f"sphere of {body.material.words}, {body.radius * 2e3:g} mm"
+    kind = "infinite plate of " if isinstance(body, Plate) else ""
+    return f"{kind}{body.material.words}, {body.thickness * 1e3:g} mm"
 
 
 def _cut_note(bodies: Sequence[Body]) -> tuple[str, ...]:
     endless = [body.name for body in bodies if isinstance(body, Plate)]
     if not endless:
         return ()
-    return (f"Without end, and drawn as far as the board: {', '.join(endless)}.",)
+    return (f"Infinite plates, drawn as far as the board: {', '.join(endless)}.",)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import xarray as xr
 
+from coilarray.compute.display_units import MM
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.errors import MetalError
@@ -115,7 +116,8 @@ def target_lines(at: xr.Dataset, coil: str) -> tuple[str, ...]:
     first = coil if coil in states else states[0]
     one = at.sel(state=first)
     line = (
-        f"{first}: δ = {percent(one.delta)}, L = {float(one.effective_inductance) * 1e6:.4g} µH, "
+        f"target at {MM.text(at.distance, '.3')}, {first}: δ = {percent(one.delta)}, "
+        f"L = {float(one.effective_inductance) * 1e6:.4g} µH, "
         f"R = {float(one.effective_resistance):.3g} Ω, Q = {float(one.quality_factor):.3g}, "
         f"f = {float(one.frequency) * 1e-6:.4f} MHz"
     )

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError
 from coilarray.geometry.values import SIDES
 from coilarray.viz.studio import structure
@@ -30,7 +31,7 @@ class BuildPanel(Panel):
             page, values, add_coil=lambda: self._change(structure.add_coil),
             remove_coil=lambda name: self._change(structure.remove_coil, str(name)), place_coil=self._place,
             set_lattice=lambda kind: self._change(structure.set_lattice, str(kind)),
-            set_layers=lambda count: self._change(structure.set_layers, int(count)),
+            set_layers=lambda count: self._change(_with_layers, str(count)),
             set_leads=lambda there: self._change(structure.set_leads, there=bool(there)),
             set_connector=lambda edge: self._change(structure.set_connector, str(edge)),
             add_sheet=lambda: self._change(structure.add_sheet),
@@ -55,7 +56,7 @@ class BuildPanel(Panel):
             "lattice": document["array"]["lattice"],
             "layers": len(array.stackup.names),
             "leads": all(place.coil.terminal is not None for place in array.placements),
-            "connector": document.get("connector", {}).get("side", "none" if "connector" not in document else "bottom"),
+            "connector": work.opened.values.get("connector.side", "none"),
             "sheets": [sheet.name for sheet in work.design.sheets],
             "base": document["indentation"].get("base", "bonded") if "indentation" in document else "",
         }  # fmt: skip
@@ -76,3 +77,7 @@ class BuildPanel(Panel):
             page.take(page.work.with_document(document))
         except CoilarrayError as error:
             page.state.build_problem = str(error)
+
+
+def _with_layers(document: Document, design: Design, text: str) -> Document:
+    return structure.set_layers(document, design, number_of("copper layers", text))

@@ -90,6 +90,7 @@ class DesignPanel(Panel):
                 page.state.file_problem = f"{name} is there already; Replace writes over it."
                 page.state.save_over = name
                 return
+            kept = page.work.keeps_comments
             work = page.setup.shelf.save(page.work, name)
         except (DesignError, OutputError) as error:
             page.state.file_problem = str(error)
@@ -97,9 +98,12 @@ class DesignPanel(Panel):
         page.state.save_over = ""
         page.state.save_dialog = False
         page.work = work
-        page.numbers.forget_saved()
+        page.numbers.forget_saved(work)
+        page.redraw()
         page.state.file, page.state.changed = work.file, False
-        page.state.file_note = f"saved {page.setup.shelf.path(work.file)}"
+        page.state.file_note = f"saved {page.setup.shelf.path(work.file)}" + (
+            "" if kept else "; its comments could not be kept, those of the starter are in their place"
+        )
 
     def _export(self, to: Format) -> None:
         """Write the board into the folder; what this page has not written itself is not replaced."""

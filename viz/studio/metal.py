@@ -11,16 +11,19 @@ import numpy as np
 import xarray as xr
 
 from coilarray.design.model import Design
+from coilarray.design.vary import no_longer_assumed
 from coilarray.errors import DesignError
 from coilarray.geometry import MATERIALS, Plate
 from coilarray.response.target import target_map, target_of
 from coilarray.viz.scenes.of_metal import steps_of, target_place
 from coilarray.viz.studio.entries import number_of
+from coilarray.viz.studio.services import Document
+from coilarray.viz.studio.structure import without_entry
 
 KINDS = ("plate above", "plate below", "target")
 """What a new body can be."""
 SIZES: Mapping[str, tuple[str, ...]] = {
-    "without end": (), "disc": ("diameter_mm",), "rectangle": ("width_mm", "height_mm"),
+    "infinite plate": (), "disc": ("diameter_mm",), "rectangle": ("width_mm", "height_mm"),
     "ring": ("diameter_mm", "inner_diameter_mm"), "sphere": ("diameter_mm",),
 }  # fmt: skip
 """Keys of the sizes of each shape of a new body."""
@@ -77,14 +80,14 @@ def body_rows(design: Design) -> list[dict[str, str]]:
     rows = [
         {
             "key": str(number),
-            "text": f"plate {plate.name}: {plate.material.name.replace('_', ' ')}, {plate.thickness * 1e3:g} mm"
-            f"{', without end' if isinstance(plate, Plate) else ''}, z = {_signed(plate.heights[0] * 1e3)} mm",
+            "text": f"plate {plate.name}: {'infinite plate of ' if isinstance(plate, Plate) else ''}"
+            f"{plate.material.words}, {plate.thickness * 1e3:g} mm, z = {_signed(plate.heights[0] * 1e3)} mm",
         }
         for number, plate in enumerate(design.plates)
     ]
     if design.target is not None:
         target = design.target
-        words = f"target: {target.kind} of {target.body.material.name.replace('_', ' ')}"
+        words = f"target: {target.kind} of {target.body.material.words}"
         rows.append({"key": "target", "text": words})
     return rows
 
@@ -93,15 +96,15 @@ def _signed(number: float) -> str:
     return f"{number:.4g}".replace("-", "−")
 
 
-def tables_with(document: Mapping[str, Any], form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a design file with a new body, as `Work.with_tables` takes them.
+def with_body(document: Document, form: Mapping[str, Any]) -> Document:
+    """Return the document of a design with a new body.
 
     `form` has the texts of the fields, with the keys of `FIRST`; a new target replaces an old one. DesignError for a
     text that is no number or a shape that a plate cannot have.
 
     Examples
     --------
-    >>> tables_with({}, {**FIRST, "kind": "plate below", "shape": "without end", "distance": "3"})["plate"]
+    >>> with_body({}, {**FIRST, "kind": "plate below", "shape": "infinite plate", "distance": "3"})["plate"]
     [{'name': 'plate1', 'material': 'aluminium', 'thickness_mm': 1.0, 'distance_mm': 3.0, 'side': 'below'}]
     """
     given = {key: str(form.get(key, default)).strip() for key, default in FIRST.items()}
@@ -116,19 +119,19 @@ def tables_with(document: Mapping[str, Any], form: Mapping[str, Any]) -> dict[st
         body["thickness_mm"] = number_of("thickness_mm", given["thickness"])
     if kind == "target":
         distances = [number_of("distances_mm", text) for text in re.split(r"[,;\s]+", given["distance"]) if text]
-        return {"target": {"shape": "plate" if shape == "without end" else shape, **body, "distances_mm": distances}}
-    if shape != "without end":
+        target = {"shape": "plate" if shape == "infinite plate" else shape, **body, "distances_mm": distances}
+        return no_longer_assumed({**document, "target": target}, ["target"])
+    if shape != "infinite plate":
         body["shape"] = shape
     plates = list(document.get("plate", []))
     taken = {plate.get("name") for plate in plates}
     name = next(one for one in (f"plate{k + 1}" for k in range(len(plates) + 1)) if one not in taken)
     place = {"distance_mm": number_of("distance_mm", given["distance"]), "side": kind.removeprefix("plate ")}
-    return {"plate": [*plates, {"name": name, **body, **place}]}
+    return {**document, "plate": [*plates, {"name": name, **body, **place}]}
 
 
-def tables_without(document: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Return the tables of a design file without the body of a key of `body_rows`."""
-    if key == "target":
-        return {"target": None}
-    plates = [plate for number, plate in enumerate(document.get("plate", [])) if str(number) != key]
-    return {"plate": plates or None}
+def without_body(document: Document, key: str) -> Document:
+    """Return the document of a design without the body of a key of `body_rows`."""
+    if key != "target":
+        return without_entry(document, "plate", int(key))
+    return no_longer_assumed({name: table for name, table in document.items() if name != "target"}, ["target"])

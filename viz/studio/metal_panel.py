@@ -19,9 +19,9 @@ from coilarray.viz.studio.metal import (
     Moved,
     body_rows,
     moved,
-    tables_with,
-    tables_without,
     target_rows,
+    with_body,
+    without_body,
 )
 from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.scene_making import BoardParts, metal_scene
@@ -125,10 +125,10 @@ class MetalPanel(Panel):
         self._page.redraw()
 
     def _add(self, form: Mapping[str, Any]) -> None:
-        self._change(lambda work: work.with_tables(tables_with(work.opened.document, form)))
+        self._change(lambda work: work.with_document(with_body(work.opened.document, form)))
 
     def _remove(self, key: str) -> None:
-        self._change(lambda work: work.with_tables(tables_without(work.opened.document, str(key))))
+        self._change(lambda work: work.with_document(without_body(work.opened.document, str(key))))
 
     def _change(self, change: Callable[[Work], Work]) -> None:
         try:

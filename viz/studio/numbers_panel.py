@@ -23,6 +23,7 @@ from coilarray.viz.studio.panel import Panel
 
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page
+    from coilarray.viz.studio.work import Work
 
 _REST = 0.4  # s without a change before the numbers are computed with full accuracy
 _PATIENCE = 2.0  # s; longest delay of the margins, which take the time of some pictures, while a slider moves
@@ -37,7 +38,7 @@ class NumbersPanel(Panel):
         values = {
             "matrix_of": "k", "matrix": {"names": [], "k": [], "L": []}, "accuracy": "", "coil_rows": [],
             "margins": [], "rules_kept": True, "numbers_problem": "", "rules_problem": "", "saved_rows": [],
-            "saved_line": "",
+            "saved_line": "", "can_compare": True,
         }  # fmt: skip
         super().__init__(page, values, compare=self._compare)
 
@@ -58,10 +59,12 @@ class NumbersPanel(Panel):
     def _compare(self) -> None:
         """Compute the numbers of the design as it was read or last saved."""
         work = self._page.work
+        if not work.kept:  # of a new design
+            return
         self._page.state.saved_line = f"{work.file} as saved: …"
 
         def compute() -> tuple[tuple[str, ...], ...]:
-            saved = build_design(work.kept or work.opened.document, work.design.name)
+            saved = build_design(work.kept, work.design.name)
             return coil_rows(numbers_of(saved), circuit_of(saved))
 
         def show(rows: tuple[tuple[str, ...], ...]) -> None:
@@ -74,9 +77,12 @@ class NumbersPanel(Panel):
 
         self._page.calculator.ask([Step("saved", compute, show, fail)])
 
-    def forget_saved(self) -> None:
-        """Remove the numbers of the design as saved, where another one is."""
-        self._page.state.saved_line, self._page.state.saved_rows = "", []
+    def forget_saved(self, work: Work) -> None:
+        """Remove the numbers of the design as saved, where another one is; of a new design say that there are none."""
+        state = self._page.state
+        state.saved_rows = []
+        state.can_compare = bool(work.kept)
+        state.saved_line = "" if work.kept else f"{work.file} is not saved yet"
 
     def wait(self) -> None:
         """Mark the numbers on the page as out of date."""
@@ -128,13 +134,17 @@ class NumbersPanel(Panel):
         self._page.switches.solve()
         with self._page.state:
             self._page.arrived("circuit", found[0])
+        if self._page.is_current(found[0]):
+            self._page.calculator.ask(self._page.summary.steps(found[0], found[1].coupling))
         if self._page.state.tab == "switches" or self._page.state.show_eddies:
             self._page.redraw()
 
     def _fail_circuit(self, design: Design, problem: str) -> None:
         self._page.switches.fail(problem)
-        with self._page.state:
+        with self._page.state as state:
+            state.summary_problem = problem
             self._page.arrived("circuit", design)
+            self._page.arrived("summary", design)
 
     def _fail(self, design: Design, problem: str) -> None:
         with self._page.state as state:

@@ -27,6 +27,8 @@ from coilarray.viz.studio.runs_panel import RunsPanel
 from coilarray.viz.studio.scene_panel import ScenePanel
 from coilarray.viz.studio.services import Services
 from coilarray.viz.studio.shelf import Shelf
+from coilarray.viz.studio.studies_panel import StudiesPanel
+from coilarray.viz.studio.summary_panel import SummaryPanel
 from coilarray.viz.studio.switches_panel import SwitchesPanel
 from coilarray.viz.studio.touch_panel import TouchPanel
 from coilarray.viz.studio.trail import Trail
@@ -43,8 +45,12 @@ class Setup:
     rendering_problem: str | None  # why there is no picture in three dimensions
 
 
-_PARTS = ("bar", "drawer", "scene", "numbers", "build", "switches", "touch", "metal", "runs", "board", "dialogs")
-_FOLLOWING = ("scene", "numbers", "rules", "circuit", "target")  # results that a change of the design makes stale
+_PARTS = (
+    "bar", "drawer", "scene", "summary", "numbers", "build", "switches", "touch", "metal", "runs", "studies", "board",
+    "dialogs",
+)  # fmt: skip
+# results that a change of the design makes stale
+_FOLLOWING = ("scene", "numbers", "rules", "circuit", "target", "summary")
 _JOINED = 1.0  # s: what a slider changes within it is undone as one
 _NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "running": False}
 
@@ -76,11 +82,13 @@ class Page:
         self.trigger("redo", lambda: self._follow_trail(back=False))
         self.scene = ScenePanel(self)
         self.numbers = NumbersPanel(self)
+        self.summary = SummaryPanel(self)
         self.build = BuildPanel(self)
         self.switches = SwitchesPanel(self)
         self.touch = TouchPanel(self)
         self.metal = MetalPanel(self)
         self.runs = RunsPanel(self)
+        self.studies = StudiesPanel(self)
         self.board = BoardPanel(self)
         self.design = DesignPanel(self)
         self.new = NewPanel(self)
@@ -149,7 +157,7 @@ class Page:
     def _show(self, work: Work, *, typed: bool) -> None:
         other = set(work.design.array.names) != set(self.work.design.array.names) or work.file != self.work.file
         if work.kept is not self.work.kept:
-            self.numbers.forget_saved()
+            self.numbers.forget_saved(work)
         self.work = work
         with self.state:
             self.state.can_undo, self.state.can_redo = bool(self._trail.before), bool(self._trail.after)
@@ -159,9 +167,13 @@ class Page:
             self.touch.show(work.design, anew=other)
             self.metal.show(work.design, anew=other)
             self.board.show(work.design)
+            self.studies.show(work, anew=other)
             self.numbers.wait()
             self.state.scene_rests = False
-            asked = {"scene": self.scene.steps(), "target": self.metal.steps(work.design)}
+            asked = {
+                "scene": self.scene.steps(), "target": self.metal.steps(work.design),
+                "summary": self.setup.services.summarize is not None,
+            }  # fmt: skip
             self.state.stale = [name for name in _FOLLOWING if asked.get(name, True)]
             self._say_accuracy()
         self.follow()
@@ -227,8 +239,15 @@ class Page:
         done: Callable[[Any], None],
         failed: Callable[[str], None],
         cancelled: Callable[[], None] = lambda: None,
+        watch: Callable[[Any], None] = lambda message: None,
     ) -> bool:
-        """Start a job with a progress bar; exactly one of the last three functions is called at its end."""
+        """Start a job with a progress bar; exactly one of `done`, `failed` and `cancelled` is called at its end.
+
+        Messages other than (done, total) go to `watch`.
+        """
+
+        def heard(message: Any) -> None:
+            (progress if isinstance(message, tuple) else watch)(message)
 
         def progress(message: tuple[int, int] | None = None) -> None:
             part = None if message is None or not message[1] else round(100 * message[0] / message[1], 1)
@@ -243,7 +262,7 @@ class Page:
             else:
                 cancelled()
 
-        started = self.start_job(name, task, item, on_message=progress, on_end=ended)
+        started = self.start_job(name, task, item, on_message=heard, on_end=ended)
         if started:
             progress()
         return started
@@ -261,7 +280,9 @@ class Page:
         elif accuracy == "screen":
             self.state.shown_accuracy = "rough"
         else:
-            self.state.shown_accuracy = "computing" if {"rules", "circuit", "target"} & set(stale) else "full accuracy"
+            self.state.shown_accuracy = (
+                "computing" if {"rules", "circuit", "target", "summary"} & set(stale) else "full accuracy"
+            )
 
     def _bind(self, server: Any) -> None:
         self.endpoint = server["ws"]

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import base64
+import io
 from collections.abc import Callable, Mapping
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from coilarray.viz.studio.page import Page
+
+_DPI = 110
 
 
 class Panel:
@@ -23,3 +29,15 @@ class Panel:
 def template(name: str) -> str:
     """Return a part of the page from the folder ``html``."""
     return resources.files("coilarray.viz.studio").joinpath("html", f"{name}.html").read_text(encoding="utf-8")
+
+
+def image_of(figure: Figure) -> str:
+    """Return a figure as an image in a data URL."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DPI)
+    return png_url(buffer.getvalue())
+
+
+def png_url(png: bytes) -> str:
+    """Return a PNG file as a data URL."""
+    return f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import base64
-import io
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -14,7 +12,7 @@ from coilarray.studies.optimize.goals import NAMES
 from coilarray.studies.optimize.study_file import FILE
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.job import with_progress
-from coilarray.viz.studio.panel import Panel
+from coilarray.viz.studio.panel import Panel, image_of
 from coilarray.viz.studio.runs import Run, front_rows, read_runs, run_folders
 from coilarray.viz.studio.searching import search_goal
 
@@ -23,7 +21,6 @@ if TYPE_CHECKING:
 
     from coilarray.viz.studio.page import Page
 
-_DPI = 110
 _EVERY = 3.0  # s
 _MOST_TRIALS = 10_000
 
@@ -172,6 +169,4 @@ def _picture(run: Run, x: str, y: str) -> str:
     two = (x, y) == run.objectives[:2] and len(run.maximized) == 2
     stairs: Any = ("pre" if run.maximized[0] else "post") if two else None
     axes = plot_front(values, [point.feasible for point in run.points], run.front, labels=(x, y), stairs=stairs)
-    buffer = io.BytesIO()
-    cast("Figure", axes.figure).savefig(buffer, format="png", dpi=_DPI)
-    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"
+    return image_of(cast("Figure", axes.figure))

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, get_args
 
-from coilarray.design.model import Design
+from coilarray.design.model import Design, build_design
 from coilarray.viz.scenes.board import board_in_pieces, scene_of_lifted_board
 from coilarray.viz.scenes.camera import Side
 from coilarray.viz.scenes.draw import bar_of, gradient
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.calculator import Step
-from coilarray.viz.studio.panel import Panel
-from coilarray.viz.studio.scene_making import BoardParts
+from coilarray.viz.studio.panel import Panel, png_url
+from coilarray.viz.studio.scene_making import BoardParts, metal_scene
 from coilarray.viz.studio.view import SceneView
 
 if TYPE_CHECKING:
@@ -26,15 +26,18 @@ class ScenePanel(Panel):
 
     def __init__(self, page: Page) -> None:
         self._parts: BoardParts | None = None
+        self._saved: Scene | None = None  # of the design as it was read or last saved
         problem = page.setup.rendering_problem
         self._view = None if problem else SceneView(page.server, self._at_rest)
         values = {
             "scene_problem": problem or "", "scene_rests": False, "scene_sides": list(get_args(Side)),
-            "hidden_groups": [], "legend": _legend(Scene()), "scene_sheets": False,
+            "hidden_groups": [], "legend": _legend(Scene()), "scene_sheets": False, "scene_saved": False,
+            "saved_picture": "", "saved_name": "",
         }  # fmt: skip
         super().__init__(
-            page, values, look_from=self._look_from, toggle_group=self._toggle, toggle_sheets=self._toggle_sheets
-        )
+            page, values, look_from=self._look_from, toggle_group=self._toggle, toggle_sheets=self._toggle_sheets,
+            toggle_saved=self._toggle_saved,
+        )  # fmt: skip
 
     @property
     def html(self) -> str:
@@ -50,7 +53,16 @@ class ScenePanel(Panel):
         def compute() -> tuple[Design, Scene]:
             return design, self._scene(design, tab, sheets)
 
-        return [Step("scene", compute, self._show, self._fail)]
+        steps = [Step("scene", compute, self._show, self._fail)]
+        if self._page.state.scene_saved:
+            work = self._page.work
+
+            def compute_saved() -> tuple[str, Scene]:
+                saved = build_design(work.kept or work.opened.document, design.name)
+                return f"{work.file} as saved", _scene_alone(saved, sheets)
+
+            steps.append(Step("saved scene", compute_saved, self._show_saved, self._fail))
+        return steps
 
     def close(self) -> None:
         """Release the window."""
@@ -69,7 +81,7 @@ class ScenePanel(Panel):
             scene = makers[tab](design, self._board(design))
         if scene is None and (design.plates or design.target is not None):
             scene = self._page.metal.scene(design, self._board(design))
-        return scene_of_lifted_board(design.array, design.sheets if sheets else ()) if scene is None else scene
+        return _scene_alone(design, sheets) if scene is None else scene
 
     def _board(self, design: Design) -> BoardParts:
         if self._parts is None or self._parts.design is not design:
@@ -88,12 +100,30 @@ class ScenePanel(Panel):
 
         self._view.show(scene, sent)
 
+    def _show_saved(self, found: tuple[str, Scene]) -> None:
+        with self._page.state as state:
+            state.saved_name, self._saved = found
+            self._draw_saved()
+
+    def _draw_saved(self) -> None:
+        """Draw the design as saved beside that on show, seen by the same camera."""
+        if self._view is not None and self._saved is not None and self._page.state.scene_saved:
+            self._page.state.saved_picture = png_url(self._view.picture(self._saved))
+
+    def _toggle_saved(self) -> None:
+        self._page.state.scene_saved = not self._page.state.scene_saved
+        self._saved = None
+        self._page.state.saved_picture = ""
+        self._page.redraw()
+
     def _fail(self, problem: str) -> None:
         with self._page.state as state:
             state.scene_problem = problem
 
     def _at_rest(self, rests: bool) -> None:
         with self._page.state as state:
+            if rests:
+                self._draw_saved()
             state.scene_rests = rests
 
     def _look_from(self, side: Side) -> None:
@@ -110,6 +140,13 @@ class ScenePanel(Panel):
         state.hidden_groups = sorted(hidden)
         if self._view is not None:
             self._view.hide(hidden)
+
+
+def _scene_alone(design: Design, sheets: bool) -> Scene:
+    """Return the board of a design, with plates or lifted sheets but no results."""
+    if design.plates:
+        return metal_scene(BoardParts(design, *board_in_pieces(design.array)), None, 0, None)
+    return scene_of_lifted_board(design.array, design.sheets if sheets else ())
 
 
 def _legend(scene: Scene) -> dict[str, Any]:

@@ -1,13 +1,17 @@
-"""Work of an optimisation and of an export that the page starts; both run in processes of their own."""
+"""Work of an optimisation, an export and a response map that the page starts; all run in processes of their own."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from coilarray.compute.threads import Progress
 from coilarray.design.export import Format, export
 from coilarray.design.model import build_design, build_design_file
 from coilarray.viz.studio.services import Document
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SUFFIXES: dict[Format, str] = {
     "kicad": "", "gerber": ".zip", "dxf": ".dxf", "svg": ".svg", "step": ".step", "stl": ".stl", "glb": ".glb"
@@ -35,3 +39,11 @@ def write_board(document: Document, name: str, path: Path, to: Format, _: Progre
     """Write the board for fabrication or for another program; return one line about it."""
     written = export(build_design(document, name), path, to).files
     return f"wrote {path}" if len(written) == 1 else f"wrote {len(written)} files into {path}"
+
+
+def map_of(document: Document, name: str, progress: Progress) -> xr.Dataset:
+    """Compute the response map of a design, on the board, as its report shows it."""
+    from coilarray.response.coordinates import on_board
+    from coilarray.response.map import response_map
+
+    return on_board(response_map(build_design(document, name), reach="auto", progress=progress))

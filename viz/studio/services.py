@@ -6,7 +6,7 @@ processes of their own and are therefore functions of a module with plain argume
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from coilarray.compute.threads import Progress
+    from coilarray.design.model import Design
     from coilarray.localize.inverse import Location
 
 Document = Mapping[str, Any]
@@ -75,6 +76,15 @@ class BoardFrame:
     lost: int = 0
 
 
+@dataclass(frozen=True)
+class Summary:
+    """What a design comes to: a table of texts, and a line for each limit that is broken."""
+
+    headers: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    verdicts: Sequence[str]
+
+
 Tell = Callable[[Any], None]
 """Sends a message from the process of a job; raises `coilarray.viz.studio.job.Cancelled` after a stop."""
 
@@ -86,6 +96,9 @@ WriteReport = Callable[[Document, str, Path, "Progress"], Path]
 
 ResponseTable = Callable[[Document, str, "Progress"], "xr.Dataset"]
 """Returns the response of a design (document, name) at the positions of `coilarray.localize.forward.table_grid`."""
+
+Summarize = Callable[["Design", "xr.Dataset", "xr.Dataset | None"], "Summary"]
+"""Summarizes a design with its coupling (of `coilarray.couple_design`) and its response on the board, where known."""
 
 WatchBoard = Callable[[BoardRequest, Callable[[BoardFrame], None], Stopped], None]
 """Opens a board, sends a frame for every scan until it is stopped, and leaves the board at rest."""
@@ -107,8 +120,8 @@ class Services:
     ----------
     response_table : callable
         A `ResponseTable`.
-    write_report, watch_board : callable, optional
-        A `WriteReport` and a `WatchBoard`; without one there is no button or no tab for it.
+    write_report, watch_board, summarize : callable, optional
+        A `WriteReport`, a `WatchBoard` and a `Summarize`; without one there is no button, tab or table for it.
     port, wiring : str, optional
         Port of the board that is watched, and wiring of its switches.
     """
@@ -118,3 +131,4 @@ class Services:
     watch_board: WatchBoard | None = None
     port: str = "emulator"
     wiring: str | None = None
+    summarize: Summarize | None = None

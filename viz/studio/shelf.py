@@ -53,12 +53,15 @@ class Shelf:
         return work.saved_as(name)
 
     def would_lose(self, work: Work, name: str) -> bool:
-        """Return whether saving a design replaces a file from which it was not read; OutputError as in `path`."""
+        """Return whether saving a design replaces a file, or comments, that it was not read from.
+
+        OutputError as in `path`.
+        """
         path = self.path(name)
         if not path.exists():
             return False
         try:
-            return name != work.file or load_design_file(path).document != work.kept
+            return name != work.file or load_design_file(path).text != work.kept_text
         except CoilarrayError:
             return True
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, get_args
 
 from coilarray.design.model import Design
+from coilarray.design.vary import no_longer_assumed
 from coilarray.errors import DesignError
 from coilarray.geometry.array import LatticeKind
 from coilarray.viz.studio.services import Document
@@ -18,9 +19,13 @@ LATTICES = (*get_args(LatticeKind), "free")
 BASES = ("bonded", "frictionless", "seat")
 """What the lowest sheet may lie on."""
 
-_SHEET = {"thickness_mm": 1.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 100.0}
-_INDENTED = {"indenter": {"shape": "hemisphere", "radius_mm": 2.0}, "indentation": {"depths_mm": [0.3]}}
+_SHEET: Mapping[str, float] = {"thickness_mm": 1.0, "relative_permeability": 1.0, "youngs_modulus_kPa": 100.0}
+_INDENTED: Mapping[str, Mapping[str, Any]] = {
+    "indenter": {"shape": "hemisphere", "radius_mm": 2.0},
+    "indentation": {"depths_mm": [0.3]},
+}
 _SEAT = 1000.0  # kPa/mm
+_MADE_UP = "set by the studio"  # reason of values that nobody has chosen
 _APART = 1.25  # pitches of a first coil to a second, in widths of the coil
 
 
@@ -36,21 +41,20 @@ def add_coil(document: Document, design: Design) -> Document:
     pitch = lattice.pitch if lattice is not None and lattice.pitch else _APART * _width(design)
     x = round(rightmost["x_mm"] + pitch * 1e3, 6)
     added = {**rightmost, "name": f"coil{k}", "layers": list(following), "x_mm": x}
-    return _free(document, [*places, added])
+    made_up = (f"array.placements.{len(places)}.{key}" for key in ("layers", "x_mm"))
+    return _made_up(_free(document, [*places, added]), *made_up)
 
 
 def remove_coil(document: Document, design: Design, name: str) -> Document:
     """Remove a coil and what is said of it alone; the array is then one of free places."""
-    places = [place for place in _placements(document, design) if place["name"] != name]
+    every = _placements(document, design)
+    places = [place for place in every if place["name"] != name]
     if not places:
         raise DesignError(f"{name} cannot be removed: an array must have a coil.")
-    changed = _free(document, places)
-    used = {place["coil"] for place in places}
-    changed["coils"] = {shape: table for shape, table in document["coils"].items() if shape in used}
-    ends = dict(document.get("circuit", {}).get("terminations", {}))
-    if ends.pop(name, None) is not None:
-        changed["circuit"] = {**document["circuit"], "terminations": ends}
-    return _assumed(changed, lambda key: key if key.split(".")[0] != "coils" or key.split(".")[1] in used else None)
+    changed = _without_coils(_free(document, places), design, [place["name"] for place in places])
+    unused = {place["coil"] for place in every} - {place["coil"] for place in places}
+    coils = {shape: table for shape, table in document["coils"].items() if shape not in unused}
+    return no_longer_assumed({**changed, "coils": coils}, [f"coils.{shape}" for shape in unused])
 
 
 def place_coil(document: Document, design: Design, name: str, x: float, y: float, turn: float) -> Document:
@@ -78,16 +82,28 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
         {} if kind == "single" else {"pitch_mm": pitch}
     )
     table["layers"] = [list(each) for each in (layers[:1] if kind == "single" else layers)]
-    kept = {key: old[key] for key in ("direction_deg", "rotation_deg") if key in old}
-    return _assumed({**document, "array": table | kept}, lambda key: None if key.startswith("array.") else key)
+    table |= {key: old[key] for key in ("direction_deg", "rotation_deg") if key in old}
+    points = 7 if kind == "rings" else table.get("columns", 1) * table.get("rows", 1)
+    usual = [f"coil{k + 1}" for k in range(points)]
+    names = [place["name"] for place in places][:points]
+    names += [name for name in (*usual, *(f"coil{points + k + 1}" for k in range(points))) if name not in names]
+    names = names[:points]
+    if names != usual:
+        table["names"] = names
+    changed = _renamed(
+        {**document, "array": table},
+        lambda key: key if key[:6] != "array." or (key[6:] in old and old[key[6:]] == table.get(key[6:])) else None,
+    )
+    changed = _without_coils(changed, design, names)
+    return changed if kind == "single" or "pitch_mm" in old else _made_up(changed, "array.pitch_mm")
 
 
-def set_layers(document: Document, _: Design, count: int) -> Document:
+def set_layers(document: Document, _: Design, number: float) -> Document:
     """Give the board a number of copper layers: new ones like the lowest, or the lowest ones removed."""
     stackup = document["stackup"]
     names = list(stackup["layers"])
-    if not 1 <= count <= 64:
-        raise DesignError(f"stackup.layers must be 1 to 64; got {count}.")
+    if not (1 <= number <= 64 and number == (count := int(number))):
+        raise DesignError(f"copper layers must be a whole number from 1 to 64; got {number:g}.")
     free = (name for k in range(1, 2 * count + len(names) + 1) if (name := f"L{k}") not in names)
     names = [*names, *(next(free) for _ in range(count - len(names)))][:count]
     table = {**stackup, "layers": names}
@@ -95,7 +111,10 @@ def set_layers(document: Document, _: Design, count: int) -> Document:
     for key, (value, less) in usual.items():
         values = list(stackup.get(key, []))
         table[key] = (values + [values[-1] if values else value] * count)[: count - less]
-    return {**document, "stackup": table}
+    longer = [
+        key for key, values in table.items() if isinstance(values, list) and len(values) > len(stackup.get(key, []))
+    ]
+    return _made_up({**document, "stackup": table}, *(f"stackup.{key}" for key in longer))
 
 
 def set_leads(document: Document, _: Design, *, there: bool) -> Document:
@@ -106,7 +125,7 @@ def set_leads(document: Document, _: Design, *, there: bool) -> Document:
             rest = {key: value for key, value in table.items() if key != "leads"}
             coils[shape] = rest | ({"leads": table.get("leads", {})} if there else {})
     changed = {**document, "coils": coils}
-    return changed if there else _assumed(changed, lambda key: None if re.match(r"coils\..*\.leads\.", key) else key)
+    return changed if there else _renamed(changed, lambda key: None if re.match(r"coils\..*\.leads\.", key) else key)
 
 
 def set_connector(document: Document, _: Design, edge: str) -> Document:
@@ -114,7 +133,7 @@ def set_connector(document: Document, _: Design, edge: str) -> Document:
     if edge != "none":
         return {**document, "connector": {**document.get("connector", {}), "side": edge}}
     rest = {key: table for key, table in document.items() if key != "connector"}
-    return _assumed(rest, lambda key: None if key.startswith("connector.") else key)
+    return no_longer_assumed(rest, ["connector"])
 
 
 def add_sheet(document: Document, _: Design) -> Document:
@@ -122,29 +141,37 @@ def add_sheet(document: Document, _: Design) -> Document:
     sheets = list(document.get("elastomer", []))
     names = [sheet["name"] for sheet in sheets]
     name = next(name for k in range(1, len(names) + 2) if (name := f"sheet{k}") not in names)
-    return (_INDENTED if not sheets else {}) | {**document, "elastomer": [*sheets, {"name": name, **_SHEET}]}
+    new = {table: values for table, values in _INDENTED.items() if not sheets and table not in document}
+    keys = [f"{table}.{key}" for table, values in new.items() for key in values]
+    keys += [f"elastomer.{len(sheets)}.{key}" for key in _SHEET]
+    return _made_up({**new, **document, "elastomer": [*sheets, {"name": name, **_SHEET}]}, *keys)
 
 
 def remove_sheet(document: Document, _: Design, index: int) -> Document:
     """Remove a sheet by its number from below; with the last one goes what presses on it."""
-    sheets = list(document.get("elastomer", []))
-    if not 0 <= index < len(sheets):
-        raise DesignError(f"elastomer must have a sheet of number {index}; there are {len(sheets)}.")
-    del sheets[index]
-    gone = () if sheets else ("elastomer", "indenter", "indentation")
-    changed = {key: table for key, table in ({**document, "elastomer": sheets}).items() if key not in gone}
+    changed = without_entry(document, "elastomer", index)
+    if "elastomer" in changed:
+        return changed
+    gone = ("indenter", "indentation")
+    return no_longer_assumed({key: table for key, table in changed.items() if key not in gone}, gone)
+
+
+def without_entry(document: Document, table: str, index: int) -> Document:
+    """Remove one of a list of tables by its number, and what is assumed of it; the list goes with its last one."""
+    entries = list(document.get(table, []))
+    if not 0 <= index < len(entries):
+        raise DesignError(f"{table} must have an entry of number {index}; there are {len(entries)}.")
+    del entries[index]
 
     def renamed(key: str) -> str | None:
-        table, _, rest = key.partition(".")
-        if table in gone:
-            return None
-        if table != "elastomer":
+        parts = key.split(".")
+        if parts[0] != table:
             return key
-        number, _, entry = rest.partition(".")
-        k = int(number)
-        return None if k == index else f"elastomer.{k - (k > index)}.{entry}"
+        k = int(parts[1])
+        return None if k == index else ".".join([table, str(k - (k > index)), *parts[2:]])
 
-    return _assumed(changed, renamed)
+    rest = {key: value for key, value in document.items() if key != table}
+    return _renamed({**document, table: entries} if entries else rest, renamed)
 
 
 def set_base(document: Document, _: Design, base: str) -> Document:
@@ -156,7 +183,8 @@ def set_base(document: Document, _: Design, base: str) -> Document:
     table = {key: value for key, value in document["indentation"].items() if not key.startswith("seat_")}
     seat = {"seat_stiffness_kPa_per_mm": _SEAT} if base == "seat" else {}
     changed = {**document, "indentation": {**table, "base": base, **seat}}
-    return _assumed(changed, lambda key: None if key.startswith("indentation.seat_") else key)
+    chosen = [f"indentation.{key}" for key in ("base", *(key for key in document["indentation"] if key[:5] == "seat_"))]
+    return _made_up(no_longer_assumed(changed, chosen), *(f"indentation.{key}" for key in seat))
 
 
 def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
@@ -175,8 +203,40 @@ def _placements(document: Document, design: Design) -> list[dict[str, Any]]:
 
 
 def _free(document: Document, places: list[dict[str, Any]]) -> dict[str, Any]:
-    changed = {**document, "array": {"lattice": "free", "placements": places}}
-    return _assumed(changed, lambda key: None if key.startswith("array.") else key)
+    """Give every coil its own place; what is assumed of a coil stays where it says the same."""
+    old = document["array"].get("placements", [])
+    numbers = {place["name"]: k for k, place in enumerate(places)}
+
+    def renamed(key: str) -> str | None:
+        table, *rest = key.split(".")
+        if table != "array":
+            return key
+        if rest[0] != "placements":
+            return None
+        was, entry = old[int(rest[1])], rest[2]
+        k = numbers.get(was["name"])
+        same = k is not None and places[k].get(entry) == was.get(entry)
+        return f"array.placements.{k}.{entry}" if same else None
+
+    return _renamed({**document, "array": {"lattice": "free", "placements": places}}, renamed)
+
+
+def _without_coils(document: Document, design: Design, names: Sequence[str]) -> dict[str, Any]:
+    """Leave out how coils that have gone are terminated, and keep an origin that one of them was at its place."""
+    changed, gone = dict(document), list[str]()
+    ends = document.get("circuit", {}).get("terminations", {})
+    if set(ends) - set(names):
+        kept = {name: end for name, end in ends.items() if name in names}
+        changed["circuit"] = {**document["circuit"], "terminations": kept}
+        gone += [f"circuit.terminations.{name}" for name in ends if name not in names]
+    moved = dict[str, str]()
+    for key, setup in (("indentation", design.indentation), ("target", design.target)):
+        table = document.get(key, {})
+        if setup is not None and table.get("origin", names[0]) not in names:
+            rest = {entry: value for entry, value in table.items() if entry != "origin"}
+            changed[key] = {**rest, "origin_mm": [round(value * 1e3, 6) for value in setup.origin_point]}
+            moved[f"{key}.origin"] = f"{key}.origin_mm"
+    return no_longer_assumed(_renamed(changed, lambda key: moved.get(key, key)), gone)
 
 
 def _width(design: Design) -> float:
@@ -185,7 +245,13 @@ def _width(design: Design) -> float:
     return float(x.max() - x.min())
 
 
-def _assumed(document: Mapping[str, Any], renamed: Callable[[str], str | None]) -> dict[str, Any]:
+def _made_up(document: Document, *keys: str) -> dict[str, Any]:
+    """Say of values by their keys that the studio has set them."""
+    reasons = {**document.get("assumed", {}), **dict.fromkeys(keys, _MADE_UP)}
+    return {**document, **({"assumed": reasons} if reasons else {})}
+
+
+def _renamed(document: Document, renamed: Callable[[str], str | None]) -> dict[str, Any]:
     """Rename the keys of what is assumed, or leave them out."""
     reasons = {new: why for key, why in document.get("assumed", {}).items() if (new := renamed(key)) is not None}
     rest = {key: table for key, table in document.items() if key != "assumed"}

@@ -30,4 +30,4 @@ class Trail:
 
 
 def _of_file(work: Work, other: Work) -> Work:
-    return replace(work, file=other.file, kept=other.kept)
+    return replace(work, file=other.file, kept=other.kept, kept_text=other.kept_text)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import io
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
+from PIL import Image
 
-from coilarray.viz.scenes.camera import Side, aim, direction
+from coilarray.viz.scenes.camera import Camera, Side, aim, direction
 from coilarray.viz.scenes.draw import draw_parts, set_camera, text_name
 from coilarray.viz.scenes.scene import Scene, Text
 
@@ -41,6 +43,7 @@ class SceneView:
         self._plotter = cast("Any", pyvista.Plotter(off_screen=True, window_size=list(SIZE)))
         self._window = self._plotter.render_window
         self._window.SetMultiSamples(0)
+        self._beside: Any = None  # renders `picture`
         self._server, self._at_rest = server, at_rest
         self._scene: Scene | None = None
         self._sent: Callable[[], None] | None = None
@@ -67,7 +70,7 @@ class SceneView:
         self._scene = scene
         self._draw()
         if turned:
-            self._put_camera(camera)
+            _put_camera(self._plotter, camera)
         self._push()
 
     def look_from(self, side: Side) -> None:
@@ -76,6 +79,25 @@ class SceneView:
         if self._scene is not None:
             self._aim()
             self._push()
+
+    def picture(self, scene: Scene) -> bytes:
+        """Return another scene as a PNG file of the same size, seen by the same camera, with the same groups hidden."""
+        if self._beside is None:
+            import pyvista
+
+            self._beside = cast("Any", pyvista.Plotter(off_screen=True))
+        plotter = self._beside
+        plotter.window_size = list(self._size)
+        plotter.set_background("white")
+        plotter.renderer.RemoveAllViewProps()
+        shown = [part for part in scene.parts if part.group not in self._hidden]
+        texts = [text for text in scene.texts if text.group not in self._hidden]
+        draw_parts(_fitted(Scene(tuple(shown), tuple(texts)), self._size), plotter)
+        _put_camera(plotter, self._camera())
+        plotter.render()
+        buffer = io.BytesIO()
+        Image.fromarray(plotter.screenshot(return_img=True)).save(buffer, format="png", compress_level=3)
+        return buffer.getvalue()
 
     def hide(self, groups: Iterable[str]) -> None:
         """Hide these groups of the scene, and show all others."""
@@ -92,6 +114,8 @@ class SceneView:
             pass
         self._window.RemoveAllObservers()
         self._plotter.close()
+        if self._beside is not None:
+            self._beside.close()
 
     def _draw(self) -> None:
         if self._scene is None:
@@ -208,14 +232,13 @@ class SceneView:
         camera = self._plotter.camera
         return (*camera.position, *camera.focal_point, *camera.up, camera.parallel_scale)
 
-    def _put_camera(self, numbers: tuple[float, ...]) -> None:
-        camera = self._plotter.camera
-        camera.position, camera.focal_point, camera.up = numbers[:3], numbers[3:6], numbers[6:9]
-        camera.parallel_scale = numbers[9]
-        self._plotter.reset_camera_clipping_range()
-
     def _is_aimed(self) -> bool:
         return bool(self._aimed) and bool(np.allclose(self._camera(), self._aimed, rtol=_SAME, atol=_SAME))
+
+
+def _put_camera(plotter: Any, numbers: tuple[float, ...]) -> None:
+    position, focus, up = (cast("tuple[float, float, float]", numbers[k : k + 3]) for k in (0, 3, 6))
+    set_camera(plotter, Camera(position, focus, up, numbers[9]))
 
 
 def _fitted(scene: Scene, size: tuple[int, int]) -> Scene:

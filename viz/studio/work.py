@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from coilarray.design.model import Design, DesignFile, build_design_file
-from coilarray.design.save import file_text
-from coilarray.design.vary import no_longer_assumed, vary_chosen
+from coilarray.design.save import file_text, keeps_comments
+from coilarray.design.vary import vary_chosen
 from coilarray.errors import DesignError
 from coilarray.viz.studio.entries import number_of
 
@@ -28,6 +28,7 @@ class Work:
     opened: DesignFile
     file: str  # name of the file or bundled design
     kept: Mapping[str, Any]  # document as it was read or last saved
+    kept_text: str  # text of the file then
 
     @property
     def design(self) -> Design:
@@ -43,6 +44,11 @@ class Work:
     def unsaved(self) -> str:
         """Line for the page where a step would lose the changes."""
         return f"The changes of {self.file} are not saved; Discard loses them."
+
+    @property
+    def keeps_comments(self) -> bool:
+        """True where the comments of its file stay when it is saved."""
+        return keeps_comments(self.opened)
 
     def with_entry(self, key: str, text: str) -> Work:
         """Set the entry of a dotted key to a typed number in its unit.
@@ -66,11 +72,6 @@ class Work:
         _require_few_coils(self.opened.values, changes)
         return self.with_document(vary_chosen(self.opened.document, changes))
 
-    def with_tables(self, tables: Mapping[str, Any]) -> Work:
-        """Set whole tables of the file by their names, None for none; errors as in `with_entry`."""
-        document = {name: table for name, table in {**self.opened.document, **tables}.items() if table is not None}
-        return self.with_document(no_longer_assumed(document, tables))
-
     def with_document(self, document: Mapping[str, Any]) -> Work:
         """Return it with another document; errors as in `with_entry`."""
         try:
@@ -82,7 +83,10 @@ class Work:
 
     def saved_as(self, file: str) -> Work:
         """Return it after it was saved to a file."""
-        return replace(self, opened=replace(self.opened, text=self.text()), file=file, kept=self.opened.document)
+        text = self.text()
+        return replace(
+            self, opened=replace(self.opened, text=text), file=file, kept=self.opened.document, kept_text=text
+        )
 
     def text(self) -> str:
         """Return the design file, with its comments."""
@@ -92,7 +96,7 @@ class Work:
 def work_on(opened: DesignFile, file: str) -> Work:
     """Return a design as it was read; DesignError where it is too large for the studio."""
     require_small(opened.design)
-    return Work(opened, file, opened.document)
+    return Work(opened, file, opened.document, opened.text)
 
 
 def require_small(design: Design) -> None:

@@ -12,6 +12,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GoalError
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
+from coilarray.response.coordinates import from_board
 from coilarray.studies.quantities.evaluation import Evaluation
 from coilarray.studies.quantities.quantity import Option, quantity, read_positive, read_rectangle
 from coilarray.studies.quantities.responses import DEPTH
@@ -32,7 +33,7 @@ _OPTIONS = (
         "region_mm",
         "[x_min, x_max, y_min, y_max] in mm, rising",
         read_rectangle,
-        "where, from the map's origin; over the outlines of all coils by default",
+        "where on the board; over the outlines of all coils by default",
     ),
     DEPTH,
     Option("noise", "a number above 0", read_positive, f"standard deviation of every δ; {NOISE:g} by default"),
@@ -58,9 +59,11 @@ def _depth_error(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 def _median(evaluation: Evaluation, options: Mapping[str, Any], name: str) -> float:
     depth = evaluation.depth(options.get("depth_mm"))
     given = options.get("region_mm")
-    x_min, x_max, y_min, y_max = (
-        evaluation.window(_DEPTHS[-1] * depth) if given is None else (edge * 1e-3 for edge in given)
-    )
+    if given is None:
+        x_min, x_max, y_min, y_max = evaluation.window(_DEPTHS[-1] * depth)
+    else:
+        edges, origin = [edge * 1e-3 for edge in given], evaluation.indentation.origin_point
+        (x_min, x_max), (y_min, y_max) = from_board(edges[:2], origin[0]), from_board(edges[2:], origin[1])
     step = sum(sheet.thickness for sheet in evaluation.design.sheets) / _STEPS
     table = evaluation.response(depth * np.array(_DEPTHS), _row(x_min, x_max, step), _row(y_min, y_max, step))
     bound = identifiability(

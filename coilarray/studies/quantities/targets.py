@@ -1,4 +1,4 @@
-"""Quantities of a target: what it does to a coil at a distance, and how far and how finely it is told."""
+"""Quantities of a target: what it does to a coil at a distance, and how far and how finely its distance is resolved."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ import xarray as xr
 
 from coilarray.errors import GoalError
 from coilarray.geometry import Plate
+from coilarray.response.coordinates import from_board
 from coilarray.response.target_range import FACTOR, ranges_of
 from coilarray.studies.quantities.couplings import COIL
 from coilarray.studies.quantities.evaluation import Evaluation
+from coilarray.studies.quantities.positions import NOISE
 from coilarray.studies.quantities.quantity import Option, Quantity, quantity, read_number, read_positive
 
 _DISTANCE = Option(
     "distance_mm", "a number of mm above 0", read_positive, "how far; the design's least distance by default"
 )
 _PLACE = tuple(
-    Option(
-        f"{axis}_mm", "a number of mm", read_number, f"{axis} of the target, from its origin; over the coil by default"
-    )
+    Option(f"{axis}_mm", "a number of mm", read_number, f"{axis} of the target on the board; over the coil by default")
     for axis in "xy"
 )
-_NOISE = Option("noise", "a number above 0", read_positive, "standard deviation of δ in a reading; 1e-5 by default")
+_NOISE = Option(
+    "noise", "a number above 0", read_positive, f"standard deviation of δ in a reading; {NOISE:g} by default"
+)
 _OVER = (_DISTANCE, *_PLACE)
-_USUAL_NOISE = 1e-5
 
 
 def _with_target(name: str, unit: str, variable: str, scale: float, says: str) -> Quantity:
@@ -47,7 +48,7 @@ def _with_target(name: str, unit: str, variable: str, scale: float, says: str) -
     COIL, *_PLACE, _NOISE,
 )  # fmt: skip
 def _range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    found = ranges_of(_every_distance(evaluation, options), options.get("noise", _USUAL_NOISE))
+    found = ranges_of(_every_distance(evaluation, options), options.get("noise", NOISE))
     value = float(found.range.item())
     if math.isnan(value):
         raise GoalError(f"{options['coil']} of {evaluation.design.name} does not notice the target at any distance.")
@@ -55,13 +56,13 @@ def _range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 @quantity(
-    "target_deviation_um", "µm", "target", "standard deviation of a distance that is told from one reading",
+    "target_deviation_um", "µm", "target", "standard deviation of a distance from one reading",
     COIL, *_OVER, _NOISE,
 )  # fmt: skip
 def _deviation(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     distance = evaluation.distance(options.get("distance_mm"))
     known = _every_distance(evaluation, options, distance)
-    deviations = ranges_of(known, options.get("noise", _USUAL_NOISE)).distance_deviation.values[:, 0]
+    deviations = ranges_of(known, options.get("noise", NOISE)).distance_deviation.values[:, 0]
     return float(deviations[np.abs(known.distance.values - distance).argmin()]) * 1e6
 
 
@@ -79,13 +80,12 @@ def _over(evaluation: Evaluation, options: Mapping[str, Any], distances: Sequenc
     """Map of one coil's state with the target over the coil, or where the options say, at some distances in m."""
     name, target = options["coil"], evaluation.target
     state = evaluation.state_of(name)
-    place = evaluation.design.array.centres[evaluation.coil(name)] - target.origin_point
+    place = evaluation.design.array.centres[evaluation.coil(name)]
     if isinstance(target.body, Plate):
-        place = np.zeros(2)
-    x, y = (
-        float(middle) if given is None else given * 1e-3
-        for middle, given in zip(place, (options.get("x_mm"), options.get("y_mm")), strict=True)
-    )
+        place = np.array(target.origin_point)
+    at = [options.get("x_mm"), options.get("y_mm")]
+    places = [float(middle) if given is None else given * 1e-3 for middle, given in zip(place, at, strict=True)]
+    (x,), (y,) = (from_board([one], origin) for one, origin in zip(places, target.origin_point, strict=True))
     return evaluation.target_map(distances, x, y).isel(state=[state])
 
 

@@ -15,13 +15,14 @@ placement_x, _y     none                m      true less believed position of th
 permeability        none                1      raises μr of all magnetic sheets
 elastomer           sheet               m      thickens the sheet
 capacitance         none                1      raises the capacitance of the tank
-plate_distance      plate               m      moves the plate away from the coils
+plate_distance      plate               m      moves the plate away from the coils; nearer, until it touches
 plate_thickness     plate               1      thickens the plate; its face near the coils stays
 conductivity        none                1      raises the conductivity of all plates and of the target
 target_tilt_x, _y   none                rad    tilts a target with an outline, which rises towards x or y
 ==================  ==================  =====  ================================================================
 
-The ends of every line stay at the drilled holes that join them. Pads, holes and the outline of the board have no error.
+Plates keep their gap to the sheets, or to the underside of the board, as these become thicker. The ends of every line
+stay at the drilled holes that join them. Pads, holes and the outline of the board have no error.
 """
 
 from __future__ import annotations
@@ -121,13 +122,17 @@ def perturb(design: Design, errors: Mapping[str, float]) -> Design:
     switches = design.circuit.switches
     tank = _scaled(switches.tank_capacitance, nonzero, "capacitance")
     try:
+        array = _array(design.array, nonzero)
+        sheets = tuple(_sheet(sheet, nonzero) for sheet in design.sheets)
+        rise = sum(sheet.thickness for sheet in sheets) - design.top
+        sink = array.stackup.thickness - design.array.stackup.thickness
         return replace(
             design,
-            array=_array(design.array, nonzero),
-            sheets=tuple(_sheet(sheet, nonzero) for sheet in design.sheets),
+            array=array,
+            sheets=sheets,
             indentation=_indentation(design.indentation, nonzero),
             circuit=replace(design.circuit, switches=replace(switches, tank_capacitance=tank)),
-            plates=tuple(_plate(plate, nonzero) for plate in design.plates),
+            plates=tuple(_plate(plate, design, nonzero, rise, sink) for plate in design.plates),
             target=_target(design.target, nonzero),
         )
     except (DesignError, GeometryError) as error:
@@ -169,13 +174,20 @@ def _conducting(material: Material, errors: Mapping[str, float]) -> Material:
     return replace(material, conductivity=_scaled(material.conductivity, errors, "conductivity"))
 
 
-def _plate(plate: Plate | FinitePlate, errors: Mapping[str, float]) -> Plate | FinitePlate:
+def _plate(
+    plate: Plate | FinitePlate, design: Design, errors: Mapping[str, float], rise: float, sink: float
+) -> Plate | FinitePlate:
+    """Return a plate at its gap to the sheets, which rise, or to the board's underside, which sinks, both in m."""
     thickness = _scaled(plate.thickness, errors, f"plate_thickness.{plate.name}")
-    above = plate.heights[0] >= 0
-    away = errors.get(f"plate_distance.{plate.name}", 0.0)
     changed = replace(plate, thickness=thickness, material=_conducting(plate.material, errors))
-    near = 0 if above else 1
-    return changed.lifted((away if above else -away) + plate.heights[near] - changed.heights[near])
+    low, high = plate.heights
+    above = low >= 0
+    gap = low - design.top if above else -design.array.stackup.thickness - high
+    # what it would touch stops it
+    away = max(errors.get(f"plate_distance.{plate.name}", 0.0), -max(gap, 0.0))
+    if above:
+        return changed.lifted(rise + away + low - changed.heights[0])
+    return changed.lifted(high - sink - away - changed.heights[1])
 
 
 def _target(target: Target | None, errors: Mapping[str, float]) -> Target | None:

@@ -191,7 +191,7 @@ def _position_error(file: DesignFile) -> _Part:
             f"{file.design.name} has {len(file.design.plan)}."
         )
     return _Part(
-        "Positions told best",
+        "Positions best resolved",
         [
             (
                 {"quantity": "position_error_mm", "direction": "minimize"},
@@ -207,14 +207,14 @@ def _position_error(file: DesignFile) -> _Part:
 
 
 def _range(file: DesignFile) -> _Part:
-    return _of_target(file, "target_range_mm[{coil}]", "maximize", "A target noticed farther", "noise of 1e-5 in δ")
+    return _of_target(file, "target_range_mm[{coil}]", "maximize", "Largest range of a target", "noise of 1e-5 in δ")
 
 
 def _resolution(file: DesignFile) -> _Part:
     distances = Evaluation(file.design).target.distances
     middle = f"{round(distances[len(distances) // 2] * 1e3, 6):g}"
     quantity = f"target_deviation_um[{{coil}},distance_mm={middle}]"
-    return _of_target(file, quantity, "minimize", "Distances of a target told best", "in the middle of its distances")
+    return _of_target(file, quantity, "minimize", "Finest resolution of distance", "in the middle of its distances")
 
 
 def _of_target(file: DesignFile, quantity: str, direction: str, title: str, says: str) -> _Part:

@@ -1,0 +1,136 @@
+"""Sweeps and tolerance studies that the page starts, in processes of their own, and their results as rows."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from coilarray.compute.store import open_store
+from coilarray.compute.threads import Progress
+from coilarray.compute.workers import workers
+from coilarray.design.model import build_design_file
+from coilarray.studies.quantities import QUANTITIES
+from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
+from coilarray.studies.tolerance import analyse, load_tolerances
+from coilarray.studies.tolerance.outputs import default_quantities
+from coilarray.viz.studio.entries import Entry, text_of
+from coilarray.viz.studio.job import progress_of
+from coilarray.viz.studio.services import Document, Stopped, Tell
+
+_EVERY = 1.0  # s between two results of a sweep that goes on
+_STEPS = 5  # values that are offered
+_NEAR = 0.2  # of a value: how far they go to both sides
+
+PLAIN = tuple(name for name, quantity in QUANTITIES.items() if not any(one.required for one in quantity.options))
+"""Names of the quantities that need no options."""
+
+
+@dataclass(frozen=True)
+class SweepRequest:
+    """A sweep of a design: its axes as on the command line, and quantities; none for the first of the design."""
+
+    document: Document
+    name: str
+    axes: tuple[str, ...]
+    quantities: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class SweepResult:
+    """Points of a sweep with what is known of them."""
+
+    points: tuple[Mapping[str, Any], ...]  # entries that are changed, as for `coilarray.design.vary.vary`
+    values: xr.Dataset  # of `coilarray.studies.sweep.run_sweep`
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a table of results."""
+
+    cells: tuple[str, ...]
+    point: int | None = None  # whose entries can be taken over
+    reason: str = ""  # why it has no values
+
+
+def sweep_entries(item: SweepRequest, tell: Tell, _: Stopped) -> SweepResult:
+    """Task that sweeps as ``coilarray sweep`` does, with the same store, and sends results while it goes on."""
+    file = build_design_file(item.document, item.name)
+    wanted = item.quantities or default_quantities(file.design)[:1]
+    plan = plan_sweep(file, [parse_axis(text) for text in item.axes], wanted)
+    sent = time.monotonic()
+
+    def watch(so_far: Callable[[], xr.Dataset]) -> None:
+        nonlocal sent
+        if time.monotonic() - sent > _EVERY:
+            tell(SweepResult(plan.points, so_far()))
+            sent = time.monotonic()
+
+    with workers() as pool:
+        found = run_sweep(plan, pool, open_store(None), progress=progress_of(tell), watch=watch)
+    return SweepResult(plan.points, found)
+
+
+def spread_boards(
+    document: Document, name: str, tolerances: Path | None, quantities: Sequence[str], samples: int, progress: Progress
+) -> xr.Dataset:
+    """Analyse tolerances as ``coilarray tolerance`` does, of typical values without a file."""
+    file = build_design_file(document, name)
+    settings: dict[str, Any] = {"quantities": quantities, "samples": samples, "cache": open_store(None)}
+    return analyse(file, load_tolerances(tolerances), **settings, progress=progress)
+
+
+def axis_text(entry: Entry) -> str:
+    """Return values about that of an entry, as ``coilarray sweep --vary`` reads them behind the key.
+
+    Examples
+    --------
+    >>> axis_text(Entry("array.pitch_mm", "pitch", "mm", "Array", 13.0, 6.5, 26.0, 0.1))
+    '10.4:15.6:5'
+    """
+    if entry.step == 1.0:  # a whole number
+        low, high = max(entry.low, entry.value - 2), min(entry.high, entry.value + 2)
+        return ",".join(text_of(value) for value in np.arange(low, high + 1))
+    width = _NEAR * (abs(entry.value) or entry.high)
+    low, high = max(entry.low, entry.value - width), entry.value + width
+    return f"{low:.4g}:{high:.4g}:{_STEPS}"
+
+
+def sweep_rows(result: SweepResult) -> tuple[tuple[str, ...], tuple[Row, ...]]:
+    """Return the head of a table and a row for each point of a sweep that is computed."""
+    keys = [str(name) for name in result.values.data_vars if name != "reason"]
+    columns = [result.values[key].values.ravel().tolist() for key in keys]
+    rows = []
+    for k, reason in enumerate(result.values.reason.values.ravel().tolist()):
+        found = [column[k] for column in columns]
+        if reason or not np.isnan(found).all():
+            cells = (*map(_shown, result.points[k].values()), *("–" if np.isnan(one) else _shown(one) for one in found))
+            rows.append(Row(cells, None if reason else k, reason))
+    return (*result.points[0], *keys), tuple(rows)
+
+
+def tolerance_rows(result: xr.Dataset) -> tuple[tuple[str, ...], tuple[Row, ...]]:
+    """Return the head of a table and a row for each output of a tolerance study, then one for each limit."""
+    sampled = "sample_deviation" in result
+    rows = []
+    for k, name in enumerate(result.output.values.tolist()):
+        one = result.isel(output=k)
+        first = int(np.argmax(one.share.values))
+        share = float(one.share[first])
+        of = f"{one.contributor.values[first]} ({100 * share:.0f} %)" if share > 0 else "no error"
+        drawn = f"{float(one.sample_deviation):.3g}" if sampled else "–"
+        rows.append(Row((name, _shown(float(one.nominal)), f"{float(one.linear_deviation):.3g}", drawn, of)))
+    if "limit" in result.dims:
+        shares = result.sample_yield if "sample_yield" in result else result.linear_yield
+        for text, share in zip(result.limit.values.tolist(), shares.values.tolist(), strict=True):
+            rows.append(Row((text, "", "", "", f"yield {100 * share:.1f} %")))
+    return ("output", "nominal", "σ, linear", "σ, drawn", "most by"), tuple(rows)
+
+
+def _shown(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
