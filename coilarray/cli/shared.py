@@ -265,8 +265,8 @@ def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:
     if max(errors) <= _WORTH_SAYING:
         return []
     return [
-        f"the plate's skin depth or thickness is not small against its width: its ΔL errs by up to {errors[0]:.1%}, "
-        f"its ΔR by {errors[1]:.1%} (estimated), and both by the mesh"
+        f"the plate's skin depth or thickness is not small against its width: its ΔL errs by about {errors[0]:.1%}, "
+        f"its ΔR by {errors[1]:.1%} (estimated), beside rim and mesh"
     ]
 
 

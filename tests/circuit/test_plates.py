@@ -14,7 +14,7 @@ import pytest
 
 import coilarray as ca
 import coilarray.circuit.plates as circuit_plates
-from coilarray.circuit.coupling import design_circuit, design_inductance, design_plates, swept_circuit
+from coilarray.circuit.coupling import design_circuit, design_inductance, design_plates, plate_errors, swept_circuit
 from coilarray.circuit.exchange import export_network
 from coilarray.circuit.network import Network, resonate, solve_state
 from coilarray.circuit.plates import plate_effect
@@ -148,6 +148,7 @@ def test_a_plate_with_an_outline(bare: ca.Design) -> None:
     one = replace(bare, array=bare.array.with_placements(bare.array.placements[1:2]))
     wide = ca.Plate("wide", 5e-3, 0.5e-3, ca.MATERIALS["copper"])
     disc = ca.FinitePlate("disc", ca.Disc(25e-3), (0, 0, 5.25e-3), 0.5e-3, wide.material)
+    assert 0 < plate_errors(replace(one, plates=(disc,)))["plate_error_inductance"] < 1e-2
     endless, found = (
         plate_effect(replace(one, plates=(plate,)), 3e6, 3e6).at(np.array([3e6])).real for plate in (wide, disc)
     )

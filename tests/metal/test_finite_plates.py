@@ -21,7 +21,7 @@ from coilarray.geometry.material import MATERIALS
 from coilarray.geometry.plate import Disc, FinitePlate, Plate, Polygon, Ring
 from coilarray.metal import field_at_plate
 from coilarray.metal.field_at_plate import lowered_copies
-from coilarray.metal.finite_plates import eddy_currents, moving_plate
+from coilarray.metal.finite_plates import eddy_currents, moving_plate, moving_plate_error
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.half_body import EddyBody
 from coilarray.metal.plate_mesh import plate_mesh
@@ -132,6 +132,10 @@ def test_axisymmetric_finite_elements(frequency):
     change = moving_plate([loop(*each, sides=180) for each in loops], plate, [plate.centre], [frequency])[0, 0]
     np.testing.assert_allclose(change.diagonal().real, reference.real, rtol=4e-2 if frequency < 1e4 else 1e-2)
     np.testing.assert_allclose(change.diagonal().imag, reference.imag, rtol=5e-2)
+    error = moving_plate_error([loop(*each) for each in loops], plate, [plate.centre], [frequency])
+    assert error.inductance == pytest.approx(0.063 if frequency < 1e4 else 0.002, rel=0.05)
+    mesh = 1e-2
+    assert (np.abs(change.diagonal().real / reference.real - 1) < error.inductance + mesh).all()
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ import coilarray as ca
 import coilarray.response.target as module
 from coilarray.circuit.coupling import bare_network, design_circuit, swept_circuit
 from coilarray.circuit.network import changed_resonances, resonate, solve_state
-from coilarray.errors import LocalizeError, MetalError
+from coilarray.errors import GeometryError, LocalizeError, MetalError
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 from coilarray.metal.ball import ball_inductance
@@ -162,6 +162,17 @@ def test_an_interrupted_map_goes_on(tmp_path, monkeypatch):
     again = target_map(design, network=network, parts=tmp_path)
     assert asked[4:] == [[4e-3], [8e-3]]
     xr.testing.assert_identical(again, target_map(design, network=network))
+    assert 0 < again.attrs["plate_error_inductance"] < again.attrs["plate_error_resistance"] < 0.1
+
+
+def test_a_distance_within_a_plate_of_the_design_is_refused():
+    above = ca.Plate("above", 6e-3, 0.5e-3, ALUMINIUM)
+    design = replace(ONE, target=ca.Target(ca.Plate("target", 0.0, 1e-3, ALUMINIUM), (4e-3,)), plates=(above,))
+    network = design_circuit(ONE, ideal=True)
+    refused(
+        GeometryError, "plate 'target' lies from z = 0.0055 to 0.0065 m and plate 'above' begins at 0.006 m",
+        target_map, design, distances=[5.5e-3], network=network,
+    )  # fmt: skip
 
 
 @pytest.mark.slow
