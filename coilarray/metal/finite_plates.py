@@ -171,8 +171,8 @@ def moving_plate_error(
     """Estimate the largest errors of the model in `moving_plate`, whose arguments and errors these are.
 
     That of the impedance, which is taken at one wavenumber for all patterns of the current. The rim and the mesh err
-    besides: measured against finite elements, a disc of 2 mm at 20 kHz was 0.8 % off in ΔL and 2.3 to 3.4 % in ΔR, where
-    this says 0.2 and 1.7 %.
+    besides: measured against finite elements, a disc of 2 mm at 20 kHz was 0.8 % off in ΔL and 2.3 to 3.4 % in ΔR,
+    where this says 0.2 and 1.7 %.
     """
     paths = as_conductors(source)
     where, f = _checked(positions, frequencies)
