@@ -10,7 +10,7 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.errors import ElastomerError, NetworkError
+from coilarray.errors import ElastomerError
 
 if TYPE_CHECKING:
     from coilarray.response.map import Reach
@@ -79,7 +79,6 @@ def response(
     )
     errors = _thickness_errors(thickness_error_mm or ())
     counted = _reach(reach)
-    from coilarray.compute.store import open_store
     from coilarray.report.figures import map_outlines
     from coilarray.report.indentation_tables import response_table
     from coilarray.response.answering import coils_outside
@@ -90,20 +89,11 @@ def response(
     x, y = shared.from_map_origin(opened.indentation, *places)
     offset = (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3)
     imperfections = Imperfections(tilt, offset, depth_error_mm * 1e-3, errors, noise=noise, seed=seed)
-    parts = out.with_name(f"{out.name}.parts")
-    store = open_store(parts)
-    kept = store.keys()
-    try:
-        with shared.progress_bar("response") as progress:
-            result = response_map(
-                opened, depths=depths, x=x, y=y, reach=counted, imperfections=imperfections, ideal=ideal,
-                dielectric=dielectric, metal=metal, rest=rest_distance_mm * 1e-3, parts=parts, progress=progress,
-            )  # fmt: skip
-    except NetworkError:
-        store.discard(store.keys() - kept)  # of no use: going on would end in the same way
-        raise
-    finally:
-        store.discard(())  # the folder, where nothing was computed
+    with shared.map_parts(out) as store, shared.progress_bar("response") as progress:
+        result = response_map(
+            opened, depths=depths, x=x, y=y, reach=counted, imperfections=imperfections, ideal=ideal,
+            dielectric=dielectric, metal=metal, rest=rest_distance_mm * 1e-3, parts=store.folder, progress=progress,
+        )  # fmt: skip
     shown = on_board(result)
     table = response_table(shown)
     in_metres = shown.delta.rename(depth="depth_m", y="y_m", x="x_m")

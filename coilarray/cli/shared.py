@@ -19,13 +19,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from coilarray.cli.replacing import replacing
-from coilarray.errors import ClusterError, CoilarrayError, ElastomerError, OutputError
+from coilarray.errors import ClusterError, CoilarrayError, ElastomerError, NetworkError, OutputError
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from coilarray.compute.store import Store
     from coilarray.compute.threads import Progress
     from coilarray.compute.workers import Pool
     from coilarray.design.model import Design, DesignFile, Indentation
@@ -159,6 +160,22 @@ def open_design_file(name: str | None, *, allow_violations: bool) -> DesignFile:
 def design_record(design: Design) -> dict[str, str]:
     """Return name and hash of a design as every JSON output has them."""
     return {"design": design.name, "design_hash": design.digest}
+
+
+@contextmanager
+def map_parts(out: Path) -> Iterator[Store]:
+    """Keep the parts of a map beside its file, from which an interrupted command goes on."""
+    from coilarray.compute.store import open_store
+
+    store = open_store(out.with_name(f"{out.name}.parts"))
+    kept = store.keys()
+    try:
+        yield store
+    except NetworkError:
+        store.discard(store.keys() - kept)  # of no use: going on would end in the same way
+        raise
+    finally:
+        store.discard(())  # the folder, where nothing was computed
 
 
 def from_map_origin(

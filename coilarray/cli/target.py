@@ -9,7 +9,6 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.errors import NetworkError
 
 
 def target(
@@ -51,7 +50,6 @@ def target(
         None if text is None else shared.lengths(option, text)
         for option, text in (("--distance-mm", distance_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
     )
-    from coilarray.compute.store import open_store
     from coilarray.report.figures import map_outlines
     from coilarray.report.target_tables import range_table, target_coupling_table, target_table, values_table
     from coilarray.response.coordinates import on_board
@@ -59,27 +57,18 @@ def target(
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     x, y = shared.from_map_origin(opened.target, *places)
-    parts = out.with_name(f"{out.name}.parts")
-    store = open_store(parts)
-    kept = store.keys()
-    try:
-        with shared.progress_bar("target") as progress:
-            result = target_map(
-                opened,
-                distances=distances,
-                x=x,
-                y=y,
-                noise=noise,
-                ideal=ideal,
-                fineness=fineness,
-                parts=parts,
-                progress=progress,
-            )
-    except NetworkError:
-        store.discard(store.keys() - kept)  # of no use: going on would end in the same way
-        raise
-    finally:
-        store.discard(())  # the folder, where nothing was computed
+    with shared.map_parts(out) as store, shared.progress_bar("target") as progress:
+        result = target_map(
+            opened,
+            distances=distances,
+            x=x,
+            y=y,
+            noise=noise,
+            ideal=ideal,
+            fineness=fineness,
+            parts=store.folder,
+            progress=progress,
+        )
     shown = on_board(result)
     tables = target_table(shown), range_table(shown)
     shared.write_numbers(out, result, values_table(shown).csv)

@@ -166,11 +166,13 @@ def _weight(slab: Slab, n: int) -> float:
 
 def _images(paths: Sequence[Conductor], slab: Slab, n: int) -> list[Conductor]:
     """Paths mirrored at the lower face and lifted by 2nt."""
-    lift = np.array([0.0, 0.0, 2 * (slab.lower + n * slab.thickness)])
-    return [
-        Conductor(path.vertices * [1, 1, -1] + lift, path.widths, path.thicknesses, name=f"image {n} of {path.name}")
-        for path in paths
-    ]
+    return [mirrored(path, slab.lower + n * slab.thickness) for path in paths]
+
+
+def mirrored(path: Conductor, height: float) -> Conductor:
+    """Return the path mirrored at a height in m, with its current."""
+    lift = np.array([0.0, 0.0, 2 * height])
+    return Conductor(path.vertices * [1, 1, -1] + lift, path.widths, path.thicknesses, name=f"image of {path.name}")
 
 
 def require_below(path: Conductor, face: float) -> None:

@@ -32,6 +32,7 @@ from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.flat_stack import Base, flat_profile
 from coilarray.elastomer.tensor_grid import TensorGrid, energies
+from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
 from coilarray.errors import ElastomerError
 
 _MOST_WAVENUMBERS = 2000
@@ -122,14 +123,13 @@ def wavenumber_rule(clearance: float, extent: float, mesh: LayerMesh) -> tuple[F
     that the rule would have more than 2000 nodes.
     """
     highest = mesh.decays / clearance
-    count = int(np.ceil(highest * extent / np.pi)) + 20  # two nodes a period of e^{ikx}, and some to converge
+    count = wave_count(highest, extent)
     if count > _MOST_WAVENUMBERS:
         raise ElastomerError(
             f"a dented face comes within {clearance * 1e3:.3g} mm of coils on {extent * 1e3:.3g} mm: too close for "
             f"this method, which would need {count} wavenumbers; {_MOST_WAVENUMBERS} are allowed."
         )
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return (nodes + 1) / 2 * highest, weights / 2 * highest
+    return wave_rule(highest, count)
 
 
 def scatter(

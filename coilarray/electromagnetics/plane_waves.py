@@ -280,3 +280,17 @@ def _mean_wave(c2: FloatArray) -> FloatArray:
         c[c == 0] = 1e-9
         return np.asarray((np.sinh(c) / c).real)
     return np.asarray(1 + c2 / 6 * (1 + c2 / 20 * (1 + c2 / 42 * (1 + c2 / 72))))
+
+
+def wave_count(highest: float, extent: float) -> int:
+    """Nodes of a rule up to the highest wavenumber in 1/m that resolves a lateral extent in m.
+
+    Two a period of e^{ikx}, and some to converge.
+    """
+    return math.ceil(highest * extent / np.pi) + 20
+
+
+def wave_rule(highest: float, count: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss–Legendre nodes and weights in 1/m, (count,) each, from 0 to the highest wavenumber."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return (nodes + 1) / 2 * highest, weights / 2 * highest

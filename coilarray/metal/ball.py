@@ -32,6 +32,7 @@ from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.constants import MU_0
 from coilarray.elastomer.coil_spectrum import Segments, coil_segments, harmonics_about, segment_centres, segment_spectra
 from coilarray.elastomer.flat_stack import flat_profile, reflection
+from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import Ball, Material, Sheet
@@ -270,8 +271,7 @@ def _wavenumbers(
     clearance = float(at[:, 2].min()) - ball.radius - copper
     highest = min(_DECAYS / clearance, _highest(ball, orders))
     extent = float(np.hypot(*(at[:, None, :2] - middles).T).max()) + radius + ball.radius
-    nodes, weights = np.polynomial.legendre.leggauss(math.ceil(highest * extent / np.pi) + 20)
-    return (nodes + 1) / 2 * highest, weights / 2 * highest
+    return wave_rule(highest, wave_count(highest, extent))
 
 
 def _highest_copper(coils: Sequence[Segments], at: FloatArray, ball: Ball) -> float:

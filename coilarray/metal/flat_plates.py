@@ -29,7 +29,7 @@ import numpy.typing as npt
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
-from coilarray.elastomer.flat_layer import require_below
+from coilarray.elastomer.flat_layer import mirrored, require_below
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
 from coilarray.electromagnetics.plane_waves import Board, board_below, reflected_inductance, top_of, wavenumbers
 from coilarray.electromagnetics.source import Source, as_conductors
@@ -208,7 +208,7 @@ class _Around:
         return [
             board_below(paths, self.faces[0], accuracy)
             if side == 0
-            else board_below([_mirrored(path, 0.0) for path in paths], -self.faces[1], accuracy)
+            else board_below([mirrored(path, 0.0) for path in paths], -self.faces[1], accuracy)
             for side in self.sides
         ]
 
@@ -217,9 +217,9 @@ class _Around:
         up, down = self.faces
         match self.kinds[kind]:
             case (0, 0):
-                return [_mirrored(path, up + lift) for path in paths]
+                return [mirrored(path, up + lift) for path in paths]
             case (1, 1):
-                return [_mirrored(path, down - lift) for path in paths]
+                return [mirrored(path, down - lift) for path in paths]
         step = np.array([0.0, 0.0, 2 * (up - down + lift)])
         return [Conductor(p.vertices + step, p.widths, p.thicknesses, name=f"image of {p.name}") for p in paths]
 
@@ -258,7 +258,7 @@ class _Around:
 def _around(
     paths: Sequence[Conductor], cases: Sequence[Sequence[Plate]], sheets: Sequence[Sheet], omega: FloatArray
 ) -> _Around:
-    top, bottom = max(map(top_of, paths)), -max(top_of(_mirrored(path, 0.0)) for path in paths)
+    top, bottom = max(map(top_of, paths)), -max(top_of(mirrored(path, 0.0)) for path in paths)
     gaps = []
     for plate in itertools.chain(*cases):
         low, high = plate.heights
@@ -294,12 +294,6 @@ def _require_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> None:
                 f"plates and magnetic sheets must not overlap; {one} lies from z = {low:g} to {high:g} m and {other} "
                 f"begins at {start:g} m."
             )
-
-
-def _mirrored(path: Conductor, height: float) -> Conductor:
-    """Return the path mirrored at a height in m, with its current."""
-    lift = np.array([0.0, 0.0, 2 * height])
-    return Conductor(path.vertices * [1, 1, -1] + lift, path.widths, path.thicknesses, name=f"image of {path.name}")
 
 
 def _above(plates: Sequence[Plate], sheets: Sequence[Sheet], top: float) -> _Stack:

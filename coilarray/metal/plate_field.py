@@ -23,6 +23,7 @@ import numpy.typing as npt
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
 from coilarray.elastomer.coil_spectrum import Segments, coil_segments, gradients_on_grid, segment_spectra
+from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import Plate, Sheet
@@ -340,12 +341,11 @@ def _extent(points: FloatArray, x: FloatArray, y: FloatArray) -> float:
 
 
 def _rule(extent: float, highest: float) -> tuple[FloatArray, FloatArray]:
-    """Gauss–Legendre nodes and weights in 1/m from 0 to the highest wavenumber, two a period of e^{ikx} and some."""
-    count = int(np.ceil(highest * extent / np.pi)) + 20
+    """Gauss–Legendre nodes and weights in 1/m from 0 to the highest wavenumber that resolve an extent in m."""
+    count = wave_count(highest, extent)
     if count > _MOST_WAVENUMBERS:
         raise MetalError(
             f"B at {_DECAYS / highest * 1e3:.3g} mm from the coils on {extent * 1e3:.4g} mm would need {count} "
             f"wavenumbers; {_MOST_WAVENUMBERS} are allowed: choose places farther from the board."
         )
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return (nodes + 1) / 2 * highest, weights / 2 * highest
+    return wave_rule(highest, count)
