@@ -29,6 +29,7 @@ def emulated_board(
     noise: float = NOISE,
     drift: Drift | None = None,
     oscillator: Oscillator | None = None,
+    first_offset: float = 0.0,
     strays: Mapping[str, float] | None = None,
     copper: float = COPPER,
     capacitor: float = 0.0,
@@ -55,6 +56,8 @@ def emulated_board(
         Temperature of the board; constant by default.
     oscillator : Oscillator, optional
         Internal oscillator of the converter; the typical 43.4 MHz by default.
+    first_offset : float
+        Error of the first conversion after sleep in codes, see `Conditions`.
     strays, copper, capacitor
         Deviations from the design, see `SensorWorld`.
     clock : Clock, optional
@@ -104,7 +107,7 @@ def emulated_board(
         network, table,
         strays=strays, copper=copper, capacitor=capacitor,
     )  # fmt: skip
-    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise)
+    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise, first_offset=first_offset)
     board = EmulatedBoard(
         wiring.coils, wiring.encode(), world,
         clock=clock or VirtualClock(), conditions=conditions, strict=strict, seed=seed,
