@@ -29,7 +29,7 @@ import numpy.typing as npt
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
-from coilarray.elastomer.flat_layer import mirrored, require_below
+from coilarray.electromagnetics.flat_layer import mirrored, require_below
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
 from coilarray.electromagnetics.plane_waves import Board, board_below, reflected_inductance, top_of, wavenumbers
 from coilarray.electromagnetics.source import Source, as_conductors
@@ -77,7 +77,7 @@ def plate_inductance(
     -------
     ndarray of complex, shape (f, paths, paths)
         Change of the impedance over jω in H against that under the sheets alone: ΔL − jΔR/ω, symmetric. To be added to
-        the inductance in air and `coilarray.elastomer.flat_layer.layer_inductance`.
+        the inductance in air and `coilarray.electromagnetics.flat_layer.layer_inductance`.
 
     Raises
     ------

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
-from coilarray.elastomer.coil_spectrum import Segments, coil_segments, gradients_on_grid, segment_spectra
+from coilarray.electromagnetics.coil_spectrum import Segments, coil_segments, gradients_on_grid, segment_spectra
 from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
