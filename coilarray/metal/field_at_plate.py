@@ -16,8 +16,8 @@ from scipy.ndimage import map_coordinates, spline_filter
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import run_blocks
-from coilarray.elastomer.flat_layer import Slab
 from coilarray.electromagnetics.field import magnetic_field
+from coilarray.electromagnetics.flat_layer import Slab
 from coilarray.geometry import Conductor
 
 _STEP = 0.25  # of the grid, of its height over the copper: errs by some 1e-5 of the field

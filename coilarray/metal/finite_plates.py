@@ -15,7 +15,7 @@ from shapely.affinity import translate
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
-from coilarray.elastomer.flat_layer import Slab, magnetic_slab
+from coilarray.electromagnetics.flat_layer import Slab, magnetic_slab
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
