@@ -12,16 +12,17 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import map_coordinates, spline_filter
+from scipy.interpolate import NdBSpline, make_interp_spline
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.threads import run_blocks
+from coilarray.compute.threads import ranges, run_blocks
 from coilarray.elastomer.flat_layer import Slab
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.geometry import Conductor
 
 _STEP = 0.25  # of the grid, of its height over the copper: errs by some 1e-5 of the field
-_MARGIN = 6  # steps around the places
+_MARGIN = 4  # steps around the places
+_AT_ONCE = 16384  # places of the splines a task
 _REST = 1e-6  # of the first image: weight and distance of images left out
 _SAME_HEIGHT = 1e-9  # of the height
 
@@ -59,14 +60,13 @@ def field_at(paths: Sequence[Conductor], points: FloatArray, slab: Slab | None) 
         x, y = (low + step * np.arange(-_MARGIN, math.ceil((high - low) / step) + _MARGIN + 1)
                 for low, high in ((x0, x1), (y0, y1)))  # fmt: skip
         grid = np.stack(np.meshgrid(x, y, [z], indexing="ij"), axis=-1).reshape(-1, 3)
-        values = np.moveaxis(_summed(paths, grid, slab, z - top, extent), -1, 1).reshape(-1, len(x), len(y))
-        places = (points[here, :2] - [x[0], y[0]]).T / step
-
-        def at(plane: FloatArray, places: FloatArray = places) -> FloatArray:
-            smooth = spline_filter(plane, order=5)
-            return np.asarray(map_coordinates(smooth, places, order=5, prefilter=False))
-
-        total[:, here] = np.moveaxis(np.array(run_blocks(at, values)).reshape(len(paths), 3, -1), 1, -1)
+        values = np.moveaxis(_summed(paths, grid, slab, z - top, extent), 0, 1).reshape(len(x), len(y), -1)
+        along = make_interp_spline(x, values, k=5)
+        both = make_interp_spline(y, along.c.swapaxes(0, 1), k=5)
+        spline = NdBSpline((along.t, both.t), np.ascontiguousarray(both.c.swapaxes(0, 1)), 5)
+        pieces = [here[start:stop] for start, stop in ranges(len(here), _AT_ONCE)]
+        found = run_blocks(lambda some, spline=spline: spline(points[some, :2]), pieces)
+        total[:, here] = np.moveaxis(np.concatenate(found).reshape(len(here), len(paths), 3), 1, 0)
     if direct.any():
         height = float(points[direct, 2].min()) - top
         total[:, direct] = _summed(paths, points[direct], slab, height, extent)

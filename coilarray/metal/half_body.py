@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import ranges, run_blocks
 from coilarray.constants import MU_0
@@ -29,6 +29,9 @@ from coilarray.metal.surface_impedance import SurfaceImpedance
 
 _ROWS = 32  # triangles a task
 _MIRROR = np.array([1.0, 1.0, -1.0])
+# ∫ λ_i φ_j dA over the area of a triangle, λ_i linear and φ_j quadratic: those of its corners, then of the middles of
+# the opposite sides
+_SHARES = np.hstack((np.eye(3) / 20 - 1 / 60, 2 / 15 - np.eye(3) / 15))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,16 +76,25 @@ class EddyBody:
         return np.asarray(np.sqrt((self._area_vectors**2).sum(axis=1)))
 
     @cached_property
+    def _edges(self) -> tuple[IntArray, IntArray]:
+        """Nodes (e, 2) at the ends of all edges, and the edges (k, 3) opposite to the corners of each triangle."""
+        ends = np.stack((np.roll(self.mesh.triangles, -1, axis=1), np.roll(self.mesh.triangles, -2, axis=1)), axis=-1)
+        edges, number = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+        return edges, number.reshape(-1, 3)
+
+    @cached_property
     def fluxes(self) -> tuple[sp.csr_array, ...]:
-        """∫ ψ_i ψ_j n dA in m², component by component, each of shape (n, n)."""
-        parts = []
+        """∫ ψ_i φ_j n dA in m², component by component, each of shape (n, n + e).
+
+        φ_j are the quadratic functions of the nodes and the middles of the edges, between which a field is
+        interpolated: linear ones would err by 1 to 3 % of ΔL.
+        """
+        (edges, opposite), n, parts = self._edges, len(self.mesh.nodes), []
+        rows = np.repeat(self.mesh.triangles, 6, axis=1).ravel()
+        columns = np.tile(np.hstack((self.mesh.triangles, n + opposite)), (1, 3)).ravel()
         for axis in range(3):
-            share = self._area_vectors[:, axis] / 12
-            blocks = share[:, None, None] * (np.ones((3, 3)) + np.eye(3))
-            rows = np.repeat(self.mesh.triangles, 3, axis=1).ravel()
-            columns = np.tile(self.mesh.triangles, (1, 3)).ravel()
-            n = len(self.mesh.nodes)
-            parts.append(sp.csr_array(sp.coo_array((blocks.ravel(), (rows, columns)), shape=(n, n))))
+            blocks = (self._area_vectors[:, axis, None, None] * _SHARES).ravel()
+            parts.append(sp.csr_array(sp.coo_array((blocks, (rows, columns)), shape=(n, n + len(edges)))))
         return tuple(parts)
 
     @cached_property
@@ -126,9 +138,13 @@ class EddyBody:
 
     @property
     def points(self) -> FloatArray:
-        """Places in m about the centre at which a field is wanted: the nodes, their mirror images, and the holes."""
+        """Places in m about the centre at which a field is wanted.
+
+        Nodes and middles of the edges, the mirror images of both, and those of the holes.
+        """
         caps = [np.column_stack((points, np.zeros(len(points)))) for points, _ in self.mesh.caps]
-        return np.concatenate((self.mesh.nodes, self.mesh.nodes * _MIRROR, *caps))
+        half = np.concatenate((self.mesh.nodes, self.mesh.nodes[self._edges[0]].mean(axis=1)))
+        return np.concatenate((half, half * _MIRROR, *caps))
 
     @property
     def all_corners(self) -> FloatArray:
@@ -137,7 +153,7 @@ class EddyBody:
 
     def linked(self, B: FloatArray) -> list[FloatArray]:
         """Fluxes b for fields B (fields, points, 3) in T at `points`; those of even and odd currents, (u, fields)."""
-        n = len(self.mesh.nodes)
+        n = self.fluxes[0].shape[1]
         upper, lower = B[:, :n], B[:, n : 2 * n] * -_MIRROR  # B is an axial vector
         starts = np.cumsum([2 * n, *(len(weights) for _, weights in self.mesh.caps)])
         through = [
