@@ -115,7 +115,7 @@ class EddyBody:
         k, n = len(self.mesh.triangles), len(self.mesh.nodes)
         require_memory(8.0 * (2 * k * k + 6 * n * n), f"the eddy currents on {k} triangles", "use a coarser mesh")
         own = pair_integrals(self.mesh.corners)
-        image = pair_integrals(self.mesh.corners, np.ascontiguousarray(self.mesh.corners * _MIRROR))
+        image = pair_integrals(self.mesh.corners, np.ascontiguousarray(self.mesh.corners * _MIRROR), mirrored=True)
         K = self.currents
         M = [inductance(K, integrals, signs) for integrals, signs in ((own, np.ones(3)), (image, _MIRROR))]
         mid = np.concatenate((self.mesh.ring, *self.mesh.hole_rings))
@@ -182,23 +182,37 @@ class EddyBody:
         return [sum(axes[own, axis] * parts[own] for own in range(3)) for axis in range(3)]
 
 
-def pair_integrals(corners: FloatArray, image: FloatArray | None = None) -> FloatArray:
-    """∫∫ 1/r in m³ of all pairs of triangles (k, 3, 3) in m, or of each with the mirror images of all, shape (k, k)."""
-    integrals = np.zeros((len(corners), len(corners)))
-    second = corners if image is None else image
+def pair_integrals(corners: FloatArray, other: FloatArray | None = None, *, mirrored: bool = False) -> FloatArray:
+    """∫∫ 1/r in m³ of all pairs of triangles (k, 3, 3) in m, or of each with all `other` ones (l, 3, 3).
+
+    Shape (k, k) or (k, l); `mirrored` says that the others are mirror images of the same triangles.
+    """
+    second = corners if other is None else other
+    integrals = np.zeros((len(corners), len(second)))
+    symmetric = mirrored or other is None
 
     def work(rows: tuple[int, int]) -> None:
-        triangle_pairs(corners[rows[0] : rows[1]], second, rows[0], integrals[rows[0] : rows[1]])
+        first = rows[0] if symmetric else len(second)
+        triangle_pairs(corners[rows[0] : rows[1]], second, first, integrals[rows[0] : rows[1]])
 
     run_blocks(work, ranges(len(corners), _ROWS)[::-1])  # the longest first
-    integrals += np.tril(integrals, -1).T
+    if symmetric:
+        integrals += np.tril(integrals, -1).T
     return integrals
 
 
-def inductance(currents: Sequence[sp.csr_array], integrals: FloatArray, signs: FloatArray) -> FloatArray:
-    """µ0/4π Σ signs K K' times symmetric integrals (k, k) in m³, for K_x, K_y and K_z (k, n) in 1/m: (n, n) in H."""
-    total = np.zeros((currents[0].shape[1],) * 2)
-    for K, sign in zip(currents, signs, strict=True):
-        rows = K.T.tocsr()
-        total += sign * (rows @ (rows @ integrals).T)
+def inductance(
+    currents: Sequence[sp.csr_array],
+    integrals: FloatArray,
+    signs: FloatArray,
+    others: Sequence[sp.csr_array] | None = None,
+) -> FloatArray:
+    """µ0/4π Σ signs K K' times integrals (k, l) in m³, for K_x, K_y and K_z (k, n) and (l, m) in 1/m: (n, m) in H.
+
+    Without `others` the integrals are of the same triangles, or of their images.
+    """
+    second = currents if others is None else others
+    total = np.zeros((currents[0].shape[1], second[0].shape[1]))
+    for K, other, sign in zip(currents, second, signs, strict=True):
+        total += sign * (K.T.tocsr() @ (other.T.tocsr() @ integrals.T).T)
     return np.asarray(MU_0 / (4 * np.pi) * total)
