@@ -93,7 +93,7 @@ class LayeredAir:
         return cls(tuple(body[2] for body in bodies), faces, frequencies)
 
     def gap(self, low: float, high: float, what: str) -> int:
-        """Find the number of the gap, from below, in which heights from `low` to `high` in m lie, or raise MetalError."""
+        """Find the gap, by its number from below, in which heights from `low` to `high` in m lie, or raise MetalError."""
         number = int((self.faces[:, 0] < (low + high) / 2).sum())
         floor, roof = self.gap_faces(number)
         if low < floor - _TOUCHING or high > roof + _TOUCHING:
