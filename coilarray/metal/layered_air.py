@@ -24,11 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.electromagnetics.flat_stack import Layer, layer_waves, with_gaps
 from coilarray.errors import GeometryError, MetalError
 from coilarray.geometry import Plate, Sheet
-from coilarray.metal.plate_field import _Layer as Layer
-from coilarray.metal.plate_field import _side as side_of
-from coilarray.metal.plate_field import _sum as layer_sum
 
 _DIGITS = 14.0  # −ln of the amplitude of the shortest waves that count
 _LONGEST = 0.1  # radians across all bodies; longer waves carry 1e-4 of a coupling
@@ -73,12 +71,12 @@ class LayeredAir:
     def between(cls, plates: Sequence[Plate], sheets: Sequence[Sheet], frequencies: FloatArray) -> LayeredAir:
         """Put plates and the sheets upwards from z = 0 together; GeometryError where they overlap."""
         bodies = [
-            (*plate.heights, Layer(plate.thickness, plate.material.conductivity, plate.material.relative_permeability),
+            (*plate.heights, Layer(plate.thickness, plate.material.relative_permeability, plate.material.conductivity),
              f"plate {plate.name!r}") for plate in plates
         ]  # fmt: skip
         heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
         bodies += [
-            (low, high, Layer(sheet.thickness, 0.0, sheet.relative_permeability), f"sheet {sheet.name!r}")
+            (low, high, Layer(sheet.thickness, sheet.relative_permeability), f"sheet {sheet.name!r}")
             for (low, high), sheet in zip(itertools.pairwise(heights), sheets, strict=True)
             if sheet.relative_permeability != 1
         ]
@@ -93,7 +91,7 @@ class LayeredAir:
         return cls(tuple(body[2] for body in bodies), faces, frequencies)
 
     def gap(self, low: float, high: float, what: str) -> int:
-        """Find the gap, by its number from below, in which heights from `low` to `high` in m lie, or raise MetalError."""
+        """Find the gap, by its number from below, in which heights from `low` to `high` in m lie, or MetalError."""
         number = int((self.faces[:, 0] < (low + high) / 2).sum())
         floor, roof = self.gap_faces(number)
         if low < floor - _TOUCHING or high > roof + _TOUCHING:
@@ -139,46 +137,40 @@ class LayeredAir:
                 continue
             shortest = max(way, _TOUCHING)
             k = np.geomspace(_LONGEST / (extent + shortest), _DIGITS / shortest, _WAVES)
-            weights = np.array([self._weights(k, f, source[0], place[0])[number] for f in self.frequencies.tolist()])
+            weights = self._weights(k, source[0], place[0])[number]
             for distance, shares in _fitted(k, weights, shortest, extent):
                 found.append(Image(sign, offset + outwards * 2 * distance, shares))
         return found
 
-    def _weights(self, k: FloatArray, frequency: float, source: int, place: int) -> tuple[ComplexArray, ...]:
-        """Weights (k,) of the four ways from one gap to the same or a higher one."""
+    def _weights(self, k: FloatArray, source: int, place: int) -> tuple[ComplexArray, ...]:
+        """Weights (f, k) of the four ways from one gap to the same or a higher one."""
+        omega = 2 * np.pi * self.frequencies[:, None]
         floor, roof = self.gap_faces(source)
-        above, heights = self._outwards(source, up=True)
-        below, _ = self._outwards(source, up=False)
-        up, down = side_of(above, k, frequency), side_of(below, k, frequency)
+        up, down = (layer_waves(self._outwards(source, up=side), k, omega) for side in (True, False))
         trip = np.exp(-2 * k * (roof - floor)) if math.isfinite(roof - floor) else 0.0
         again = 1 / (1 - up.reflection * down.reflection * trip)
         if source == place:
             both = up.reflection * down.reflection * again
             return up.reflection * again, down.reflection * again, both, both
-        number = heights.index(self.gap_faces(place)[0])
-        if number == len(above):  # nothing beyond
-            out, back = up.faces[-1], np.zeros_like(up.reflection)
-        else:
-            growth, ratio, d = up.growths[number], up.ratios[number], above[number].thickness
-            share = up.faces[number] / layer_sum(growth, ratio, d)
-            out, back = share * (1 + ratio), share * (1 - ratio)
-        passed = (1 + up.reflection) * again * np.exp(k * (heights[number] - roof))
+        start = self.gap_faces(place)[0]
+        edges = roof + np.cumsum([0.0, *(layer.thickness for layer in up.layers)])
+        number = int(np.abs(edges - start).argmin())
+        out = up.faces[number]
+        back = np.zeros_like(out)
+        if number < len(up.layers):
+            r = up.beyond[number]
+            out = out / (1 + r * np.exp(-2 * k * up.layers[number].thickness))
+            back = out * r
+        passed = (1 + up.reflection) * again * np.exp(k * (start - roof))
         return passed * back, passed * out * down.reflection, passed * out, passed * back * down.reflection
 
-    def _outwards(self, gap: int, *, up: bool) -> tuple[list[Layer], list[float]]:
-        """Layers outwards from a gap, with the air between them, and the heights in m of their inner faces."""
-        numbers = range(gap, len(self.layers)) if up else range(gap - 1, -1, -1)
-        inner, outer = (0, 1) if up else (1, 0)
-        layers: list[Layer] = []
-        heights = [self.gap_faces(gap)[outer]]
-        for number in numbers:
-            air = abs(float(self.faces[number, inner]) - heights[-1])
-            if layers and air > _TOUCHING:
-                layers.append(Layer(air))
-                heights.append(float(self.faces[number, inner]))
-            layers.append(self.layers[number])
-            heights.append(float(self.faces[number, outer]))
-        return layers, heights
+    def _outwards(self, gap: int, *, up: bool) -> tuple[Layer, ...]:
+        """Layers outwards from a gap, with the air between them."""
+        floor, roof = self.gap_faces(gap)
+        if up:
+            return with_gaps(list(zip(self.faces[gap:, 0].tolist(), self.layers[gap:], strict=True)), roof)
+        inner = (-self.faces[:gap, 1][::-1]).tolist()
+        return with_gaps(list(zip(inner, self.layers[:gap][::-1], strict=True)), -floor)
 
 
 def _fitted(k: FloatArray, weights: ComplexArray, way: float, extent: float) -> list[tuple[float, ComplexArray]]:

@@ -13,8 +13,8 @@ from support.axial_field import loop_inductance
 
 from coilarray import inductance_matrix
 from coilarray.constants import MU_0
-from coilarray.elastomer.flat_layer import magnetic_slab
 from coilarray.electromagnetics.field import vector_potential
+from coilarray.electromagnetics.flat_layer import magnetic_slab
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.material import MATERIALS
