@@ -51,7 +51,8 @@ class BoardOptions:
         str,
         typer.Option(
             help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), "
-            "i2c:1[:0x2A][,spi:0.0][?rate=400000] (Linux; the rate is the clock of the I²C bus in Hz), ftdi://...; the emulator by default. /dev/ttyACM0?baud=any tries every rate."
+            "i2c:1[:0x2A][,spi:0.0][?rate=400000] (Linux; the rate is the clock of the I²C bus in Hz), ftdi://...; the "
+            "emulator by default. /dev/ttyACM0?baud=any tries every rate."
         ),
     ] = EMULATOR
     wiring: WiringName = None
