@@ -176,8 +176,9 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     parameters = ("x", "y", "distance") if is_of_target(response) else PARAMETERS
     errors: tuple[float, ...] = ()
     if "delta_error" in response:
-        squares = (response[["delta", "delta_error"]] ** 2).mean(set(response["delta"].dims) - {"state"})
-        errors = tuple(np.sqrt(squares["delta_error"] / squares["delta"]).values.tolist())
+        over = tuple(dim for dim in response["delta"].dims if dim != "state")
+        squares = [(response[name] ** 2).mean(over).values for name in ("delta_error", "delta")]
+        errors = tuple(np.sqrt(squares[0] / squares[1]).tolist())
     return ForwardModel(
         states=names, parameters=parameters, errors=errors, x=table.x, y=table.y, depth=table.depth, spline=table.spline
     )

@@ -58,7 +58,7 @@ class PosedPlate:
 class SolvedPlates:
     """Factors of the matrices of plates by frequency, and their fluxes (f, unknowns, 1, paths) in Wb/A."""
 
-    factors: list[tuple[ComplexArray, IntArray]]
+    factors: Sequence[tuple[ComplexArray, IntArray]]
     b: ComplexArray
 
 
@@ -68,6 +68,9 @@ class PlatesInAir:
 
     paths: Sequence[Conductor]
     air: LayeredAir
+
+    def __post_init__(self) -> None:
+        self.air.gap(*self._coils, "the coils")
 
     def solved(self, plates: Sequence[PosedPlate]) -> SolvedPlates:
         """Solve plates together."""
@@ -83,8 +86,12 @@ class PlatesInAir:
                 other = slice(starts[m], starts[m + 1])
                 whole[:, other, own] = self.mutual(plates[m], one)
                 whole[:, own, other] = whole[:, other, own].swapaxes(1, 2)
-        factors = run_blocks(lambda matrix: lu_factor(matrix, overwrite_a=True, check_finite=False), whole)
-        return SolvedPlates(factors, np.concatenate([self.linked(one) for one in plates], axis=1))
+
+        def factorised(matrix: ComplexArray) -> tuple[ComplexArray, IntArray]:
+            factors, pivots = lu_factor(matrix, overwrite_a=True, check_finite=False)
+            return factors, pivots.astype(np.int64)
+
+        return SolvedPlates(run_blocks(factorised, whole), np.concatenate([self.linked(one) for one in plates], axis=1))
 
     def matrices(self, plate: PosedPlate) -> ComplexArray:
         """Matrices (f, u, u) in H of a plate with what the layers reflect of its own field."""

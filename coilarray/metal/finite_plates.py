@@ -145,8 +145,11 @@ def moving_plate(
                 answer = lu_solve(factors, cross[k], check_finite=False)
                 matrices[k] = matrices[k] - cross[k].T @ answer
                 b[k] = b[k] - np.tensordot(answer.T, still.b[k], axes=1)
-        parts = run_blocks(lambda k, matrices=matrices, b=b: _coupled(matrices[k], b[k]), range(len(f)))
-        change[group] = np.moveaxis(np.array(parts), 0, 1)
+
+        def at(k: int, matrices: ComplexArray = matrices, b: ComplexArray = b) -> ComplexArray:
+            return _coupled(matrices[k], b[k])
+
+        change[group] = np.moveaxis(np.array(run_blocks(at, range(len(f)))), 0, 1)
         if progress is not None:
             progress(done + 1, len(groups))
     return change
@@ -334,7 +337,7 @@ def _ground(plate: FinitePlate) -> shapely.Polygon:
     return shapely.Polygon(plate.on_board(outline.exterior), [plate.on_board(hole) for hole in outline.holes])
 
 
-def _coupled(matrix: ComplexArray, b: FloatArray) -> ComplexArray:
+def _coupled(matrix: ComplexArray, b: FloatArray | ComplexArray) -> ComplexArray:
     """−bᵀ matrix⁻¹ b of every position, (positions, paths, paths), for b (u, positions, paths)."""
     factors = lu_factor(matrix, overwrite_a=True, check_finite=False)
     parts = []
