@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Protocol
 
+from coilarray.design.scan_states import Switches
 from coilarray.hardware.emulator.conditions import Conditions
 from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.indenter import Indenter, Place
@@ -31,6 +32,9 @@ class Netlist(Protocol):
     @property
     def drains(self) -> Sequence[Drains]:
         """Bits that share a common pin, of every device in the order of the words."""
+
+    def capacitances(self, switches: Switches) -> Switches:
+        """Return switches with the capacitances of the parts in place of their own."""
 
 
 class EmulatedBoard:
