@@ -30,6 +30,9 @@ from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of
 from coilarray.response.target import target_map
 
+NOISE = 1e-5
+"""Standard deviation of δ of a response that does not say its own."""
+
 _STEPS = 5  # positions of a table in the thickness of all sheets: the convergence study is in the tests
 _DEEPEST = 1.7  # of a table, relative to the deepest indentation of the design
 _DEPTHS = (0.12, 0.24, 0.41, 0.59, 0.79, 1.0)  # of a table, relative to its deepest one
@@ -48,10 +51,14 @@ class ForwardModel(ResponseSpline):
         Names of the states in the order of every axis of states.
     parameters : tuple of str
         Names of the coordinates; the last one is the distance of a target.
+    noise : float
+        Standard deviation of δ of a reading where no other is given: that of the response, which a computed one has by
+        the noise budget of its design, else `NOISE`.
     """
 
     states: tuple[str, ...]
     parameters: tuple[str, ...] = PARAMETERS
+    noise: float = NOISE
 
     def select(self, states: Sequence[str]) -> ForwardModel:
         """Return the model of some of the states, in the given order; for example without a broken coil.
@@ -119,6 +126,14 @@ def require_states(states: Sequence[str], unknowns: int) -> None:
         raise LocalizeError(f"{unknowns} unknowns need at least as many states; the model has {', '.join(states)}.")
 
 
+def noise_of(model: ForwardModel, noise: npt.ArrayLike | None) -> FloatArray:
+    """Return the standard deviation of δ of every state, shape (states,): the given one, else that of the model.
+
+    LocalizeError as `checked_noise`.
+    """
+    return checked_noise(model.states, model.noise if noise is None else noise)
+
+
 def checked_noise(states: Sequence[str], noise: npt.ArrayLike) -> FloatArray:
     """Return the standard deviation of δ of every state, shape (states,).
 
@@ -174,8 +189,9 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     table = response_spline(x, y, depth, delta, zero_plane=zero_plane)
     parameters = ("x", "y", "distance") if is_of_target(response) else PARAMETERS
     return ForwardModel(
-        states=names, parameters=parameters, x=table.x, y=table.y, depth=table.depth, spline=table.spline
-    )
+        states=names, parameters=parameters, x=table.x, y=table.y, depth=table.depth, spline=table.spline,
+        noise=float(response.attrs.get("noise", NOISE)),
+    )  # fmt: skip
 
 
 def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from coilarray.compute.store import open_store
+from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.ldc1614 import LARGEST_RCOUNT
 from coilarray.hardware.emulator.board import EmulatedBoard, Netlist
-from coilarray.hardware.emulator.conditions import COPPER, NOISE, Conditions, Drift, Oscillator, VirtualClock
+from coilarray.hardware.emulator.conditions import Conditions, Drift, Oscillator, VirtualClock
 from coilarray.hardware.wire.buses import Clock
 
 if TYPE_CHECKING:
@@ -26,11 +29,11 @@ def emulated_board(
     *,
     path: Sequence[tuple[float, float, float, float]] | None = None,
     seed: int = 0,
-    noise: float = NOISE,
+    noise: float | None = None,
     drift: Drift | None = None,
     oscillator: Oscillator | None = None,
     strays: Mapping[str, float] | None = None,
-    copper: float = COPPER,
+    copper: float = COPPER_PER_KELVIN,
     capacitor: float = 0.0,
     clock: Clock | None = None,
     strict: bool = False,
@@ -50,7 +53,7 @@ def emulated_board(
     seed : int
         Seed of the noise.
     noise : float
-        Relative standard deviation of a frequency at full resolution.
+        Relative standard deviation of a frequency at full resolution; by default by the design's `Readout`.
     drift : Drift, optional
         Temperature of the board; constant by default.
     oscillator : Oscillator, optional
@@ -104,6 +107,8 @@ def emulated_board(
         network, table,
         strays=strays, copper=copper, capacitor=capacitor,
     )  # fmt: skip
+    if noise is None:
+        noise = replace(design.readout, rcount=LARGEST_RCOUNT).frequency_noise
     conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise)
     board = EmulatedBoard(
         wiring.coils, wiring.encode(), world,
