@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.circuit.coupling import design_circuit
-from coilarray.circuit.network import Network, resonate
+from coilarray.circuit.network import Network, loaded_quality, resonate
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
 from coilarray.design.readout import INTERNAL_CLOCK_PER_KELVIN, Readout
@@ -198,7 +198,7 @@ def noise_budget(design: Design, *, readout: Readout | None = None, network: Net
     circuit = design_circuit(design) if network is None else network
     found = [resonate(circuit, state) for state in design.plan]
     changed = design if readout is None else replace(design, readout=readout)
-    return budget_of(changed, [one.frequency for one in found], [one.quality_factor for one in found])
+    return budget_of(changed, [one.frequency for one in found], [loaded_quality(circuit, one) for one in found])
 
 
 def budget_of(design: Design, frequency: npt.ArrayLike, quality_factor: npt.ArrayLike) -> NoiseBudget:
@@ -209,7 +209,7 @@ def budget_of(design: Design, frequency: npt.ArrayLike, quality_factor: npt.Arra
     design : Design
         Design, of which the read-out, the tank and the switches count.
     frequency, quality_factor : array_like, shape (states,)
-        Resonance of every state in Hz and its quality factor; infinite without losses.
+        Resonance of every state in Hz and the quality factor of the whole resonator; infinite without losses.
 
     Notes
     -----

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import design_circuit, design_inductance, provenance
-from coilarray.circuit.network import Network, Resonance, resonances_near, resonate
+from coilarray.circuit.network import Network, Resonance, loaded_quality, resonances_near, resonate
 from coilarray.circuit.noise_budget import budget_of
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
 from coilarray.compute.arrays import ComplexArray, FloatArray
@@ -218,7 +218,9 @@ def response_map(
             left_out |= metal_attributes(ball, frequency, rest)
             delta, change = both, change + share.real
         base = np.array([_converted(flat, one) for one in flats])
-        noise = budget_of(design, [one.frequency for one in flats], [one.quality_factor for one in flats]).largest
+        noise = budget_of(
+            design, [one.frequency for one in flats], [loaded_quality(flat, one) for one in flats]
+        ).largest
         changes |= {
             "inductance_change": (
                 ("depth", "y", "x", "coil", "other"), change.reshape(*axes.shape, coils, coils),

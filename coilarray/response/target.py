@@ -12,7 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import design_circuit, provenance, widened
-from coilarray.circuit.network import Network, Resonance, changed_resonances, resonate
+from coilarray.circuit.network import Network, Resonance, changed_resonances, loaded_quality, resonate
 from coilarray.circuit.noise_budget import budget_of
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
@@ -164,7 +164,7 @@ def target_map(
     base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
     mean = moved.mean(axis=-1)
     if noise is None:
-        noise = budget_of(design, base["frequency"], base["quality_factor"]).largest
+        noise = budget_of(design, base["frequency"], [loaded_quality(network, one) for one in alone]).largest
     result = _dataset(design, target, axes, noise, network, by_state, base, mean, near(mean))
     if isinstance(target.body, FinitePlate):
         height = target.height(sum(sheet.thickness for sheet in design.sheets), float(axes.depth[0]))
