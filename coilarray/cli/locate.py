@@ -93,7 +93,7 @@ def locate(
     given = [] if stream else [one for text in readings for one in read_readings(text)]
     if ellipse:
         ellipses, origin = _ellipse_model(model, depth, allow_violations)
-        solve, assumed = _with_ellipses(ellipses, origin, coil, addition_mm * 1e-3), None
+        solve, assumed = _with_ellipses(ellipses, origin, coil, addition_mm * 1e-3), (None, "")
     else:
         solve, assumed = _with_all_coils(_response(model, table, allow_violations), coil, noise, given, readings)
     if stream:
@@ -106,9 +106,10 @@ def locate(
         raise LocalizeError(f"{_none_in(readings)}: {records[0]['error']}")
     texts = [record.get("error") or record.get("reason") for record in records]
     lines = [f"reading {k}: {text}" for k, text in enumerate(texts, start=1) if text]
-    if assumed is not None:
-        lines.append(f"noise of δ {assumed:.2g}{shared.noise_source(noise)}")
-    data = {"noise": assumed, "positions": records}
+    level, source = assumed
+    if level is not None:
+        lines.append(f"noise of δ {level:.2g}{source}")
+    data = {"noise": level, "positions": records}
     shared.print_result(data, as_json=as_json, tables=[position_table(records)], lines=lines)
 
 
@@ -182,7 +183,7 @@ def _with_all_coils(
     noise: float | None,
     given: Sequence[Reading | LocalizeError],
     readings: Sequence[str],
-) -> tuple[Solver, float]:
+) -> tuple[Solver, tuple[float, str]]:
     """Solve with maximum likelihood, and say with which noise; refuse what no response could answer before it is made.
 
     The readings are `given`, and the texts of the command line from which they are; none of a stream.
@@ -207,14 +208,15 @@ def _with_all_coils(
             wrong.append(error)
     if given and len(wrong) == len(given):
         raise LocalizeError(f"{_none_in(readings)}: {wrong[0]}")
-    model = forward_model(on_board(response.compute())).select(used)
+    table = on_board(response.compute())
+    model = forward_model(table).select(used)
     locate_all(model, [], noise=noise)  # a model that no reading fits is refused here, not at the first reading
 
     def solve(readings: Sequence[Reading]) -> list[Record]:
         good = [_of_states(one, used, every) for one in readings]
         return [location_record(found, model.parameters) for found in locate_all(model, good, noise=noise)]
 
-    return solve, model.noise if noise is None else noise
+    return solve, (model.noise if noise is None else noise, shared.noise_source(noise, table))
 
 
 def _of_states(reading: Reading, used: Sequence[str], every: Sequence[str]) -> Reading:

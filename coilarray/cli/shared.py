@@ -279,9 +279,11 @@ def print_result(
         typer.echo(line)
 
 
-def noise_source(given: float | None) -> str:
+def noise_source(given: float | None, response: xr.Dataset) -> str:
     """Say where the noise of δ is from, behind its number: nothing for one that the user has given."""
-    return " by the noise budget" if given is None else ""
+    if given is not None:
+        return ""
+    return " by the noise budget" if "noise" in response.attrs else ", as the response does not say its own"
 
 
 def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:

@@ -86,7 +86,7 @@ def target(
     }
     lines = [
         *shared.plate_error_lines(result.attrs),
-        f"noise of δ {result.attrs['noise']:.2g}{shared.noise_source(noise)}: the range ends where |δ| is "
+        f"noise of δ {result.attrs['noise']:.2g}{shared.noise_source(noise, result)}: the range ends where |δ| is "
         f"{result.attrs['range_factor']:g} times that; a step of distance is resolved where it is no less than the "
         "standard deviation of one reading",
         f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",
