@@ -12,7 +12,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import design_circuit, provenance, widened
-from coilarray.circuit.network import Network, Resonance, changed_resonances, resonate
+from coilarray.circuit.network import Network, Resonance, changed_resonances, loaded_quality, resonate
+from coilarray.circuit.noise_budget import budget_of
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
@@ -58,7 +59,7 @@ def target_map(
     distances: npt.ArrayLike | None = None,
     x: npt.ArrayLike | None = None,
     y: npt.ArrayLike | None = None,
-    noise: float = 1e-5,
+    noise: float | None = None,
     network: Network | None = None,
     ideal: bool = False,
     fineness: float = 1.0,
@@ -74,8 +75,9 @@ def target_map(
     distances, x, y : array_like, shape (n,), optional
         Distances of the target's nearest point from the upper face of the sheets or the board, and places of its
         centre, in m, places from the map's origin; those of the design by default.
-    noise : float
-        Standard deviation of δ in a reading, for range and resolution.
+    noise : float, optional
+        Standard deviation of δ in a reading, for range and resolution; by default by the noise budget of the design,
+        `coilarray.circuit.noise_budget.NoiseBudget.largest`.
     network : Network, optional
         Coils, switches and strays of this design without the target; by default
         `coilarray.circuit.coupling.design_circuit`.
@@ -126,7 +128,8 @@ def target_map(
     attribute ``left_out`` says so, and what the network lacks.
     """
     target = target_of(design)
-    require_noise(noise)
+    if noise is not None:
+        require_noise(noise)
     require_apart(target.body, design.plates)
     given = (("distances", distances, target.distances), ("x", x, target.x), ("y", y, target.y))
     axes = MapAxes(*(checked_axis(name, own if values is None else values, MetalError) for name, values, own in given))
@@ -162,6 +165,8 @@ def target_map(
         )
     base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
     mean = moved.mean(axis=-1)
+    if noise is None:
+        noise = budget_of(design, base["frequency"], [loaded_quality(network, one) for one in alone]).largest
     result = _dataset(design, target, axes, noise, network, by_state, base, mean, near(mean))
     if isinstance(target.body, FinitePlate):
         height = target.height(sum(sheet.thickness for sheet in design.sheets), float(axes.depth[0]))
