@@ -50,8 +50,9 @@ class BoardOptions:
     port: Annotated[
         str,
         typer.Option(
-            help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), i2c:1[:0x2A][,spi:0.0] (Linux), "
-            "ftdi://...; the emulator by default. /dev/ttyACM0?baud=any tries every rate."
+            help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), "
+            "i2c:1[:0x2A][,spi:0.0][?rate=400000] (Linux; the rate is the clock of the I²C bus in Hz), ftdi://...; "
+            "the emulator by default. /dev/ttyACM0?baud=any tries every rate."
         ),
     ] = EMULATOR
     wiring: WiringName = None
@@ -82,7 +83,7 @@ class BoardOptions:
             help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), "
             "drift=0.01 (K/s), press=X,Y,DEPTH (mm on the board; in live after the baseline), "
             "path=FILE.csv (columns time_s, x_mm, "
-            "y_mm, depth_mm)."
+            "y_mm, depth_mm), switches=counted (with the capacitances of the wiring's parts: typical, not verified)."
         ),
     ] = None
     emulation: dict[str, Any] = field(init=False)
@@ -153,6 +154,13 @@ def opened_board(
     from coilarray.hardware.wire.ports import bus_rate, parse_port
 
     port = parse_port(options.port)
+    bus_clock = bus_rate(port)
+    if options.rate is not None and not bus_clock.known:
+        typer.echo(
+            f"The system does not say the clock of {options.port}; --rate assumes {bus_clock.hertz * 1e-3:g} kHz. "
+            "State another as ?rate=400000 after the port.",
+            err=True,
+        )
     wiring = wiring_of_board(port, design, options.wiring)
     settings = design_settings(
         design,
@@ -162,7 +170,7 @@ def opened_board(
         clock=None if options.clock_MHz is None else options.clock_MHz * 1e6,
         external_clock=options.external_clock,
         drives=options.drives,
-        bus_rate=bus_rate(port),
+        bus_rate=bus_clock.hertz,
     )
     emulation = dict(options.emulation)
     path = options.path_of(design)
@@ -280,7 +288,13 @@ def _path(text: str) -> tuple[str, object]:
     return "path", [(time, x * 1e-3, y * 1e-3, depth * 1e-3) for time, x, y, depth in points]
 
 
-_EMULATED = {"seed": _seed, "noise": _noise, "drift": _drift, "press": _press, "path": _path}
+def _switches(text: str) -> tuple[str, object]:
+    if text != "counted":
+        raise HardwareError(f"--emulate switches must be counted; got {text!r}.")
+    return "count_parts", True
+
+
+_EMULATED = {"switches": _switches, "seed": _seed, "noise": _noise, "drift": _drift, "press": _press, "path": _path}
 
 
 def _numbers(key: str, text: str, count: int) -> list[float]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from coilarray.errors import NetworkError
+from coilarray.errors import CoilarrayError, NetworkError
 
 Passive = Literal["ground", "ground one end", "ground other end", "open", "load"]
 """What closes a coil that is not measured: both ends to ground, its first or its second only, nothing, or a load."""
@@ -60,6 +60,15 @@ class Switches:
         if self.tank_at not in ("converter", "coil"):
             raise NetworkError(f"tank_at must be 'converter' or 'coil'; got {self.tank_at!r}.")
 
+    @property
+    def across_coil(self) -> float:
+        """Capacitance in F across a measured coil: the tank, and what both of its sides have to ground in series.
+
+        >>> round(Switches(terminal_capacitance=42e-12, bus_capacitance=153e-12).across_coil * 1e12, 1)
+        217.5
+        """
+        return self.tank_capacitance + (self.bus_capacitance + self.terminal_capacitance) / 2
+
 
 @dataclass(frozen=True)
 class ScanState:
@@ -107,6 +116,24 @@ def terminated_state(
     taken = {coil for coil, _ in measured} | set(own)
     own |= {coil: passive for coil, passive in terminations.items() if coil not in taken and passive != "ground"}
     return ScanState(name, measured, connection, "ground", own, load_resistance)
+
+
+def referenced_names(
+    states: Sequence[str], reference: Sequence[str], error: type[CoilarrayError] = NetworkError
+) -> tuple[str, ...]:
+    """Return the states that are not those of reference coils, in their order.
+
+    An `error` for no reference, one that is not there or named twice, or where no other state is left.
+    """
+    for name in reference:
+        if name not in states:
+            raise error(f"a reference coil must be one of {', '.join(states)}; got {name!r}.")
+    if not reference or len(set(reference)) < len(reference):
+        raise error(f"reference coils must be named once each, at least one; got {list(reference)}.")
+    others = tuple(name for name in states if name not in reference)
+    if not others:
+        raise error(f"reference coils must leave another state; got all of {', '.join(states)}.")
+    return others
 
 
 def check_state(state: ScanState, names: Sequence[str]) -> None:

@@ -10,7 +10,6 @@
 import gc
 import itertools
 import math
-import os
 import re
 import tracemalloc
 from contextlib import closing
@@ -32,12 +31,10 @@ from support.scripted_board import (
 )
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.board.microcontroller import open_microcontroller
 from coilarray.hardware.scan.reader import SampleFault
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire import faults
-from coilarray.hardware.wire.ports import SerialPort, parse_port
 
 
 @pytest.fixture
@@ -50,31 +47,15 @@ def reader(board):
     return configured(board)
 
 
-PORT = os.environ.get("COILARRAY_TEST_PORT", "")
-
-
-@pytest.mark.hardware
-@pytest.mark.skipif(not (PORT and isinstance(parse_port(PORT), SerialPort)), reason="no board with a microcontroller")
-def test_a_real_board():
-    place = parse_port(PORT)
-    with closing(open_microcontroller(place.name, bauds=place.bauds)) as reader:
-        assert (reader.peek(0x7E), reader.peek(0x7F)) == (0x5449, 0x3055)
-        reader.configure(SETTINGS)
-        assert len(reader.scan().samples) == 6
-        with closing(reader.scans()) as stream:
-            assert [scan.sequence for scan in itertools.islice(stream, 5)] == [0, 1, 2, 3, 4]
-        assert reader.counts.link.lines.dropped == 0
-
-
 def test_opening_stops_the_board_before_it_greets_it(board):
     reader = opened(board)
     assert verbs(board) == ["STOP", "HELLO", "PING"]
-    assert reader.identity.kind == "scripted 1, protocol 1.0"
+    assert reader.identity.kind == "scripted 1, protocol 2.0"
     assert (reader.identity.manufacturer, reader.identity.device) == (0x5449, 0x3055)
     assert (reader.identity.boot, reader.identity.emulated) == (0x1234ABCD, False)
     assert reader.greeting.most_states == 64
-    board.version = "1.7"  # another minor version is told
-    assert opened(board).identity.kind.endswith("protocol 1.7")
+    board.version = "2.7"  # another minor version is told
+    assert opened(board).identity.kind.endswith("protocol 2.7")
 
 
 def test_a_board_whose_converter_does_not_obey_can_be_opened(board):
@@ -98,7 +79,7 @@ ATTEMPTS = TIMES.attempts * TIMES.reply  # longer than `opening`
 SILENT = {"deaf": True, "silent": True}
 SPOILT = {"deaf": True, "spoil": lambda line: bytes(byte | 0x80 for byte in line)}
 FLOOD = {"read": lambda seconds: b"$GPGGA,123519,4807.038,N\n" * 160}
-OLDER, NEWER = ({"version": version, "greeting_tail": "something else"} for version in ("0.9", "2.0"))
+OLDER, NEWER = ({"version": version, "greeting_tail": "something else"} for version in ("1.0", "3.0"))
 
 
 @pytest.mark.parametrize(
@@ -109,8 +90,8 @@ OLDER, NEWER = ({"version": version, "greeting_tail": "something else"} for vers
         (FLOOD, faults.NotABoard, "sends more than 1000000 bytes a second", 0.0, 0.0),  # as many came in none
         ({"deaf": True}, faults.NoAnswer, "did not answer STOP", 0.0, 3 * ATTEMPTS),
         ({"greeting_tail": "54,3055,64,8"}, faults.NoAnswer, "did not answer HELLO", 0.0, 3 * ATTEMPTS),
-        (OLDER, faults.VersionMismatch, "speaks version 0.9 of the protocol, this package 1.0; flash", 0.0, 1.0),
-        (NEWER, faults.VersionMismatch, "speaks version 2.0 of the protocol, this package 1.0; flash", 0.0, 1.0),
+        (OLDER, faults.VersionMismatch, "speaks version 1.0 of the protocol, this package 2.0; flash", 0.0, 1.0),
+        (NEWER, faults.VersionMismatch, "speaks version 3.0 of the protocol, this package 2.0; flash", 0.0, 1.0),
     ],
 )
 def test_what_is_no_board_of_this_protocol_is_named_in_time(board, changes, fault, text, least, most):
