@@ -16,13 +16,13 @@ from shapely.affinity import translate
 from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.electromagnetics.source import Source, as_conductors
-from coilarray.errors import GeometryError, MetalError
+from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.plate import FinitePlate, Plate
 from coilarray.metal.coupled_plates import PlatesInAir, PosedPlate, linked_fluxes
 from coilarray.metal.half_body import EddyBody
 from coilarray.metal.layered_air import LayeredAir
-from coilarray.metal.magnetic_plates import magnetic_changes, require_skin
+from coilarray.metal.magnetic_plates import magnetic_changes, magnetic_currents, require_skin
 from coilarray.metal.plate_mesh import Footprint, inscribed_radius, plate_mesh
 from coilarray.metal.surface_impedance import ModelError, SurfaceImpedance, model_error, surface_impedance
 
@@ -38,7 +38,7 @@ class EddyCurrents:
 
     `corners`, shape (k, 3, 3), are those of the triangles in m on the board; `density`, shape (coils, k, 3), is their
     current in A/m for 1 A in each coil, complex for e^{jωt}. Both faces carry one each, so that the current of a thin
-    plate is their sum.
+    plate is their sum. That of a magnetic plate is the current in its skin, n × H.
     """
 
     corners: FloatArray
@@ -131,7 +131,9 @@ def moving_plate(
     around = PlatesInAir(paths, LayeredAir.between([one for one in beside if isinstance(one, Plate)], sheets, f))
     change = np.zeros((len(where), len(f), len(paths), len(paths)), dtype=np.complex128)
     others = [one for one in beside if isinstance(one, FinitePlate)]
-    _require_plain(others, [plate, *beside])
+    magnetic = _magnetic_plate(others)
+    if magnetic is not None:
+        require_skin(magnetic, f, [plate, *(one for one in beside if one is not magnetic)])
     if not around.air.layers and not others:
         both = linked_fluxes(body, paths, plate, where)
         tasks = [(k, parity) for k in range(len(f)) for parity in (0, 1)]
@@ -179,10 +181,10 @@ def outlined_inductance(
     """
     paths = as_conductors(source)
     _, f = _checked(np.zeros((0, 3)), frequencies)
-    magnetic = [one for one in plates if isinstance(one, FinitePlate) and one.material.relative_permeability != 1]
-    if magnetic:
-        others = [one for one in plates if one is not magnetic[0]]
-        return moving_plate(paths, magnetic[0], [magnetic[0].centre], f, sheets, others, fineness=fineness)[0]
+    magnetic = _magnetic_plate(plates)
+    if magnetic is not None:
+        others = [one for one in plates if one is not magnetic]
+        return np.asarray(moving_plate(paths, magnetic, [magnetic.centre], f, sheets, others, fineness=fineness)[0])
     around, posed = _all_posed(paths, plates, f, sheets, fineness)
     solved = around.solved(posed)
     change = [
@@ -207,6 +209,13 @@ def eddy_currents(
     """
     paths = as_conductors(source)
     _, f = _checked(np.zeros((0, 3)), [frequency])
+    magnetic = _magnetic_plate(plates)
+    if magnetic is not None:
+        require_skin(magnetic, f, [*(one for one in plates if one is not magnetic), *_magnetic(sheets)])
+        where = np.array([magnetic.centre])
+        body = _meshed(paths, magnetic, where, f, sheets, fineness)
+        corners = body.all_corners @ magnetic.axes + where[0]
+        return [EddyCurrents(corners, magnetic_currents(body, paths, magnetic, frequency))]
     around, posed = _all_posed(paths, plates, f, sheets, fineness)
     solved = around.solved(posed)
     potentials = -lu_solve(solved.factors[0], solved.b[0][:, 0], check_finite=False)
@@ -279,15 +288,12 @@ def _magnetic(sheets: Sequence[Sheet]) -> list[Sheet]:
     return [sheet for sheet in sheets if sheet.relative_permeability > 1]
 
 
-def _require_plain(plates: Sequence[FinitePlate], among: Sequence[Plate | FinitePlate]) -> None:
-    """Refuse magnetic plates where only others are computed: MetalError."""
-    for plate in plates:
-        if plate.material.relative_permeability != 1:
-            names = ", ".join(one.name for one in among if one is not plate) or "none"
-            raise MetalError(
-                f"a magnetic plate with an outline is computed only without other plates, and without its currents; "
-                f"got {plate.name!r}, beside it {names}."
-            )
+def _magnetic_plate(plates: Sequence[Plate | FinitePlate]) -> FinitePlate | None:
+    """Return the first magnetic plate with an outline, which must be alone; None where there is none."""
+    for one in plates:
+        if isinstance(one, FinitePlate) and one.material.relative_permeability != 1:
+            return one
+    return None
 
 
 def _least_radius(paths: Sequence[Conductor]) -> float:
@@ -349,7 +355,6 @@ def _all_posed(
 ) -> tuple[PlatesInAir, list[PosedPlate]]:
     """Layers without end, and the plates with an outline between them."""
     outlined = [one for one in plates if isinstance(one, FinitePlate)]
-    _require_plain(outlined, plates)
     for k, one in enumerate(outlined):
         _require_free(one, np.array([one.centre]), [*outlined[:k], *(p for p in plates if isinstance(p, Plate))])
     air = LayeredAir.between([one for one in plates if isinstance(one, Plate)], sheets, frequencies)

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -69,20 +70,80 @@ def magnetic_changes(
     body: EddyBody, paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, frequencies: FloatArray
 ) -> ComplexArray:
     """ΔZ/jω in H by a magnetic plate at centres `where` (places, 3) in m, (places, f, paths, paths)."""
-    n = len(body.mesh.nodes)
-    shape = (len(where), len(paths))
-    require_memory(8.0 * 4 * n * math.prod(shape), f"a plate at {len(where)} places", "compute fewer")
-    loads: list[list[tuple[FloatArray, FloatArray]]] = [[], []]
-    for fields in fields_on(body, paths, plate, where):
-        for sign, parts in zip((1, -1), loads, strict=True):
-            parts.append(body.linked_to(fields, sign))
-    depths = np.array([plate.material.skin_depth(f) for f in frequencies.tolist()])
-    lengths = plate.material.relative_permeability * depths * (1 - 1j) / 2
     change = np.zeros((len(where), len(frequencies), len(paths), len(paths)), dtype=np.complex128)
-    for sign, parts in zip((1, -1), loads, strict=True):
-        b, t = (np.concatenate(each, axis=1).reshape(n, *shape) for each in zip(*parts, strict=True))
+    lengths = _lengths(plate, frequencies)
+    for sign, (b, t) in zip((1, -1), _loads(body, paths, plate, where), strict=True):
         change += parity_change(body, sign, b, t, lengths)
     return change
+
+
+def magnetic_currents(body: EddyBody, paths: Sequence[Conductor], plate: FinitePlate, frequency: float) -> ComplexArray:
+    """N × H in A/m for 1 A in each path at the plate's centre, (paths, 2k, 3) along the board's axes.
+
+    On the triangles of the upper half and of its mirror image.
+    """
+    found: ComplexArray = np.zeros((len(paths), 2 * len(body.mesh.triangles), 3), dtype=np.complex128)
+    (length,) = _lengths(plate, np.array([frequency])).tolist()
+    for sign, (b, t) in zip((1, -1), _loads(body, paths, plate, np.array([plate.centre])), strict=True):
+        problem = _problem(body, sign, b, t)
+        total = np.zeros((len(body.mesh.nodes), len(paths)), dtype=np.complex128)
+        total[problem.used] = (problem.u + problem.answer(length))[:, 0]
+        upper = np.stack([(K @ total).T for K in body.currents], axis=-1)
+        found += np.concatenate((upper, -sign * _MIRROR * upper), axis=1)  # of an odd potential they are even
+    return np.asarray(found @ plate.axes)
+
+
+def _lengths(plate: FinitePlate, frequencies: FloatArray) -> ComplexArray:
+    """ℓ in m at frequencies in Hz."""
+    depths = np.array([plate.material.skin_depth(f) for f in frequencies.tolist()])
+    return np.asarray(plate.material.relative_permeability * depths * (1 - 1j) / 2)
+
+
+def _loads(
+    body: EddyBody, paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray
+) -> list[tuple[FloatArray, FloatArray]]:
+    """`EddyBody.linked_to` of even and of odd potentials, each of shape (nodes, places, paths)."""
+    n, shape = len(body.mesh.nodes), (len(where), len(paths))
+    require_memory(8.0 * 8 * n * math.prod(shape), f"a plate at {len(where)} places", "compute fewer")
+    parts: list[list[tuple[FloatArray, FloatArray]]] = [[], []]
+    for fields in fields_on(body, paths, plate, where):
+        for sign, of in zip((1, -1), parts, strict=True):
+            of.append(body.linked_to(fields, sign))
+    joined = ([np.concatenate(each, axis=1).reshape(n, *shape) for each in zip(*of, strict=True)] for of in parts)
+    return [(b, t) for b, t in joined]
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Λ and S of the upper half for the nodes `used`, with b/µ0, t and u of shape (used, places, paths)."""
+
+    used: IntArray
+    outer: FloatArray
+    S: FloatArray
+    b: FloatArray
+    t: FloatArray
+    u: FloatArray
+
+    def load(self, length: complex) -> ComplexArray:
+        """Return c for ℓ in m."""
+        return np.asarray(length * self.t - self.b)
+
+    def answer(self, length: complex) -> ComplexArray:
+        """Return φ in A for ℓ in m."""
+        c = self.load(length)
+        x = lu_solve(lu_factor(2 * (self.outer + length * self.S)), c.reshape(len(c), -1))
+        return np.asarray(x.reshape(c.shape))
+
+
+def _problem(body: EddyBody, sign: int, b: FloatArray, t: FloatArray) -> _Problem:
+    n = len(body.mesh.nodes)
+    used = np.arange(n) if sign > 0 else np.setdiff1d(np.arange(n), body.mesh.ring)
+    S = stiffness(body)[used][:, used]
+    b, t = b[used] / MU_0, t[used] / MU_0
+    known = slice(1, None) if sign > 0 else slice(None)  # a constant is free
+    u = np.zeros_like(t)
+    u[known] = -splu((2 * S)[known, known].tocsc()).solve(t[known].reshape(-1, t[0].size)).reshape(t[known].shape)
+    return _Problem(used, exterior(body, sign)[np.ix_(used, used)], S.toarray(), b, t, u)
 
 
 def parity_change(body: EddyBody, sign: int, b: FloatArray, t: FloatArray, lengths: ComplexArray) -> ComplexArray:
@@ -91,22 +152,13 @@ def parity_change(body: EddyBody, sign: int, b: FloatArray, t: FloatArray, lengt
     `b` in Wb/A and `t` in T·m/A, shape (nodes, places, paths), are those of `EddyBody.linked_to`; `lengths` (f,) are ℓ
     in m.
     """
-    b, t = b / MU_0, t / MU_0
-    n = len(body.mesh.nodes)
-    used = np.arange(n) if sign > 0 else np.setdiff1d(np.arange(n), body.mesh.ring)
-    outer, S = exterior(body, sign)[np.ix_(used, used)], stiffness(body)[used][:, used]
-    b, t = b[used], t[used]
-    known = slice(1, None) if sign > 0 else slice(None)  # a constant is free
-    u = np.zeros_like(t)
-    u[known] = -splu((2 * S)[known, known].tocsc()).solve(t[known].reshape(-1, t[0].size)).reshape(t[known].shape)
-    inside = np.einsum("npi,npj->pij", u, b, optimize=True)
-    along = np.einsum("npi,npj->pij", u, t, optimize=True)
-    dense = S.toarray()
+    problem = _problem(body, sign, b, t)
+    inside = np.einsum("npi,npj->pij", problem.u, problem.b, optimize=True)
+    along = np.einsum("npi,npj->pij", problem.u, problem.t, optimize=True)
 
     def at(length: complex) -> ComplexArray:
-        c = length * t - b
-        x = lu_solve(lu_factor(2 * (outer + length * dense)), c.reshape(len(c), -1)).reshape(c.shape)
-        found = -MU_0 * (np.einsum("npi,npj->pij", c, x, optimize=True) - inside + length * along)
+        both = np.einsum("npi,npj->pij", problem.load(length), problem.answer(length), optimize=True)
+        found = -MU_0 * (both - inside + length * along)
         return np.asarray((found + found.swapaxes(1, 2)) / 2)
 
     return np.stack([at(length) for length in lengths.tolist()], axis=1)
