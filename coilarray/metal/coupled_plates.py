@@ -7,7 +7,7 @@ Every pair of plates couples by its own field and by the images of one of them, 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -156,21 +156,31 @@ def linked_fluxes(
     body: EddyBody, paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, image: Image | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Fluxes b of the even and the odd unknowns, each of shape (u, positions, paths), in Wb/A, by an image of paths."""
-    offsets = body.points @ plate.axes
     count = sum(parity.unknowns.shape[1] for parity in body.parities)
     require_memory(8.0 * count * len(where) * len(paths) * 2, f"a plate at {len(where)} places", "compute fewer")
+    parts = [
+        [b.reshape(len(b), -1, len(paths)) for b in body.linked(fields)]
+        for fields in fields_on(body, paths, plate, where, image)
+    ]
+    even, odd = zip(*parts, strict=True)
+    return np.concatenate(even, axis=1), np.concatenate(odd, axis=1)
+
+
+def fields_on(
+    body: EddyBody, paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, image: Image | None = None
+) -> Iterator[FloatArray]:
+    """Yield B in T along a plate's own axes at the points of its body, by an image of 1 A in each of the paths.
+
+    Shape (places · paths, points, 3), for as many of the centres `where` (places, 3) in m at once as memory allows.
+    """
+    offsets = body.points @ plate.axes
     turned = np.ones(3) if image is None else np.array([image.sign, image.sign, 1.0])
-    parts = []
     for start, stop in ranges(len(where), max(_POINTS_AT_ONCE // len(offsets), 1)):
         points = (where[start:stop, None] + offsets).reshape(-1, 3)
         # where the image sends its field is where the path sends it, mirrored; B is an axial vector
         seen = points if image is None else image.back.of(points)
         B = (field_at(paths, seen) * turned) @ plate.axes.T
-        B = B.reshape(len(paths), stop - start, len(offsets), 3)
-        fields = np.moveaxis(B, 0, 1).reshape(-1, len(offsets), 3)
-        parts.append([b.reshape(len(b), stop - start, len(paths)) for b in body.linked(fields)])
-    even, odd = zip(*parts, strict=True)
-    return np.concatenate(even, axis=1), np.concatenate(odd, axis=1)
+        yield np.moveaxis(B.reshape(len(paths), stop - start, len(offsets), 3), 0, 1).reshape(-1, len(offsets), 3)
 
 
 def both_parities(body: EddyBody, impedance: SurfaceImpedance) -> ComplexArray:

@@ -175,7 +175,7 @@ def target_map(
         other = [_through_circuit(network, one, coarse, axes)["effective_inductance"] for one in alone]
         of_L = np.abs(by_state["effective_inductance"] - np.stack(other, axis=-1)) * _OF_DIFFERENCE
         values = (of_L / base["effective_inductance"]).reshape(*axes.shape, -1)
-        row = ("delta_error", ("distance", "y", "x", "state"), values, "1", "error of δ by the mesh (estimated)")
+        row = ("delta_error", ("distance", "y", "x", "state"), values, "1", "± δ by the mesh")
         result = result.assign(variables(row))
         matrices, others = near(mean).real, coarse(mean).real
         mesh = _OF_DIFFERENCE * float(np.linalg.norm(matrices - others) / np.linalg.norm(matrices))
