@@ -7,6 +7,7 @@ from pathlib import Path
 
 import matplotlib
 import pyvista
+from sphinx.application import Sphinx
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "extensions"))
@@ -81,3 +82,17 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "default_thumb_file": str(HERE / "board.png"),
 }
+
+# files outside of docs/ that pages link to, which are pages here
+_ELSEWHERE = {"../../hardware/firmware/README.md": "/firmware.md", "../../hardware/firmware/PROTOCOL.md": "/protocol.md"}
+
+
+def _link(app: Sphinx, page: str, source: list[str]) -> None:
+    """Point links of a page to the pages that include what they name."""
+    for path, own in _ELSEWHERE.items():
+        source[0] = source[0].replace(f"]({path})", f"]({own})")
+
+
+def setup(app: Sphinx) -> None:
+    """Add the hook."""
+    app.connect("source-read", _link)
