@@ -83,14 +83,16 @@ sphinx_gallery_conf = {
     "default_thumb_file": str(HERE / "board.png"),
 }
 
-# files outside of docs/ that pages link to, which are pages here
-_ELSEWHERE = {"../../hardware/firmware/README.md": "/firmware.md", "../../hardware/firmware/PROTOCOL.md": "/protocol.md"}
+# files outside of docs/ that are pages here too
+_ELSEWHERE = {"firmware": "hardware/firmware/README.md", "protocol": "hardware/firmware/PROTOCOL.md"}
 
 
 def _link(app: Sphinx, page: str, source: list[str]) -> None:
-    """Point links of a page to the pages that include what they name."""
-    for path, own in _ELSEWHERE.items():
-        source[0] = source[0].replace(f"]({path})", f"]({own})")
+    """Take a page from the file that it names, and point links to such files to their pages."""
+    if page in _ELSEWHERE:
+        source[0] = (HERE.parent / _ELSEWHERE[page]).read_text(encoding="utf-8").replace("](../../docs/", "](/")
+    for own, path in _ELSEWHERE.items():
+        source[0] = source[0].replace(f"](../../{path})", f"](/{own}.md)")
 
 
 def setup(app: Sphinx) -> None:
