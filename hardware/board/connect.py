@@ -215,7 +215,7 @@ def wiring_of_board(
     known = [f"coil{channel + 1}" for channel in board.channels] if design is None else design.array.names
     if coils is not None and (missing := [coil for coil in coils if design is not None and coil not in known]):
         raise HardwareError(f"there is no coil {missing[0]!r} among {', '.join(known)}.")
-    return wired_to_channels(known if coils is None else coils, board.channels)
+    return wired_to_channels(known if coils is None else coils, board.channels, source=board.source)
 
 
 def _require_kind(where: str, board: ChannelBoard | None, wiring: Wiring) -> None:

@@ -12,9 +12,9 @@ from coilarray.hardware.emulator.conditions import Conditions
 from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.indenter import Indenter, Place
 from coilarray.hardware.emulator.ldc1614_chip import EmulatedBus, Ldc1614, Misuse, OpenPoints
-from coilarray.hardware.emulator.switches import Adg739Chain, EmulatedSwitches
+from coilarray.hardware.emulator.switches import EmulatedChain, EmulatedSwitches
 from coilarray.hardware.emulator.world import World
-from coilarray.hardware.scan.closure import Seen, switch_table, what_is_seen
+from coilarray.hardware.scan.closure import Drains, Seen, switch_table, what_is_seen
 from coilarray.hardware.wire.buses import Clock
 
 _CIRCUITS = 256  # solved circuits that are kept: a scan repeats the same few
@@ -33,6 +33,10 @@ class Netlist(Protocol):
 
     def encode(self) -> bytes:
         """Return eight bytes per device, as `coilarray.hardware.scan.closure.switch_table` reads them."""
+
+    @property
+    def drains(self) -> Sequence[Drains]:
+        """Bits that share a common pin, of every device in the order of the words."""
 
 
 class EmulatedBoard:
@@ -55,6 +59,8 @@ class EmulatedBoard:
         coils of the world are open.
     converter : Converter
         Type of the converter.
+    drains : sequence of Drains, optional
+        Bits that share a common pin, of every device in the order of the words; none by default.
     open_points : OpenPoints, optional
         How the converter behaves where its documents contradict each other.
     strict : bool
@@ -80,6 +86,7 @@ class EmulatedBoard:
         conditions: Conditions | None = None,
         wired: Sequence[int] = (),
         converter: Converter = CONVERTERS["LDC1614"],
+        drains: Sequence[Drains] | None = None,
         open_points: OpenPoints | None = None,
         strict: bool = False,
         readback: bool = True,
@@ -99,12 +106,10 @@ class EmulatedBoard:
             for channel, coil in zip(wired, self.coils, strict=False)
         }
         self.chip = Ldc1614(clock, self, converter=converter, open_points=open_points, misuse=self.misuse, seed=seed)
-        self.chain = Adg739Chain(
+        self.chain = EmulatedChain(
             switch_table(wiring) if wiring else (),
-            before_change=self.chip.advance,
-            after_change=self._switched,
-            readback=readback,
-        )
+            before_change=self.chip.advance, after_change=self._switched, drains=drains, readback=readback,
+        )  # fmt: skip
         self.indenter = Indenter(self.chip.advance, world.check)
         self.bus = EmulatedBus(self.chip, clock)
         self.switches = EmulatedSwitches(self.chain, clock)

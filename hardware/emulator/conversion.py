@@ -104,7 +104,7 @@ class Setting:
             channels=tuple(
                 ChannelSetting(
                     registers[0x08 + k],
-                    registers[0x0C + k],
+                    registers.get(0x0C + k, 0),
                     registers[0x10 + k],
                     registers[0x14 + k] >> 12,
                     registers[0x14 + k] & 0x3FF,

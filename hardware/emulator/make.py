@@ -114,7 +114,7 @@ def emulated_board(
     conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin)
     board = EmulatedBoard(
         wiring.coils, wiring.encode(), world, wired=wiring.channels, converter=converter or CONVERTERS["LDC1614"],
-        clock=clock or VirtualClock(), conditions=conditions, strict=strict, seed=seed,
+        clock=clock or VirtualClock(), conditions=conditions, drains=wiring.drains, strict=strict, seed=seed,
     )  # fmt: skip
     if path is not None:
         board.indenter.follow(path)

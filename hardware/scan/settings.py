@@ -129,7 +129,7 @@ class ScanSettings:
             raise HardwareError(f"switches join coils to channel 0; got channel {max(measured)}.")
         if not devices and (again := first_repeated(measured)) is not None:
             raise HardwareError(f"a channel measures one coil; channel {again} has more.")
-        if not set(measured) <= set(self.channels):
+        if any(channel not in self.channels for channel in measured):
             raise HardwareError(f"channel {max(measured)} must be among those that are scanned, {self.scanned}.")
 
     @property

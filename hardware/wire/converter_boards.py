@@ -32,7 +32,7 @@ class ChannelBoard:
     address : int
         I²C address.
     source : str
-        Where its values come from, and what of them is not verified.
+        Where its values come from; none is verified on a device.
     """
 
     converter: Converter
@@ -47,25 +47,25 @@ class ChannelBoard:
         """One line for people."""
         clock = "its own oscillator" if self.clock is None else f"{self.clock * 1e-6:g} MHz at CLKIN"
         name = f"{self.title}: " if self.title else ""
-        many = f"channels {', '.join(map(str, self.channels))}" if len(self.channels) > 1 else "channel 0"
-        return f"{name}{self.converter.name}, {many}, {clock}"
+        plural = "s" if len(self.channels) > 1 else ""
+        return f"{name}{self.converter.name}, channel{plural} {', '.join(map(str, self.channels))}, {clock}"
 
 
 _LDC1612, _LDC1614 = CONVERTERS["LDC1612"], CONVERTERS["LDC1614"]
 _PRINTER = (
-    "clock: a printer's public firmware; one coil, at channel 0; address of its default. Not verified on a device"
+    "clock: a printer's public firmware; one coil, at channel 0; address of its default."
 )
 BOARDS = MappingProxyType({
     "grove-ldc1612": ChannelBoard(
         _LDC1612, (0, 1), 40e6, "Grove 2-channel inductive sensor", 0x2B,
-        "address and clock: the maker's library for Arduino. Not verified on a device",
+        "address and clock: the maker's library for Arduino",
     ),
     "btt-eddy": ChannelBoard(_LDC1612, (0,), 12e6, "BTT Eddy", 0x2A, _PRINTER),
     "cartographer": ChannelBoard(_LDC1612, (0,), 24e6, "Cartographer", 0x2A, _PRINTER),
     "mellow-fly": ChannelBoard(_LDC1612, (0,), 40e6, "Mellow Fly Eddy", 0x2A, _PRINTER),
     "ldc1614evm": ChannelBoard(
         _LDC1614, (0, 1, 2, 3), 40e6, "LDC1614EVM, its converter's bus", 0x2A,
-        "clock: answers of the maker in a public forum. Not verified on a device",
+        "clock: answers of the maker in a public forum",
     ),
 })  # fmt: skip
 """Known boards by the name of the option ``board``."""
