@@ -73,7 +73,10 @@ plot_response(plane, "coil2")
 # inverse problem without it: here with readings at (5, 3) mm, 0.7 mm deep. The coils stand in a row, so that no reading can tell y from -y.
 
 table = ca.response_map(
-    design, depths=np.array([0.4, 0.6, 0.8, 1.0]) * 1e-3, x=np.linspace(-26e-3, 26e-3, 27), y=np.linspace(-12e-3, 12e-3, 13)
+    design,
+    depths=np.array([0.4, 0.6, 0.8, 1.0]) * 1e-3,
+    x=np.linspace(-26e-3, 26e-3, 27),
+    y=np.linspace(-12e-3, 12e-3, 13),
 )
 model = ca.forward_model(table)
 truth = ca.response_map(design, depths=[0.7e-3], x=[5e-3], y=[3e-3]).delta.squeeze()
