@@ -19,8 +19,6 @@ from coilarray.hardware.wire.buses import Clock, ComputerClock
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, NoAnswer, NotABoard
 from coilarray.hardware.wire.serial_ports import BytePort, choose_serial_port, open_serial_port
 
-EVM_CLOCK = 40e6
-"""Clock of the module at the converter's pin CLKIN in Hz."""
 EVM_USB = (0x2047, 0x08F8)
 """USB vendor and product of the module; TI's examples for the MSP430 have them too."""
 EVM_BUS_RATE = 15e3
@@ -38,11 +36,12 @@ _SHOWN = 8  # bytes of an answer in a message
 
 @dataclass(frozen=True)
 class EvmCommands:
-    """Numbers of the commands of a firmware; `select` is None where `read` names the register itself.
+    """Title, and numbers of the commands, of a firmware; `select` is None where `read` names the register itself.
 
     `stop` ends a stream and has the payload `stop_payload`.
     """
 
+    title: str
     write: int
     read: int
     select: int | None
@@ -55,9 +54,9 @@ class EvmCommands:
         return _PAYLOAD + 1 + (self.select is None)
 
 
-FAQ_COMMANDS = EvmCommands(write=0x15, read=0x14, select=0x15, stop=0x06, stop_payload=b"\x01")
+FAQ_COMMANDS = EvmCommands("TI's FAQ commands", write=0x15, read=0x14, select=0x15, stop=0x06, stop_payload=b"\x01")
 """Commands of TI's FAQ."""
-ONE_STEP_COMMANDS = EvmCommands(write=0x13, read=0x12, select=None, stop=0x07, stop_payload=b"")
+ONE_STEP_COMMANDS = EvmCommands("one-step commands", write=0x13, read=0x12, select=None, stop=0x07, stop_payload=b"")
 """Commands of the driver FDC2x14EVM."""
 _KNOWN = (FAQ_COMMANDS, ONE_STEP_COMMANDS)
 

@@ -5,6 +5,7 @@ are played: I²C, SPI and FT232H by the emulated chips themselves, a serial port
 """
 
 import csv
+import functools
 import re
 import shlex
 import textwrap
@@ -49,6 +50,13 @@ def _pattern(shown):
         pieces = [re.escape(piece) for piece in line.split("…")]
         lines.append("(?:.*\n)*?" if line == "…" else re.sub(r"(\\ ){2,}", r"\\s+", ".*".join(pieces)) + "\n")
     return "".join(lines)
+
+
+@functools.cache
+def _said():
+    """The sources of drivers and commands, with the literals of a message joined."""
+    files = [path for folder in ("hardware", "coilarray/cli") for path in (ROOT / folder).rglob("*.py")]
+    return re.sub(r'"\s*\n\s*f?"', "", "".join(path.read_text("utf-8") for path in files))
 
 
 @pytest.fixture
