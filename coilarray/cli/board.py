@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.board_options import BoardOptions, board_command, opened_board, print_marked
+from coilarray.cli.board_options import BoardOptions, board_command, is_emulator, opened_board, print_marked
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
@@ -59,6 +59,10 @@ def board(
     with ftdi://... also address=0x2B&clock=0&data=1&sync=2&back=3 (pins C0 to C7). A serial port has baud=9600, or
     baud=any where the rate is not known.
 
+    Without switches, coils are wired to the channels of the converter: i2c:1?channels=0,1&chip=LDC1612&clock=40MHz
+    (clock at the pin CLKIN, internal by default), or a known board: i2c:1?board=grove-ldc1612, btt-eddy, cartographer,
+    mellow-fly or ldc1614evm, none of them verified on a device. The self-test then tells which coils oscillate.
+
     Example: coilarray board --port /dev/ttyACM0 --self-test
     """
     from coilarray.hardware.board.connect import open_board, wiring_of_board
@@ -69,10 +73,14 @@ def board(
     if self_test or find_drives:
         drives, result, record, line = _tried(options, opened, self_test=self_test, find_drives=find_drives)
     else:
-        wired = wiring_of_board(place, opened, options.wiring)
+        # the ports can be looked at without a design; that of an emulator decides on its coils
+        named = opened if design is not None or is_emulator(options.port) else None
+        wired = wiring_of_board(place, named, options.wiring, options.coils_of_channels)
         with open_board(options.port, design=opened, wiring=wired, **options.emulation) as one:
             drives, result, record, line = None, None, _record(one), one.line
     data, parts = record | {"drives": None, "self_test": None}, [_ports_text(record["ports"]), line]
+    if "board" in record["assumed"]:
+        parts.append(f"board: {record['assumed']['board']}")
     if record["chain"] is not None:
         parts.append(f"end of the chain of switches: {_CHAIN[record['chain']]}")
     if drives is not None:

@@ -9,7 +9,7 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614_registers import register
 from coilarray.hardware.scan.reader import Reader
 from coilarray.hardware.scan.readings import Reason, judge
-from coilarray.hardware.scan.settings import ScanSettings, StateSettings
+from coilarray.hardware.scan.settings import ScanSettings, StateSettings, error_config
 
 _CONFIG, _DRIVE_CURRENT = register("CONFIG"), register("DRIVE_CURRENT0")
 _BY_ITSELF = _CONFIG.field("RP_OVERRIDE_EN").mask | _CONFIG.field("AUTO_AMP_DIS").mask
@@ -66,13 +66,18 @@ def _proposal(reader: Reader, settings: ScanSettings, state: StateSettings) -> i
     given = {field.name: getattr(settings, field.name) for field in fields(ScanSettings)}
     reader.configure(_OwnAmplitude(**(given | {"states": (replace(state, drive=0),), "rcount": _RCOUNT})))
     reader.scan()
-    return (reader.peek(_DRIVE_CURRENT.address) & _INIT.mask) >> _INIT.lsb
+    return (reader.peek(_DRIVE_CURRENT.address + state.channel) & _INIT.mask) >> _INIT.lsb
 
 
 def _reasons(reader: Reader, settings: ScanSettings, state: StateSettings, code: int) -> tuple[Reason, ...]:
     """Reasons not to trust a result with a fixed current."""
     reader.configure(replace(settings, states=(replace(state, drive=code),), rcount=_RCOUNT))
-    return judge(reader.scan().samples[0], offset=settings.offset)[1]
+    return judge(
+        reader.scan().samples[0],
+        offset=settings.offset,
+        error_config=error_config(settings.family),
+        channel=state.channel,
+    )[1]
 
 
 class _OwnAmplitude(ScanSettings):

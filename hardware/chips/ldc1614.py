@@ -25,12 +25,15 @@ EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
 BUS_RATE = 400e3
 """Fastest clock of the I²C bus in Hz; `coilarray.hardware.wire.ports.bus_rate` returns that of a board."""
 SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
+CHANNELS = 4
+"""Number of channels of an LDC1614."""
 WAKE_CYCLES = 16384
 """Cycles of the internal oscillator from leaving sleep to starting the sensor."""
 READ_BITS, WRITE_BITS = 48, 38
 """Bits on the I²C bus of reading and writing a register, start, stop and acknowledgements included."""
 LEAST_SETTLE_COUNT = 2
 """What SETTLECOUNT 0 and 1 act as."""
+_SWITCH_DELAY, _SWITCH_CYCLES = 692e-9, 5
 _SWITCH_BITS = 20  # words to a chain of six at 1 MHz take as long as this many bits of the bus
 
 
@@ -187,6 +190,16 @@ def settle_time(settle_count: int, reference: float) -> float:
     if not 0 <= settle_count <= 0xFFFF:
         raise HardwareError(f"SETTLECOUNT must be 0 to 65535; got {settle_count}.")
     return 16 * max(settle_count, LEAST_SETTLE_COUNT) / reference
+
+
+def switch_time(reference: float) -> float:
+    """Return the time from the end of a conversion to the next channel in s, 692 ns + 5/f_ref; `reference` is in Hz.
+
+    >>> round(switch_time(43.4e6) * 1e6, 3)
+    0.807
+    """
+    _check_clock(reference)
+    return _SWITCH_DELAY + _SWITCH_CYCLES / reference
 
 
 def wake_time(internal_clock: float = INTERNAL_CLOCK) -> float:

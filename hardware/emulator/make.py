@@ -10,6 +10,7 @@ import numpy as np
 
 from coilarray.compute.store import open_store
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.converters import CONVERTERS, Converter
 from coilarray.hardware.emulator.board import EmulatedBoard, Netlist
 from coilarray.hardware.emulator.conditions import COPPER, NOISE, Conditions, Drift, Oscillator, VirtualClock
 from coilarray.hardware.wire.buses import Clock
@@ -33,6 +34,8 @@ def emulated_board(
     copper: float = COPPER,
     capacitor: float = 0.0,
     clock: Clock | None = None,
+    converter: Converter | None = None,
+    clkin: float | None = None,
     strict: bool = False,
     folder: Path | None = None,
     progress: Progress | None = None,
@@ -44,7 +47,7 @@ def emulated_board(
     design : Design
         Design with all the coils of the wiring.
     wiring : Netlist
-        Wiring of the switches, as `coilarray.hardware.scan.wiring.load_wiring` returns it.
+        Wiring of the switches, or of coils to channels, as `coilarray.hardware.scan.wiring.load_wiring` returns it.
     path : sequence of (float, float, float, float), optional
         Path of the indenter: time in s, x, y and depth in m. Lifted by default.
     seed : int
@@ -59,6 +62,10 @@ def emulated_board(
         Deviations from the design, see `SensorWorld`.
     clock : Clock, optional
         Clock of the board; a new `VirtualClock` by default.
+    converter : Converter, optional
+        Type of the converter; an LDC1614 by default.
+    clkin : float, optional
+        Frequency at its pin CLKIN in Hz; the pin is grounded by default.
     strict : bool
         Whether undocumented use of the converter raises UndocumentedUse; it is noted in any case.
     folder : Path, optional
@@ -104,9 +111,9 @@ def emulated_board(
         network, table,
         strays=strays, copper=copper, capacitor=capacitor,
     )  # fmt: skip
-    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise)
+    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin)
     board = EmulatedBoard(
-        wiring.coils, wiring.encode(), world,
+        wiring.coils, wiring.encode(), world, wired=wiring.channels, converter=converter or CONVERTERS["LDC1614"],
         clock=clock or VirtualClock(), conditions=conditions, drains=wiring.drains, strict=strict, seed=seed,
     )  # fmt: skip
     if path is not None:

@@ -11,6 +11,7 @@ from urllib.parse import parse_qsl, urlsplit
 from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware.chips.ldc1614 import BUS_RATE
 from coilarray.hardware.wire.buses import ShiftSettings
+from coilarray.hardware.wire.converter_boards import ChannelBoard, channel_board
 from coilarray.hardware.wire.ft232h import I2C_SPEED, SwitchPins, ft232h_adapters
 from coilarray.hardware.wire.linux_host import i2c_clock, linux_buses
 from coilarray.hardware.wire.serial_ports import BAUD, PROBED_BAUDS
@@ -35,7 +36,9 @@ _FTDI_PATH = re.compile(r"/[1-4]")
 
 @dataclass(frozen=True)
 class EmulatorPort:
-    """The emulator."""
+    """The emulator: of coils behind switches, or at the channels of a converter."""
+
+    board: ChannelBoard | None = None
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,10 @@ class SerialPort:
 
 @dataclass(frozen=True)
 class LinuxPort:
-    """Buses of this computer, by their numbers, with the converter's I²C address and the transfers to the switches."""
+    """Buses of this computer, by their numbers, with the converter's I²C address and the transfers to the switches.
+
+    With a `board` there are no switches.
+    """
 
     bus: int
     address: int = ADDRESSES[0]
@@ -56,16 +62,21 @@ class LinuxPort:
     spi_device: int = 0
     shift: ShiftSettings = field(default_factory=ShiftSettings)
     rate: float | None = None  # clock of the I²C bus in Hz, where the user states it
+    board: ChannelBoard | None = None
 
 
 @dataclass(frozen=True)
 class FtdiPort:
-    """An FT232H at USB, by its URL for pyftdi, with the converter's I²C address and the way to the switches."""
+    """An FT232H at USB, by its URL for pyftdi, with the converter's I²C address and the way to the switches.
+
+    With a `board` there are no switches.
+    """
 
     url: str
     address: int = ADDRESSES[0]
     pins: SwitchPins = field(default_factory=SwitchPins)
     shift: ShiftSettings = field(default_factory=ShiftSettings)
+    board: ChannelBoard | None = None
 
 
 Port = EmulatorPort | SerialPort | LinuxPort | FtdiPort
@@ -81,36 +92,36 @@ def parse_port(text: str) -> Port:
     ``i2c`` also ``rate=400000`` (clock of the I²C bus in Hz), and with ``ftdi`` ``address=0x2B``, ``clock=0``,
     ``data=1``, ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
 
+    Without switches, coils at the channels of the converter, these two and the emulator have instead the options
+    ``channels=0,1``, ``chip=LDC1612`` and ``clock=40MHz`` (at the pin CLKIN), or ``board=grove-ldc1612``, as
+    `coilarray.hardware.wire.converter_boards.channel_board` reads them.
+
     >>> parse_port("i2c:1:0x2B").address == 0x2B
     True
+    >>> parse_port("i2c:1?board=grove-ldc1612").board.channels
+    (0, 1)
     """
     name, question_mark, query = text.strip().partition("?")
-    if name == EMULATOR and not question_mark:
-        return EmulatorPort()
     options = _options(query, text) if question_mark else {}
     port: Port
-    if _SERIAL.fullmatch(name):
+    if name == EMULATOR:
+        port = EmulatorPort(_board(options, text))
+    elif _SERIAL.fullmatch(name):
         port = SerialPort(name, _bauds(options, text))
     elif linux := _LINUX.fullmatch(name):
-        bus, address, spi_bus, spi_device = linux.groups()
-        shift = _shift(options, text)
-        where = int(bus), _address(address, text), int(spi_bus or 0), int(spi_device or 0)
-        port = LinuxPort(*where, shift, _stated_rate(options, text))
+        port = _linux_port(linux, options, text)
     elif name.lower().startswith("ftdi://"):
-        try:
-            parts = urlsplit(name)
-        except ValueError as error:  # as of ftdi://[
-            raise _refused(text, f"{error}") from None
-        if not parts.netloc or not _FTDI_PATH.fullmatch(parts.path):
-            raise _refused(text, "an adapter is named as ftdi://ftdi:232h/1 or ftdi://ftdi:232h:SERIALNUMBER/1")
-        address = _address(options.pop("address", None), text)
-        pins = {key: _number(options, key, text) for key in ("clock", "data", "sync", "back") if key in options}
-        port = FtdiPort(name, address, SwitchPins(**pins), _shift(options, text))
+        port = _ftdi_port(name, options, text)
     else:
         raise _refused(text, f"it must be {_ALLOWED}")
     if options:  # what is left of them
         raise _refused(text, f"there is no option {next(iter(options))!r}")
     return port
+
+
+def board_of(port: Port) -> ChannelBoard | None:
+    """Return the converter whose channels the coils of a port are wired to; None where there are switches."""
+    return None if isinstance(port, SerialPort) else port.board
 
 
 class BusRate(NamedTuple):
@@ -152,6 +163,40 @@ def _serial_ports() -> tuple[str, ...]:
         return tuple(str(port) for port in list_serial_ports())
     except MissingDependencyError:
         return ()
+
+
+def _linux_port(match: re.Match[str], options: dict[str, str], text: str) -> LinuxPort:
+    bus, address, spi_bus, spi_device = match.groups()
+    board, rate = _board(options, text), _stated_rate(options, text)
+    if board is None:
+        where = int(bus), _address(address, text), int(spi_bus or 0), int(spi_device or 0)
+        return LinuxPort(*where, _shift(options, text), rate)
+    if spi_bus is not None:
+        raise _refused(text, "coils at the channels of a converter have no switches, and no spi")
+    return LinuxPort(int(bus), _address(address, text, board.address), rate=rate, board=board)
+
+
+def _ftdi_port(name: str, options: dict[str, str], text: str) -> FtdiPort:
+    try:
+        parts = urlsplit(name)
+    except ValueError as error:  # as of ftdi://[
+        raise _refused(text, f"{error}") from None
+    if not parts.netloc or not _FTDI_PATH.fullmatch(parts.path):
+        raise _refused(text, "an adapter is named as ftdi://ftdi:232h/1 or ftdi://ftdi:232h:SERIALNUMBER/1")
+    board = _board(options, text)
+    address = _address(options.pop("address", None), text, ADDRESSES[0] if board is None else board.address)
+    if board is not None:
+        return FtdiPort(name, address, board=board)
+    pins = {key: _number(options, key, text) for key in ("clock", "data", "sync", "back") if key in options}
+    return FtdiPort(name, address, SwitchPins(**pins), _shift(options, text))
+
+
+def _board(options: dict[str, str], text: str) -> ChannelBoard | None:
+    """Take the options of a board without switches; `coilarray.hardware.wire.converter_boards` says which."""
+    try:
+        return channel_board(options)
+    except HardwareError as error:
+        raise _refused(text, str(error).rstrip(".")) from None
 
 
 def _options(query: str, text: str) -> dict[str, str]:
@@ -198,8 +243,8 @@ def _stated_rate(options: dict[str, str], text: str) -> float | None:
     return float(rate)
 
 
-def _address(given: str | None, text: str) -> int:
-    address = ADDRESSES[0] if given is None else _integer(given, "address", text)
+def _address(given: str | None, text: str, default: int = ADDRESSES[0]) -> int:
+    address = default if given is None else _integer(given, "address", text)
     if address not in ADDRESSES:
         raise _refused(text, f"the address of the converter must be {' or '.join(map(hex, ADDRESSES))}")
     return address
