@@ -52,9 +52,7 @@ class ChannelBoard:
 
 
 _LDC1612, _LDC1614 = CONVERTERS["LDC1612"], CONVERTERS["LDC1614"]
-_PRINTER = (
-    "clock: a printer's public firmware; one coil, at channel 0; address of its default."
-)
+_PRINTER = "clock: a printer's public firmware; one coil, at channel 0; address of its default."
 BOARDS = MappingProxyType({
     "grove-ldc1612": ChannelBoard(
         _LDC1612, (0, 1), 40e6, "Grove 2-channel inductive sensor", 0x2B,
@@ -64,7 +62,7 @@ BOARDS = MappingProxyType({
     "cartographer": ChannelBoard(_LDC1612, (0,), 24e6, "Cartographer", 0x2A, _PRINTER),
     "mellow-fly": ChannelBoard(_LDC1612, (0,), 40e6, "Mellow Fly Eddy", 0x2A, _PRINTER),
     "ldc1614evm": ChannelBoard(
-        _LDC1614, (0, 1, 2, 3), 40e6, "LDC1614EVM, its converter's bus", 0x2A,
+        _LDC1614, (0, 1, 2, 3), 40e6, "LDC1614EVM", 0x2A,
         "clock: answers of the maker in a public forum",
     ),
 })  # fmt: skip
