@@ -33,7 +33,6 @@ from coilarray.hardware.chips.ldc1614 import (
     switch_time,
 )
 from coilarray.hardware.chips.ldc1614_limits import (
-    LEAST_SCANNING_SETTLE_COUNT,
     check_clock,
     deglitch_for,
     input_divider,
@@ -258,7 +257,7 @@ class ScanSettings:
         """Return RCOUNT and SETTLECOUNT of a channel."""
         state = self._measured(channel)
         if state is None:
-            return smallest_rcount(self.scanned, self.family), LEAST_SCANNING_SETTLE_COUNT
+            return smallest_rcount(self.scanned, self.family), self.settle_count
         return self.rcount, self.settle_count if state.settle_count is None else state.settle_count
 
     def _channel_registers(self, channel: int) -> list[tuple[int, int]]:

@@ -52,7 +52,7 @@ class ChannelBoard:
 
 
 _LDC1612, _LDC1614 = CONVERTERS["LDC1612"], CONVERTERS["LDC1614"]
-_PRINTER = "clock: a printer's public firmware; one coil, at channel 0; address of its default."
+_PRINTER = "clock and address: public firmware of 3-D printers; its I²C must be led out, its clock may need firmware"
 BOARDS = MappingProxyType({
     "grove-ldc1612": ChannelBoard(
         _LDC1612, (0, 1), 40e6, "Grove 2-channel inductive sensor", 0x2B,

@@ -50,6 +50,7 @@ def plain_board(
     drift=None,
     oscillator=None,
     clock=None,
+    clkin=None,
     **options,
 ):
     """An emulated board of fixed coils: 50 µH, 51 µH and so on by default."""
@@ -59,6 +60,7 @@ def plain_board(
         wiring.encode(),
         FixedCoils(L, capacitance, resistance),
         clock=clock or VirtualClock(),
-        conditions=Conditions(oscillator or Oscillator(), drift or Drift(), noise),
+        conditions=Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin),
+        wired=wiring.channels,
         **options,
     )
