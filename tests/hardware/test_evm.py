@@ -214,7 +214,7 @@ def test_its_port_has_the_two_coils_and_the_clock_of_the_module():
     port = parse_port("evm:/dev/ttyACM0")
     assert (port.name, port.address) == ("/dev/ttyACM0", 0x2A)
     assert (port.board.channels, port.board.clock, port.board.converter.name) == ((0, 1), 40e6, "LDC1614")
-    assert "Not verified" in port.board.source
+    assert "protocol" in port.board.source
     other = parse_port("evm:usb:1234?channels=3&clock=internal&address=0x2B")
     assert (other.name, other.address, other.board.channels, other.board.clock) == ("usb:1234", 0x2B, (3,), None)
     for wrong in ("evm:", "evm:i2c:1", "evm:/dev/ttyACM0?baud=9600", "evm:/dev/ttyACM0?channels=4"):
@@ -233,7 +233,7 @@ def test_a_module_among_the_ports_has_the_name_that_opens_it(monkeypatch):
 def test_two_coils_are_scanned_through_the_module_as_without_it(commands, sealed):
     """The words are those that the chip gives by I²C: the module adds time, no noise and no fault."""
     wiring = wired_to_channels(("coil1", "coil2"), (0, 1))
-    board = plain_board(wiring, noise=0.0, strict=True, wired=(0, 1))
+    board = plain_board(wiring, noise=0.0, strict=True)
     settings = scan_settings(wiring, rcount=200, drives=7)
     through = EvmRegisterBus(
         EmulatedEvm(board.bus, board.clock, commands=COMMANDS[commands], sealed=sealed), 0x2A, board.clock
