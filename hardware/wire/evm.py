@@ -108,9 +108,6 @@ class EvmRegisterBus:
         self.sealed = False
         """Whether the answers have a CRC-8."""
         try:
-            for commands in _KNOWN:
-                self._port.write(frame(commands.stop, commands.stop_payload))
-            self._drain()
             self.commands = self._known_commands()
         except BaseException:
             self.close()
@@ -134,13 +131,17 @@ class EvmRegisterBus:
             self._port.close()
 
     def _known_commands(self) -> EvmCommands:
-        """Find out which commands the firmware takes, and whether its answers are sealed."""
+        """End a stream, and find out which commands the firmware takes and whether its answers are sealed."""
         identity = register("MANUFACTURER_ID").address
-        heard, silent_converter = b"", None
-        for commands in _KNOWN:
+        heard, silent_converter, flood = b"", None, None
+        for commands in _KNOWN:  # the second ones are sent only to firmware that does not take those of the maker
             try:
+                self._port.write(frame(commands.stop, commands.stop_payload))
+                self._drain()
                 # three answers: by one of them that happens to fit or was damaged nothing is decided
                 found = [self._value(commands, identity) for _ in range(3)]
+            except NotABoard as error:
+                flood = error
             except _Refused as refused:
                 heard = heard or refused.heard
             except BusFault:  # its answer reports an error: of the converter, or it does not know the command
@@ -150,10 +151,10 @@ class EvmRegisterBus:
                 return commands
         if silent_converter is not None:
             return silent_converter
+        if flood is not None:
+            raise flood
         if not heard:
-            raise NoAnswer(
-                f"no evaluation module answers at {self._port.name}; another device, or firmware that hangs."
-            )
+            raise NoAnswer(f"no evaluation module answers at {self._port.name}: another device, or hanging firmware.")
         if heard.startswith(_REFUSAL):
             raise NotABoard(
                 f"the firmware of the evaluation module at {self._port.name} answers FF 00 4C and takes neither of the "
