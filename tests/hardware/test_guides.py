@@ -106,9 +106,10 @@ def test_every_command_prints_what_the_page_shows(page, tmp_path, monkeypatch, c
 @pytest.mark.parametrize("page", PAGES)
 def test_every_port_link_and_message_of_a_page_exists(page):
     text = (DOCS / page).read_text("utf-8")
-    for port in re.findall(r'--port ("[^"]+"|[^\s`"]+)', text):
-        if port not in ("PORT", '"PORT'):
-            parse_port(port.strip('"'))
+    named = re.findall(r"`((?:i2c:|ftdi:|evm:|usb:|emulator\?)[^` ]+|/dev/tty[^` ]+|COM5)`", text)
+    for port in [port.strip('"') for port in re.findall(r'--port ("[^"]+"|[^\s`"]+)', text)] + named:
+        if port != "PORT":
+            parse_port(port)
     for target, anchor in re.findall(r"\]\((?!http)([^)#]*)(?:#([^)]*))?\)", text):
         there = DOCS / (target or page)
         assert there.exists(), target
