@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 
-from coilarray.hardware.board.chip_driver import ChipSettings, fault_of, no_sample
+from coilarray.hardware.board.chip_driver import LOOK_AGAIN, ChipSettings, fault_of, no_sample
 from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.scan.reader import RawSample, SampleFault
 from coilarray.hardware.wire.buses import Clock, RegisterBus
@@ -25,6 +25,7 @@ class AutoscanReader(DirectReader):
 
     def __init__(self, bus: RegisterBus, clock: Clock, *, kind: str, emulated: bool = False) -> None:
         self._ready = -math.inf  # when the latest results were there
+        self._turn = 0.0  # s, from there to the next look
         super().__init__(bus, _NoSwitches(), clock, b"", kind=kind, emulated=emulated)
 
     def _measured(self, chip_settings: ChipSettings, *, running: bool) -> tuple[float, list[RawSample]]:
@@ -32,13 +33,15 @@ class AutoscanReader(DirectReader):
         start = self._ready if going_on else self._clock.now()
         try:
             if going_on:
-                wait = max(self._ready + chip_settings.turn - self._clock.now(), 0.0)
+                wait = max(self._ready + self._turn - self._clock.now(), 0.0)
             else:
                 if not chips.asleep:
                     chips.sleep()
                 chips.wake(chip_settings)
-                wait = chip_settings.wait
+                wait, self._turn = None, chip_settings.turn
             samples = list(chips.results(chip_settings, wait))
+            if going_on:  # a little less than the last turn, whatever clock this converter has
+                self._turn = max(chips.ready_at - self._ready - 2 * LOOK_AGAIN, 0.0)
             self._ready = chips.ready_at
         except BusFault as fault:
             samples = [no_sample(fault_of(fault))] * len(chip_settings.names)

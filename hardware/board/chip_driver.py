@@ -31,14 +31,16 @@ _CLOCK_DIVIDERS, _DRIVE_CURRENTS = (
 )
 _DRIVE_MASK = register("DRIVE_CURRENT0").field("IDRIVE0").mask  # the chip writes what it likes into the bits below
 _DATA_READY, _ERRORS, _ERROR_FLAGS = 0x0040, 0xFF00, 0x3F00  # bits of STATUS
+_FIXED_DRIVE = register("CONFIG").field("RP_OVERRIDE_EN").mask
 _RESET = 0x8000
 _RESET_TIME = 2e-3  # s; the data sheet says it of the pin SD and nothing of the register
-_LOOK_AGAIN = 1e-3  # s between two looks at STATUS
+LOOK_AGAIN = 1e-3
+"""Time in s between two looks at STATUS."""
 
 
 @dataclass(frozen=True)
 class ChipSettings:
-    """Settings of a scan as register values and words of the switches; `wait` and `timeout` count from waking."""
+    """Settings of a scan as register values and words of the switches; the times are those of `ScanSettings`."""
 
     names: tuple[str, ...]
     channels: tuple[int, ...]  # of the states
@@ -49,7 +51,9 @@ class ChipSettings:
     active: int  # register CONFIG while the converter is awake
     wait: float  # s, until the first look at STATUS
     timeout: float  # s, until giving up
-    turn: float  # s, from result to result of a converter that stays awake
+    discard: int  # conversions to throw away
+    again: float  # s, from one that is thrown away until the next look
+    turn: float  # s, from result to result of a converter that stays awake, with its nominal clock
     hash: int
 
     @staticmethod
@@ -71,7 +75,9 @@ class ChipSettings:
             active=given[_CONFIG],
             wait=settings.wait_us * 1e-6,
             timeout=settings.timeout_us * 1e-6,
-            turn=settings.state_time.settle + settings.state_time.conversion,
+            discard=settings.discard,
+            again=settings.again_us * 1e-6,
+            turn=settings.again_us * 1e-6 * settings.slowest_reference / settings.reference,
             hash=settings.hash,
         )
 
@@ -118,16 +124,22 @@ class ChipDriver:
     def results(self, settings: ChipSettings, wait: float | None = None) -> tuple[RawSample, ...]:
         """Wait for the next results of all channels and read them, each once where states share a channel.
 
-        The first look at STATUS comes after `wait` in s, by default that of a converter that was just woken. Where
-        nothing is read, the samples have a fault.
+        The first look at STATUS comes after `wait` in s; without it the converter was just woken, and its first
+        conversions are thrown away as the settings say. Where nothing is read, the samples have a fault. Where the
+        converter chose its own drive current, that is read too, before sleep can clear it.
         """
-        looks = self._ready(settings, settings.wait if wait is None else wait)
         channels = tuple(dict.fromkeys(settings.channels))
+        looks = self._ready(settings.wait if wait is None else wait, settings.timeout)
+        for _ in range(settings.discard if wait is None else 0):
+            if looks is not None:
+                for channel in channels:
+                    self.bus.read(_DATA_MSB[channel])  # clears its flags
+                looks = self._ready(settings.again, settings.timeout)
         if looks is None:
             return (no_sample(SampleFault.NO_RESULT),) * len(channels)
         return tuple(self._sample(settings, channel, looks) for channel in channels)
 
-    def _ready(self, settings: ChipSettings, wait: float) -> list[int] | None:
+    def _ready(self, wait: float, timeout: float) -> list[int] | None:
         """Wait until results are ready; return every STATUS that was read, or None if none were ready in time."""
         start, looks = self.clock.now(), []
         self.clock.sleep(wait)
@@ -137,14 +149,15 @@ class ChipDriver:
             if looks[-1] & _DATA_READY:
                 self.ready_at = start + passed
                 return looks
-            if passed >= settings.timeout:
+            if passed >= timeout:
                 return None
-            self.clock.sleep(_LOOK_AGAIN)
+            self.clock.sleep(LOOK_AGAIN)
 
     def _sample(self, settings: ChipSettings, channel: int, looks: Sequence[int]) -> RawSample:
         """Read the result of a channel; reading STATUS clears its errors, so that all looks count."""
         try:
             msb, lsb = self.bus.read(_DATA_MSB[channel]), self.bus.read(_DATA_LSB[channel])
+            drive = None if settings.active & _FIXED_DRIVE else self.bus.read(_DRIVE_CURRENTS[channel])
         except BusFault as fault:
             if not settings.scanning:
                 raise
@@ -153,13 +166,13 @@ class ChipDriver:
             errors = 0
             for look in looks:
                 errors |= look & _ERRORS
-            return RawSample(msb, lsb, looks[-1] | errors)
+            return RawSample(msb, lsb, looks[-1] | errors, drive=drive)
         # the bits of unread results freeze with an error of any channel; DRDY says that all channels have a new one
         status = _DATA_READY | 1 << CHANNELS - 1 - channel
         for look in looks:
             if look & _ERROR_FLAGS and look >> 14 == channel:
                 status |= look & _ERRORS
-        return RawSample(msb, lsb, status)
+        return RawSample(msb, lsb, status, drive=drive)
 
     def switch(self, words: bytes) -> bool:
         """Send the switches their words; False if the chain returns other words than it was sent before."""

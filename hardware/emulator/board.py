@@ -121,6 +121,11 @@ class EmulatedBoard:
         """Relative standard deviation of a frequency at full resolution."""
         return self.conditions.noise
 
+    @property
+    def first_offset(self) -> float:
+        """Error of the first conversion after sleep in codes."""
+        return self.conditions.first_offset
+
     def internal_clock(self, time: float) -> float:
         """Return the frequency of the converter's own oscillator in Hz."""
         return self.conditions.oscillator.at(time, self.conditions.drift.at(time))

@@ -30,6 +30,7 @@ def emulated_board(
     noise: float = NOISE,
     drift: Drift | None = None,
     oscillator: Oscillator | None = None,
+    first_offset: float = 0.0,
     strays: Mapping[str, float] | None = None,
     copper: float = COPPER,
     capacitor: float = 0.0,
@@ -58,6 +59,8 @@ def emulated_board(
         Temperature of the board; constant by default.
     oscillator : Oscillator, optional
         Internal oscillator of the converter; the typical 43.4 MHz by default.
+    first_offset : float
+        Error of the first conversion after sleep in codes, see `Conditions`.
     strays, copper, capacitor
         Deviations from the design, see `SensorWorld`.
     clock : Clock, optional
@@ -111,7 +114,7 @@ def emulated_board(
         network, table,
         strays=strays, copper=copper, capacitor=capacitor,
     )  # fmt: skip
-    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin)
+    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin, first_offset)
     board = EmulatedBoard(
         wiring.coils, wiring.encode(), world, wired=wiring.channels, converter=converter or CONVERTERS["LDC1614"],
         clock=clock or VirtualClock(), conditions=conditions, drains=wiring.drains, strict=strict, seed=seed,

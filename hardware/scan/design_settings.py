@@ -11,7 +11,7 @@ from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.converters import Family
-from coilarray.hardware.chips.ldc1614 import BUS_RATE, INTERNAL_CLOCK
+from coilarray.hardware.chips.ldc1614 import BUS_RATE
 from coilarray.hardware.chips.ldc1614_limits import drive_for
 from coilarray.hardware.scan.board_network import board_network
 from coilarray.hardware.scan.settings import ScanSettings, scan_settings
@@ -49,6 +49,7 @@ def design_settings(
     clock: float | None = None,
     external_clock: bool = False,
     drives: Mapping[str, int] | int | None = None,
+    discard: int = 0,
 ) -> ScanSettings:
     """Make settings for the coils of a design.
 
@@ -68,11 +69,13 @@ def design_settings(
     undivided, family
         As of `scan_settings`.
     clock : float, optional
-        Clock of the converter in Hz; that of its own typical oscillator by default.
+        Measured or external clock of the converter in Hz; that of its own typical oscillator by default.
     external_clock : bool
         Whether the clock comes from the pin CLKIN.
     drives : mapping of str to int, or int, optional
         IDRIVE by coil, or of all coils; by default from the parallel resistance of every state.
+    discard : int
+        Number of conversions to throw away after waking, 0 to 15.
 
     Returns
     -------
@@ -99,8 +102,6 @@ def design_settings(
             f"wiring {wiring.name} has no coil {unknown[0]!r} of the design {design.name}; "
             f"there are {', '.join(wiring.coils)}: give the wiring of this board."
         )
-    if external_clock and clock is None:
-        raise HardwareError("an external clock needs its frequency.")
     plan = design_plan(design, states)
     if unknown:
         plan = _of_wired(plan, wiring, unknown, chosen=bool(states))
@@ -121,13 +122,14 @@ def design_settings(
         [_among(state, wiring.coils) for state in plan],
         rate=rate,
         bus_rate=bus_rate,
-        clock=INTERNAL_CLOCK if clock is None else clock,
+        clock=clock,
         external_clock=external_clock,
         undivided=undivided,
         family=family,
         frequency={result.state.name: result.frequency for result in results},
         quality={result.state.name: _MARGIN * loaded_quality(network, result) for result in results},
         drives=drives,
+        discard=discard,
     )
 
 
