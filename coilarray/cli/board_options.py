@@ -103,7 +103,7 @@ class BoardOptions:
             help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), "
             "drift=0.01 (K/s), press=X,Y,DEPTH (mm on the board; in live after the baseline), "
             "path=FILE.csv (columns time_s, x_mm, "
-            "y_mm, depth_mm)."
+            "y_mm, depth_mm), switches=counted (with the capacitances of the wiring's parts: typical, not verified)."
         ),
     ] = None
     emulation: dict[str, Any] = field(init=False)
@@ -322,7 +322,13 @@ def _path(text: str) -> tuple[str, object]:
     return "path", [(time, x * 1e-3, y * 1e-3, depth * 1e-3) for time, x, y, depth in points]
 
 
-_EMULATED = {"seed": _seed, "noise": _noise, "drift": _drift, "press": _press, "path": _path}
+def _switches(text: str) -> tuple[str, object]:
+    if text != "counted":
+        raise HardwareError(f"--emulate switches must be counted; got {text!r}.")
+    return "count_parts", True
+
+
+_EMULATED = {"switches": _switches, "seed": _seed, "noise": _noise, "drift": _drift, "press": _press, "path": _path}
 
 
 def _numbers(key: str, text: str, count: int) -> list[float]:

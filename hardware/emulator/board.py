@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Protocol
 
-from coilarray.design.scan_states import ScanState
+from coilarray.design.scan_states import ScanState, Switches
 from coilarray.hardware.chips.converters import CONVERTERS, Converter
 from coilarray.hardware.emulator.conditions import Conditions
 from coilarray.hardware.emulator.conversion import Resonator
@@ -37,6 +37,9 @@ class Netlist(Protocol):
     @property
     def drains(self) -> Sequence[Drains]:
         """Bits that share a common pin, of every device in the order of the words."""
+
+    def capacitances(self, switches: Switches) -> Switches:
+        """Return switches with the capacitances of the parts in place of their own."""
 
 
 class EmulatedBoard:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,6 +35,7 @@ def emulated_board(
     strays: Mapping[str, float] | None = None,
     copper: float = COPPER,
     capacitor: float = 0.0,
+    count_parts: bool = False,
     clock: Clock | None = None,
     converter: Converter | None = None,
     clkin: float | None = None,
@@ -63,6 +65,9 @@ def emulated_board(
         Error of the first conversion after sleep in codes, see `Conditions`.
     strays, copper, capacitor
         Deviations from the design, see `SensorWorld`.
+    count_parts : bool
+        Whether the switches have the capacitances of the wiring's parts, which are typical and not verified, in place
+        of those of the design.
     clock : Clock, optional
         Clock of the board; a new `VirtualClock` by default.
     converter : Converter, optional
@@ -110,6 +115,8 @@ def emulated_board(
         return response_table(design, store, frequency=frequency, progress=progress)
 
     network = board_network(design, store)
+    if count_parts:
+        network = replace(network, switches=wiring.capacitances(network.switches))
     world = SensorWorld(
         network, table,
         strays=strays, copper=copper, capacitor=capacitor,

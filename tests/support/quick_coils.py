@@ -51,6 +51,7 @@ def plain_board(
     oscillator=None,
     clock=None,
     clkin=None,
+    first_offset=0.0,
     **options,
 ):
     """An emulated board of fixed coils: 50 µH, 51 µH and so on by default."""
@@ -60,7 +61,7 @@ def plain_board(
         wiring.encode(),
         FixedCoils(L, capacitance, resistance),
         clock=clock or VirtualClock(),
-        conditions=Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin),
+        conditions=Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin, first_offset=first_offset),
         wired=wiring.channels,
         **options,
     )
