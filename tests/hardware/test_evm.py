@@ -129,7 +129,7 @@ def test_a_module_that_is_unplugged_is_lost():
 
 
 def test_an_answer_that_comes_too_late_is_not_taken_for_the_next():
-    evm, bus = module()
+    evm, bus = module(commands=ONE_STEP_COMMANDS)  # whose answers say nothing of which reading they answer
     late = []
     evm._to_computer = lambda answer: late.append(answer) or b""
     refused(BusTimeout, "did not answer in 0.25 s", bus.read, 0x7F)
