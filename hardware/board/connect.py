@@ -181,7 +181,8 @@ def open_board(
             reader = _direct_reader(place, wired)
         case EvmPort():
             module = open_evm(place.name, place.address)
-            kind = f"LDC1614EVM by {module.commands.title}, not verified"
+            seal = "with" if module.sealed else "without"
+            kind = f"LDC1614EVM by {module.commands.title}, answers {seal} checksums, not verified"
             reader = AutoscanReader(module, ComputerClock(), kind=kind)
     return Board(reader, port, wired, emulator)
 
