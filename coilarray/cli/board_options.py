@@ -73,7 +73,8 @@ class BoardOptions:
         float | None,
         typer.Option(
             "--clock-MHz",
-            help="Clock of the converter; by default that of the port, or 43.4, typical of its own oscillator.",
+            help="Measured or external clock of the converter; by default that of the port, or 43.4, typical of its "
+            "own oscillator. As that may be 35, a scan with an unknown clock waits a quarter longer.",
         ),
     ] = None
     external_clock: Annotated[
@@ -87,6 +88,13 @@ class BoardOptions:
             "second channel too. Full resolution takes half the time. Not verified; not with a microcontroller.",
         ),
     ] = False
+    discard: Annotated[
+        int,
+        typer.Option(
+            help="Conversions of each state to throw away after the converter wakes, 0 to 15; "
+            "`coilarray board --self-test` finds how many."
+        ),
+    ] = 0
     drive: Annotated[
         list[str] | None,
         typer.Option(
@@ -101,20 +109,25 @@ class BoardOptions:
         list[str] | None,
         typer.Option(
             help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), "
-            "drift=0.01 (K/s), press=X,Y,DEPTH (mm on the board; in live after the baseline), "
-            "path=FILE.csv (columns time_s, x_mm, "
-            "y_mm, depth_mm), switches=counted (with the capacitances of the wiring's parts: typical, not verified)."
+            "drift=0.01 (K/s), clock_MHz=36 (of its oscillator), first_offset=40000 (codes by which the first "
+            "conversion after sleep is off, as users of the FDC2214 report; not verified), press=X,Y,DEPTH (mm on the "
+            "board; in live after the baseline), path=FILE.csv (columns time_s, x_mm, y_mm, depth_mm), "
+            "switches=counted (with the capacitances of the wiring's parts: typical, not verified)."
         ),
     ] = None
     emulation: dict[str, Any] = field(init=False)
     drives: dict[str, int] | int | None = field(init=False)
 
     def __post_init__(self) -> None:
+        from coilarray.hardware.chips.ldc1614 import MOST_DISCARDED
+
         for option, value in (("--rate", self.rate), ("--clock-MHz", self.clock_MHz)):
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise HardwareError(f"{option} must be positive and finite; got {value:g}.")
         if self.external_clock and self.clock_MHz is None:
             raise HardwareError("--external-clock needs --clock-MHz.")
+        if not 0 <= self.discard <= MOST_DISCARDED:
+            raise HardwareError(f"--discard must be 0 to {MOST_DISCARDED}; got {self.discard}.")
         if self.emulate and not is_emulator(self.port):
             raise HardwareError(f"--emulate is for the emulator; the board at {self.port} is a real one.")
         object.__setattr__(self, "emulation", _emulation(self.emulate or ()))
@@ -204,6 +217,7 @@ def opened_board(
         undivided=options.undivided,
         family="LDC" if channels is None else channels.converter.family,
         drives=options.drives,
+        discard=options.discard,
         bus_rate=bus_clock.hertz,
     )
     emulation = dict(options.emulation)
@@ -297,6 +311,22 @@ def _drift(text: str) -> tuple[str, object]:
     return "drift", Drift(rate=rate)
 
 
+def _clock(text: str) -> tuple[str, object]:
+    from coilarray.hardware.chips.ldc1614 import INTERNAL_CLOCK_RANGE
+    from coilarray.hardware.emulator import Oscillator
+
+    (clock,) = _numbers("clock_MHz", text, 1)
+    low, high = INTERNAL_CLOCK_RANGE
+    if not low <= clock * 1e6 <= high:
+        raise HardwareError(f"--emulate clock_MHz must be {low / 1e6:g} to {high / 1e6:g}; got {text!r}.")
+    return "oscillator", Oscillator(clock * 1e6)
+
+
+def _first_offset(text: str) -> tuple[str, object]:
+    (codes,) = _numbers("first_offset", text, 1)
+    return "first_offset", codes
+
+
 def _press(text: str) -> tuple[str, object]:
     x, y, depth = _numbers("press", text, 3)
     if depth < 0:
@@ -328,7 +358,10 @@ def _switches(text: str) -> tuple[str, object]:
     return "count_parts", True
 
 
-_EMULATED = {"switches": _switches, "seed": _seed, "noise": _noise, "drift": _drift, "press": _press, "path": _path}
+_EMULATED = {
+    "switches": _switches, "seed": _seed, "noise": _noise, "drift": _drift, "clock_MHz": _clock,
+    "first_offset": _first_offset, "press": _press, "path": _path,
+}  # fmt: skip
 
 
 def _numbers(key: str, text: str, count: int) -> list[float]:
