@@ -156,9 +156,3 @@ def test_a_plate_with_an_outline(bare: ca.Design) -> None:
     both = replace(one, plates=(SHIELD, disc))
     with pytest.raises(MetalError, match=r"plate.1 'disc' has an outline and is computed only without other plates"):
         ca.couple_design(both)
-
-
-def test_what_plates_are_not_computed_with(bare: ca.Design) -> None:
-    starter = replace(ca.load_design("starter"), plates=(SHIELD,))
-    with pytest.raises(MetalError, match=r"response to an indentation is not computed beside a \[\[plate\]\]"):
-        ca.response_map(starter)
