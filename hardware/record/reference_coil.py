@@ -1,0 +1,54 @@
+"""Drift correction by reference coils, which the indenter does not reach: their δ is taken from that of the others.
+
+A clock or a tank capacitor that drifts changes δ of all coils alike, as do supply and expansion of the board. What is
+not alike stays, and each reference adds its own noise: `coilarray.circuit.noise_budget.NoiseBudget.referenced` says how
+much of both, and `coilarray.localize.forward.ForwardModel.referenced` is the model of what is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.design.scan_states import referenced_names
+from coilarray.errors import HardwareError
+
+
+def less_reference(delta: Mapping[str, npt.ArrayLike], reference: Sequence[str]) -> dict[str, FloatArray]:
+    """Return δ less the mean δ of the reference coils.
+
+    Parameters
+    ----------
+    delta : mapping of str to array_like
+        δ of every state by name: a number of one scan, or an array over scans, alike for all; NaN where there is none.
+    reference : sequence of str
+        Names of the states of the reference coils.
+
+    Returns
+    -------
+    dict of str to ndarray
+        δ of the other states. NaN where a state or one of the references has none: a mean over fewer of them would jump
+        by their noise.
+
+    Raises
+    ------
+    HardwareError
+        A reference that is not there or named twice, none at all, or no other state.
+
+    Notes
+    -----
+    A drift d multiplies every L by 1 + d, so that δ becomes δ + d + δ d. The last term, 10⁻⁸ for d = 10⁻⁵ and δ = 10⁻³,
+    is left.
+
+    Examples
+    --------
+    >>> left = less_reference({"coil1": [5e-6, 7e-4 + 9e-6], "far": [5e-6, 9e-6]}, ["far"])
+    >>> np.round(left["coil1"], 9)
+    array([0.    , 0.0007])
+    """
+    others = referenced_names(tuple(delta), reference, HardwareError)
+    mean = np.mean([np.asarray(delta[name], dtype=np.float64) for name in reference], axis=0)
+    return {name: np.asarray(np.asarray(delta[name], dtype=np.float64) - mean) for name in others}
