@@ -103,9 +103,12 @@ class Scattering:
     def over(self, backing: Backing, dent: Dent) -> Scattering:
         """Put layers below the coils of a dent: complex patterns for direct waves, then for those of mirrored coils."""
         often, again = backing.between(self.wavenumbers, dent.thicknesses, dent.permeabilities, dent.motion.lift)
+        to_and_fro = self.weights * again / 2
         arriving = np.concatenate((often, often * backing.reflection(self.wavenumbers)))
-        energies: list[ComplexArray] = [
-            np.linalg.solve(np.eye(len(own)) - own @ (patterns * (self.weights * again / 2)) @ patterns.T, own)
+        energies = [
+            np.asarray(
+                np.linalg.solve(np.eye(len(own)) - own @ (patterns * to_and_fro) @ patterns.T, own), np.complex128
+            )
             for patterns, own in zip(self.patterns, self.energies, strict=True)
         ]
         return Scattering(
