@@ -105,17 +105,15 @@ class Scattering:
         often, again = backing.between(self.wavenumbers, dent.thicknesses, dent.permeabilities, dent.motion.lift)
         to_and_fro = self.weights * again / 2
         arriving = np.concatenate((often, often * backing.reflection(self.wavenumbers)))
-        energies = [
-            np.asarray(
-                np.linalg.solve(np.eye(len(own)) - own @ (patterns * to_and_fro) @ patterns.T, own), np.complex128
-            )
-            for patterns, own in zip(self.patterns, self.energies, strict=True)
-        ]
+
+        def energies(patterns: FloatArray | ComplexArray, own: FloatArray | ComplexArray) -> ComplexArray:
+            return np.asarray(np.linalg.solve(np.eye(len(own)) - own @ (patterns * to_and_fro) @ patterns.T, own + 0j))
+
         return Scattering(
             np.tile(self.wavenumbers, 2),
             np.tile(self.weights, 2),
             tuple(np.tile(patterns, 2) * arriving for patterns in self.patterns),
-            tuple(energies),
+            tuple(map(energies, self.patterns, self.energies)),
         )
 
     def change(self, incident: ComplexArray, factors: FloatArray) -> FloatArray | ComplexArray:

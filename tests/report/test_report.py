@@ -397,8 +397,7 @@ distances_mm = [2, 4, 8]
 
 
 def test_metal_has_a_section_with_its_numbers(tmp_path):
-    few = re.sub(r"\[indenter\].*?(?=\n\[circuit\])", "", FEW, flags=re.DOTALL)
-    made = drawn_report(parse_design(few + METAL), tmp_path)
+    made = drawn_report(parse_design(FEW + METAL), tmp_path)
     page = made.page.read_text(encoding="utf-8")
     assert ">Metal</h2>" in page
     assert "with the plate backplane of aluminium and a copper plate as target;" in page

@@ -1,0 +1,40 @@
+"""Positions, and the distortion of ellipses, over a backplane: from the design file to the position."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.contacts import coarse_maps, first_coils
+
+from coilarray.design.model import parse_design
+from coilarray.localize.forward import forward_model
+from coilarray.localize.inverse import locate
+from coilarray.response.map import response_map
+
+pytestmark = pytest.mark.slow
+
+BACKPLANE = """
+[[plate]]
+name = "backplane"
+material = "aluminium"
+thickness_mm = 1.0
+distance_mm = 1.0
+side = "below"
+"""
+DESIGN = parse_design(first_coils(3) + BACKPLANE)
+
+
+def test_an_indentation_over_a_backplane_is_located() -> None:
+    x, y = np.arange(-6e-3, 6.1e-3, 2e-3), np.arange(-6e-3, 6.1e-3, 3e-3)
+    place, depths = (1.3e-3, 1.1e-3), np.array([0.4e-3, 0.7e-3, 1e-3])
+    with coarse_maps():
+        model = forward_model(response_map(DESIGN, x=x, y=y, depths=depths))
+        of_air = forward_model(response_map(replace(DESIGN, plates=()), x=x, y=y, depths=depths))
+        seen = response_map(DESIGN, x=[place[0]], y=[place[1]], depths=[0.6e-3]).delta.values.ravel()
+    found = locate(model, seen).best
+    # the splines of a table of 2 and 3 mm; the board is a mirror of itself along y
+    assert [found.x, abs(found.y), found.h] == pytest.approx([*place, 0.6e-3], rel=0.03)
+    # read with the map of coils alone, the same δ is a dent half as deep, or none at all
+    assert locate(of_air, seen).verdict != "located" or locate(of_air, seen).best.h < 0.45e-3
