@@ -27,14 +27,15 @@ DESIGN = parse_design(first_coils(3) + BACKPLANE)
 
 
 def test_an_indentation_over_a_backplane_is_located() -> None:
-    x, y = np.arange(-6e-3, 6.1e-3, 2e-3), np.arange(-6e-3, 6.1e-3, 3e-3)
+    x, y = np.arange(-4e-3, 4.1e-3, 2e-3), np.arange(-4.5e-3, 4.6e-3, 3e-3)
     place, depths = (1.3e-3, 1.1e-3), np.array([0.4e-3, 0.7e-3, 1e-3])
     with coarse_maps():
         model = forward_model(response_map(DESIGN, x=x, y=y, depths=depths))
         of_air = forward_model(response_map(replace(DESIGN, plates=()), x=x, y=y, depths=depths))
         seen = response_map(DESIGN, x=[place[0]], y=[place[1]], depths=[0.6e-3]).delta.values.ravel()
     found = locate(model, seen).best
-    # the splines of a table of 2 and 3 mm; the board is a mirror of itself along y
-    assert [found.x, abs(found.y), found.h] == pytest.approx([*place, 0.6e-3], rel=0.03)
+    # splines of a table of 2 and 3 mm; the board is nearly a mirror of itself along y
+    assert [found.x, abs(found.y)] == pytest.approx(place, abs=0.1e-3)
+    assert found.depth == pytest.approx(0.6e-3, rel=0.02)
     # read with the map of coils alone, the same δ is a dent half as deep, or none at all
-    assert locate(of_air, seen).verdict != "located" or locate(of_air, seen).best.h < 0.45e-3
+    assert locate(of_air, seen).verdict != "located" or locate(of_air, seen).best.depth < 0.45e-3
