@@ -51,8 +51,8 @@ class BoardOptions:
         str,
         typer.Option(
             help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), "
-            "i2c:1[:0x2A][,spi:0.0][?rate=400000] (Linux; the rate is the clock of the I²C bus in Hz), ftdi://...; the "
-            "emulator by default. /dev/ttyACM0?baud=any tries every rate."
+            "i2c:1[:0x2A][,spi:0.0][?rate=400000] (Linux; the rate is the clock of the I²C bus in Hz), ftdi://...; "
+            "the emulator by default. /dev/ttyACM0?baud=any tries every rate."
         ),
     ] = EMULATOR
     wiring: WiringName = None
@@ -83,7 +83,7 @@ class BoardOptions:
             help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), "
             "drift=0.01 (K/s), press=X,Y,DEPTH (mm on the board; in live after the baseline), "
             "path=FILE.csv (columns time_s, x_mm, "
-            "y_mm, depth_mm)."
+            "y_mm, depth_mm), switches=counted (with the capacitances of the wiring's parts: typical, not verified)."
         ),
     ] = None
     emulation: dict[str, Any] = field(init=False)
@@ -288,7 +288,13 @@ def _path(text: str) -> tuple[str, object]:
     return "path", [(time, x * 1e-3, y * 1e-3, depth * 1e-3) for time, x, y, depth in points]
 
 
-_EMULATED = {"seed": _seed, "noise": _noise, "drift": _drift, "press": _press, "path": _path}
+def _switches(text: str) -> tuple[str, object]:
+    if text != "counted":
+        raise HardwareError(f"--emulate switches must be counted; got {text!r}.")
+    return "count_parts", True
+
+
+_EMULATED = {"switches": _switches, "seed": _seed, "noise": _noise, "drift": _drift, "press": _press, "path": _path}
 
 
 def _numbers(key: str, text: str, count: int) -> list[float]:

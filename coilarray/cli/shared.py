@@ -277,14 +277,17 @@ def print_result(
 
 
 def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:
-    """Say how the model of a plate with an outline errs, by a dataset's attributes, where that is more than 1 %."""
+    """Say how the model of a plate with an outline errs, by a dataset's attributes: its mesh, and what is over 1 %."""
+    lines = []
+    if "plate_error_mesh" in attributes:
+        lines.append(f"the mesh of the target errs by about {attributes['plate_error_mesh']:.2%} of ΔL (estimated)")
     errors = [attributes.get(f"plate_error_{what}", 0.0) for what in ("inductance", "resistance")]
-    if max(errors) <= _WORTH_SAYING:
-        return []
-    return [
-        f"the plate's skin depth or thickness is not small against its width: its ΔL errs by about {errors[0]:.1%}, "
-        f"its ΔR by {errors[1]:.1%} (estimated), beside rim and mesh"
-    ]
+    if max(errors) > _WORTH_SAYING:
+        lines.append(
+            "the plate's skin depth or thickness is not small against its width: its ΔL errs by about "
+            f"{errors[0]:.1%}, its ΔR by {errors[1]:.1%} (estimated), beside rim and mesh"
+        )
+    return lines
 
 
 def print_json(data: Any) -> None:

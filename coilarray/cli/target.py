@@ -25,7 +25,7 @@ def target(
         typer.Option(
             min=0.5,
             max=4.0,
-            help="Fineness of the mesh of a plate with an outline: 1 errs by 1 to 3 % in ΔL, 2 by less than 1 %.",
+            help="Fineness of the mesh of a plate with an outline: 1 errs by some 0.2 % in ΔL; the error is printed.",
         ),
     ] = 1.0,
     out: shared.NumbersFile = Path("target.nc"),
@@ -41,8 +41,9 @@ def target(
     Q, R_p and f of every state of the scan, δ against the board without the target, and every coupling. The tables show
     each state where the target moves it the most; its range, the distance at which |δ| is 3 times the noise; and the
     distances up to which 1, 10 and 100 µm are resolved. Places in tables, pictures and a .csv are those on the board.
-    Over magnetic sheets an interrupted map of a disc or another outline goes on, distance by distance, from the folder
-    FILE.parts when the same command runs again.
+    A target may be moved beside every [[plate]] of the design, but a sphere. Over magnetic sheets or beside plates an
+    interrupted map of a disc or another outline goes on, distance by distance, from the folder FILE.parts when the same
+    command runs again.
 
     Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
     """

@@ -48,10 +48,13 @@ class ForwardModel(ResponseSpline):
         Names of the states in the order of every axis of states.
     parameters : tuple of str
         Names of the coordinates; the last one is the distance of a target.
+    errors : tuple of float
+        Error of δ of every state by the table itself, of δ there; none by default.
     """
 
     states: tuple[str, ...]
     parameters: tuple[str, ...] = PARAMETERS
+    errors: tuple[float, ...] = ()
 
     def select(self, states: Sequence[str]) -> ForwardModel:
         """Return the model of some of the states, in the given order; for example without a broken coil.
@@ -60,7 +63,16 @@ class ForwardModel(ResponseSpline):
         """
         kept = [self.states.index(name) for name in chosen_states(self.states, states)]
         coefficients = np.ascontiguousarray(self.spline.c[..., kept])
-        return replace(self, states=tuple(states), spline=NdBSpline(self.spline.t, coefficients, self.spline.k))
+        spline, errors = NdBSpline(self.spline.t, coefficients, self.spline.k), self.errors
+        return replace(self, states=tuple(states), spline=spline, errors=tuple(errors[k] for k in kept if errors))
+
+    def deviations(self, points: FloatArray, noise: FloatArray) -> FloatArray:
+        """Return the standard deviations (…, states) of a reading's difference from `delta` at points (…, 3) in m.
+
+        Those of the noise (states,) and of the table's own error together.
+        """
+        own = np.array(self.errors or np.zeros(len(self.states)))
+        return np.hypot(noise, own * self.values_at(points))
 
     def referenced(self, reference: Sequence[str]) -> ForwardModel:
         """Return the model of δ less the mean δ of reference coils, of the other states.
@@ -140,7 +152,8 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     Parameters
     ----------
     response : xarray.Dataset
-        Response with ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state.
+        Response with ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state. Where it has
+        ``delta_error``, as a target's, its root mean square against that of δ is the model's error, state by state.
     zero_plane : bool
         Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth that has no depth 0. Not
         to that of a target, whose distances are its depths here.
@@ -173,8 +186,13 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     names = tuple(str(name) for name in response["state"].values)
     table = response_spline(x, y, depth, delta, zero_plane=zero_plane)
     parameters = ("x", "y", "distance") if is_of_target(response) else PARAMETERS
+    errors: tuple[float, ...] = ()
+    if "delta_error" in response:
+        over = tuple(dim for dim in response["delta"].dims if dim != "state")
+        squares = [(response[name] ** 2).mean(over).values for name in ("delta_error", "delta")]
+        errors = tuple(np.sqrt(squares[0] / squares[1]).tolist())
     return ForwardModel(
-        states=names, parameters=parameters, x=table.x, y=table.y, depth=table.depth, spline=table.spline
+        states=names, parameters=parameters, errors=errors, x=table.x, y=table.y, depth=table.depth, spline=table.spline
     )
 
 

@@ -1,8 +1,9 @@
 """Where and how deep an indentation is, from the δ of all coils: maximum likelihood with everything that also fits.
 
-With Gaussian noise of known standard deviation σ_s in δ_s, −2 ln of the likelihood is χ² up to a constant. A `Location`
-keeps every mode, that is every minimum of χ² that lies in the likelihood region {θ : χ²(θ) − min χ² ≤ q}, with q the
-quantile of χ² for as many degrees of freedom as unknowns: on a board that is symmetric in y both signs of y are there.
+With Gaussian noise of known standard deviation σ_s in δ_s, −2 ln of the likelihood is χ² up to a constant; the error of
+a target's table is added to σ_s at every minimum. A `Location` keeps every mode, that is every minimum of χ² that lies
+in the likelihood region {θ : χ²(θ) − min χ² ≤ q}, with q the quantile of χ² for as many degrees of freedom as unknowns:
+on a board that is symmetric in y both signs of y are there.
 """
 
 from __future__ import annotations
@@ -328,20 +329,24 @@ def _minima(model: ForwardModel, readings: FloatArray, sigma: FloatArray, confid
     quantile = _quantile(model.unknowns, confidence)
     owner, points = starts(scan_of(model, tuple(sigma.tolist())), readings / sigma)
     points, chi_square = refine(model, readings[owner], points, sigma)
+    if any(model.errors):
+        differences = readings[owner] - model.values_at(points)
+        chi_square = ((differences / model.deviations(points, sigma)) ** 2).sum(axis=1)
     order = np.lexsort((chi_square, owner))
     owner, points, chi_square = owner[order], points[order], chi_square[order]
     best = chi_square[np.searchsorted(owner, np.arange(len(readings)))]
     kept = chi_square <= best[owner] + quantile
     owner, points, chi_square = owner[kept], points[kept], chi_square[kept]
     delta, jacobian = model.linear(points)
-    scaled = jacobian / sigma[:, None]
+    deviations = model.deviations(points, sigma)
+    scaled = jacobian / deviations[..., None]
     fisher = scaled.swapaxes(1, 2) @ scaled
-    slope = np.einsum("nsi,ns->ni", scaled, (readings[owner] - delta) / sigma)
+    slope = np.einsum("nsi,ns->ni", scaled, (readings[owner] - delta) / deviations)
     covariance = covariance_of(fisher)
     known = np.isfinite(covariance[:, 0, 0])
     pressure = np.einsum("ni,nij,nj->n", slope, np.where(known[:, None, None], covariance, 0.0), slope)
     pressure[points[:, 2] <= 0] = 0  # no indentation is shallower than none
-    gaussian = known & _is_gaussian(model, readings[owner], points, chi_square, fisher, sigma, quantile)
+    gaussian = known & _is_gaussian(model, readings[owner], points, chi_square, fisher, deviations, quantile)
     edge = ((points <= model.lower) | (points >= model.upper))[:, model.free]
     return _Minima(owner, points, chi_square, fisher, gaussian, edge, model.free, model.parameters, pressure)
 
@@ -352,7 +357,7 @@ def _is_gaussian(
     points: FloatArray,
     chi_square: FloatArray,
     fisher: FloatArray,
-    sigma: FloatArray,
+    deviations: FloatArray,
     quantile: float,
 ) -> BoolArray:
     """Tell whether χ² rises as the ellipsoid of every minimum says, at the ends of its axes, all in the table."""
@@ -364,7 +369,7 @@ def _is_gaussian(
     inside = ((ends >= model.lower) & (ends <= model.upper)).all(axis=(1, 2))
     result = np.zeros(len(points), dtype=bool)
     if inside.any():
-        residuals = (readings[inside, None] - model.delta(ends[inside])) / sigma
+        residuals = (readings[inside, None] - model.delta(ends[inside])) / deviations[inside, None]
         rise = ((residuals**2).sum(axis=-1) - chi_square[inside, None]) / quantile
         result[inside] = ((rise > 1 / _BENT) & (rise < _BENT)).all(axis=1)
     return result

@@ -25,6 +25,7 @@ _ALIKE = 1e-9  # of a number: what rounding makes different
 _SHOWN = {"ppm": PER_MILLION, "ohm": KILOHM}
 _OF_STATES = (
     ("frequency", "resonance with the tank"),
+    ("part_frequency", "the same with the capacitances of the switches' part, not verified"),
     ("effective_inductance", "effective inductance"),
     ("quality_factor", "quality factor"),
     ("parallel_resistance", "parallel resistance"),
@@ -88,8 +89,10 @@ def _rows(
     names = coupling.coil.values.tolist()
     own = coupling.open_inductance
     yield _row("inductance, the others open" if len(names) > 1 else "inductance", names, own.values, "H")
-    for name, words in _OF_STATES if scan is not None else ():
-        values = scan[name]  # type: ignore[index]
+    for name, words in _OF_STATES:
+        if scan is None or name not in scan:
+            continue
+        values = scan[name]
         yield _row(words, values.state.values.tolist(), values.values, str(values.attrs["units"]))
     if len(names) > 1:
         k = np.abs(coupling.coupling.values - np.eye(len(names)))

@@ -48,11 +48,10 @@ def metal_share(
     for level in (level for level in pressed.levels if not level.coarse):
         first = level.dents[0]
         flat = replace(first, displacement=np.zeros_like(first.displacement))
-        at_rest = indenter_inductance(source, ball, flat, pressed.points, frequency, rest)
-        parts = [
-            indenter_inductance(source, ball, dent, pressed.points, frequency, above, mesh=mesh) - at_rest
-            for dent, above in zip(level.dents, pressed.above.tolist(), strict=True)
-        ]
+        found = indenter_inductance(
+            source, ball, [*level.dents, flat], pressed.points, frequency, [*pressed.above.tolist(), rest], mesh=mesh
+        )
+        parts = found[:-1] - found[-1]
         total = total + np.einsum("dp,dpij->dpij", level.shares, parts)
     return np.asarray(total)
 

@@ -26,6 +26,7 @@ _CLOCK_DIVIDERS, _STATUS, _CONFIG = _ADDRESS["CLOCK_DIVIDERS0"], _ADDRESS["STATU
 _DRIVE_CURRENT, _RESET_DEV = _ADDRESS["DRIVE_CURRENT0"], _ADDRESS["RESET_DEV"]
 _DRIVE_MASK = register("DRIVE_CURRENT0").field("IDRIVE0").mask  # the chip writes what it likes into the bits below
 _DATA_READY, _ERRORS = 0x0040, 0xFF00  # bits of STATUS
+_FIXED_DRIVE = register("CONFIG").field("RP_OVERRIDE_EN").mask
 _RESET = 0x8000
 _RESET_TIME = 2e-3  # s; the data sheet says it of the pin SD and nothing of the register
 _LOOK_AGAIN = 1e-3  # s between two looks at STATUS
@@ -33,7 +34,7 @@ _LOOK_AGAIN = 1e-3  # s between two looks at STATUS
 
 @dataclass(frozen=True)
 class ChipSettings:
-    """Settings of a scan as register values and words of the switches; `wait` and `timeout` count from waking."""
+    """Settings of a scan as register values and words of the switches; the times are those of `ScanSettings`."""
 
     names: tuple[str, ...]
     words: tuple[bytes, ...]  # of the switches in each state
@@ -42,6 +43,8 @@ class ChipSettings:
     active: int  # register CONFIG while the converter is awake
     wait: float  # s, until the first look at STATUS
     timeout: float  # s, until giving up
+    discard: int  # conversions to throw away
+    again: float  # s, from one that is thrown away until the next look
     hash: int
 
     @staticmethod
@@ -60,6 +63,8 @@ class ChipSettings:
             active=given[_CONFIG],
             wait=settings.wait_us * 1e-6,
             timeout=settings.timeout_us * 1e-6,
+            discard=settings.discard,
+            again=settings.again_us * 1e-6,
             hash=settings.hash,
         )
 
@@ -101,18 +106,33 @@ class ChipDriver:
         self.bus.write(_CONFIG, settings.active)
 
     def result(self, settings: ChipSettings) -> RawSample:
-        """Wait for the conversion of a converter that was just woken, and read its result."""
-        woken, errors = self.clock.now(), 0
-        self.clock.sleep(settings.wait)
+        """Wait for the conversions of a converter that was just woken, and read the result of the last.
+
+        Where the converter chose its own drive current, that is read too, before sleep can clear it.
+        """
+        status = self._ready(settings.wait, settings.timeout)
+        for _ in range(settings.discard):
+            if status is not None:
+                self.bus.read(_DATA_MSB)  # clears its flags
+                status = self._ready(settings.again, settings.timeout)
+        if status is None:
+            return no_sample(SampleFault.NO_RESULT)
+        msb, lsb = self.bus.read(_DATA_MSB), self.bus.read(_DATA_LSB)
+        drive = None if settings.active & _FIXED_DRIVE else self.bus.read(_DRIVE_CURRENT)
+        return RawSample(msb, lsb, status, drive=drive)
+
+    def _ready(self, wait: float, timeout: float) -> int | None:
+        """Wait for a result and return STATUS with all errors that it has shown; None where there is no result."""
+        start, errors = self.clock.now(), 0
+        self.clock.sleep(wait)
         while True:
-            passed = self.clock.now() - woken  # before the look: a pause of the computer after it says nothing
+            passed = self.clock.now() - start  # before the look: a pause of the computer after it says nothing
             status = self.bus.read(_STATUS)
             errors |= status & _ERRORS  # reading clears them
             if status & _DATA_READY:
-                msb, lsb = self.bus.read(_DATA_MSB), self.bus.read(_DATA_LSB)
-                return RawSample(msb, lsb, status | errors)
-            if passed >= settings.timeout:
-                return no_sample(SampleFault.NO_RESULT)
+                return status | errors
+            if passed >= timeout:
+                return None
             self.clock.sleep(_LOOK_AGAIN)
 
     def switch(self, words: bytes) -> bool:

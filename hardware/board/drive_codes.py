@@ -33,10 +33,9 @@ def find_drives(reader: Reader, settings: ScanSettings) -> Mapping[str, FoundDri
     The sensor must be free: nothing may be near it that is not there during the measurement. Afterwards the board is
     not configured and its coils are grounded.
 
-    The procedure of the data sheet: wake with the automatic amplitude and read INIT_IDRIVE. Whether the register keeps
-    its value during sleep is not verified; fixed currents are therefore tried from there, one code up or down, until
-    the converter warns of neither a low nor a high amplitude. If every code gives a warning, the largest that is not
-    too high is taken.
+    The procedure of the data sheet: wake with the automatic amplitude and, before the converter sleeps again, read
+    INIT_IDRIVE. Fixed currents are tried from there, one code up or down, until the converter warns of neither a low
+    nor a high amplitude. If every code gives a warning, the largest that is not too high is taken.
     """
     found = {state.name: _find(reader, settings, state) for state in settings.states}
     reader.rest()
@@ -62,11 +61,10 @@ def _find(reader: Reader, settings: ScanSettings, state: StateSettings) -> Found
 
 
 def _proposal(reader: Reader, settings: ScanSettings, state: StateSettings) -> int:
-    """Let the converter find the current."""
+    """Let the converter find the current; 0 where it gave no result."""
     given = {field.name: getattr(settings, field.name) for field in fields(ScanSettings)}
     reader.configure(_OwnAmplitude(**(given | {"states": (replace(state, drive=0),), "rcount": _RCOUNT})))
-    reader.scan()
-    return (reader.peek(_DRIVE_CURRENT.address) & _INIT.mask) >> _INIT.lsb
+    return ((reader.scan().samples[0].drive or 0) & _INIT.mask) >> _INIT.lsb
 
 
 def _reasons(reader: Reader, settings: ScanSettings, state: StateSettings, code: int) -> tuple[Reason, ...]:

@@ -413,7 +413,8 @@ def _longest_scan(settings: ScanSettings | None) -> float:
     if settings is None:
         return 0.0
     state = settings.state_time
-    return len(settings.states) * (settings.timeout_us * 1e-6 + state.total - state.until_ready)
+    timeouts = (1 + settings.discard) * settings.timeout_us * 1e-6
+    return len(settings.states) * (timeouts + state.total - state.until_ready)
 
 
 def _was_reset(scan: RawScan) -> bool:

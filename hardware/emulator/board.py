@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Protocol
 
+from coilarray.design.scan_states import Switches
 from coilarray.hardware.emulator.conditions import Conditions
 from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.indenter import Indenter, Place
@@ -31,6 +32,9 @@ class Netlist(Protocol):
     @property
     def drains(self) -> Sequence[Drains]:
         """Bits that share a common pin, of every device in the order of the words."""
+
+    def capacitances(self, switches: Switches) -> Switches:
+        """Return switches with the capacitances of the parts in place of their own."""
 
 
 class EmulatedBoard:
@@ -104,6 +108,11 @@ class EmulatedBoard:
     def noise(self) -> float:
         """Relative standard deviation of a frequency at full resolution."""
         return self.conditions.noise
+
+    @property
+    def first_offset(self) -> float:
+        """Error of the first conversion after sleep in codes."""
+        return self.conditions.first_offset
 
     def internal_clock(self, time: float) -> float:
         """Return the frequency of the converter's own oscillator in Hz."""

@@ -114,9 +114,13 @@ class Conditions:
         Relative standard deviation of a frequency at full resolution.
     clkin : float or None
         Frequency at the pin CLKIN in Hz; None where the pin is grounded.
+    first_offset : float
+        Error of the first conversion after sleep in codes, of which each further one has a quarter. Users of the
+        FDC2214, which has the same core, report tens of thousands; neither size nor fading is verified.
     """
 
     oscillator: Oscillator = field(default_factory=Oscillator)
     drift: Drift = field(default_factory=Drift)
     noise: float = NOISE
     clkin: float | None = None
+    first_offset: float = 0.0

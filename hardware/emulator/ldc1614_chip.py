@@ -73,11 +73,14 @@ class OpenPoints:
         An error reaches STATUS only where its ERR2INT bit is set (data sheet), or always (application note SNOA959).
     flags_clear_on_read : bool
         Reading DATAx_MSB clears its four flags (data sheet); else only the next good conversion does (SNOA959).
+    proposal_kept : bool
+        INIT_IDRIVE keeps its value while the chip sleeps; the data sheet reads it awake and does not say.
     """
 
     status_clears_unread: bool = False
     status_gated: bool = True
     flags_clear_on_read: bool = True
+    proposal_kept: bool = False
 
 
 class Ldc1614:
@@ -233,12 +236,15 @@ class Ldc1614:
         self._unread = [False] * CHANNELS
         self._drdy = False
         self._interrupting = False  # by an error
+        self._announced = False  # whether there was anything to assert INTB for since waking
         self._frozen: int | None = None  # what STATUS says until it is read
 
     def _configure(self, value: int) -> None:
         if value & _SLEEP:
             self._run = None
             self._forget_results()
+            for channel in range(0 if self.open_points.proposal_kept else self.channels):
+                self._registers[_DRIVE + channel] &= ~_INIT_DRIVE
         elif self._run is None:
             now, setting = self.clock.now(), Setting.of(self._registers, self.channels)
             around = self.surroundings
@@ -279,6 +285,7 @@ class Ldc1614:
         happened = [*raised, result.no_edges]
         interrupting = [one and bool(config & 1 << 7 - k) for k, one in enumerate(happened)]
         self._interrupting = self._interrupting or any(interrupting)
+        self._announced = self._announced or result.last or any(interrupting)
         shown_errors = interrupting if self.open_points.status_gated else happened
         if any(shown_errors) and self._frozen is None:
             errors = sum(1 << 13 - k for k, one in enumerate(shown_errors) if one)
@@ -290,6 +297,8 @@ class Ldc1614:
         return ready | sum(1 << 3 - channel for channel in range(CHANNELS) if self._unread[channel])
 
     def _read_status(self) -> int:
+        if not (self.asleep or self._announced):
+            self._note("STATUS was read after waking before INTB was asserted.")
         value = self._ready_bits() if self._frozen is None else self._frozen
         self._frozen, self._interrupting = None, False
         if value & _DRDY:  # one that a frozen register hides is still to be seen
@@ -312,7 +321,9 @@ class Ldc1614:
         return value
 
     def _read_lsb(self, channel: int) -> int:
-        if not self._fresh[channel]:
+        if self.asleep:
+            self._note(f"DATA{channel}_LSB was read while the chip slept, which clears it.")
+        elif not self._fresh[channel]:
             self._note(f"DATA{channel}_LSB was read without DATA{channel}_MSB before it.")
         self._fresh[channel] = False
         return self._latched[channel]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,9 +30,11 @@ def emulated_board(
     noise: float = NOISE,
     drift: Drift | None = None,
     oscillator: Oscillator | None = None,
+    first_offset: float = 0.0,
     strays: Mapping[str, float] | None = None,
     copper: float = COPPER,
     capacitor: float = 0.0,
+    count_parts: bool = False,
     clock: Clock | None = None,
     strict: bool = False,
     folder: Path | None = None,
@@ -55,8 +58,13 @@ def emulated_board(
         Temperature of the board; constant by default.
     oscillator : Oscillator, optional
         Internal oscillator of the converter; the typical 43.4 MHz by default.
+    first_offset : float
+        Error of the first conversion after sleep in codes, see `Conditions`.
     strays, copper, capacitor
         Deviations from the design, see `SensorWorld`.
+    count_parts : bool
+        Whether the switches have the capacitances of the wiring's parts, which are typical and not verified, in place
+        of those of the design.
     clock : Clock, optional
         Clock of the board; a new `VirtualClock` by default.
     strict : bool
@@ -100,11 +108,13 @@ def emulated_board(
         return response_table(design, store, frequency=frequency, progress=progress)
 
     network = board_network(design, store)
+    if count_parts:
+        network = replace(network, switches=wiring.capacitances(network.switches))
     world = SensorWorld(
         network, table,
         strays=strays, copper=copper, capacitor=capacitor,
     )  # fmt: skip
-    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise)
+    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise, first_offset=first_offset)
     board = EmulatedBoard(
         wiring.coils, wiring.encode(), world,
         clock=clock or VirtualClock(), conditions=conditions, drains=wiring.drains, strict=strict, seed=seed,

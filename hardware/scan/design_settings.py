@@ -9,7 +9,7 @@ from coilarray.compute.store import open_store
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614 import BUS_RATE, INTERNAL_CLOCK
+from coilarray.hardware.chips.ldc1614 import BUS_RATE
 from coilarray.hardware.chips.ldc1614_limits import drive_for
 from coilarray.hardware.scan.board_network import board_network
 from coilarray.hardware.scan.settings import ScanSettings, scan_settings
@@ -45,6 +45,7 @@ def design_settings(
     clock: float | None = None,
     external_clock: bool = False,
     drives: Mapping[str, int] | int | None = None,
+    discard: int = 0,
 ) -> ScanSettings:
     """Make settings for the coils of a design.
 
@@ -61,11 +62,13 @@ def design_settings(
     bus_rate : float
         Clock of the I²C bus in Hz.
     clock : float, optional
-        Clock of the converter in Hz; that of its own typical oscillator by default.
+        Measured or external clock of the converter in Hz; that of its own typical oscillator by default.
     external_clock : bool
         Whether the clock comes from the pin CLKIN.
     drives : mapping of str to int, or int, optional
         IDRIVE by coil, or of all coils; by default from the parallel resistance of every state.
+    discard : int
+        Number of conversions to throw away after waking, 0 to 15.
 
     Returns
     -------
@@ -85,8 +88,6 @@ def design_settings(
             f"wiring {wiring.name} has no coil {unknown[0]!r} of the design {design.name}; "
             f"there are {', '.join(wiring.coils)}: give the wiring of this board."
         )
-    if external_clock and clock is None:
-        raise HardwareError("an external clock needs its frequency.")
     plan = design_plan(design, states)
     network = board_network(design, open_store())
     results = [resonate(network, state) for state in plan]
@@ -108,11 +109,12 @@ def design_settings(
         plan,
         rate=rate,
         bus_rate=bus_rate,
-        clock=INTERNAL_CLOCK if clock is None else clock,
+        clock=clock,
         external_clock=external_clock,
         frequency=highest,
         quality=_MARGIN * quality,
         drives=drives,
+        discard=discard,
     )
 
 

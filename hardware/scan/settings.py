@@ -22,10 +22,13 @@ from coilarray.hardware.chips.ldc1614 import (
     INTERNAL_CLOCK,
     INTERNAL_CLOCK_RANGE,
     LARGEST_RCOUNT,
+    MOST_DISCARDED,
     SMALLEST_RCOUNT,
     StateTime,
     bus_time,
     conversion_time,
+    internal_clock_range,
+    next_conversion_time,
     rcount_for,
     state_time,
 )
@@ -39,7 +42,7 @@ FULL_RESOLUTION = LARGEST_RCOUNT
 """RCOUNT of the longest conversion."""
 REFERENCE_DRIVE = 6
 """IDRIVE for about 33 kΩ, which the coils of the reference board have with 120 pF."""
-_SCHEMA = 1  # of the settings in JSON
+_SCHEMA = 2  # of the settings in JSON; 1 waited for the nominal clock
 _LARGEST_DRIVE = 31
 _PREFIX = b"coilarray1"
 _MOST_STATES = 255
@@ -77,6 +80,10 @@ class ScanSettings:
         Whether the clock comes from the pin CLKIN.
     rcount, settle_count, fin_divider, fref_divider, offset, deglitch : int
         Fields of the registers RCOUNT0, SETTLECOUNT0, CLOCK_DIVIDERS0, OFFSET0 and MUX_CONFIG.
+    slowest_clock : float
+        Slowest frequency in Hz that the converter's internal oscillator may have: every wait is long enough for it.
+    discard : int
+        Number of conversions of each state that are thrown away after waking.
     """
 
     states: tuple[StateSettings, ...]
@@ -90,6 +97,8 @@ class ScanSettings:
     fref_divider: int
     offset: int
     deglitch: int
+    slowest_clock: float = INTERNAL_CLOCK_RANGE[0]
+    discard: int = 0
 
     def __post_init__(self) -> None:
         devices = len(self.safe_words)
@@ -103,6 +112,11 @@ class ScanSettings:
     def reference(self) -> float:
         """Reference frequency f_ref in Hz."""
         return self.clock / self.fref_divider
+
+    @property
+    def slowest_reference(self) -> float:
+        """Slowest that the reference frequency may be, in Hz."""
+        return (self.clock if self.external_clock else min(self.clock, self.slowest_clock)) / self.fref_divider
 
     @property
     def registers(self) -> tuple[tuple[int, int], ...]:
@@ -127,7 +141,7 @@ class ScanSettings:
 
     @property
     def state_time(self) -> StateTime:
-        """Times of the steps of one state, on an I²C bus of 400 kHz."""
+        """Times of the steps of one state with the slowest clock that is possible, on an I²C bus of 400 kHz."""
         return self._state_time(BUS_RATE)
 
     @property
@@ -142,15 +156,23 @@ class ScanSettings:
 
     @property
     def wait_us(self) -> int:
-        """Time from waking to the first look at STATUS in µs."""
+        """Time from waking to the first look at STATUS in µs, which must come after the pin INTB was asserted."""
         return math.ceil(self.state_time.until_ready * 1e6)
 
     @property
+    def again_us(self) -> int:
+        """Time from reading a result that is thrown away to the next look at STATUS in µs."""
+        return math.ceil(next_conversion_time(self.rcount, self.slowest_reference) * 1e6)
+
+    @property
     def timeout_us(self) -> int:
-        """Time from waking to giving up in µs: with the slowest clock, and one restart of the sensor."""
+        """Time from waking, or from a result that is thrown away, to giving up in µs.
+
+        It allows for the slowest clock of all converters and one restart of the sensor.
+        """
         slowest = self.state_time.until_ready
         if not self.external_clock:
-            slowest *= self.clock / min(self.clock, INTERNAL_CLOCK_RANGE[0])
+            slowest *= self.slowest_clock / min(self.slowest_clock, INTERNAL_CLOCK_RANGE[0])
         return math.ceil((_MARGIN * slowest + _RESTART) * 1e6)
 
     def check_switching(self) -> None:
@@ -168,13 +190,17 @@ class ScanSettings:
         parts = [_PREFIX, bytes([len(self.safe_words)]), self.wiring, self.safe_words]
         parts += [bytes([address]) + value.to_bytes(2, "big") for address, value in self.registers]
         parts += [time.to_bytes(4, "big") for time in (self.wait_us, self.timeout_us)]
+        if self.discard:
+            parts.append(bytes([self.discard]) + self.again_us.to_bytes(4, "big"))
         parts.append(bytes([len(self.states)]))
         parts += [state.words + self.drive_register(state).to_bytes(2, "big") for state in self.states]
         return b"".join(parts)
 
     def _state_time(self, bus_rate: float) -> StateTime:
-        internal = INTERNAL_CLOCK if self.external_clock else self.clock
-        return state_time(self.rcount, self.settle_count, self.reference, internal_clock=internal, bus_rate=bus_rate)
+        return state_time(
+            self.rcount, self.settle_count, self.slowest_reference,
+            internal_clock=self.slowest_clock, bus_rate=bus_rate, discard=self.discard,
+        )  # fmt: skip
 
     def to_json(self) -> str:
         """Return the settings as JSON in one line, with their hash; `from_json` reads it."""
@@ -221,7 +247,7 @@ def scan_settings(
     rate: float | None = None,
     rcount: int | None = None,
     bus_rate: float = BUS_RATE,
-    clock: float = INTERNAL_CLOCK,
+    clock: float | None = None,
     external_clock: bool = False,
     frequency: float = 2e6,
     quality: float = 60.0,
@@ -231,6 +257,7 @@ def scan_settings(
     fref_divider: int | None = None,
     offset: int = 0,
     deglitch: int | None = None,
+    discard: int = 0,
 ) -> ScanSettings:
     """Make the settings of a scan, checked by the rules of the data sheet.
 
@@ -248,8 +275,9 @@ def scan_settings(
     bus_rate : float
         Clock of the I²C bus in Hz, on which `rate` depends; the fastest that the converter allows by default.
         `coilarray.hardware.wire.ports.bus_rate` returns that of a port.
-    clock : float
-        Clock of the converter in Hz; by default the typical internal oscillator, which may be a fifth off.
+    clock : float, optional
+        Clock of the converter in Hz: measured (calibrated), or that at the pin CLKIN. By default the typical internal
+        43.4 MHz; as any converter may have 35 to 55 MHz, every wait is then for 35 MHz, a quarter longer.
     external_clock : bool
         Whether the clock comes from the pin CLKIN.
     frequency : float
@@ -262,6 +290,9 @@ def scan_settings(
         Register fields; by default the least that the rules allow.
     offset : int
         Register OFFSET0.
+    discard : int
+        Number of conversions to throw away after waking, 0 to 15. Users of the FDC2214, which has the same core, report
+        first conversions that are far off; not verified. The self-test of a board measures how many it takes.
 
     Returns
     -------
@@ -279,7 +310,7 @@ def scan_settings(
     >>> from coilarray.hardware.scan.wiring import load_wiring
     >>> settings = scan_settings(load_wiring())
     >>> [f"{address:02X}={value:04X}" for address, value in settings.registers]
-    ['08=FFFF', '0C=0000', '10=0029', '14=1002', '19=F8FD', '1A=1401', '1B=020C']
+    ['08=FFFF', '0C=0000', '10=0034', '14=1002', '19=F8FD', '1A=1401', '1B=020C']
     """
     states = tuple(paper_plan(wiring.coils) if plan is None else plan)
     if not 1 <= len(states) <= _MOST_STATES:
@@ -288,23 +319,31 @@ def scan_settings(
         raise HardwareError(f"the states of a scan must have different names; got {twice!r} twice.")
     if rate is not None and rcount is not None:
         raise HardwareError(f"give rate or rcount, not both; got {rate} and {rcount}.")
+    if external_clock and clock is None:
+        raise HardwareError("an external clock needs its frequency.")
     for name, value in (("bus_rate", bus_rate), ("clock", clock), ("frequency", frequency), ("quality", quality)):
-        if not (math.isfinite(value) and value > 0):
+        if value is not None and not (math.isfinite(value) and value > 0):
             raise HardwareError(f"{name} must be positive and finite; got {value}.")
+    if isinstance(discard, bool) or not isinstance(discard, int) or not 0 <= discard <= MOST_DISCARDED:
+        raise HardwareError(f"discard must be an integer from 0 to {MOST_DISCARDED}; got {discard!r}.")
+    slowest_clock, fastest_clock = internal_clock_range(None if external_clock else clock)
+    clock = INTERNAL_CLOCK if clock is None else clock
     try:
         if fref_divider is None:
             fref_divider = reference_divider(clock, external=external_clock)
         if fref_divider < 1:
             raise HardwareError(f"fref_divider must be 1 to 1023; got {fref_divider}.")
-        reference = clock / fref_divider
-        fin_divider = _at_least("fin_divider", fin_divider, input_divider(frequency, reference))
+        slowest, fastest = (
+            (clock if external_clock else oscillator) / fref_divider for oscillator in (slowest_clock, fastest_clock)
+        )
+        fin_divider = _at_least("fin_divider", fin_divider, input_divider(frequency, slowest))
         deglitch = _at_least("deglitch", deglitch, deglitch_for(frequency))
-        settle_count = _at_least("settle_count", settle_count, settle_count_of(frequency, quality, reference))
+        settle_count = _at_least("settle_count", settle_count, settle_count_of(frequency, quality, fastest))
     except ValueError as error:
         raise HardwareError(str(error)) from None
-    if not 0 <= offset / (1 << 16) < frequency / fin_divider / reference:
+    if not 0 <= offset / (1 << 16) < frequency / fin_divider / fastest:
         raise HardwareError(
-            f"offset must be 0 to less than {frequency / fin_divider / reference * (1 << 16):.0f}, "
+            f"offset must be 0 to less than {frequency / fin_divider / fastest * (1 << 16):.0f}, "
             f"which is the sensor itself; got {offset}."
         )
     settings = ScanSettings(
@@ -321,6 +360,8 @@ def scan_settings(
         fref_divider=fref_divider,
         offset=offset,
         deglitch=deglitch,
+        slowest_clock=slowest_clock,
+        discard=discard,
     )
     if rate is not None:
         settings = replace(settings, rcount=_rcount_of_rate(settings, rate, bus_rate))
@@ -355,9 +396,9 @@ def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int
             f"rate must be at most {fastest:.4g} scans/s of {count} states on an I²C bus of {bus_rate * 1e-3:g} kHz; "
             f"got {rate:g}."
         )
-    conversion = conversion_time(settings.rcount, settings.reference)
-    overhead = settings.period_on(bus_rate) / count - conversion
-    return max(rcount_for(1 / (rate * count) - overhead, settings.reference), SMALLEST_RCOUNT)
+    conversions, reference = 1 + settings.discard, settings.slowest_reference
+    overhead = settings.period_on(bus_rate) / count - conversions * conversion_time(settings.rcount, reference)
+    return max(rcount_for((1 / (rate * count) - overhead) / conversions, reference), SMALLEST_RCOUNT)
 
 
 def _check_limits(settings: ScanSettings) -> None:
@@ -387,7 +428,7 @@ class _StateTable(Table):
 class _File(Table):
     """Settings in JSON."""
 
-    schema_: Annotated[int, Field(ge=_SCHEMA, le=_SCHEMA)] = Field(alias="schema")
+    schema_: Annotated[int, Field(ge=1, le=_SCHEMA)] = Field(alias="schema")
     hash: Annotated[str, Field(pattern=r"^[0-9A-F]{4}$")]
     states: Annotated[list[_StateTable], Field(min_length=1, max_length=_MOST_STATES)]
     safe_words: _Words
@@ -400,10 +441,14 @@ class _File(Table):
     fref_divider: Annotated[int, Field(ge=1, le=0x3FF)]
     offset: _Code
     deglitch: _Code
+    slowest_clock: Annotated[float, Field(gt=0, le=INTERNAL_CLOCK_RANGE[1])] | None = None
+    discard: Annotated[int, Field(ge=0, le=MOST_DISCARDED)] = 0
 
     def build(self) -> ScanSettings:
         """Return the settings."""
         own = self.model_dump(exclude={"schema_", "hash", "states"})
+        if self.slowest_clock is None:
+            own["slowest_clock"] = INTERNAL_CLOCK if self.external_clock else self.clock
         own |= {name: bytes.fromhex(own[name]) for name in ("safe_words", "wiring")}
         states = tuple(StateSettings(state.name, bytes.fromhex(state.words), state.drive) for state in self.states)
         settings = ScanSettings(states=states, **own)

@@ -50,6 +50,7 @@ def plain_board(
     drift=None,
     oscillator=None,
     clock=None,
+    first_offset=0.0,
     **options,
 ):
     """An emulated board of fixed coils: 50 µH, 51 µH and so on by default."""
@@ -59,6 +60,6 @@ def plain_board(
         wiring.encode(),
         FixedCoils(L, capacitance, resistance),
         clock=clock or VirtualClock(),
-        conditions=Conditions(oscillator or Oscillator(), drift or Drift(), noise),
+        conditions=Conditions(oscillator or Oscillator(), drift or Drift(), noise, first_offset=first_offset),
         **options,
     )

@@ -46,15 +46,19 @@ void Scanner::step() {
             proceed(converter_.wake(), Phase::kLook);
             woken_ = hal_.micros();
             next_look_ = plan_->wait;
+            discarded_ = 0;
             break;
         case Phase::kLook:
             look();
             break;
-        case Phase::kMsb:  // first: it latches the other half
-            proceed(converter_.read(kDataMsb, sample.msb), Phase::kLsb);
+        case Phase::kMsb:
+            take_or_discard();
             break;
         case Phase::kLsb:
-            proceed(converter_.read(kDataLsb, sample.lsb), Phase::kSleep);
+            proceed(converter_.read(kDataLsb, sample.lsb), plan_->own_drive() ? Phase::kOwnDrive : Phase::kSleep);
+            break;
+        case Phase::kOwnDrive:  // sleep may clear it
+            proceed(converter_.read(kDriveCurrent, sample.drive), Phase::kSleep);
             break;
         case Phase::kSleep:
             proceed(converter_.sleep(), Phase::kGround);
@@ -94,6 +98,19 @@ void Scanner::look() {
     } else {
         const uint32_t again = since + kLookAgain;
         next_look_ = again < plan_->timeout ? again : plan_->timeout;
+    }
+}
+
+// Reads the upper half of a result, which latches the lower one and clears the flags.
+void Scanner::take_or_discard() {
+    Sample& sample = samples_[index_];
+    const bool last = discarded_ == plan_->discard;
+    proceed(converter_.read(kDataMsb, sample.msb), last ? Phase::kLsb : Phase::kLook);
+    if (!last) {
+        ++discarded_;
+        sample.status = 0;
+        woken_ = hal_.micros();
+        next_look_ = plan_->again;
     }
 }
 

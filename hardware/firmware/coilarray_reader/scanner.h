@@ -18,7 +18,7 @@ enum class Fault : uint8_t {
 };
 
 struct Sample {
-    uint16_t msb, lsb, status;
+    uint16_t msb, lsb, status, drive;
     Fault fault;
 };
 
@@ -51,10 +51,11 @@ class Scanner {
 
   private:
     enum class Phase : uint8_t {
-        kIdle, kSleepFirst, kOpen, kSelect, kDrive, kWake, kLook, kMsb, kLsb, kSleep, kGround, kVerify, kDone,
+        kIdle, kSleepFirst, kOpen, kSelect, kDrive, kWake, kLook, kMsb, kLsb, kOwnDrive, kSleep, kGround, kVerify, kDone,
     };
 
     void look();
+    void take_or_discard();
     void next_state();
     void verify();
     void judge();
@@ -74,7 +75,8 @@ class Scanner {
     Outcome outcome_ = Outcome::kGood;
     uint8_t index_ = 0;
     uint32_t started_ = 0, woken_ = 0;
-    uint32_t next_look_ = 0;  // microseconds after waking
+    uint32_t next_look_ = 0;  // microseconds after waking, or after the last conversion that was thrown away
+    uint8_t discarded_ = 0;   // conversions of this state
     Sample samples_[kMostStates];
     uint8_t bus_failures_[kMostStates] = {0};
     uint8_t switch_failures_[kMostStates] = {0};
