@@ -1,4 +1,4 @@
-"""Positions, and the distortion of ellipses, over a backplane: from the design file to the position."""
+"""A position over a backplane, from the design file on."""
 
 from __future__ import annotations
 
@@ -6,24 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.contacts import coarse_maps, first_coils
+from support.backplane import over_backplane
+from support.contacts import coarse_maps
 
-from coilarray.design.model import parse_design
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 from coilarray.response.map import response_map
 
 pytestmark = pytest.mark.slow
 
-BACKPLANE = """
-[[plate]]
-name = "backplane"
-material = "aluminium"
-thickness_mm = 1.0
-distance_mm = 1.0
-side = "below"
-"""
-DESIGN = parse_design(first_coils(3) + BACKPLANE)
+DESIGN = over_backplane(3)
 
 
 def test_an_indentation_over_a_backplane_is_located() -> None:
