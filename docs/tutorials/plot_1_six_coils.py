@@ -2,8 +2,9 @@
 The six-coil sensor of the paper
 ================================
 
-Gast and Zimmermann (2020) press on a soft magnetic elastomer over six overlapping hexagonal coils, and find the position from the
-change of their inductances. This tutorial goes once through the whole package with their board, which comes with it as ``gast2020``.
+Gast and Zimmermann (2020) press on a soft magnetic elastomer over six overlapping hexagonal coils, and find the
+position from the change of their inductances. This tutorial goes once through the whole package with their board, which
+comes with it as ``gast2020``.
 """
 
 import numpy as np
@@ -15,8 +16,8 @@ from coilarray.viz import plot_copper, plot_coupling, plot_response, plot_respon
 # A design
 # --------
 #
-# A design is a value: coils and their places, sheets, what presses on them, the circuit. It can be read from a file, as here, or made in
-# Python.
+# A design is a value: coils and their places, sheets, what presses on them, the circuit. It can be read from a file, as
+# here, or made in Python.
 
 design = ca.load_design("gast2020")
 print(design.title)
@@ -24,8 +25,8 @@ print(f"{len(design.array.names)} coils, {len(design.sheets)} sheets, {design.in
 plot_copper(design.array, "L1")
 
 # %%
-# Neighbours lie on different layers, for they overlap: where two coils overlap by the right amount, the flux of one through the other is
-# zero.
+# Neighbours lie on different layers, for they overlap: where two coils overlap by the right amount, the flux of one
+# through the other is zero.
 #
 # Couplings
 # ---------
@@ -43,8 +44,8 @@ print(f"coil3 alone {float(alone) * 1e6:.2f} µH, in its circuit {float(seen) * 
 print(f"it oscillates at {float(coupling.frequency[2]) / 1e6:.3f} MHz")
 
 # %%
-# The circuit has more in it than neighbours: the resistance of the copper at that frequency and the capacitance of the windings. The ideal
-# circuit leaves both out, and shows what the neighbours do by themselves:
+# The circuit has more in it than neighbours: the resistance of the copper at that frequency and the capacitance of the
+# windings. The ideal circuit leaves both out, and shows what the neighbours do by themselves:
 
 print(f"ideal: {float(coupling.ideal_effective_inductance[2]) * 1e6:.2f} µH")
 
@@ -52,15 +53,16 @@ print(f"ideal: {float(coupling.ideal_effective_inductance[2]) * 1e6:.2f} µH")
 # An indentation
 # --------------
 #
-# A ball of 5 mm diameter is pressed 1 mm into the elastomer, along the row of coils. δ is the relative change of the effective inductance.
+# A ball of 5 mm diameter is pressed 1 mm into the elastomer, along the row of coils. δ is the relative change of the
+# effective inductance.
 
 x = np.linspace(-40e-3, 40e-3, 81)
 response = ca.response_map(design, x=x, y=[0.0])
 plot_response_profile(response)
 
 # %%
-# Every coil answers within about its own width: by 1.1 parts in a thousand below, and by 1.5 for the coils on the upper layers, which are
-# nearer. Over the plane:
+# Every coil answers within about its own width: by 1.1 parts in a thousand below, and by 1.5 for the coils on the upper
+# layers, which are nearer. Over the plane:
 
 plane = ca.response_map(design, x=np.linspace(-26e-3, 26e-3, 27), y=np.linspace(-12e-3, 12e-3, 13))
 plot_response(plane, "coil2")
@@ -69,8 +71,9 @@ plot_response(plane, "coil2")
 # Position
 # --------
 #
-# The curves of equal δ look like ellipses, which is how the paper finds positions. The package can do that (``coilarray fit``), and solves the
-# inverse problem without it: here with readings at (5, 3) mm, 0.7 mm deep. The coils stand in a row, so that no reading can tell y from -y.
+# The curves of equal δ look like ellipses, which is how the paper finds positions. The package can do that (``coilarray
+# fit``), and solves the inverse problem without it: here with readings at (5, 3) mm, 0.7 mm deep. The coils stand in a
+# row, so that no reading can tell y from -y.
 
 table = ca.response_map(
     design,

@@ -2,8 +2,8 @@
 A 4 × 4 touch pad of your own
 =============================
 
-From nothing to a board that a fabricator can make and a converter can read. ``coilarray init pad.toml --coils 4x4 --shape square --size-mm 12``
-does the first step in the terminal, and writes a file with comments.
+From nothing to a board that a fabricator can make and a converter can read. ``coilarray init pad.toml --coils 4x4
+--shape square --size-mm 12`` does the first step in the terminal, and writes a file with comments.
 """
 
 import numpy as np
@@ -22,8 +22,8 @@ print(f"{coil['turns_per_layer']} turns on each of {coil['winding_layers']} laye
 plot_board(design.array)
 
 # %%
-# Number of turns, trace and layers were found such that an LDC1614 can drive the coils; the pitch leaves room for the terminals. What had to
-# be assumed is marked, with the reason:
+# Number of turns, trace and layers were found such that an LDC1614 can drive the coils; the pitch leaves room for the
+# terminals. What had to be assumed is marked, with the reason:
 
 for key, reason in made.assumed.items():
     print(f"{key}: {reason}")
@@ -32,7 +32,8 @@ for key, reason in made.assumed.items():
 # Can it be made?
 # ---------------
 #
-# Every width, gap and hole against the limits of the board house (``coilarray check pad.toml``); the picture shows the worst of each kind.
+# Every width, gap and hole against the limits of the board house (``coilarray check pad.toml``); the picture shows the
+# worst of each kind.
 
 margins = ca.check_rules(design.array, design.rules)
 worst = margins[0]

@@ -19,8 +19,9 @@ print(f"pitch {made.document['array']['pitch_mm']:.2f} mm, {len(array.stackup.na
 plot_copper(array, array.stackup.names[0])
 
 # %%
-# Coils that overlap must not share copper, so that the three neighbours that meet in a point take three pairs of layers. Neighbours on different pairs
-# of layers have slightly different distances: one pitch cannot make all of their couplings zero at once.
+# Coils that overlap must not share copper, so that the three neighbours that meet in a point take three pairs of
+# layers. Neighbours on different pairs of layers have slightly different distances: one pitch cannot make all of their
+# couplings zero at once.
 
 coupling = ca.couple_design(made.design)
 plot_coupling(coupling)

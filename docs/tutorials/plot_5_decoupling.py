@@ -31,8 +31,9 @@ ax.plot(pitches * 1e3, k, "o-")
 ax.set(xlabel="pitch (mm)", ylabel="coupling coefficient k", title=f"zero at {zero * 1e3:.2f} mm")
 
 # %%
-# The flux of the first coil goes up inside of it and comes down outside. A second coil far away links the flux that comes down: k is negative. On
-# top of the first it links the flux that goes up: k is positive. In between both parts cancel.
+# The flux of the first coil goes up inside of it and comes down outside. A second coil far away links the flux that
+# comes down: k is negative. On top of the first it links the flux that goes up: k is positive. In between both parts
+# cancel.
 
 design = ca.Design(pair(zero))
 coupling = ca.couple_design(design, ideal=True)

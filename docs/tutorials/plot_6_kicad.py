@@ -15,8 +15,8 @@ from coilarray.cli.main import main
 from coilarray.viz import plot_copper
 
 # %%
-# ``coilarray export starter --to kicad`` writes the board with nets, vias, terminals, stack-up and a project whose design rules are those of the
-# design:
+# ``coilarray export starter --to kicad`` writes the board with nets, vias, terminals, stack-up and a project whose
+# design rules are those of the design:
 
 folder = Path(tempfile.mkdtemp())
 design = ca.load_design("starter")
@@ -25,7 +25,8 @@ for path in exported.files:
     print(path.relative_to(folder))
 
 # %%
-# The copper can be changed in KiCad. ``coilarray import`` reads tracks, arcs and vias of named nets back, layer by layer:
+# The copper can be changed in KiCad. ``coilarray import`` reads tracks, arcs and vias of named nets back, layer by
+# layer:
 
 board = next(folder.rglob("*.kicad_pcb"))
 nets = ",".join(design.array.names)

@@ -16,7 +16,8 @@ from coilarray.viz import boards_figure, plot_sweep_lines
 # First a look around
 # -------------------
 #
-# The Cramér–Rao bound of the position against the pitch: a layout can be judged before there is any board, or any estimator.
+# The Cramér–Rao bound of the position against the pitch: a layout can be judged before there is any board, or any
+# estimator.
 
 design = ca.load_design_file("starter")
 around = ca.sweep(design, {"array.pitch_mm": [10.0, 12.0, 14.0]}, ["position_error_mm", "worst_k"])
@@ -26,9 +27,10 @@ plot_sweep_lines(around, "position_error_mm")
 # Then the search
 # ---------------
 #
-# ``coilarray optimize DESIGN GOAL`` takes a goal from a file, or one that comes with the package and derives its ranges from the design. A simple one
-# can be said on the command line, as here: two entries with their ranges, and what is to become small. The design as it was is the first trial, so
-# that the result is never worse. A search that is interrupted goes on where it was.
+# ``coilarray optimize DESIGN GOAL`` takes a goal from a file, or one that comes with the package and derives its ranges
+# from the design. A simple one can be said on the command line, as here: two entries with their ranges, and what is to
+# become small. The design as it was is the first trial, so that the result is never worse. A search that is interrupted
+# goes on where it was.
 
 folder = Path(tempfile.mkdtemp()) / "better"
 line = "optimize starter --vary array.pitch_mm=10:14 --vary elastomer.0.thickness_mm=2:4"

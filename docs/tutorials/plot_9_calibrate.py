@@ -2,8 +2,8 @@
 Fitting a design to a measurement
 =================================
 
-What a data sheet does not say, a measurement can: here the permeability of the magnetic sheet and its distance. The measurement is made by the
-model itself, with other values and with noise, so that the answer is known.
+What a data sheet does not say, a measurement can: here the permeability of the magnetic sheet and its distance. The
+measurement is made by the model itself, with other values and with noise, so that the answer is known.
 """
 
 import numpy as np

@@ -2,8 +2,8 @@
 An emulated board, from wiring to readings
 ==========================================
 
-Everything that a board does can be tried without one: the emulator plays the converter at the level of its registers, the switches, and the coils of
-a design with an indenter above them.
+Everything that a board does can be tried without one: the emulator plays the converter at the level of its registers,
+the switches, and the coils of a design with an indenter above them.
 """
 
 import tempfile
@@ -17,8 +17,8 @@ folder = Path(tempfile.mkdtemp())
 # Is it wired as the file says?
 # -----------------------------
 #
-# ``coilarray board`` looks for ports, asks the chips who they are and tests every switch. The port is the emulator where none is named; every line says
-# so.
+# ``coilarray board`` looks for ports, asks the chips who they are and tests every switch. The port is the emulator
+# where none is named; every line says so.
 
 main(["board", "--self-test"])
 
@@ -35,6 +35,7 @@ main(["scan-info", str(folder / "run.sqlite")])
 # Press, and watch
 # ----------------
 #
-# A finger of the emulator moves over the board; ``coilarray live`` shows δ and the position, scan by scan. With ``--plot`` it opens a window.
+# A finger of the emulator moves over the board; ``coilarray live`` shows δ and the position, scan by scan. With
+# ``--plot`` it opens a window.
 
 main(["live", "gast2020", "--scans", "25", "--no-locate"])

@@ -1,6 +1,5 @@
 """The response over a backplane as a quantity: it grows with the distance, and a tolerance follows its slope."""
 
-import numpy as np
 import pytest
 from support.backplane import over_backplane
 from support.contacts import coarse_maps
