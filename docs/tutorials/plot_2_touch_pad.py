@@ -67,6 +67,5 @@ plot_response(response, name, outlines=[place.to_board(place.coil.outline) for p
 
 nearer = ca.vary(made, {"elastomer.0.thickness_mm": 2.0})
 peak = ca.response_map(nearer, depths=[0.6e-3], x=[x0], y=[y0]).delta.sel(state=name)
-print(
-    f"δ over the coil {float(response.delta.sel(state=name).max()) * 1e4:.2f} → {float(peak.squeeze()) * 1e4:.2f} in 1e-4"
-)
+before, after = (float(values.max()) * 1e4 for values in (response.delta.sel(state=name), peak))
+print(f"largest δ {before:.2f}e-4, now {after:.2f}e-4")

@@ -38,6 +38,5 @@ plot_target(response, "delta")
 for material in ("aluminium", "steel"):
     other = ca.vary(ca.load_design_file("proximity"), {"target.material": material})
     near = ca.target_map(other, distances=[2e-3])
-    print(
-        f"{material}: L {float(near.effective_inductance.squeeze()) * 1e6:.3f} µH, Q {float(near.quality_factor.squeeze()):.1f}"
-    )
+    L, Q = (float(values.squeeze()) for values in (near.effective_inductance, near.quality_factor))
+    print(f"{material}: L {L * 1e6:.3f} µH, Q {Q:.1f}")
