@@ -88,7 +88,7 @@ def magnetic_currents(body: EddyBody, paths: Sequence[Conductor], plate: FiniteP
         problem = _problem(body, sign, b, t)
         total = np.zeros((len(body.mesh.nodes), len(paths)), dtype=np.complex128)
         total[problem.used] = (problem.u + problem.answer(length))[:, 0]
-        upper = np.stack([(K @ total).T for K in body.currents], axis=-1)
+        upper = np.stack([np.asarray(K @ total).T for K in body.currents], axis=-1)
         found += np.concatenate((upper, -sign * _MIRROR * upper), axis=1)  # of an odd potential they are even
     return np.asarray(found @ plate.axes)
 
