@@ -64,7 +64,7 @@ def test_without_a_skin_it_is_a_perfect_conductor():
 
 @pytest.mark.slow
 def test_axisymmetric_finite_elements():
-    """A steel disc of 10 skin depths. What its edges err is 3 % of ΔL − jΔR/ω, as the estimate says; the mesh 2 %."""
+    """A steel disc of 10 skin depths. What its edges err is 3 % of ΔL − jΔR/ω, as the estimate says; the mesh 1 %."""
     loops, f = [(8e-3, 0.0), (4e-3, 0.0)], 2e4
 
     def inside(r, z):
@@ -81,10 +81,10 @@ def test_axisymmetric_finite_elements():
 
     reference = loop_inductance(loops, materials, f, inside, edges, 0.0625e-3)
     paths = [loop(*each, sides=180) for each in loops]
-    change = moving_plate(paths, disc(), COINS[:1], [f], fineness=0.5)[0, 0]
+    change = moving_plate(paths, disc(), COINS[:1], [f], fineness=0.7)[0, 0]
     error = moving_plate_error(paths, disc(), COINS[:1], [f]).whole
     assert 0.02 < error < 0.05
-    assert (np.abs(change.diagonal() - reference) < (error + 2e-2) * np.abs(reference)).all()
+    assert (np.abs(change.diagonal() - reference) < (error + 1e-2) * np.abs(reference)).all()
     # ΔL > 0 of iron and ΔR > 0: the sign of neither follows from that of a plain metal
     assert (change.diagonal().real > 0).all()
     assert (np.linalg.eigvalsh(-change.imag) > 0).all()
