@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.board_options import EMULATOR, WiringName, marked
+from coilarray.cli.board_options import EMULATOR, WiringName, is_emulator, marked
 from coilarray.cli.shared import DesignArgument, number_option
 from coilarray.errors import GeometryError, NetworkError, OutputError
 
@@ -138,7 +138,7 @@ def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopp
     from coilarray.viz.studio.services import BoardFrame
 
     design = build_design(request.document, request.name)
-    line, emulated = request.port, request.port == EMULATOR
+    line, emulated = request.port, is_emulator(request.port)
 
     def wait(done: int, total: int) -> None:
         part = f" {100 * done / total:.0f} %" if total else ""

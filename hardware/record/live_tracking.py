@@ -54,18 +54,19 @@ class LiveReading:
 class LiveTracker:
     """Turns scans into δ, and into positions where it has the forward model of the board.
 
-    `noise` is the standard deviation of δ of the model; the measured noise of the baseline is added. HardwareError for
-    fewer than 2 scans of a baseline, or noise that is not positive and finite.
+    `noise` is the standard deviation of δ that a location assumes beside the measured noise of the baseline, by default
+    that of the model. HardwareError for fewer than 2 scans of a baseline, or noise that is not positive and finite.
     """
 
     def __init__(
-        self, model: ForwardModel | None, *, baseline_scans: int = BASELINE_SCANS, noise: float = 1e-5
+        self, model: ForwardModel | None, *, baseline_scans: int = BASELINE_SCANS, noise: float | None = None
     ) -> None:
         if baseline_scans < 2:
             raise HardwareError(f"a baseline must have at least 2 scans; got {baseline_scans}.")
-        if not (math.isfinite(noise) and noise > 0):
+        if noise is not None and not (math.isfinite(noise) and noise > 0):
             raise HardwareError(f"noise must be positive and finite; got {noise}.")
-        self._model, self._scans, self._trust = model, baseline_scans, noise
+        self._model, self._scans = model, baseline_scans
+        self._trust = noise or (0.0 if model is None else model.noise)
         self._models: dict[tuple[str, ...], ForwardModel] = {}
         self._times: deque[float] = deque(maxlen=_RATE_SCANS)
         self._last: tuple[int, int] | None = None  # session and sequence
