@@ -82,10 +82,12 @@ def read_dataset(path: Path) -> xr.Dataset:
     return dataset
 
 
-def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list[FloatArray]]:
+def recorded_map(
+    path: Path, calibration: Path | None, reference: str | None = None
+) -> tuple[xr.Dataset, list[FloatArray]]:
     """Read the response of a campaign, and the outlines of its coils in m from the map's origin.
 
-    `calibration` is a file with the constants of the board.
+    `calibration` is a file with the constants of the board; `reference` a state that nothing touched, without one.
     """
     from coilarray.hardware.record.calibration_file import load_calibration
     from coilarray.hardware.record.channel_calibration import calibrated_response
@@ -96,7 +98,7 @@ def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list
     known = None if calibration is None else load_calibration(calibration)
     with open_recording(path) as recording:
         if known is None:
-            response = recorded_response(recording, partial=True)
+            response = recorded_response(recording, partial=True, reference=reference)
         else:
             response = calibrated_response(recording, known, partial=True)
         design = recording.design

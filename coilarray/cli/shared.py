@@ -98,6 +98,14 @@ Goals = Annotated[
         "any design; or minimize QUANTITY, maximize QUANTITY or QUANTITY=VALUE; repeat for several.",
     ),
 ]
+ReferenceCoilName = Annotated[
+    str | None,
+    typer.Option(
+        "--reference",
+        metavar="COIL",
+        help="State that nothing touches; the drift that it shows is taken from all others, and its noise added.",
+    ),
+]
 Workers = Annotated[
     int | None, typer.Option("--workers", help="Number of local processes of one thread; one for each core by default.")
 ]
