@@ -52,6 +52,8 @@ class LiveReading:
     rate: float | None  # scans per second over the latest scans, by the board's clock
     lost: int  # scans missing so far
     press: Press | None = None  # during this scan, or that has ended with it
+    received: float | None = None  # arrival in s since the epoch by the computer's clock
+    temperature: float | None = None  # of the board in °C, where it is known
 
 
 class LiveTracker:
@@ -119,6 +121,8 @@ class LiveTracker:
             rate=self._rate(),
             lost=self._lost,
             press=press,
+            received=scan.received,
+            temperature=scan.temperature,
         )
 
     def _measure_baseline(self, elapsed: float, values: Mapping[str, float]) -> None:

@@ -92,6 +92,8 @@ class Recording:
         Sessions in the order in which they began.
     campaign : str or None
         Plan of the campaign as JSON (`coilarray.hardware.record.campaign.Campaign.from_json`), where there is one.
+    has_temperatures : bool
+        Whether a thermometer was given in any session.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
@@ -103,7 +105,7 @@ class Recording:
             names = [column[0] for column in found.description]
             rows = [dict(zip(names, row, strict=True)) for row in found]
             plan = connection.execute("SELECT plan FROM campaign").fetchone()
-            self._warm = has_temperatures(connection)
+            self.has_temperatures = has_temperatures(connection)
         self._sessions = {int(row["id"]): k for k, row in enumerate(rows)}
         self.sessions = tuple(self._session(row) for row in rows)
         self.campaign: str | None = None if plan is None else str(plan[0])
@@ -156,7 +158,7 @@ class Recording:
         """
         wanted = "AND position.finished IS NOT NULL" if finished else ""
         celsius, beside = "NULL", ""
-        if self._warm:
+        if self.has_temperatures:
             celsius, beside = "temperature.celsius", "LEFT JOIN temperature ON temperature.scan = scan.id"
         query = f"""
             SELECT scan.id, scan.session, scan.stage, scan.depth, scan.sequence, scan.time, scan.received,

@@ -23,6 +23,7 @@ from support.recorded_boards import configured, quick_board
 
 from coilarray import load_design
 from coilarray.cli import live as live_command
+from coilarray.cli import live_source
 from coilarray.cli.board_options import BoardOptions, opened_board
 from coilarray.compute.netcdf import save_dataset
 from coilarray.hardware.emulator import VirtualClock
@@ -118,7 +119,7 @@ def test_positions_of_a_recording(capsys, recording, board, table):
 @pytest.mark.slow
 def test_the_emulator_is_located(capsys, board, table, monkeypatch):
     way = ((0.0, 4e-3, 2e-3, 0.0), (0.2, 4e-3, 2e-3, 1e-3))
-    monkeypatch.setattr(live_command, "_tour", lambda setup, start: [(start + at, *place) for at, *place in way])
+    monkeypatch.setattr(live_source, "tour", lambda setup, start: [(start + at, *place) for at, *place in way])
     options = ("--rate", "40", "--scans", "60", "--baseline-scans", "5", "--noise", "2e-6")
     answers = answers_of(capsys, *board, "--table", table, *options)
     assert (len(answers), answers[4]["position"]["status"]) == (60, "nothing pressed")
@@ -142,8 +143,8 @@ def test_every_line_of_an_emulator_says_so(capsys, board):
 @pytest.mark.slow
 def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
     monkeypatch.setattr(buses, "ComputerClock", VirtualClock)  # on a busy computer scans may come late
-    begun, tour = [], live_command._tour
-    monkeypatch.setattr(live_command, "_tour", lambda setup, start: begun.append(start) or tour(setup, start))
+    begun, tour = [], live_source.tour
+    monkeypatch.setattr(live_source, "tour", lambda setup, start: begun.append(start) or tour(setup, start))
     answers = answers_of(capsys, *board, "--no-locate", "--rate", "30", "--scans", "75", "--baseline-scans", "3")
     after = [(answer["time_s"] - begun[-1], answer["delta"]["coil1"]) for answer in answers[3:]]
     assert all(abs(delta) < 10e-6 for time, delta in after if time < 0.5)  # the finger comes down from then on
@@ -171,8 +172,10 @@ def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate
             opened.append(one)
             yield one, settings
 
-    monkeypatch.setattr(live_command, "opened_board", remembered)
-    with live_command._stream(options, load_design(str(board[0])), quiet=True):
+    monkeypatch.setattr(live_source, "opened_board", remembered)
+    with live_source.live_source(
+        live_source.LiveOptions(options), load_design(str(board[0])), lambda done, total: None
+    ):
         (one,) = opened
         assert "table" in vars(one.emulator.world)
         assert one.emulator.place().depth == 0
@@ -211,7 +214,7 @@ def test_every_end_leaves_the_board_at_rest(capsys, board, monkeypatch, after, f
             quick.reader.scans = failing_scans
             yield quick, configured(quick)
 
-    monkeypatch.setattr(live_command, "opened_board", opened_board)
+    monkeypatch.setattr(live_source, "opened_board", opened_board)
     ended, out, err = run(capsys, board[0], "--no-locate", *arguments)
     assert (ended, len(out.splitlines()), err) == (code, lines, error)
     assert at_rest(quick.emulator, quick.wiring)
