@@ -18,10 +18,10 @@ from coilarray.viz.palette import INK, coil_colours
 from coilarray.viz.studio.history import History
 from coilarray.viz.studio.top_view import TopView
 
-WIDTH, HEIGHT = 1000.0, 400.0
-"""Size of the drawing of the curves, in its own unit."""
+WIDTH, WIDE, HEIGHT = 1000.0, 1500.0, 400.0
+"""Widths of the drawing of the curves in the studio and in a window of its own, and its height, in its own unit."""
 
-_LEFT, _RIGHT, _TOP, _BOTTOM = 70.0, 990.0, 16.0, 356.0  # of the axes
+_LEFT, _RIM, _TOP, _BOTTOM = 70.0, 10.0, 16.0, 356.0  # of the axes
 _LEAST_RANGE = 2e-6  # of δ: noise of a board at rest does not fill the picture
 _ROOM = 0.06  # of the range of δ, above and below
 _TICKS = 6
@@ -33,18 +33,20 @@ def state_colours(design: Design) -> dict[str, str]:
     return {state.name: colours.get(state.measured[0][0], INK) for state in design.plan}
 
 
-def curves(history: History, span: float, colours: Mapping[str, str], presses: Iterable[Press]) -> dict[str, Any]:
+def curves(
+    history: History, span: float, colours: Mapping[str, str], presses: Iterable[Press], width: float = WIDTH
+) -> dict[str, Any]:
     """Return curves of δ over the last `span` in s, one of the `SPANS`, with ticks and the presses as marks.
 
     The axis of δ reaches from the least to the largest value shown.
     """
     times, least, largest = history.values(span)
     stop = max(history.end, span)
-    start = stop - span
+    start, right = stop - span, width - _RIM
     low, high = _limits(least, largest)
 
     def across(time: float) -> float:
-        return round(_LEFT + (_RIGHT - _LEFT) * (time - start) / span, 1)
+        return round(_LEFT + (right - _LEFT) * (time - start) / span, 1)
 
     def down(delta: float) -> float:
         return round(_BOTTOM - (_BOTTOM - _TOP) * (delta - low) / (high - low), 1)
@@ -60,8 +62,8 @@ def curves(history: History, span: float, colours: Mapping[str, str], presses: I
             left = max(across(press.begin), _LEFT)
             marks.append({"number": press.number, "x": left, "width": max(round(across(end) - left, 1), 1.0)})
     return {
-        "box": f"0 0 {WIDTH:g} {HEIGHT:g}",
-        "axes": {"x": _LEFT, "y": _TOP, "width": _RIGHT - _LEFT, "height": _BOTTOM - _TOP},
+        "box": f"0 0 {width:g} {HEIGHT:g}",
+        "axes": {"x": _LEFT, "y": _TOP, "width": right - _LEFT, "height": _BOTTOM - _TOP},
         "x": [{"at": across(tick), "text": f"{tick:g}"} for tick in _ticks(start, stop)],
         "y": [{"at": down(tick * 1e-6), "text": _minus(f"{tick:g}")} for tick in _ticks(low * 1e6, high * 1e6)],
         "curves": shown,
@@ -116,6 +118,16 @@ def press_row(press: Press) -> dict[str, Any]:
         "depth": depth,
         "delta": _minus(f"{press.delta * 1e6:+.0f}"),
     }
+
+
+def press_places(view: TopView, presses: Iterable[Press]) -> list[dict[str, Any]]:
+    """Return the places of presses with their numbers, where they are known."""
+    places = []
+    for press in presses:
+        if press.location is not None and press.location.modes:
+            x, y = view.point(press.location.modes[0].x, press.location.modes[0].y)
+            places.append({"number": press.number, "x": x, "y": y})
+    return places
 
 
 def _length(value: float, sigma: float | None) -> str:

@@ -18,11 +18,20 @@ from coilarray.localize.presses import Press
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.history import SPANS, History
 from coilarray.viz.studio.job import Outcome
-from coilarray.viz.studio.live_drawing import curves, nearest_place, press_row, state_colours, trail_lines
+from coilarray.viz.studio.live_drawing import (
+    WIDE,
+    WIDTH,
+    curves,
+    nearest_place,
+    press_places,
+    press_row,
+    state_colours,
+    trail_lines,
+)
 from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.scene_making import BoardParts, coloured_by_delta
 from coilarray.viz.studio.services import ZERO, BoardFrame, BoardRequest, Orders, Tell
-from coilarray.viz.studio.top_view import TopView, board_drawing, delta_bars, delta_fills, pins, top_view
+from coilarray.viz.studio.top_view import LEAST, TopView, board_drawing, delta_bars, delta_fills, pins, top_view
 from coilarray.viz.studio.touch import location_lines
 
 if TYPE_CHECKING:
@@ -32,6 +41,7 @@ _JOB = "board"
 _PATIENCE = 8.0  # s; time in which a board can be put to rest
 _MOST_PRESSES = 500  # that are kept for the marks and the list
 _LISTED = 50  # that are shown in the list
+_MARKED = 12  # that are shown on the board
 _TRAIL = 60  # places
 _SPAN = 60.0  # s
 _LOG_SUFFIXES = (".csv", ".nc")
@@ -52,6 +62,7 @@ class LivePanel(Panel):
         self._trail: deque[tuple[int, float, float]] = deque(maxlen=_TRAIL)
         self._new = False
         services = page.setup.services
+        self._width = WIDE if services.alone else WIDTH
         values = {
             "can_watch": services.watch_board is not None, "alone": services.alone, "live_port": services.port,
             "live_recording": services.recording, "live_recordings": [], "live_reference": services.reference,
@@ -141,8 +152,8 @@ class LivePanel(Panel):
         self._history, self._shift = _NOTHING, 0.0
         self._presses.clear()
         self._trail.clear()
-        self._page.state.live_plot = curves(self._history, _SPAN, {}, ())
-        self._page.state.live_presses, self._page.state.live_trail = [], []
+        self._page.state.live_plot = curves(self._history, _SPAN, {}, (), self._width)
+        self._page.state.update({"live_presses": [], "live_places": [], "live_trail": []})
 
     def _take(self, frames: Sequence[BoardFrame]) -> None:
         """Keep every scan; drawings are made when the page asks for them."""
@@ -188,14 +199,15 @@ class LivePanel(Panel):
             return
         state.live_scan, state.live_line = frame.sequence, frame.line
         presses = list(self._presses.values())
-        state.live_plot = curves(self._history, state.live_span, self._colours, presses)
+        state.live_plot = curves(self._history, state.live_span, self._colours, presses, self._width)
         state.live_presses = [press_row(press) for press in presses[: -_LISTED - 1 : -1]]
+        state.live_places = press_places(self._view, presses[-_MARKED:])
         state.live_trail = trail_lines(self._view, list(self._trail))
         state.live_bars = [
             {**bar, "why": frame.reasons.get(bar["name"], ""), "colour": self._colours.get(bar["name"], "")}
             for bar in delta_bars(frame.delta.items())
         ]
-        state.live_fills = delta_fills(self._design, frame.delta)
+        state.live_fills = delta_fills(self._design, frame.delta, LEAST)
         if frame.location is not None or frame.waiting:
             state.live_pins = [] if frame.location is None else pins(self._view, frame.location)
         state.live_lines = _lines(frame)
