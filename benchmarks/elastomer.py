@@ -19,7 +19,7 @@ from coilarray import load_design, response_map
 from coilarray.elastomer import contact
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dented_layer import dent_inductance
-from coilarray.elastomer.flat_layer import layer_inductance
+from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.geometry import FlatPunch, Paraboloid, Sheet
 from coilarray.response.two_dimensional import line_response
 

@@ -26,9 +26,9 @@ from coilarray.circuit.coupling import bare_network, design_circuit
 from coilarray.circuit.state_sensitivity import state_sensitivity
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design, Indentation
-from coilarray.elastomer.coil_spectrum import coil_segments, segment_centres
 from coilarray.elastomer.dent import dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
+from coilarray.electromagnetics.coil_spectrum import coil_segments, segment_centres
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.response.map import response_map

@@ -23,9 +23,9 @@ from coilarray.compute.threads import Progress, serial_algebra
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState, Switches
-from coilarray.elastomer.flat_layer import layer_inductance
 from coilarray.electromagnetics.ac_resistance import resistance_matrix, shape_key
 from coilarray.electromagnetics.capacitance import coil_capacitance
+from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix, inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import GeometryError, NetworkError

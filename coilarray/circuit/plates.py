@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -12,9 +13,8 @@ from coilarray.compute.recent import Recent
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate
-from coilarray.metal.finite_plates import moving_plate, moving_plate_error
+from coilarray.metal.finite_plates import moving_plate_error, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.over_frequency import FrequencyBand
 from coilarray.metal.surface_impedance import ModelError
@@ -55,34 +55,22 @@ def plate_effect(design: Design, low: float, high: float, accuracy: Accuracy = "
 
 
 def plate_model_error(design: Design, frequency: float) -> ModelError | None:
-    """Estimate the errors of the model of a plate with an outline at a frequency in Hz; None where there is none.
+    """Estimate the errors of the model of plates with an outline at a frequency in Hz; None where there is none.
 
-    GeometryError or MetalError for plates that are not computed.
+    The largest ones. GeometryError for plates that are not computed.
     """
-    bounded = _bounded(design)
-    if bounded is None:
+    outlined = [plate for plate in design.plates if isinstance(plate, FinitePlate)]
+    if not outlined:
         return None
-    return moving_plate_error(design.array, bounded, [bounded.centre], [frequency], design.sheets)
-
-
-def _bounded(design: Design) -> FinitePlate | None:
-    """Return the plate with an outline of a design, which must be its only one."""
-    for k, plate in enumerate(design.plates):
-        if isinstance(plate, FinitePlate):
-            if len(design.plates) > 1:
-                raise MetalError(
-                    f"plate.{k} {plate.name!r} has an outline and is computed only without other plates; there are "
-                    f"{len(design.plates)}."
-                )
-            return plate
-    return None
+    errors = [moving_plate_error(design.array, one, [one.centre], [frequency], design.sheets) for one in outlined]
+    return reduce(ModelError.or_worse, errors)
 
 
 def _plate_inductance(design: Design, frequencies: FloatArray, accuracy: Accuracy) -> ComplexArray:
     """Change of the impedance over jω by all plates of a design, complex (f, n, n) in H."""
-    paths, sheets = design.array.conductors(), design.sheets
-    bounded = _bounded(design)
-    if bounded is None:
-        wide = [plate for plate in design.plates if isinstance(plate, Plate)]
-        return plate_inductance(paths, wide, frequencies, sheets, accuracy=accuracy)
-    return np.asarray(moving_plate(paths, bounded, [bounded.centre], frequencies, sheets)[0])
+    paths, sheets, plates = design.array.conductors(), design.sheets, design.plates
+    endless = [plate for plate in plates if isinstance(plate, Plate)]
+    change = plate_inductance(paths, endless, frequencies, sheets, accuracy=accuracy)
+    if len(endless) == len(plates):
+        return change
+    return np.asarray(change + outlined_inductance(paths, plates, frequencies, sheets))

@@ -50,8 +50,9 @@ class BoardOptions:
     port: Annotated[
         str,
         typer.Option(
-            help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), i2c:1[:0x2A][,spi:0.0] (Linux), "
-            "ftdi://...; the emulator by default. /dev/ttyACM0?baud=any tries every rate."
+            help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), "
+            "i2c:1[:0x2A][,spi:0.0][?rate=400000] (Linux; the rate is the clock of the I²C bus in Hz), ftdi://...; the "
+            "emulator by default. /dev/ttyACM0?baud=any tries every rate."
         ),
     ] = EMULATOR
     wiring: WiringName = None
@@ -163,6 +164,13 @@ def opened_board(
     from coilarray.hardware.wire.ports import bus_rate, parse_port
 
     port = parse_port(options.port)
+    bus_clock = bus_rate(port)
+    if options.rate is not None and not bus_clock.known:
+        typer.echo(
+            f"The system does not say the clock of {options.port}; --rate assumes {bus_clock.hertz * 1e-3:g} kHz. "
+            "State another as ?rate=400000 after the port.",
+            err=True,
+        )
     wiring = wiring_of_board(port, design, options.wiring)
     settings = design_settings(
         design,
@@ -172,7 +180,7 @@ def opened_board(
         clock=None if options.clock_MHz is None else options.clock_MHz * 1e6,
         external_clock=options.external_clock,
         drives=options.drives,
-        bus_rate=bus_rate(port),
+        bus_rate=bus_clock.hertz,
     )
     emulation = dict(options.emulation)
     path = options.path_of(design)

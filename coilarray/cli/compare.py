@@ -42,7 +42,7 @@ def compare(
     calibration: Annotated[
         Path | None, typer.Option(help="Constants of the measured board, of `coilarray calibrate-board` (.toml).")
     ] = None,
-    reference: shared.ReferenceCoilName = None,
+    reference: shared.References = None,
     largest_shift_mm: Annotated[
         float | None,
         shared.number_option(
@@ -76,8 +76,6 @@ def compare(
     """
     if calibration is not None and not is_recording(measured):
         raise LocalizeError(f"--calibration is for a recording; {measured} is none.")
-    if reference is not None and (calibration is not None or not is_recording(measured)):
-        raise LocalizeError("--reference is for a recording as MEASURED, without --calibration.")
     from coilarray.compute.files import make_folder
     from coilarray.localize.comparison import compare_responses
     from coilarray.report.comparison import comparison_notes, comparison_tables
@@ -89,9 +87,13 @@ def compare(
     if out is not None:
         require_own("compare", _own(out), force=force)
     largest_shift = None if largest_shift_mm is None else largest_shift_mm * 1e-3
-    first, outlines = _response(measured, None, largest_shift, calibration, allow_violations, reference)
+    first, outlines = _response(measured, None, largest_shift, calibration, allow_violations)
     second, others = _response(simulated, first, largest_shift, None, allow_violations)
     outlines = outlines or others
+    if reference:
+        from coilarray.hardware.record.reference_coil import response_less_reference
+
+        first, second = (response_less_reference(one, reference) for one in (first, second))
     with shared.progress_bar("comparison") as progress:
         result = compare_responses(first, second, largest_shift=largest_shift, replicates=replicates, progress=progress)
     written = [] if out is None else _write(result, out, (measured, simulated), outlines)
@@ -122,16 +124,11 @@ def _own(out: Path) -> list[Path]:
 
 
 def _response(
-    name: str,
-    beside: xr.Dataset | None,
-    largest_shift: float | None,
-    calibration: Path | None,
-    allow_violations: bool,
-    reference: str | None = None,
+    name: str, beside: xr.Dataset | None, largest_shift: float | None, calibration: Path | None, allow_violations: bool
 ) -> _Source:
     """Read or compute a response; what is computed beside another one has positions around all of its own."""
     if is_recording(name):
-        return recorded_map(Path(name), calibration, reference)
+        return recorded_map(Path(name), calibration)
     if is_map(name):
         return read_response(Path(name)), ()
     if name == "published":

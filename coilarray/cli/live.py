@@ -7,8 +7,9 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,7 +21,7 @@ from coilarray.cli.keys import pressed_keys
 from coilarray.cli.live_source import LiveOptions, live_readings, live_source
 from coilarray.cli.live_window import show_window
 from coilarray.cli.maps import kept_table
-from coilarray.cli.shared import AllowViolations, ReferenceCoilName, check_file, open_design_file, progress_bar
+from coilarray.cli.shared import AllowViolations, References, check_file, open_design_file, progress_bar
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def live(
         float, typer.Option(help="Standard deviation of δ of the table; that of the readings is added.")
     ] = 1e-5,
     scans: Annotated[int | None, typer.Option(help="Number of scans after which to end; never by default.")] = None,
-    reference: ReferenceCoilName = None,
+    reference: References = None,
     log: Annotated[
         Path | None,
         typer.Option(help="Log of every scan: .csv, which grows line by line, or .nc, made of such lines at the end."),
@@ -100,7 +101,7 @@ def live(
         speed=speed,
         baseline=baseline,
         noise=noise,
-        reference=reference,
+        reference=tuple(reference or ()),
         scans=scans,
         log=log,
         force=force,
@@ -117,10 +118,13 @@ def live(
             source = opened.enter_context(live_source(asked, file.design, progress))
         if not as_json and recording is None:
             typer.echo(source.line)
+        if not as_json and asked.reference:
+            typer.echo(marked(less_text(asked.reference), emulated=source.emulated))
+        record = partial(live_record, emulated=source.emulated, reference=asked.reference)
         if as_json:
-            show = _lines(lambda reading: json.dumps(live_record(reading, emulated=source.emulated), allow_nan=False))
+            show = _lines(lambda reading: json.dumps(record(reading), allow_nan=False))
         elif sys.stdout.isatty():
-            show = opened.enter_context(_screen(source.emulated, reference))
+            show = opened.enter_context(_screen(source.emulated, asked.reference))
         else:
             show = _lines(lambda reading: marked(plain_line(reading), emulated=source.emulated))
         keys = opened.enter_context(pressed_keys())
@@ -166,7 +170,7 @@ def _lines(text: Callable[[LiveReading], str]) -> Callable[[LiveReading], None]:
 
 
 @contextmanager
-def _screen(emulated: bool, reference: str | None) -> Iterator[Callable[[LiveReading], None]]:
+def _screen(emulated: bool, reference: Sequence[str]) -> Iterator[Callable[[LiveReading], None]]:
     """Draw the latest scan on the terminal, at most ten times a second."""
     from rich.console import Console
     from rich.live import Live
@@ -189,7 +193,7 @@ def _screen(emulated: bool, reference: str | None) -> Iterator[Callable[[LiveRea
         yield show
 
 
-def live_record(reading: LiveReading, *, emulated: bool) -> dict[str, Any]:
+def live_record(reading: LiveReading, *, emulated: bool, reference: Sequence[str] = ()) -> dict[str, Any]:
     """Return a reading as a mapping for JSON, in SI units."""
     from coilarray.report.localize_tables import location_record
 
@@ -202,6 +206,7 @@ def live_record(reading: LiveReading, *, emulated: bool) -> dict[str, Any]:
         "baseline_scans_missing": reading.waiting,
         "noise": reading.noise,
         "delta": {state.name: state.delta for state in reading.states},
+        **({"less_reference": list(reference)} if reference else {}),
         "verdicts": {state.name: state.verdict for state in reading.states},
         "reasons": {state.name: list(state.reasons) for state in reading.states if state.reasons},
         "position": None if reading.location is None else location_record(reading.location),
@@ -231,6 +236,11 @@ def plain_line(reading: LiveReading) -> str:
     return "  ".join([*parts, _place_text(reading), *_beside(reading)])
 
 
+def less_text(reference: Sequence[str]) -> str:
+    """Say that δ is corrected."""
+    return f"δ less that of {' and '.join(reference)}"
+
+
 def _beside(reading: LiveReading) -> list[str]:
     """Return what else a line says: the press, and the temperature."""
     texts = []
@@ -243,7 +253,7 @@ def _beside(reading: LiveReading) -> list[str]:
     return texts
 
 
-def screen_lines(reading: LiveReading, scale: float, reference: str | None = None) -> list[str]:
+def screen_lines(reading: LiveReading, scale: float, reference: Sequence[str] = ()) -> list[str]:
     """Return the lines of a picture: a bar for every state, which ends at δ = `scale`, the position, and the rate."""
     width = max((len(state.name) for state in reading.states), default=0)
     lines = [f"δ in 10⁻⁶; bars end at {scale * 1e6:.0f}"]
@@ -254,7 +264,7 @@ def screen_lines(reading: LiveReading, scale: float, reference: str | None = Non
     lines.append(_place_text(reading))
     rate = "–" if reading.rate is None else f"{reading.rate:.2f}"
     noise = "" if reading.noise is None else f", noise of δ {reading.noise:.1e}"
-    less = "" if reference is None else f", less the drift of {reference}"
+    less = f", {less_text(reference)}" if reference else ""
     beside = "".join(f", {text}" for text in _beside(reading))
     lines.append(f"{rate} scans/s, {reading.lost} lost{noise}{less}{beside}; z zero, q quit")
     return lines

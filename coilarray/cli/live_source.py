@@ -49,7 +49,7 @@ class LiveOptions:
     speed: float = 1.0  # of a replay, as multiple of the recorded one; 0 without any waiting
     baseline: int = 10  # scans
     noise: float = 1e-5  # of the δ of the table
-    reference: str | None = None  # state that nothing touches
+    reference: tuple[str, ...] = ()  # states that nothing touches
     scans: int | None = None  # after which to end
     log: Path | None = None
     force: bool = False  # whether the log may replace a file
@@ -89,11 +89,11 @@ def live_readings(
 
     A position is computed at most twenty times a second, so that it never delays the scans of a board.
     """
+    from coilarray.design.scan_states import referenced_names
     from coilarray.hardware.record.live_tracking import LiveTracker
-    from coilarray.hardware.record.reference_coil import require_reference
 
-    if options.reference is not None:
-        require_reference(options.reference, source.states)
+    if options.reference:
+        referenced_names(source.states, options.reference, HardwareError)
     tracker = LiveTracker(model, baseline_scans=options.baseline, noise=options.noise, reference=options.reference)
     limited = options.recording is None or options.speed > 0
     located, begun = -math.inf, False
@@ -126,8 +126,8 @@ def _logged(source: LiveSource, options: LiveOptions, design: Design) -> Iterato
     from coilarray.hardware.record.live_log import open_log
 
     attributes = {"design": design.name, "design_hash": design.digest, "board": source.line}
-    if options.reference is not None:
-        attributes["reference_coil"] = options.reference
+    if options.reference:
+        attributes["reference_coils"] = ", ".join(options.reference)
     with open_log(
         options.log, source.states, emulated=source.emulated, temperature=source.temperature, attributes=attributes,
         force=options.force,

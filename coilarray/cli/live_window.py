@@ -56,7 +56,7 @@ def show_window(options: LiveOptions, file: DesignFile, table: Path | None, *, l
         watch_board=partial(watch_board, options, table, locate),
         port=options.board.port,
         recording=None if options.recording is None else str(options.recording),
-        reference=options.reference or "",
+        reference=options.reference,
         log=None if options.log is None else str(options.log),
         alone=True,
         failed=failures.append,
@@ -115,7 +115,7 @@ def _options(base: LiveOptions, request: BoardRequest) -> LiveOptions:
         base,
         board=board,
         recording=None if request.recording is None else Path(request.recording),
-        reference=request.reference or None,
+        reference=tuple(request.reference),
         log=log,
         force=base.force and log == base.log,
     )

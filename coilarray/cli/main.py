@@ -70,7 +70,7 @@ def _root(version: bool = typer.Option(False, "--version", help="Print the versi
 
 
 @functools.cache
-def _program(name: str) -> Callable[..., Any]:
+def program(name: str) -> Callable[..., Any]:
     """Return the program with the command of this name alone, with all where none is called so.
 
     Typer takes milliseconds to read the signature of a command.
@@ -99,7 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     collect_seldom()
     arguments = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     try:
-        code = _program(arguments[0])(arguments, prog_name="coilarray", standalone_mode=False)
+        code = program(arguments[0])(arguments, prog_name="coilarray", standalone_mode=False)
     except CoilarrayError as error:
         return _refuse(str(error))
     except (KeyboardInterrupt, typer.Abort):

@@ -82,12 +82,10 @@ def read_dataset(path: Path) -> xr.Dataset:
     return dataset
 
 
-def recorded_map(
-    path: Path, calibration: Path | None, reference: str | None = None
-) -> tuple[xr.Dataset, list[FloatArray]]:
+def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list[FloatArray]]:
     """Read the response of a campaign, and the outlines of its coils in m from the map's origin.
 
-    `calibration` is a file with the constants of the board; `reference` a state that nothing touched, without one.
+    `calibration` is a file with the constants of the board.
     """
     from coilarray.hardware.record.calibration_file import load_calibration
     from coilarray.hardware.record.channel_calibration import calibrated_response
@@ -98,7 +96,7 @@ def recorded_map(
     known = None if calibration is None else load_calibration(calibration)
     with open_recording(path) as recording:
         if known is None:
-            response = recorded_response(recording, partial=True, reference=reference)
+            response = recorded_response(recording, partial=True)
         else:
             response = calibrated_response(recording, known, partial=True)
         design = recording.design

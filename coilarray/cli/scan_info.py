@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli.board_options import print_marked
-from coilarray.cli.shared import AsJson, ReferenceCoilName, check_file, table_text, write_numbers
+from coilarray.cli.shared import AsJson, check_file, table_text, write_numbers
 from coilarray.errors import HardwareError, OutputError
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ def scan_info(
     calibration: Annotated[
         Path | None, typer.Option(help="Constants of the board, from coilarray calibrate-board, for a response.")
     ] = None,
-    reference: ReferenceCoilName = None,
     as_json: AsJson = False,
 ) -> None:
     """Show what is in a recording, and convert it.
@@ -54,8 +53,6 @@ def scan_info(
     target = _target(run, to, out)
     if baseline < 1:
         raise HardwareError(f"--baseline must be at least 1; got {baseline}.")
-    if reference is not None and calibration is not None:
-        raise HardwareError("--reference cannot be given with --calibration, which removes the drift by a curve.")
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.record.recording_summary import summarize_recording
 
@@ -68,9 +65,9 @@ def scan_info(
         if target is None:
             wrote = []
         elif as_series:
-            wrote = [_write_series(recording, target, baseline, reference)]
+            wrote = [_write_series(recording, target, baseline)]
         else:
-            wrote = [write_response(recording, target, calibration, partial=partial, reference=reference)]
+            wrote = [write_response(recording, target, calibration, partial=partial)]
     data = {**summary.to_record(), "wrote": None if target is None else str(target)}
     print_marked(data, [*summary_lines(summary), *wrote], as_json=as_json, emulated=summary.emulated)
 
@@ -133,12 +130,7 @@ def _target(run: Path, to: str | None, out: Path | None) -> Path | None:
 
 
 def write_response(
-    recording: Recording,
-    target: Path,
-    calibration: Path | None = None,
-    *,
-    partial: bool = False,
-    reference: str | None = None,
+    recording: Recording, target: Path, calibration: Path | None = None, *, partial: bool = False
 ) -> str:
     """Write the response of a campaign to a file; return a line for people."""
     from coilarray.hardware.record.calibration_file import load_calibration
@@ -147,7 +139,7 @@ def write_response(
 
     note = ""
     if calibration is None:
-        response = recorded_response(recording, partial=partial, reference=reference)
+        response = recorded_response(recording, partial=partial)
     else:
         known = load_calibration(calibration)
         response = calibrated_response(recording, known, partial=partial)
@@ -156,16 +148,13 @@ def write_response(
     return _write(response, response_csv, target, "the response") + note
 
 
-def _write_series(recording: Recording, target: Path, baseline: int, reference: str | None) -> str:
+def _write_series(recording: Recording, target: Path, baseline: int) -> str:
     """Write every scan; return a line for people."""
     from coilarray.hardware.record.recorded_response import recorded_series, series_csv
 
-    series = recorded_series(recording, baseline=baseline, reference=reference)
-    return _write(series, series_csv, target, "the time series")
+    return _write(recorded_series(recording, baseline=baseline), series_csv, target, "the time series")
 
 
 def _write(dataset: xr.Dataset, table: Callable[[xr.Dataset], str], target: Path, what: str) -> str:
     write_numbers(target, dataset, lambda: table(dataset))
-    less = f", less the drift of {dataset.attrs['reference_coil']}" if "reference_coil" in dataset.attrs else ""
-    shape = " × ".join(str(n) for n in dataset.delta.shape)
-    return f"wrote {target}: {what}{less}, {shape} values over {dataset.delta.dims}"
+    return f"wrote {target}: {what}, {' × '.join(str(n) for n in dataset.delta.shape)} values over {dataset.delta.dims}"

@@ -98,12 +98,12 @@ Goals = Annotated[
         "any design; or minimize QUANTITY, maximize QUANTITY or QUANTITY=VALUE; repeat for several.",
     ),
 ]
-ReferenceCoilName = Annotated[
-    str | None,
+References = Annotated[
+    list[str] | None,
     typer.Option(
         "--reference",
         metavar="COIL",
-        help="State that nothing touches; the drift that it shows is taken from all others, and its noise added.",
+        help="Coil that nothing touches: δ of the others is less its δ, without the drift of all; may be repeated.",
     ),
 ]
 Workers = Annotated[

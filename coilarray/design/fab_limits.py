@@ -71,18 +71,31 @@ class FabTable(Table):
     """``[fab]``: limits of the board house; keys that stand beside ``profile`` go before those of the profile."""
 
     profile: str | None = None
+    """Name of a bundled board house; `coilarray check --list-fabs` shows them."""
     min_trace_mm: LimitMillimetres = 0.1
+    """Least width of a trace."""
     min_gap_mm: LimitMillimetres = 0.1
+    """Least distance between copper and copper."""
     min_drill_mm: LimitMillimetres = 0.2
+    """Least diameter of a drilled hole."""
     min_annular_ring_mm: LimitMillimetres = 0.1
+    """Least width of the copper ring around a hole."""
     min_edge_clearance_mm: LimitMillimetres = 0.3
+    """Least distance from copper to the edge of the board."""
     min_hole_spacing_mm: LimitMillimetres = 0.25
+    """Least distance from the edge of one hole to that of the next."""
     max_layers: Annotated[int, Field(ge=1, le=1000)] | None = None
+    """Largest number of copper layers."""
     max_outer_copper_um: Micrometres | None = None
+    """Largest thickness of the outer copper layers."""
     max_inner_copper_um: Micrometres | None = None
+    """Largest thickness of the inner copper layers."""
     max_aspect_ratio: Annotated[float, Field(gt=0, le=1000)] | None = None
+    """Largest thickness of the board over the diameter of a hole."""
     max_board_mm: Annotated[list[Millimetres], Field(min_length=2, max_length=2)] | None = None
+    """Largest size [x, y] of the board."""
     blind_holes: bool = True
+    """Whether holes that do not go through the whole board are made."""
 
     @model_validator(mode="before")
     @classmethod

@@ -20,13 +20,20 @@ _WHOLE_STEPS = 1e-6  # of a step: what a range may lack of a whole number of the
 class PlacesTable(Table):
     """Places above the board, counted from an origin."""
 
-    x_mm: Range | None = None  # left out with y_mm: over all coils
+    x_mm: Range | None = None
+    """Range [low, high] of the places along x; without it and y_mm over all coils."""
     y_mm: Range | None = None
+    """The same along y."""
     step_mm: StepMillimetres | None = None
-    x_positions_mm: Positions | None = None  # instead of a range and a step
+    """Distance from place to place; chosen for the coils by default."""
+    x_positions_mm: Positions | None = None
+    """Instead of a range and a step: every x, rising."""
     y_positions_mm: Positions | None = None
+    """Every y, rising."""
     origin: str | None = None
+    """Name of the coil from whose centre x and y count; the board's origin by default."""
     origin_mm: Point | None = None
+    """Point [x, y] of the board from which x and y count."""
 
     @model_validator(mode="after")
     def _consistent_places(self) -> Self:

@@ -33,8 +33,11 @@ class MaterialTable(Table):
     """Keys of what carries eddy currents: a named material, or its conductivity and permeability."""
 
     material: str | None = None
+    """Name of the material; or else the two keys that follow."""
     conductivity_MS_per_m: Annotated[float, Field(ge=0, le=1e6)] | None = None  # noqa: N815 - the unit
+    """Electrical conductivity."""
     relative_permeability: Annotated[float, Field(ge=1, le=1e6)] | None = None
+    """Relative permeability; 1 by default."""
 
     @model_validator(mode="after")
     def _known_material(self) -> MaterialTable:
@@ -61,15 +64,25 @@ class FlatTable(MaterialTable):
     """Keys of a flat piece: shape and sizes, thickness and material; without a shape it is wide."""
 
     shape: Shape = "plate"
+    """Outline; a plate goes on without end."""
     thickness_mm: Millimetres
-    diameter_mm: Millimetres | None = None  # of a disc or ring
-    inner_diameter_mm: Millimetres | None = None  # of a ring
-    width_mm: Millimetres | None = None  # of a rectangle along x
-    height_mm: Millimetres | None = None  # and along y
-    corners_mm: Corners | None = None  # of a polygon
-    holes_mm: list[Corners] = Field(default_factory=list)  # in a polygon
+    """Thickness."""
+    diameter_mm: Millimetres | None = None
+    """Diameter of a disc, outer diameter of a ring."""
+    inner_diameter_mm: Millimetres | None = None
+    """Inner diameter of a ring."""
+    width_mm: Millimetres | None = None
+    """Size of a rectangle along x."""
+    height_mm: Millimetres | None = None
+    """Size of a rectangle along y."""
+    corners_mm: Corners | None = None
+    """Corners [x, y] of a polygon."""
+    holes_mm: list[Corners] = Field(default_factory=list)
+    """Holes of a polygon, each as corners [x, y]."""
     tilt_deg: Annotated[float, Field(gt=-90, lt=90)] = 0.0
-    tilt_direction_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0  # in which it rises; 0 is +x
+    """Angle to the board."""
+    tilt_direction_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    """Direction in which the tilted piece rises; 0 is +x."""
 
     @model_validator(mode="after")
     def _sizes_of_its_shape(self) -> FlatTable:
@@ -114,11 +127,17 @@ class PlateTable(FlatTable):
     """``[[plate]]``: metal above or below the board that stays where it is."""
 
     name: Name
-    z_mm: Position | None = None  # of the lower face; of a tilted one below its centre
-    distance_mm: LimitMillimetres | None = None  # instead: gap to the sheets above the board, or to its underside
-    side: Literal["above", "below"] | None = None  # with distance_mm
-    x_mm: Position = 0.0  # centre of a shape with an outline
+    """Name of the plate."""
+    z_mm: Position | None = None
+    """Height of its lower face (of a tilted one: below its centre); z = 0 is the top face of the first layer."""
+    distance_mm: LimitMillimetres | None = None
+    """Instead of it, the gap to the sheets above the board or to the board's underside."""
+    side: Literal["above", "below"] | None = None
+    """With distance_mm: the side of the board."""
+    x_mm: Position = 0.0
+    """x of the centre of a shape with an outline."""
     y_mm: Position = 0.0
+    """y of the centre of a shape with an outline."""
 
     @model_validator(mode="after")
     def _one_height(self) -> PlateTable:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from coilarray.errors import NetworkError
+from coilarray.errors import CoilarrayError, NetworkError
 
 Passive = Literal["ground", "ground one end", "ground other end", "open", "load"]
 """What closes a coil that is not measured: both ends to ground, its first or its second only, nothing, or a load."""
@@ -107,6 +107,24 @@ def terminated_state(
     taken = {coil for coil, _ in measured} | set(own)
     own |= {coil: passive for coil, passive in terminations.items() if coil not in taken and passive != "ground"}
     return ScanState(name, measured, connection, "ground", own, load_resistance)
+
+
+def referenced_names(
+    states: Sequence[str], reference: Sequence[str], error: type[CoilarrayError] = NetworkError
+) -> tuple[str, ...]:
+    """Return the states that are not those of reference coils, in their order.
+
+    An `error` for no reference, one that is not there or named twice, or where no other state is left.
+    """
+    for name in reference:
+        if name not in states:
+            raise error(f"a reference coil must be one of {', '.join(states)}; got {name!r}.")
+    if not reference or len(set(reference)) < len(reference):
+        raise error(f"reference coils must be named once each, at least one; got {list(reference)}.")
+    others = tuple(name for name in states if name not in reference)
+    if not others:
+        raise error(f"reference coils must leave another state; got all of {', '.join(states)}.")
+    return others
 
 
 def check_state(state: ScanState, names: Sequence[str]) -> None:

@@ -89,9 +89,13 @@ class StackupTable(Table):
     """``[stackup]``: copper layers and dielectrics, top to bottom."""
 
     layers: list[Name] = Field(min_length=1)
+    """Names of the copper layers, top to bottom."""
     copper_thickness_um: list[Micrometres]
+    """Thickness of each copper layer."""
     dielectric_thickness_mm: list[Millimetres] = Field(default_factory=list)
+    """Thickness of each dielectric, between one copper layer and the next: one value less than the layers."""
     dielectric_epsilon_r: list[Relative] = Field(default_factory=list)
+    """Relative permittivity of each dielectric."""
 
     @model_validator(mode="after")
     def _one_value_a_layer(self) -> StackupTable:
@@ -112,8 +116,11 @@ class ViaTable(Table):
     """``[coils.NAME.via]``: the holes that join a coil's layers."""
 
     drill_mm: Millimetres = 0.2
+    """Diameter of the drilled hole."""
     pad_mm: Millimetres = 0.45
+    """Diameter of the copper around it."""
     plating_um: Micrometres = 25
+    """Thickness of the copper in the hole."""
 
     def build(self) -> PlatedHole:
         """Return the hole in SI."""
@@ -124,10 +131,15 @@ class LeadsTable(Table):
     """``[coils.NAME.leads]``: leads and terminals."""
 
     length_mm: Millimetres = 2.0
+    """Distance from the winding's outer end to the terminals, at least half of the spacing."""
     spacing_mm: Millimetres = 1.5
+    """Distance between the two terminals."""
     pad_mm: Millimetres = 1.0
+    """Diameter of the copper around a terminal's hole."""
     drill_mm: Millimetres = 0.5
-    plating_um: Micrometres | None = None  # as that of the vias
+    """Diameter of a terminal's hole."""
+    plating_um: Micrometres | None = None
+    """Thickness of the copper in a terminal's hole; that of the vias by default."""
 
     def build(self, plating: float) -> Leads:
         """Return the leads in SI; `plating` is that of the vias."""
@@ -140,13 +152,21 @@ class WoundTable(Table):
     """What coils of all wound shapes share."""
 
     turns_per_layer: Turns
+    """Number of turns on each layer; parts of a turn are allowed."""
     winding_layers: Annotated[int, Field(ge=1, le=64)] = 2
+    """Number of layers of the winding, in series, joined by vias."""
     trace_width_mm: Millimetres
+    """Width of the trace."""
     gap_mm: Millimetres
+    """Distance between neighbouring turns, from copper to copper."""
     winding: Literal["ccw", "cw"] = "ccw"
+    """Sense of the winding on the first layer seen from above, inwards: counter-clockwise or clockwise."""
     return_lead: bool = False
+    """With an odd number of layers: one more layer leads from the inner end out to the second terminal."""
     via: ViaTable = ViaTable()
+    """Holes that join the layers."""
     leads: LeadsTable | None = None
+    """Leads and terminals; bare ends without this table."""
 
     def wind(self, name: str, spiral: Winding) -> Coil:
         """Return the coil in SI from the winding of each layer."""
@@ -171,10 +191,15 @@ class PolygonCoil(WoundTable):
 
     shape: Literal["polygon"]
     sides: Annotated[int, Field(ge=3, le=1000)] = 6
+    """Number of sides."""
     outer_across_flats_mm: Millimetres | None = None
+    """Width of the copper across flats, from side to opposite side; this or the next."""
     outer_across_corners_mm: Millimetres | None = None
+    """Width of the copper across corners."""
     corner_radius_mm: LimitMillimetres = 0.0
+    """Radius of the outer copper edge at the corners; sharp corners by default."""
     first_corner_deg: Degrees = 0.0
+    """Direction of the corner where the winding starts; 0 is +x."""
 
     @model_validator(mode="after")
     def _one_size(self) -> PolygonCoil:
@@ -202,7 +227,9 @@ class CircleCoil(WoundTable):
 
     shape: Literal["circle"]
     outer_diameter_mm: Millimetres
-    first_corner_deg: Degrees = 0.0  # where the winding starts
+    """Outer diameter of the copper."""
+    first_corner_deg: Degrees = 0.0
+    """Direction in which the winding starts; 0 is +x."""
 
     def build(self, name: str) -> Coil:
         """Return the coil in SI."""
@@ -213,9 +240,12 @@ class CircleCoil(WoundTable):
 class OblongTable(WoundTable):
     """What rectangles and racetracks share."""
 
-    outer_width_mm: Millimetres  # along x
-    outer_height_mm: Millimetres  # along y
-    first_side: Side = "right"  # where the winding starts and its leads leave
+    outer_width_mm: Millimetres
+    """Size of the copper along x."""
+    outer_height_mm: Millimetres
+    """Size of the copper along y."""
+    first_side: Side = "right"
+    """Side where the winding starts and its leads leave."""
 
     def oblong(self, name: str, radius_mm: float) -> Coil:
         """Return the coil in SI from the radius of its corners."""
@@ -230,6 +260,7 @@ class RectangleCoil(OblongTable):
 
     shape: Literal["rectangle"]
     corner_radius_mm: LimitMillimetres = 0.0
+    """Radius of the outer copper edge at the corners; sharp corners by default."""
 
     def build(self, name: str) -> Coil:
         """Return the coil in SI."""
@@ -267,14 +298,23 @@ class PathCoil(Table):
 
     shape: Literal["path"]
     lines_mm: list[list[Point]] = Field(min_length=1)
+    """Centre lines as corners [x, y], one line for each copper layer; each starts where the one before ends."""
     trace_width_mm: TraceWidths
+    """Width of the trace: one number, or for each line a list with one of each of its segments."""
     gap_mm: Millimetres
+    """Distance to keep between traces, for the check of the board house's limits."""
     via: ViaTable = ViaTable()
-    terminals: bool = True  # plated holes at both ends
+    """Holes that join the lines."""
+    terminals: bool = True
+    """Whether both ends have plated holes."""
     terminal_pad_mm: Millimetres = 1.0
+    """Diameter of the copper around a terminal's hole."""
     terminal_drill_mm: Millimetres = 0.5
-    terminal_plating_um: Micrometres | None = None  # as that of the vias
-    outline_mm: Annotated[list[Point], Field(min_length=3)] | None = None  # the convex hull of the lines
+    """Diameter of a terminal's hole."""
+    terminal_plating_um: Micrometres | None = None
+    """Thickness of the copper in a terminal's hole; that of the vias by default."""
+    outline_mm: Annotated[list[Point], Field(min_length=3)] | None = None
+    """Corners of the outline that pictures show; the convex hull of the lines by default."""
 
     def build(self, name: str) -> Coil:
         """Return the coil in SI."""
@@ -299,11 +339,17 @@ class PlacementTable(Table):
     """``[[array.placements]]``: one coil of a free array."""
 
     name: Name
+    """Name of the coil."""
     coil: str
+    """Name of its shape, a table of `[coils]`."""
     layers: list[str]
+    """Copper layers of its winding, in order."""
     x_mm: Position
+    """x of its centre."""
     y_mm: Position
+    """y of its centre."""
     rotation_deg: Degrees = 0.0
+    """Rotation about its centre, counter-clockwise."""
 
 
 class FreeArray(Table):
@@ -311,6 +357,7 @@ class FreeArray(Table):
 
     lattice: Literal["free"]
     placements: list[PlacementTable] = Field(min_length=1)
+    """The coils, one table each."""
 
     def build(self, stackup: Stackup, coils: Mapping[str, Coil], board: BoardTable) -> CoilArray:
         """Return the array in SI; DesignError for a coil that is not there."""
@@ -327,16 +374,27 @@ class LatticeArray(Table):
     """``[array]`` with a regular lattice or a single coil."""
 
     lattice: LatticeKind
+    """Arrangement of the coils."""
     coil: str
-    columns: Annotated[int, Field(ge=1, le=1000)] | None = None  # linear, square and hexagonal
+    """Name of their shape, a table of `[coils]`."""
+    columns: Annotated[int, Field(ge=1, le=1000)] | None = None
+    """Number of coils in a row; of linear, square and hexagonal lattices."""
     rows: Annotated[int, Field(ge=1, le=1000)] = 1
-    rings: Annotated[int, Field(ge=1, le=100)] | None = None  # of hexagons about one coil
-    pitch_mm: Millimetres | None = None  # one coil has none
+    """Number of rows."""
+    rings: Annotated[int, Field(ge=1, le=100)] | None = None
+    """Number of rings of hexagons around the middle coil, for `lattice = "rings"`."""
+    pitch_mm: Millimetres | None = None
+    """Distance between the centres of neighbouring coils; a single coil needs none."""
     direction_deg: Degrees = 0.0
+    """Direction of the rows; 0 is +x."""
     rotation_deg: Degrees = 0.0
+    """Rotation of every coil about its own centre, counter-clockwise."""
     layers: list[list[str]] = Field(min_length=1)
+    """Copper layers of the coils, in turn along a row: neighbours that overlap must not share copper."""
     layer_shift_per_row: int | None = None
+    """By how many coils the turn of the layers is shifted from row to row; chosen for the lattice by default."""
     names: list[Name] | None = None
+    """Names of the coils in order; coil1, coil2 and so on by default."""
 
     @model_validator(mode="after")
     def _wanted(self) -> LatticeArray:
@@ -367,11 +425,17 @@ class ConnectorTable(Table):
     """``[connector]``: one row of holes at an edge of the board, to which the leads of all coils run."""
 
     side: Side = "bottom"
+    """Edge of the board where the connector stands."""
     pitch_mm: Millimetres = 2.54
-    distance_mm: Millimetres = 5.0  # from the coils and their own leads
-    at_mm: Position | None = None  # middle of the row along the edge; that of the array
-    trace_width_mm: Millimetres | None = None  # as that of the coils
-    gap_mm: Millimetres | None = None  # as that of the coils
+    """Distance from hole to hole."""
+    distance_mm: Millimetres = 5.0
+    """Distance of the row from the coils and their own leads."""
+    at_mm: Position | None = None
+    """Middle of the row along the edge; that of the array by default."""
+    trace_width_mm: Millimetres | None = None
+    """Width of the traces to it; that of the coils by default."""
+    gap_mm: Millimetres | None = None
+    """Distance between them; that of the coils by default."""
 
     def build(self) -> Connector:
         """Return the connector in SI."""
@@ -382,17 +446,24 @@ class BoardTable(Table):
     """``[board]``."""
 
     margin_mm: LimitMillimetres = 2.0
+    """Distance from the outermost copper to the edge of the board."""
     through_holes: bool = True
+    """Whether vias go through the whole board; blind and buried ones join only the layers of their coil."""
 
 
 class SheetTable(Table):
     """``[[elastomer]]``: one sheet on top of the board."""
 
     name: Name
+    """Name of the sheet."""
     thickness_mm: Millimetres
+    """Thickness of the sheet."""
     relative_permeability: Relative = 1.0
+    """Relative permeability, above 1 where it is filled with iron powder."""
     youngs_modulus_kPa: Kilopascals | None = None  # noqa: N815 - the unit
+    """Young's modulus; needed where something presses on it."""
     poissons_ratio: PoissonsRatio = 0.4999
+    """Poisson's ratio, up to 0.5, which keeps the volume."""
 
     def build(self) -> Sheet:
         """Return the sheet in SI."""
@@ -406,7 +477,9 @@ class RoundTable(MaterialTable):
     """
 
     shape: Literal["hemisphere", "paraboloid", "cylinder_edge"]
+    """Shape of the tip; a cylinder edge is a long cylinder that lies along y."""
     radius_mm: Millimetres
+    """Radius; of a paraboloid that of the curvature at its tip."""
 
     def build(self) -> Indenter:
         """Return the indenter in SI."""
@@ -423,7 +496,9 @@ class PunchTable(MaterialTable):
 
     shape: Literal["flat_punch"]
     radius_mm: Millimetres
+    """Radius of the punch."""
     edge_radius_mm: Millimetres | None = None
+    """Radius of its rounded edge; a tenth of its radius by default."""
 
     def build(self) -> FlatPunch:
         """Return the indenter in SI."""
@@ -435,8 +510,11 @@ class ConeTable(MaterialTable):
 
     shape: Literal["cone"]
     half_angle_deg: HalfAngle
+    """Angle between its axis and its side."""
     radius_mm: Millimetres | None = None
+    """Radius at which the cone ends; it goes on without end by default."""
     edge_radius_mm: Millimetres | None = None
+    """Radius of the rounded edge where it ends; a tenth of that radius by default."""
 
     def build(self) -> Cone:
         """Return the indenter in SI."""
@@ -456,19 +534,33 @@ class IndentationTable(PlacesTable):
     """``[indentation]``: how deep and where the indenter presses."""
 
     strain: Strain = "finite"
+    """Large deformations of neo-Hookean sheets, or linear elasticity, which is quicker and some percent off."""
     base: Literal["bonded", "frictionless", "seat"] = "bonded"
+    """What the lowest sheet lies on: glued to the board, free to slide on it, or on a seat that gives way."""
     seat_stiffness_kPa_per_mm: Annotated[float, Field(gt=0, le=1e9)] | None = None  # noqa: N815 - the unit
+    """Pressure under the lowest sheet for each millimetre that the seat gives way."""
     seat_shear_kPa_per_mm: Annotated[float, Field(ge=0, le=1e9)] | None = None  # noqa: N815 - the unit
+    """Shear stress for each millimetre that the sheet slides along the seat; none by default."""
     seat_stiffness_slope_x_per_mm: SeatSlope = 0.0
+    """Change of the seat's stiffness along x, as a part of it for each millimetre."""
     seat_stiffness_slope_y_per_mm: SeatSlope = 0.0
+    """The same along y."""
     seat_gap_slope_x_mm_per_mm: SeatSlope = 0.0
+    """Change of the gap between sheet and seat along x."""
     seat_gap_slope_y_mm_per_mm: SeatSlope = 0.0
+    """The same along y."""
     seat_lifts: bool = False
+    """Whether the sheet may lift off the seat."""
     seat_weight_Pa: Annotated[float, Field(ge=0, le=1e6)] = 0.0  # noqa: N815 - the unit
+    """Pressure of the sheets' own weight, which holds them down on a seat that they may lift off."""
     depths_mm: list[Millimetres] = Field(min_length=1)
+    """Depths of the indentation, rising."""
     sample_radius_mm: Millimetres | None = None
+    """Radius of a round sample with a free edge; without it and the next two the sheets go on without end."""
     sample_x_mm: Range | None = None
+    """Range of a rectangular sample with free sides along x, on the board."""
     sample_y_mm: Range | None = None
+    """The same along y."""
 
     @model_validator(mode="after")
     def _consistent(self) -> IndentationTable:
@@ -523,27 +615,44 @@ class CircuitTable(Table):
     """``[circuit]``: tank and terminations."""
 
     capacitance_pF: Picofarads = 120  # noqa: N815 - the unit
+    """Capacitance of the tank capacitor."""
     short_resistance_ohm: Ohms = 0.0
+    """Resistance of the path that grounds a passive coil."""
     resistivity_ohm_m: Resistivity = RESISTIVITY_COPPER
+    """Resistivity of the copper."""
     switch_off_capacitance_pF: StrayPicofarads = 0.0  # noqa: N815 - the unit
+    """Capacitance through each open switch."""
     terminal_capacitance_pF: StrayPicofarads = 0.0  # noqa: N815 - the unit
+    """Capacitance from each terminal of a coil to ground."""
     bus_capacitance_pF: StrayPicofarads = 0.0  # noqa: N815 - the unit
+    """Capacitance from each side of the measuring bus to ground."""
     lead_inductance_nH: Nanohenries = 0.0  # noqa: N815 - the unit
+    """Inductance of each lead from the bus to the converter."""
     tank: Literal["converter", "coil"] = "converter"
+    """Where the capacitor stands: at the converter, or one at each coil."""
     elastomer_permittivity: Relative = 1.0
+    """Relative permittivity of all sheets."""
     default_termination: Termination = "short"
+    """State of every coil that is not being measured."""
     terminations: dict[str, Termination] = Field(default_factory=dict)
+    """States of coils by name that differ from it."""
 
 
 class StateTable(Table):
     """``[[scan]]``: one state of the multiplexer; a minus before a measured coil turns its terminals round."""
 
     name: Name
+    """Name of the state."""
     measure: list[str] = Field(min_length=1)
+    """Coils at the converter; a minus before a name turns its terminals round."""
     connection: Literal["series", "parallel"] = "series"
+    """How several measured coils are joined."""
     others: Passive | None = None
+    """State of all coils that are not mentioned; that of `[circuit]` by default."""
     exceptions: dict[str, Passive] = Field(default_factory=dict)
+    """States of coils by name that differ from it."""
     load_ohm: LoadOhms = 50.0
+    """Resistance of a coil that is loaded."""
 
     def build(self, terminations: Mapping[str, Passive]) -> ScanState:
         """Return the state; coils that it does not mention are as in ``[circuit]``."""
@@ -557,15 +666,20 @@ class FieldTable(Table):
     """``[field]``: the plane on which reports show the field."""
 
     height_mm: Position = 6.0
+    """Height of the plane above the board's top copper face."""
 
 
 class Document(Table):
     """The whole file."""
 
     schema_: Annotated[int, Field(ge=SCHEMA, le=SCHEMA)] = Field(alias="schema")
+    """Version of the file format."""
     name: Name
+    """Name of the design: letters, digits and _ . + -"""
     title: str = ""
+    """Title in reports."""
     source: str = ""
+    """Where the design comes from."""
     stackup: StackupTable
     coils: dict[Name, Annotated[AnyCoil, Field(discriminator="shape")]]
     array: Annotated[LatticeArray | FreeArray, Field(discriminator="lattice")]
@@ -581,6 +695,7 @@ class Document(Table):
     field: FieldTable = FieldTable()
     fab: FabTable = FabTable()
     assumed: dict[str, str] = Field(default_factory=dict)
+    """Values that had to be assumed, by their dotted key, with the reason; reports mark them."""
 
     @model_validator(mode="before")
     @classmethod

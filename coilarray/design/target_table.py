@@ -18,7 +18,8 @@ _NAME = "target"
 class MovedTable(PlacesTable):
     """Where a target is moved: the same for all bodies."""
 
-    distances_mm: list[Millimetres] = Field(min_length=1)  # of its nearest point from the highest face
+    distances_mm: list[Millimetres] = Field(min_length=1)
+    """Distances of the target's nearest point from the highest face of board and sheets, rising."""
 
     @model_validator(mode="after")
     def _rising(self) -> Self:
@@ -34,6 +35,7 @@ class FlatTarget(FlatTable, MovedTable):
     """``[target]`` of every shape but the sphere."""
 
     shape: Shape
+    """Outline; a plate goes on without end."""
 
     @model_validator(mode="after")
     def _no_places_of_a_plate(self) -> Self:
@@ -56,6 +58,7 @@ class SphereTarget(MaterialTable, MovedTable):
 
     shape: Literal["sphere"]
     diameter_mm: Millimetres
+    """Diameter of the sphere."""
 
     @model_validator(mode="after")
     def _some_material(self) -> Self:

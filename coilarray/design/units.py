@@ -76,7 +76,9 @@ class Bounds(Table):
     """Bounds of what a table names: at least one, and the lower one not above the upper one."""
 
     at_least: float | None = None
+    """Least value."""
     at_most: float | None = None
+    """Largest value."""
 
     @model_validator(mode="after")
     def _some_room(self) -> Bounds:

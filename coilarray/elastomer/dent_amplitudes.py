@@ -22,9 +22,9 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import run_blocks
 from coilarray.constants import MU_0
-from coilarray.elastomer.coil_spectrum import CoilSpectra
 from coilarray.elastomer.dent import STILL, Motion
 from coilarray.elastomer.scattering import Scattering
+from coilarray.electromagnetics.coil_spectrum import CoilSpectra
 
 _STEPS_PER_CLEARANCE = 3  # of a table: the splines err by 1e-5 of the peak (tests/elastomer/test_dent_amplitudes.py)
 _DEGREE = 5  # of the splines
@@ -94,8 +94,9 @@ def amplitude_table(axis: FloatArray, amplitudes: FloatArray) -> NdBSpline:
 def _incident(spectra: CoilSpectra, shape: int, offsets: FloatArray, orders: int, motion: Motion) -> FloatArray:
     """Harmonics c_m k/2π of one coil's potential about offsets from it, (harmonics, real or imaginary, k, offsets).
 
-    As `coilarray.elastomer.coil_spectrum.harmonics_about`, with the waves of distinct x and of distinct y multiplied.
-    In opposite directions S e^{ik·p} are conjugates, so half a circle does: 2 Re for even m and 2i Im for odd m.
+    As `coilarray.electromagnetics.coil_spectrum.harmonics_about`, with the waves of distinct x and of distinct y
+    multiplied. In opposite directions S e^{ik·p} are conjugates, so half a circle does: 2 Re for even m and 2i Im for
+    odd m.
     """
     up = motion.lift - offsets @ motion.slope
     offsets = offsets + np.array(motion.slope) * motion.pivot

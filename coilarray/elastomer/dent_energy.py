@@ -10,9 +10,9 @@ import numpy.typing as npt
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges
-from coilarray.elastomer.coil_spectrum import Segments, harmonics_about, segment_centres, segment_spectra
 from coilarray.elastomer.dent import Dent, Motion
 from coilarray.elastomer.scattering import LayerMesh, Scattering, wavenumber_rule
+from coilarray.electromagnetics.coil_spectrum import Segments, harmonics_about, segment_centres, segment_spectra
 from coilarray.errors import ElastomerError
 
 Solver = Callable[[Dent, FloatArray, FloatArray, float], Scattering]

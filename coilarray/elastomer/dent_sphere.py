@@ -17,8 +17,8 @@ from scipy.special import lpmv
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
-from coilarray.elastomer.flat_stack import flat_profile
 from coilarray.elastomer.scattering import DentedSpace, LayerMesh, radial_pattern
+from coilarray.electromagnetics.flat_stack import flat_profile
 
 _NODES = 48  # of the integral over the sphere, from pole to pole
 

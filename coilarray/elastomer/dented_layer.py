@@ -10,11 +10,11 @@ import numpy.typing as npt
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
-from coilarray.elastomer.coil_spectrum import coil_segments
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dent_energy import dent_energies
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter
 from coilarray.elastomer.shortcuts import born, first_order
+from coilarray.electromagnetics.coil_spectrum import coil_segments
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import ElastomerError
 

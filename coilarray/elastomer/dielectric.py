@@ -17,10 +17,10 @@ from shapely.geometry.polygon import orient
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.constants import EPSILON_0
-from coilarray.elastomer.coil_spectrum import Segments
 from coilarray.elastomer.dent import STILL, Dent
 from coilarray.elastomer.dent_energy import dent_energies
 from coilarray.elastomer.scattering import LayerMesh, scatter
+from coilarray.electromagnetics.coil_spectrum import Segments
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Coil, CoilArray, Placement, Stackup
 from coilarray.geometry.copper import uniform_runs
@@ -97,8 +97,8 @@ def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0
     """Electric potential in the plane of a coil's uppermost copper, per voltage between the terminals.
 
     The outlines that it returns are weighted with twice the potential inside: then S of
-    `coilarray.elastomer.coil_spectrum` is the Fourier transform of the potential. `zero_at` is the place where the
-    winding is at zero potential, as in `dent_capacitance`; ElastomerError where it is not between 0 and 1.
+    `coilarray.electromagnetics.coil_spectrum` is the Fourier transform of the potential. `zero_at` is the place where
+    the winding is at zero potential, as in `dent_capacitance`; ElastomerError where it is not between 0 and 1.
 
     The voltage falls linearly with the length of the path, over all layers in series; the first terminal has the
     higher potential. Every segment has the potential of its middle, over its length and the width of a pitch, since

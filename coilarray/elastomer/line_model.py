@@ -14,8 +14,8 @@ import numpy.typing as npt
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
 from coilarray.elastomer.dent import Dent
-from coilarray.elastomer.flat_stack import reflection
 from coilarray.elastomer.scattering import LayerMesh, scatter, wavenumber_rule
+from coilarray.electromagnetics.flat_stack import reflection
 from coilarray.electromagnetics.kernels.sections import pair_logs
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Conductor, Sheet

@@ -30,8 +30,8 @@ from skfem import Basis, BilinearForm, ElementQuad2, MeshQuad
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
-from coilarray.elastomer.flat_stack import Base, flat_profile
 from coilarray.elastomer.tensor_grid import TensorGrid, energies
+from coilarray.electromagnetics.flat_stack import Base, flat_profile
 from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
 from coilarray.errors import ElastomerError
 

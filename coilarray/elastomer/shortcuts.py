@@ -12,8 +12,8 @@ from scipy.special import jv, jvp
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.elastomer.dent import Dent
-from coilarray.elastomer.flat_stack import flat_profile
 from coilarray.elastomer.scattering import Scattering
+from coilarray.electromagnetics.flat_stack import flat_profile
 
 _NODES = 8  # of a Gauss–Legendre rule for every half period of the shortest wave
 _SLOPE = 1e-6  # step of a difference in heights, over the shortest wavelength

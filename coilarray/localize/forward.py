@@ -15,6 +15,7 @@ from coilarray.circuit.network import Network
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
+from coilarray.design.scan_states import referenced_names
 from coilarray.errors import LocalizeError
 from coilarray.response.coordinates import is_of_target, over_depth
 from coilarray.response.interpolation import (
@@ -60,6 +61,17 @@ class ForwardModel(ResponseSpline):
         kept = [self.states.index(name) for name in chosen_states(self.states, states)]
         coefficients = np.ascontiguousarray(self.spline.c[..., kept])
         return replace(self, states=tuple(states), spline=NdBSpline(self.spline.t, coefficients, self.spline.k))
+
+    def referenced(self, reference: Sequence[str]) -> ForwardModel:
+        """Return the model of δ less the mean δ of reference coils, of the other states.
+
+        It is that of readings of `coilarray.hardware.record.reference_coil.less_reference`, also where the indenter
+        reaches a reference. LocalizeError for a reference that is not there or named twice, none, or no other state.
+        """
+        others = referenced_names(self.states, reference, LocalizeError)
+        kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
+        coefficients = self.spline.c[..., kept] - self.spline.c[..., taken].mean(axis=-1, keepdims=True)
+        return replace(self, states=others, spline=NdBSpline(self.spline.t, coefficients, self.spline.k))
 
     def delta(self, points: npt.ArrayLike) -> FloatArray:
         """Return δ of every state, shape (…, states), at points (…, 3): x, y and depth in m.

@@ -30,8 +30,14 @@ from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.constants import MU_0
-from coilarray.elastomer.coil_spectrum import Segments, coil_segments, harmonics_about, segment_centres, segment_spectra
-from coilarray.elastomer.flat_stack import flat_profile, reflection
+from coilarray.electromagnetics.coil_spectrum import (
+    Segments,
+    coil_segments,
+    harmonics_about,
+    segment_centres,
+    segment_spectra,
+)
+from coilarray.electromagnetics.flat_stack import flat_profile, reflection
 from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError

@@ -1,7 +1,5 @@
-"""The coils' field where a plate is, in air or above flat magnetic sheets.
+"""The coils' field in air where a plate is, or where the image of one is.
 
-Above a slab of reflection β and thickness t the field is that of the coils lowered again and again by 2t,
-B(x) = Σ (1 − β²) β^(2n) B_air(x + 2nt ẑ): the series of 4μ/((μ + 1)² − (μ − 1)² e^(−2kt)) in the plane-wave spectrum.
 Many places of a plate parallel to the board share a few heights, so there the field is taken from a grid by splines of
 the fifth order, as far from the copper as it is smooth.
 """
@@ -12,38 +10,23 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import map_coordinates, spline_filter
+from scipy.interpolate import NdBSpline, make_interp_spline
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.threads import run_blocks
-from coilarray.elastomer.flat_layer import Slab
+from coilarray.compute.threads import ranges, run_blocks
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.geometry import Conductor
 
 _STEP = 0.25  # of the grid, of its height over the copper: errs by some 1e-5 of the field
-_MARGIN = 6  # steps around the places
-_REST = 1e-6  # of the first image: weight and distance of images left out
+_MARGIN = 4  # steps around the places
+_AT_ONCE = 16384  # places of the splines a task
 _SAME_HEIGHT = 1e-9  # of the height
 
 
-def lowered_copies(slab: Slab | None, height: float, extent: float) -> list[tuple[float, float]]:
-    """Weight and lift in m of every term that counts, `height` over the copper, for coils and plate of an extent."""
-    if slab is None:
-        return [(1.0, 0.0)]
-    terms: list[tuple[float, float]] = []
-    scale = height + extent
-    while True:
-        weight, lift = slab.transmission * slab.reflection ** (2 * len(terms)), 2 * len(terms) * slab.thickness
-        if weight * (scale / (scale + lift)) ** 2 < _REST:
-            return terms
-        terms.append((weight, lift))
-
-
-def field_at(paths: Sequence[Conductor], points: FloatArray, slab: Slab | None) -> FloatArray:
-    """B in T of 1 A in each path at points (n, 3) in m beyond the copper, and above the slab; (paths, n, 3)."""
+def field_at(paths: Sequence[Conductor], points: FloatArray) -> FloatArray:
+    """B in T of 1 A in each path at points (n, 3) in m beyond the copper; (paths, n, 3)."""
     corners = np.concatenate([path.vertices for path in paths])
     top, bottom = float(corners[:, 2].max()), float(corners[:, 2].min())
-    extent = float(np.ptp(corners[:, :2], axis=0).max())
     levels = np.round(points[:, 2] / (_SAME_HEIGHT * np.abs(points[:, 2]).max())).astype(np.int64)
     _, first, level = np.unique(levels, return_index=True, return_inverse=True)
     total = np.zeros((len(paths), *points.shape))
@@ -59,26 +42,18 @@ def field_at(paths: Sequence[Conductor], points: FloatArray, slab: Slab | None) 
         x, y = (low + step * np.arange(-_MARGIN, math.ceil((high - low) / step) + _MARGIN + 1)
                 for low, high in ((x0, x1), (y0, y1)))  # fmt: skip
         grid = np.stack(np.meshgrid(x, y, [z], indexing="ij"), axis=-1).reshape(-1, 3)
-        values = np.moveaxis(_summed(paths, grid, slab, z - top, extent), -1, 1).reshape(-1, len(x), len(y))
-        places = (points[here, :2] - [x[0], y[0]]).T / step
-
-        def at(plane: FloatArray, places: FloatArray = places) -> FloatArray:
-            smooth = spline_filter(plane, order=5)
-            return np.asarray(map_coordinates(smooth, places, order=5, prefilter=False))
-
-        total[:, here] = np.moveaxis(np.array(run_blocks(at, values)).reshape(len(paths), 3, -1), 1, -1)
+        values = np.moveaxis(_summed(paths, grid), 0, 1).reshape(len(x), len(y), -1)
+        along = make_interp_spline(x, values, k=5)
+        both = make_interp_spline(y, along.c.swapaxes(0, 1), k=5)
+        spline = NdBSpline((along.t, both.t), np.ascontiguousarray(both.c.swapaxes(0, 1)), 5)
+        pieces = [here[start:stop] for start, stop in ranges(len(here), _AT_ONCE)]
+        found = run_blocks(lambda some, spline=spline: spline(points[some, :2]), pieces)
+        total[:, here] = np.moveaxis(np.concatenate(found).reshape(len(here), len(paths), 3), 1, 0)
     if direct.any():
-        height = float(points[direct, 2].min()) - top
-        total[:, direct] = _summed(paths, points[direct], slab, height, extent)
+        total[:, direct] = _summed(paths, points[direct])
     return total
 
 
-def _summed(
-    paths: Sequence[Conductor], points: FloatArray, slab: Slab | None, height: float, extent: float
-) -> FloatArray:
+def _summed(paths: Sequence[Conductor], points: FloatArray) -> FloatArray:
     """B (paths, n, 3) in T by sums over the segments."""
-    total = np.zeros((len(paths), *points.shape))
-    for weight, lift in lowered_copies(slab, height, extent):
-        for number, path in enumerate(paths):
-            total[number] += weight * magnetic_field(path, points + np.array([0.0, 0.0, lift]))
-    return total
+    return np.stack([magnetic_field(path, points) for path in paths])

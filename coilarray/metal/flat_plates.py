@@ -1,15 +1,7 @@
 """Plates without end above and below the coils: what their eddy currents and their iron add to the inductance matrix.
 
-Each plane wave of the coils' field keeps its pattern in the plane of the plates. In a layer of conductivity σ and
-relative permeability μ its vector potential goes over the height as e^{±γz}, γ² = k² + jωμ0μσ, and across a face A and
-A'/μ are continuous. Between media a and b a wave that comes from a is reflected with
-
-    ρ = (γ_a/μ_a − γ_b/μ_b)/(γ_a/μ_a + γ_b/μ_b),
-
-and behind a layer of thickness d with reflection r beyond it with (ρ + r e^{−2γd})/(1 + ρ r e^{−2γd}), from the
-outermost layer inwards (Dodd & Deeds, J. Appl. Phys. 39, 2829 (1968), for a circular coil over two media; Cheng, Dodd &
-Deeds, Int. J. NDT 3, 109 (1971), for any number). Between what reflects r_u above and r_l below, at the distance D,
-waves go up and down 1/(1 − r_u r_l e^{−2kD}) times.
+What the plates reflect of each plane wave of the coils' field is that of `coilarray.electromagnetics.flat_stack`.
+Between what reflects r_u above and r_l below, at the distance D, waves go up and down 1/(1 − r_u r_l e^{−2kD}) times.
 
 Of a plate near the copper short waves matter too, and there are too many of them. For those alone the reflection is
 written as Σ c e^{−2kd} with a few real distances d: that is the mutual inductance to images at these distances, with
@@ -29,7 +21,8 @@ import numpy.typing as npt
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
-from coilarray.elastomer.flat_layer import mirrored, require_below
+from coilarray.electromagnetics.flat_layer import mirrored, require_below
+from coilarray.electromagnetics.flat_stack import Layer, layer_waves, with_gaps
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
 from coilarray.electromagnetics.plane_waves import Board, board_below, reflected_inductance, top_of, wavenumbers
 from coilarray.electromagnetics.source import Source, as_conductors
@@ -77,7 +70,7 @@ def plate_inductance(
     -------
     ndarray of complex, shape (f, paths, paths)
         Change of the impedance over jω in H against that under the sheets alone: ΔL − jΔR/ω, symmetric. To be added to
-        the inductance in air and `coilarray.elastomer.flat_layer.layer_inductance`.
+        the inductance in air and `coilarray.electromagnetics.flat_layer.layer_inductance`.
 
     Raises
     ------
@@ -151,20 +144,11 @@ def plate_inductances(
 
 
 @dataclass(frozen=True)
-class _Layer:
-    """One layer: its `thickness` in m, relative `permeability` and `conductivity` in S/m."""
-
-    thickness: float
-    permeability: float = 1.0
-    conductivity: float = 0.0
-
-
-@dataclass(frozen=True)
 class _Stack:
     """Layers from a face at a `height` in m outwards, away from the coils; beyond them is air."""
 
     face: float
-    layers: tuple[_Layer, ...]
+    layers: tuple[Layer, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,7 +284,7 @@ def _above(plates: Sequence[Plate], sheets: Sequence[Sheet], top: float) -> _Sta
     """Sheets and plates above the paths, upwards."""
     heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
     layers = [
-        (z, _Layer(sheet.thickness, sheet.relative_permeability)) for z, sheet in zip(heights, sheets, strict=False)
+        (z, Layer(sheet.thickness, sheet.relative_permeability)) for z, sheet in zip(heights, sheets, strict=False)
     ]
     return _stacked([*layers, *((plate.z, _of(plate)) for plate in plates if plate.z >= top)])
 
@@ -311,24 +295,18 @@ def _below(plates: Sequence[Plate], top: float) -> _Stack:
     return _Stack(-stack.face, stack.layers)
 
 
-def _of(plate: Plate) -> _Layer:
-    return _Layer(plate.thickness, plate.material.relative_permeability, plate.material.conductivity)
+def _of(plate: Plate) -> Layer:
+    return Layer(plate.thickness, plate.material.relative_permeability, plate.material.conductivity)
 
 
-def _stacked(layers: Sequence[tuple[float, _Layer]]) -> _Stack:
+def _stacked(layers: Sequence[tuple[float, Layer]]) -> _Stack:
     """Put layers together, by the heights of their faces in m, with the air between them; air alone is nothing."""
     found = sorted(
         ((z, layer) for z, layer in layers if layer.permeability != 1 or layer.conductivity), key=lambda one: one[0]
     )
     if not found:
         return _Stack(math.inf, ())
-    together: list[_Layer] = []
-    end = found[0][0]
-    for z, layer in found:
-        together += [_Layer(z - end)] if z > end else []
-        together.append(layer)
-        end = z + layer.thickness
-    return _Stack(found[0][0], tuple(together))
+    return _Stack(found[0][0], with_gaps(found, found[0][0]))
 
 
 def _images(
@@ -361,31 +339,6 @@ def _images(
 
 def _reflection(k: FloatArray, omega: FloatArray, stack: _Stack, distance: float) -> ComplexArray:
     """Reflected part of waves k (n,) in 1/m at ω (f,) in 1/s, counted at a distance in m from the face: (f, n)."""
-    air = beyond = _Layer(math.inf)
-    r: ComplexArray = np.zeros((len(omega), len(k)), dtype=np.complex128)
     if not stack.layers:
-        return r
-    for layer in reversed(stack.layers):
-        r = _joined(_at_face(k, omega, layer, beyond), r)
-        r = r * (0 if math.isinf(layer.conductivity) else np.exp(-2 * _decay(k, omega, layer) * layer.thickness))
-        beyond = layer
-    return np.asarray(_joined(_at_face(k, omega, air, beyond), r) * np.exp(-2 * k * distance))
-
-
-def _joined(face: ComplexArray, beyond: ComplexArray) -> ComplexArray:
-    return np.asarray((face + beyond) / (1 + face * beyond))
-
-
-def _decay(k: FloatArray, omega: FloatArray, layer: _Layer) -> ComplexArray:
-    """γ in 1/m."""
-    return np.asarray(np.sqrt(k**2 + 1j * omega[:, None] * MU_0 * layer.permeability * layer.conductivity))
-
-
-def _at_face(k: FloatArray, omega: FloatArray, a: _Layer, b: _Layer) -> ComplexArray:
-    """ρ of waves that come from a to b, without cancellation where both are nearly alike."""
-    if math.isinf(b.conductivity) or math.isinf(a.conductivity):
-        return np.full((len(omega), len(k)), -1.0 + 0j)
-    mu_a, mu_b = a.permeability, b.permeability
-    eddies = 1j * omega[:, None] * MU_0 * mu_a * mu_b * (a.conductivity * mu_b - b.conductivity * mu_a)
-    both = _decay(k, omega, a) * mu_b + _decay(k, omega, b) * mu_a
-    return np.asarray((k**2 * (mu_b**2 - mu_a**2) + eddies) / both**2)
+        return np.zeros((len(omega), len(k)), dtype=np.complex128)
+    return layer_waves(stack.layers, k, omega[:, None]).reflection * np.exp(-2 * k * distance)

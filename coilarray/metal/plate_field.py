@@ -1,13 +1,8 @@
 """Field and eddy currents of coils between plates without end, on grids: what pictures show.
 
-In flat layers every plane wave of the coils' vertical flux density, B_z = Σ b(z) e^{ik·x}, keeps its pattern in the
-plane. In a layer of conductivity σ and permeability µ, b'' = γ² b with γ² = k² + jωµσ; b and b'/µ are continuous. With
-q = −µ0 b'/(k b), which is 1 in air without end, a layer of thickness d takes its upper q to its lower one,
-
-    q_l = c (q_u + c tanh γd)/(c + q_u tanh γd),  c = µ0 γ/(k µ),
-
-and ρ = (1 − q)/(1 + q) is the reflection. The rest of the field follows from b: B along the layers is ∇(b'/k²); the
-induced E = ẑ × ∇(jω b/k²), so that the current through a layer is K = ẑ × ∇ψ, ψ = jωσ/k² ∫ b dz.
+From b, the vertical flux density of every plane wave in the layers, see `coilarray.electromagnetics.flat_stack`, the
+rest of the field follows: B along the layers is ∇(b'/k²); the induced E = ẑ × ∇(jω b/k²), so that the current through a
+layer is K = ẑ × ∇ψ, ψ = jωσ/k² ∫ b dz.
 """
 
 from __future__ import annotations
@@ -15,14 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
-from coilarray.elastomer.coil_spectrum import Segments, coil_segments, gradients_on_grid, segment_spectra
+from coilarray.electromagnetics.coil_spectrum import Segments, coil_segments, gradients_on_grid, segment_spectra
+from coilarray.electromagnetics.flat_stack import Layer, LayerWaves, layer_waves, with_gaps
 from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
@@ -33,111 +28,33 @@ _MOST_WAVENUMBERS = 1500
 _PERFECT = 1e16  # S/m, for a perfect conductor: at 1 kHz its skin depth is 0.2 µm
 
 
-@dataclass(frozen=True)
-class _Layer:
-    """Thickness in m, conductivity in S/m and relative permeability of a layer; its plate by number, None for none."""
-
-    thickness: float
-    conductivity: float = 0.0
-    permeability: float = 1.0
-    plate: int | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class _Side:
-    """Layers outwards from the coils, and b of all wavenumbers (k,) in them over that at their inner face.
-
-    `ratios` are q at each layer's outer face over c, of shape (layers, k), `growths` γ in 1/m and `faces` b at its
-    inner face; `reflection` is ρ (k,) at the first one.
-    """
-
-    layers: tuple[_Layer, ...]
-    wavenumbers: FloatArray
-    growths: ComplexArray
-    ratios: ComplexArray
-    faces: ComplexArray
-    reflection: ComplexArray
-
-    def at(self, height: float) -> tuple[ComplexArray, ComplexArray]:
-        """Return b and its outward derivative in 1/m at a height in m beyond the first face."""
-        edges = np.concatenate(([0.0], np.cumsum([layer.thickness for layer in self.layers])))
-        number = int(np.searchsorted(edges, height, side="right")) - 1
-        if number >= len(self.layers):
-            b = self.faces[-1] * np.exp(-self.wavenumbers * (height - edges[-1]))
-            return b, -self.wavenumbers * b
-        growth, ratio, d = self.growths[number], self.ratios[number], self.layers[number].thickness
-        h = height - edges[number]
-        out = (1 + ratio) * np.exp(-growth * h)
-        back = (1 - ratio) * np.exp(-growth * (2 * d - h))
-        b = self.faces[number] / _sum(growth, ratio, d)
-        return b * (out + back), b * growth * (back - out)
-
-    def integral(self, number: int) -> ComplexArray:
-        """Return ∫ b dz over a layer in m."""
-        growth, ratio, d = self.growths[number], self.ratios[number], self.layers[number].thickness
-        fall = np.exp(-growth * d)
-        return np.asarray(
-            self.faces[number] * (1 - fall) * (1 + ratio + (1 - ratio) * fall) / growth / _sum(growth, ratio, d)
-        )
-
-
-def _sum(growth: ComplexArray, ratio: ComplexArray, d: float) -> ComplexArray:
-    return np.asarray(1 + ratio + (1 - ratio) * np.exp(-2 * growth * d))
-
-
-def _side(layers: Sequence[_Layer], k: FloatArray, frequency: float) -> _Side:
-    omega = 2 * np.pi * frequency
-    growths = np.array(
-        [np.sqrt(k**2 + 1j * omega * MU_0 * one.permeability * min(one.conductivity, _PERFECT)) for one in layers]
-    ).reshape(len(layers), len(k))
-    q = np.ones(len(k), dtype=np.complex128)
-    ratios = np.empty_like(growths)
-    for number in range(len(layers) - 1, -1, -1):
-        growth, layer = growths[number], layers[number]
-        c = growth / (k * layer.permeability)
-        fall = np.exp(-2 * growth * layer.thickness)
-        tanh = (1 - fall) / (1 + fall)
-        ratios[number] = q / c
-        q = c * (q + c * tanh) / (c + q * tanh)
-    faces = [np.ones(len(k), dtype=np.complex128)]
-    for growth, ratio, layer in zip(growths, ratios, layers, strict=True):
-        faces.append(faces[-1] * 2 * np.exp(-growth * layer.thickness) / _sum(growth, ratio, layer.thickness))
-    return _Side(tuple(layers), k, growths, ratios, np.array(faces), (1 - q) / (1 + q))
-
-
-def _layers(plates: Sequence[Plate], sheets: Sequence[Sheet], lowest: float) -> tuple[list[_Layer], list[_Layer]]:
+def _layers(
+    plates: Sequence[Plate], sheets: Sequence[Sheet], lowest: float
+) -> tuple[tuple[Layer, ...], tuple[Layer, ...]]:
     """Return the layers upwards from z = 0, and those downwards from the lowest copper at `lowest` in m."""
     bodies = [
-        (*plate.heights, _Layer(plate.thickness, plate.material.conductivity, plate.material.relative_permeability, n))
-        for n, plate in enumerate(plates)
+        (
+            plate.z,
+            Layer(plate.thickness, plate.material.relative_permeability, min(plate.material.conductivity, _PERFECT)),
+        )
+        for plate in plates
     ]
     top = 0.0
     for sheet in sheets:
-        bodies.append((top, top + sheet.thickness, _Layer(sheet.thickness, 0.0, sheet.relative_permeability)))
+        bodies.append((top, Layer(sheet.thickness, sheet.relative_permeability)))
         top += sheet.thickness
-    above = sorted((body for body in bodies if body[0] >= 0), key=lambda body: body[0])
-    below = sorted((body for body in bodies if body[0] < 0), key=lambda body: -body[1])
-    up = [(low, high, layer) for low, high, layer in above]
-    down = [(lowest - high, lowest - low, layer) for low, high, layer in below]
-    return _with_gaps(up), _with_gaps(down)
-
-
-def _with_gaps(bodies: Sequence[tuple[float, float, _Layer]]) -> list[_Layer]:
-    """Put air between bodies that rise outwards from 0."""
-    layers: list[_Layer] = []
-    for (_, before, _), (low, _, layer) in pairwise([(0.0, 0.0, _Layer(0.0)), *bodies]):
-        if low > before:
-            layers.append(_Layer(low - before))
-        layers.append(layer)
-    return layers
+    above = [body for body in bodies if body[0] >= 0]
+    below = [(lowest - low - layer.thickness, layer) for low, layer in bodies if low < 0]
+    up, down = (with_gaps(sorted(side, key=lambda body: body[0]), 0.0) for side in (above, below))
+    return up, down
 
 
 @dataclass(frozen=True, eq=False)
 class _Waves:
     """Both sides of the coils that carry currents in A, and these coils as seen from each side."""
 
-    up: _Side
-    down: _Side
+    up: LayerWaves
+    down: LayerWaves
     coils: tuple[list[Segments], list[Segments]]
     currents: ComplexArray
     between: FloatArray  # e^{−kD} between both reference planes
@@ -194,15 +111,17 @@ def plate_currents(
     smooth = np.exp(-((k * blur) ** 2) / 2)
     found = np.zeros((len(plates), len(x), len(y), 2), dtype=np.complex128)
     for above, side in ((True, waves.up), (False, waves.down)):
-        numbers = [number for number, layer in enumerate(side.layers) if layer.plate is not None]
+        edges = np.cumsum([layer.thickness for layer in side.layers])
+        those = [n for n, plate in enumerate(plates) if (plate.z >= 0) == above]
+        middles = [sum(plates[n].heights) / 2 for n in those]
+        numbers = np.searchsorted(edges, [z if above else lowest - z for z in middles]).tolist()
         profiles = [
-            2j * np.pi * frequency * MU_0 * min(side.layers[n].conductivity, _PERFECT) * side.integral(n) / k * smooth
-            for n in numbers
+            2j * np.pi * frequency * MU_0 * side.layers[n].conductivity * side.integral(n) / k * smooth for n in numbers
         ]
-        if numbers:
-            psi = _on_grid(waves, above, profiles, [np.zeros_like(k)] * len(numbers), x, y, weights)
-            for number, stream in zip(numbers, np.moveaxis(psi, 1, 0), strict=True):
-                found[side.layers[number].plate] = np.stack((-stream[1], stream[0]), axis=-1)
+        if those:
+            psi = _on_grid(waves, above, profiles, [np.zeros_like(k)] * len(those), x, y, weights)
+            for number, stream in zip(those, np.moveaxis(psi, 1, 0), strict=True):
+                found[number] = np.stack((-stream[1], stream[0]), axis=-1)
     return found
 
 
@@ -281,8 +200,8 @@ def _waves(
     amount = np.asarray(currents, dtype=np.complex128)
     carrying = [one for one, current in zip(segments, amount.tolist(), strict=True) if current]
     mirrored = [_mirrored(one, lowest) for one in carrying]
-    sides = _side(up, k, frequency), _side(down, k, frequency)
-    return _Waves(*sides, (carrying, mirrored), amount[amount != 0], np.exp(k * lowest))
+    above, below = (layer_waves(side, k, 2 * np.pi * frequency) for side in (up, down))
+    return _Waves(above, below, (carrying, mirrored), amount[amount != 0], np.exp(k * lowest))
 
 
 def _mirrored(coil: Segments, lowest: float) -> Segments:
@@ -320,17 +239,17 @@ def _on_grid(
     return total
 
 
-def _least_way(side: Sequence[_Layer], other: Sequence[_Layer], beyond: float) -> float:
+def _least_way(side: Sequence[Layer], other: Sequence[Layer], beyond: float) -> float:
     """Least way in m of a wave from the copper to a place `beyond` it, by way of the nearest body on either side."""
     near, far = (_gap(one) for one in (side, other))
     return beyond if beyond >= near else min(2 * near - beyond, 2 * far + beyond)
 
 
-def _gap(side: Sequence[_Layer]) -> float:
+def _gap(side: Sequence[Layer]) -> float:
     """Thickness in m of the air before the first body; inf where there is none."""
     if not side:
         return math.inf
-    return side[0].thickness if side[0] == _Layer(side[0].thickness) else 0.0
+    return side[0].thickness if side[0] == Layer(side[0].thickness) else 0.0
 
 
 def _extent(points: FloatArray, x: FloatArray, y: FloatArray) -> float:

@@ -12,10 +12,10 @@ from coilarray.compute.threads import Progress
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
-from coilarray.geometry import FinitePlate, Plate, Sheet, Target
+from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
 from coilarray.geometry.target import Body
 from coilarray.metal.ball import ball_inductance
-from coilarray.metal.finite_plates import moving_plate
+from coilarray.metal.finite_plates import moving_plate, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductances
 
 
@@ -65,19 +65,27 @@ def target_inductance(
     Raises
     ------
     MetalError
-        A body together with sheets or plates with which it is not computed, and what the solver of the body refuses.
+        A sphere beside plates, and what the solver of the body refuses.
+    GeometryError
+        A target that reaches into metal, sheets or copper, and what the solver of the body refuses.
     """
     face, body = sum(sheet.thickness for sheet in sheets), target.body
     heights = [target.height(face, distance) for distance in distances]
     require_apart(body, plates)
     if isinstance(body, Plate):
+        moved = [replace(body, z=z) for z in heights]
         endless = [plate for plate in plates if isinstance(plate, Plate)]
-        cases = [endless, *([*endless, replace(body, z=z)] for z in heights)]
-        without, *changes = plate_inductances(source, cases, frequencies, sheets, accuracy=accuracy, progress=progress)
-        return np.repeat((np.array(changes) - without)[:, None], len(places), axis=1)
+        cases = [endless, *([*endless, one] for one in moved)]
+        every = plate_inductances(source, cases, frequencies, sheets, accuracy=accuracy, progress=progress)
+        if len(endless) < len(plates):
+            outlined = ([*plates], *([*plates, one] for one in moved))
+            every = every + [outlined_inductance(source, c, frequencies, sheets, fineness=fineness) for c in outlined]
+        return np.repeat((every[1:] - every[0])[:, None], len(places), axis=1)
     positions = np.array([[x, y, z] for z in heights for x, y in places.tolist()])
     if isinstance(body, FinitePlate):
-        change = moving_plate(source, body, positions, frequencies, sheets, fineness=fineness, progress=progress)
+        change = moving_plate(
+            source, body, positions, frequencies, sheets, plates, fineness=fineness, progress=progress
+        )  # fmt: skip
     else:
         change = ball_inductance(source, body, positions, frequencies, sheets, progress=progress)
     return change.reshape(len(heights), len(places), *change.shape[1:])
@@ -85,7 +93,6 @@ def target_inductance(
 
 def require_apart(body: Body, plates: Sequence[Plate | FinitePlate]) -> None:
     """Refuse a target beside plates with which it is not computed: MetalError."""
-    names = [plate.name for plate in plates if not (isinstance(body, Plate) and isinstance(plate, Plate))]
-    if names:
-        pair = "without end beside plates with an outline" if isinstance(body, Plate) else "with an end beside plates"
-        raise MetalError(f"a target {pair} is not computed: leave one of them out; got {', '.join(names)}.")
+    if isinstance(body, Ball) and plates:
+        names = ", ".join(plate.name for plate in plates)
+        raise MetalError(f"a sphere as the target beside plates is not computed: leave one of them out; got {names}.")

@@ -22,10 +22,10 @@ from coilarray.circuit.state_sensitivity import StateSensitivity
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges, run_blocks
-from coilarray.elastomer.coil_spectrum import CoilSpectra, coil_segments, segment_centres, segment_spectra
 from coilarray.elastomer.dent import STILL, Dent, Motion
 from coilarray.elastomer.dent_amplitudes import amplitude_table, dent_amplitudes, offset_grid
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter, wavenumber_rule
+from coilarray.electromagnetics.coil_spectrum import CoilSpectra, coil_segments, segment_centres, segment_spectra
 from coilarray.geometry import Conductor
 from coilarray.response.setup import Experiment, Level
 

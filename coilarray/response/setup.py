@@ -18,7 +18,7 @@ from coilarray.elastomer.contact import DEFAULT_MESH, indent
 from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.elastomer.dent import Dent, Motion, dent_of
 from coilarray.elastomer.finite_sample import Sample, SampleCorrection, sample_correction
-from coilarray.elastomer.flat_layer import layer_inductance, magnetic_slab
+from coilarray.electromagnetics.flat_layer import layer_inductance, magnetic_slab
 from coilarray.errors import CoilarrayError, ElastomerError, MetalError
 from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Sheet
 from coilarray.geometry.sheet import Base, Strain

@@ -19,7 +19,7 @@ from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
 from coilarray.design.model import Design
-from coilarray.elastomer.flat_layer import magnetic_slab
+from coilarray.electromagnetics.flat_layer import magnetic_slab
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Target

@@ -10,9 +10,9 @@ from coilarray.hardware.emulator.conditions import Conditions
 from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.indenter import Indenter, Place
 from coilarray.hardware.emulator.ldc1614_chip import CHANNELS, EmulatedBus, Ldc1614, Misuse, OpenPoints
-from coilarray.hardware.emulator.switches import Adg739Chain, EmulatedSwitches
+from coilarray.hardware.emulator.switches import EmulatedChain, EmulatedSwitches
 from coilarray.hardware.emulator.world import World
-from coilarray.hardware.scan.closure import Seen, switch_table, what_is_seen
+from coilarray.hardware.scan.closure import Drains, Seen, switch_table, what_is_seen
 from coilarray.hardware.wire.buses import Clock
 
 _CIRCUITS = 256  # solved circuits that are kept: a scan repeats the same few
@@ -27,6 +27,10 @@ class Netlist(Protocol):
 
     def encode(self) -> bytes:
         """Return eight bytes per device, as `coilarray.hardware.scan.closure.switch_table` reads them."""
+
+    @property
+    def drains(self) -> Sequence[Drains]:
+        """Bits that share a common pin, of every device in the order of the words."""
 
 
 class EmulatedBoard:
@@ -46,6 +50,8 @@ class EmulatedBoard:
         Oscillator, temperature and noise of the converter.
     channels : int
         Number of channels of the converter, 4 or 2.
+    drains : sequence of Drains, optional
+        Bits that share a common pin, of every device in the order of the words; none by default.
     open_points : OpenPoints, optional
         How the converter behaves where its documents contradict each other.
     strict : bool
@@ -70,6 +76,7 @@ class EmulatedBoard:
         clock: Clock,
         conditions: Conditions | None = None,
         channels: int = CHANNELS,
+        drains: Sequence[Drains] | None = None,
         open_points: OpenPoints | None = None,
         strict: bool = False,
         readback: bool = True,
@@ -83,9 +90,10 @@ class EmulatedBoard:
         self._seen = Seen("open")
         self._solve = lru_cache(maxsize=_CIRCUITS)(lambda closed: what_is_seen(closed, self.coils))
         self.chip = Ldc1614(clock, self, channels=channels, open_points=open_points, misuse=self.misuse, seed=seed)
-        self.chain = Adg739Chain(
-            switch_table(wiring), before_change=self.chip.advance, after_change=self._switched, readback=readback
-        )
+        self.chain = EmulatedChain(
+            switch_table(wiring),
+            before_change=self.chip.advance, after_change=self._switched, drains=drains, readback=readback,
+        )  # fmt: skip
         self.indenter = Indenter(self.chip.advance, world.check)
         self.bus = EmulatedBus(self.chip, clock)
         self.switches = EmulatedSwitches(self.chain, clock)

@@ -107,7 +107,7 @@ def emulated_board(
     conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise)
     board = EmulatedBoard(
         wiring.coils, wiring.encode(), world,
-        clock=clock or VirtualClock(), conditions=conditions, strict=strict, seed=seed,
+        clock=clock or VirtualClock(), conditions=conditions, drains=wiring.drains, strict=strict, seed=seed,
     )  # fmt: skip
     if path is not None:
         board.indenter.follow(path)

@@ -1,23 +1,32 @@
-"""ADG739 packages in a daisy chain, and the port that shifts words into them."""
+"""Packages of switches in a daisy chain, and the port that shifts words into them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.scan.closure import SWITCHES, Net, SwitchTable, WiredSwitch, closed_switches
+from coilarray.hardware.scan.closure import (
+    SWITCHES,
+    Drains,
+    Net,
+    SwitchTable,
+    WiredSwitch,
+    check_drains,
+    closed_switches,
+)
 from coilarray.hardware.wire.buses import Clock, reversed_bits
 
 _FALLING_EDGE_MODES = (1, 2)  # of SPI, in which data is stable at the falling edge, where the chip samples it
 
 
-class Adg739Chain:
+class EmulatedChain:
     """A daisy chain of packages behind one shift register.
 
     `devices` are as `coilarray.hardware.scan.closure.switch_table` returns them: the first one is at the far end of the
-    chain and gets the first byte. `before_change` and `after_change` are called when switches move; `readback` says
-    whether the end of the chain is wired back to the computer.
+    chain and gets the first byte. `drains` has for each device the bits that share a common pin, by default none;
+    HardwareError for switches that cannot. `before_change` and `after_change` are called when switches move; `readback`
+    says whether the end of the chain is wired back to the computer.
 
     A bit is shifted in at every falling edge of the clock; when SYNC rises, each package latches its last eight. After
     power-up all switches are open. Only power-up resets a package.
@@ -29,8 +38,12 @@ class Adg739Chain:
         *,
         before_change: Callable[[], None] = lambda: None,
         after_change: Callable[[], None] = lambda: None,
+        drains: Sequence[Drains] | None = None,
         readback: bool = True,
     ) -> None:
+        for k, (switches, of_device) in enumerate(zip(devices, drains or [()] * len(devices), strict=True)):
+            names = [f"bit {bit}" for bit in range(SWITCHES)]
+            check_drains(switches, of_device, names, f"device {len(devices) - k} of the chain")
         self.devices = devices
         self.readback = readback
         self.latches = 0
@@ -113,7 +126,7 @@ class EmulatedSwitches:
     Shifting takes its time on the clock of the board, at `speed` in Hz.
     """
 
-    def __init__(self, chain: Adg739Chain, clock: Clock, *, speed: float = 8e6) -> None:
+    def __init__(self, chain: EmulatedChain, clock: Clock, *, speed: float = 8e6) -> None:
         self.chain, self.clock, self.speed = chain, clock, speed
         self.mode = 1
         """SPI mode; change it to emulate a port with another mode."""

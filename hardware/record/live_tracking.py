@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.record.reference_coil import ReferenceCoil
+from coilarray.hardware.record.reference_coil import less_reference
 from coilarray.hardware.scan.readings import ScanReading, StateReading, Verdict
 from coilarray.localize.presses import Press, PressDetector
 
@@ -59,9 +59,9 @@ class LiveReading:
 class LiveTracker:
     """Turns scans into δ, and into positions where it has the forward model of the board.
 
-    `noise` is the standard deviation of δ of the model; the measured noise of the baseline is added. `reference` is the
-    name of a state that nothing touches: it corrects all others as `ReferenceCoil` does, and takes no part in locations
-    and presses. HardwareError for fewer than 2 scans of a baseline, or noise that is not positive and finite.
+    `noise` is the standard deviation of δ of the model; the measured noise of the baseline is added. δ of `reference`
+    coils, which nothing touches, is taken from that of all others; their own stays as it is, and takes no part in
+    locations and presses. HardwareError for fewer than 2 scans of a baseline, or noise that is not positive and finite.
     """
 
     def __init__(
@@ -70,14 +70,14 @@ class LiveTracker:
         *,
         baseline_scans: int = BASELINE_SCANS,
         noise: float = 1e-5,
-        reference: str | None = None,
+        reference: Sequence[str] = (),
     ) -> None:
         if baseline_scans < 2:
             raise HardwareError(f"a baseline must have at least 2 scans; got {baseline_scans}.")
         if not (math.isfinite(noise) and noise > 0):
             raise HardwareError(f"noise must be positive and finite; got {noise}.")
-        self._model, self._scans, self._trust = model, baseline_scans, noise
-        self._reference, self._corrector = reference, None if reference is None else ReferenceCoil(reference)
+        self._model = model.referenced(reference) if model is not None and reference else model
+        self._scans, self._trust, self._reference = baseline_scans, noise, tuple(reference)
         self._models: dict[tuple[str, ...], ForwardModel] = {}
         self._times: deque[float] = deque(maxlen=_RATE_SCANS)
         self._last: tuple[int, int] | None = None  # session and sequence
@@ -96,13 +96,13 @@ class LiveTracker:
         """Evaluate the next scan; it may enter the baseline only where the indenter is not known to press."""
         self._count(scan)
         self._states = len(scan.states)
-        if self._corrector is not None:
-            scan = self._corrector.corrected(scan)
         elapsed = scan.time - self._start
         if self._base is None and at_rest:
             self._measure_baseline(elapsed, scan.inductances)
         base = self._base
         states = tuple(self._state(state, base) for state in scan.states)
+        if base is not None and self._reference:
+            states = self._corrected(states)
         location, problem = None, ""
         if base is not None and want_location and self._model is not None:
             location, problem = self._located(self._model, states)
@@ -130,20 +130,39 @@ class LiveTracker:
         self._rest.append((elapsed, values))
         enough = {name for name, count in self._counts().items() if count >= self._scans}
         everything = len(enough) == self._states
-        if not everything and not (enough and len(self._rest) >= _PATIENCE * self._scans):
+        late = len(self._rest) >= _PATIENCE * self._scans and enough > set(self._reference)
+        if not (everything or late):
             return
         rest = [(time, {name: one[name] for name in enough if name in one}) for time, one in self._rest]
-        by_name = {name: np.array([one[name] for _, one in rest if name in one]) for name in enough}
-        self._base = base = {name: float(one.mean()) for name, one in by_name.items()}
-        variances = [float(one.var(ddof=1) / one.mean() ** 2) for one in by_name.values()]
-        own = float(np.mean(variances)) * (1 + 1 / self._scans)  # of a scan, and of the baseline itself
+        self._base = base = {name: float(np.mean([one[name] for _, one in rest if name in one])) for name in enough}
+        deltas = [
+            (time, self._less({name: value / base[name] - 1 for name, value in one.items()})) for time, one in rest
+        ]
+        rows = [[one[name] for _, one in deltas if name in one] for name in enough if name not in self._reference]
+        variances = [float(np.var(row, ddof=1)) for row in rows if len(row) > 1]
+        own = (float(np.mean(variances)) if variances else 0.0) * (1 + 1 / self._scans)  # and of the baseline itself
         self._noise = math.hypot(self._trust, math.sqrt(own))
         self._rest = []
-        deltas = [
-            (time, {name: value / base[name] - 1 for name, value in one.items() if name != self._reference})
-            for time, one in rest
-        ]
         self._presses = PressDetector(deltas, 0 if self._presses is None else self._presses.number)
+
+    def _less(self, delta: Mapping[str, float]) -> dict[str, float]:
+        """Return δ less that of the references, of the other states; none where a reference has none."""
+        if not self._reference:
+            return dict(delta)
+        if not set(self._reference) <= set(delta):
+            return {}
+        return {name: float(value) for name, value in less_reference(delta, self._reference).items()}
+
+    def _corrected(self, states: Sequence[LiveState]) -> tuple[LiveState, ...]:
+        left = self._less({state.name: state.delta for state in states if state.delta is not None})
+        return tuple(
+            state
+            if state.name in self._reference or state.delta is None
+            else replace(state, delta=left[state.name])
+            if state.name in left
+            else replace(state, delta=None, reasons=(*state.reasons, "the reference coil has no value"))
+            for state in states
+        )
 
     def _counts(self) -> Counter[str]:
         """Return how many values of each state the baseline has."""
@@ -178,7 +197,7 @@ class LiveTracker:
         return {
             state.name: state.delta
             for state in states
-            if state.delta is not None and abs(state.delta) < _LARGEST and state.name != self._reference
+            if state.delta is not None and abs(state.delta) < _LARGEST and state.name not in self._reference
         }
 
     def _count(self, scan: ScanReading) -> None:

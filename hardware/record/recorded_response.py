@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +14,6 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recording import GridPlace, RecordedScan, Recording, iso_time
-from coilarray.hardware.record.reference_coil import ReferenceCoil
 from coilarray.hardware.scan.readings import ScanReading, Verdict, read_scan
 from coilarray.response.coordinates import origin_attributes
 
@@ -34,7 +33,6 @@ def recorded_response(
     capacitances: Capacitances = None,
     clock: float | None = None,
     partial: bool = False,
-    reference: str | None = None,
 ) -> xr.Dataset:
     """Return the response that a campaign measured, as `coilarray.response.map.response_map` returns a simulated one.
 
@@ -48,8 +46,6 @@ def recorded_response(
         Clock of the converter in Hz where it is known better than while measuring. It affects ``base_inductance`` only.
     partial : bool
         Whether to accept positions that are not measured yet; they are NaN.
-    reference : str, optional
-        State that nothing touched, whose drift is taken from all others (`ReferenceCoil`); its own δ is as measured.
 
     Returns
     -------
@@ -64,7 +60,7 @@ def recorded_response(
     Raises
     ------
     HardwareError
-        A recording without a campaign, missing positions, another reference than one of its states, a damaged file.
+        A recording without a campaign, missing positions, a damaged file.
     DesignError
         A recorded design that this version cannot read.
 
@@ -74,8 +70,7 @@ def recorded_response(
     does not affect δ.
     """
     campaign = _campaign(recording)
-    read = _reader(recording, capacitances, clock, reference)
-    base, peak, doubtful, baselines = _measured(recording, campaign, read)
+    base, peak, doubtful, baselines = _measured(recording, campaign, capacitances, clock)
     delta = peak / base - 1
     count = np.isfinite(delta).sum(axis=0)
     missing = int((count == 0).any(axis=-1).sum())
@@ -110,7 +105,7 @@ def recorded_response(
             "state": list(recording.states),
             **_coils(recording),
         },
-        attrs={**_provenance(recording, reference), "repeats": campaign.repeats, **_indentation(recording)},
+        attrs={**_provenance(recording), "repeats": campaign.repeats, **_indentation(recording)},
     )  # fmt: skip
 
 
@@ -120,7 +115,6 @@ def recorded_series(
     baseline: int = BASELINE_SCANS,
     capacitances: Capacitances = None,
     clock: float | None = None,
-    reference: str | None = None,
 ) -> xr.Dataset:
     """Return every scan of a recording of any kind in the order of time.
 
@@ -130,8 +124,6 @@ def recorded_series(
         Number of first scans at rest whose mean is L_0 of δ.
     capacitances, clock
         Constants of the board, see `recorded_response`.
-    reference : str, optional
-        State that nothing touched, see `recorded_response`; ``frequency`` stays as measured.
 
     Returns
     -------
@@ -146,13 +138,12 @@ def recorded_series(
     Raises
     ------
     HardwareError
-        A recording without a scan, a baseline below 1, another reference than one of its states, a damaged file.
+        A recording without a scan, a baseline below 1, a damaged file.
     """
     if baseline < 1:
         raise HardwareError(f"baseline must be at least 1 scan; got {baseline}.")
     finished = recording.positions()
-    read = _reader(recording, capacitances, clock, reference)
-    rows = [_row(scan, read(scan), finished) for scan in recording.scans()]
+    rows = [_row(scan, _reading(recording, scan, capacitances, clock), finished) for scan in recording.scans()]
     if not rows:
         raise HardwareError(f"{recording.path} has no scan yet.")
     frequency, inductance, verdicts, raw = (np.array([row[k] for row in rows]) for k in range(4))
@@ -178,7 +169,7 @@ def recorded_series(
             **_temperatures(rows),
             "state": list(recording.states),
         },
-        attrs=_provenance(recording, reference),
+        attrs=_provenance(recording),
     )  # fmt: skip
 
 
@@ -208,7 +199,7 @@ def _campaign(recording: Recording) -> Campaign:
 
 
 def _measured(
-    recording: Recording, campaign: Campaign, read: Callable[[RecordedScan], ScanReading]
+    recording: Recording, campaign: Campaign, capacitances: Capacitances, clock: float | None
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_], FloatArray]:
     """L_0 and L_peak over (repeat, depth, y, x, state), where one is doubtful, and every L_0 in the order of time."""
     shape = (campaign.repeats, len(campaign.depths), len(campaign.y), len(campaign.x), len(recording.states))
@@ -220,7 +211,7 @@ def _measured(
         if scan.stage not in sums or scan.place is None:
             continue
         node = _node(recording, campaign, scan.place)
-        states = read(scan).states
+        states = _reading(recording, scan, capacitances, clock).states
         inductance = np.array([_number(state.inductance) for state in states])
         sums[scan.stage][node] += inductance
         counts[scan.stage][node] += 1
@@ -258,19 +249,11 @@ def _mean(values: FloatArray) -> FloatArray:
     return np.asarray(np.where(count > 0, np.nansum(values, axis=0), np.nan) / np.maximum(count, 1))
 
 
-def _reader(
-    recording: Recording, capacitances: Capacitances, clock: float | None, reference: str | None
-) -> Callable[[RecordedScan], ScanReading]:
-    """Return what reads the scans of a recording, in their order."""
-    corrector = None if reference is None else ReferenceCoil(reference)
-
-    def read(scan: RecordedScan) -> ScanReading:
-        session = recording.sessions[scan.session]
-        known = session.capacitances if capacitances is None else capacitances
-        reading = read_scan(scan.scan, session.settings, known, clock=clock)
-        return reading if corrector is None else corrector.corrected(reading)
-
-    return read
+def _reading(recording: Recording, scan: RecordedScan, capacitances: Capacitances, clock: float | None) -> ScanReading:
+    session = recording.sessions[scan.session]
+    return read_scan(
+        scan.scan, session.settings, session.capacitances if capacitances is None else capacitances, clock=clock
+    )
 
 
 class _Row(NamedTuple):
@@ -344,10 +327,9 @@ def _indentation(recording: Recording) -> dict[str, str | float]:
     return {"indenter": setup.indenter.name, "base": str(setup.base), **origin_attributes(setup)}
 
 
-def _provenance(recording: Recording, reference: str | None) -> dict[str, str | int]:
+def _provenance(recording: Recording) -> dict[str, str | int]:
     session = recording.sessions[0]
     return {
-        **({} if reference is None else {"reference_coil": reference}),
         "source": "measured",
         "emulated": int(recording.emulated),
         "board": session.identity.kind,

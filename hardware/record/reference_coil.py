@@ -1,50 +1,71 @@
-"""Correction of a drift that all coils have in common, by a coil that nothing touches.
+"""Drift correction by reference coils, which the indenter does not reach: their δ is taken from that of the others.
 
-The clock of the converter, its temperature, the capacitor and the board change all inductances by one factor. The
-reference coil shows it, so that L_s/L_r no longer has it: δ_s becomes (1 + δ_s)/(1 + δ_r) − 1. The noise of the
-reference is added to that of every coil, √2 of it for equal ones. What differs from coil to coil stays, and an
-indentation that reaches the reference is taken from all others.
+A clock or a tank capacitor that drifts changes δ of all coils alike, as do supply and expansion of the board. What is
+not alike stays, and each reference adds its own noise: `coilarray.circuit.noise_budget.NoiseBudget.referenced` says how
+much of both, and `coilarray.localize.forward.ForwardModel.referenced` is the model of what is left.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.design.scan_states import referenced_names
 from coilarray.errors import HardwareError
-from coilarray.hardware.scan.readings import Reason, ScanReading, StateReading
 
 
-def require_reference(name: str, states: Sequence[str]) -> None:
-    """Raise HardwareError where a reference is none of the states, or the only one."""
-    if name not in states or len(states) < 2:
-        others = f"one of {', '.join(states)}" if len(states) > 1 else f"another state than {states[0]}, the only one"
-        raise HardwareError(f"the reference coil must be {others}; got {name!r}.")
+def less_reference(delta: Mapping[str, npt.ArrayLike], reference: Sequence[str]) -> dict[str, FloatArray]:
+    """Return δ less the mean δ of the reference coils.
+
+    Parameters
+    ----------
+    delta : mapping of str to array_like
+        δ of every state by name: a number of one scan, or an array over scans, alike for all; NaN where there is none.
+    reference : sequence of str
+        Names of the states of the reference coils.
+
+    Returns
+    -------
+    dict of str to ndarray
+        δ of the other states. NaN where a state or one of the references has none: a mean over fewer of them would jump
+        by their noise.
+
+    Raises
+    ------
+    HardwareError
+        A reference that is not there or named twice, none at all, or no other state.
+
+    Notes
+    -----
+    A drift d multiplies every L by 1 + d, so that δ becomes δ + d + δ d. The last term, 10⁻⁸ for d = 10⁻⁵ and δ = 10⁻³,
+    is left.
+
+    Examples
+    --------
+    >>> left = less_reference({"coil1": [5e-6, 7e-4 + 9e-6], "far": [5e-6, 9e-6]}, ["far"])
+    >>> np.round(left["coil1"], 9)
+    array([0.    , 0.0007])
+    """
+    others = referenced_names(tuple(delta), reference, HardwareError)
+    mean = np.mean([np.asarray(delta[name], dtype=np.float64) for name in reference], axis=0)
+    return {name: np.asarray(np.asarray(delta[name], dtype=np.float64) - mean) for name in others}
 
 
-class ReferenceCoil:
-    """Corrects scan after scan by the state `name`; its level is that of the first scan in which it has a value."""
+def response_less_reference(response: xr.Dataset, reference: Sequence[str]) -> xr.Dataset:
+    """Return a response, measured or simulated, with δ less the mean δ of the reference coils, of the other states.
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self._level: float | None = None
-
-    def corrected(self, scan: ScanReading) -> ScanReading:
-        """Return a scan with the inductances corrected, except that of the reference itself.
-
-        Where the reference has no value, neither has any other state. HardwareError for a scan without the reference.
-        """
-        require_reference(self.name, [state.name for state in scan.states])
-        measured = scan.inductances.get(self.name)
-        self._level = measured if self._level is None else self._level
-        factor = None if measured is None or self._level is None else self._level / measured
-        return replace(scan, states=tuple(self._state(state, factor) for state in scan.states))
-
-    def _state(self, state: StateReading, factor: float | None) -> StateReading:
-        if state.name == self.name or state.inductance is None:
-            return state
-        if factor is None:
-            return replace(
-                state, frequency=None, inductance=None, verdict="bad", reasons=(*state.reasons, Reason.NO_REFERENCE)
-            )
-        return replace(state, inductance=state.inductance * factor)
+    ``delta_std``, where there is one, gets the noise of the mean in addition. HardwareError as of `less_reference`.
+    """
+    others = list(referenced_names(tuple(response.state.values.tolist()), reference, HardwareError))
+    mean = response.delta.sel(state=list(reference)).mean("state", skipna=False)
+    left = response.sel(state=others)
+    left["delta"] = (left.delta - mean).assign_attrs(response.delta.attrs)
+    if "delta_std" in left:
+        taken = response.delta_std.sel(state=list(reference))
+        added = (taken**2).sum("state", skipna=False) / len(reference) ** 2
+        left["delta_std"] = np.sqrt(left.delta_std**2 + added).assign_attrs(response.delta_std.attrs)
+    return left.assign_attrs(reference_coils=", ".join(reference))

@@ -7,6 +7,7 @@ firmware has the rules of `check_switching` in C++ (`hardware/firmware/PROTOCOL.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import combinations
 from types import MappingProxyType
 from typing import Literal, NamedTuple, get_args
 
@@ -42,6 +43,27 @@ class WiredSwitch(NamedTuple):
 
 SwitchTable = tuple[tuple[WiredSwitch | None, ...], ...]
 """The switches of every device in the order of the words, by bit; None for a switch that is not wired."""
+
+
+Drains = tuple[tuple[int, ...], ...]
+"""Bits of the switches of a device that share a common pin, for each such pin."""
+
+
+def check_drains(switches: Sequence[WiredSwitch | None], drains: Drains, names: Sequence[str], device: str) -> None:
+    """Refuse a device whose switches could not share their common pin: HardwareError, which two and why.
+
+    All switches on a common pin join the same end of a coil, or the same net: the pin is one of the two. `switches` are
+    those of the device by bit, `names` their names.
+    """
+    for bits in drains:
+        wired = [(names[bit], switch) for bit in bits if (switch := switches[bit]) is not None]
+        for (first, one), (second, other) in combinations(wired, 2):
+            if one.terminal != other.terminal and one.net != other.net:
+                raise HardwareError(
+                    f"{device}: {first} from {_end(one.terminal)} to {one.net} and {second} from "
+                    f"{_end(other.terminal)} to {other.net} share a common pin, which cannot be both; "
+                    "switches of one common pin must join the same end or the same net."
+                )
 
 
 def switch_table(wiring: bytes) -> SwitchTable:

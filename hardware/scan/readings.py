@@ -53,8 +53,6 @@ class Reason(StrEnum):
     OVER_RANGE = "over-range"
     NO_SENSOR = "a frequency that no sensor of the converter may have, outside 1 kHz to 10 MHz"
 
-    NO_REFERENCE = "the reference coil has no value"
-
     ABOVE_QUARTER = "input not below a quarter of the reference"
     AMPLITUDE_HIGH = "amplitude above 1.8 V"
     AMPLITUDE_LOW = "amplitude below 1.2 V"

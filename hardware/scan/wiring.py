@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import fmean
 from typing import Annotated, Literal, NamedTuple, TypeVar, get_args
 
 from pydantic import Field
 
-from coilarray.design.scan_states import Passive, ScanState, check_state
+from coilarray.design.scan_states import Passive, ScanState, Switches, check_state
+from coilarray.design.switch_parts import CONVERTER_PIN, switch_part
 from coilarray.design.units import Name, Table
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.adg739 import chain_bytes, check_bits, switch_word
+from coilarray.hardware.chips.switch_words import chain_bytes, check_bits, switch_word
 from coilarray.hardware.scan import wirings
-from coilarray.hardware.scan.closure import UNUSED, Net, WiredSwitch
+from coilarray.hardware.scan.closure import UNUSED, Drains, Net, WiredSwitch, check_drains, switch_table
 
 End = Literal["a", "b"]
 """The two ends of a coil."""
@@ -24,6 +26,7 @@ SCHEMA = 1
 """Version of the wiring file format."""
 _MOST_COILS = 31  # the code of a switch is a byte, 4·terminal + net, and 0xFF means that it is not wired
 _MOST_DEVICES = 255
+_BUS: tuple[Net, ...] = ("INA", "INB")
 _GROUNDED: Mapping[Passive, tuple[End, ...]] = {
     "ground": ("a", "b"), "ground one end": ("a",), "ground other end": ("b",), "open": (),
 }  # fmt: skip
@@ -51,13 +54,19 @@ class Switch(NamedTuple):
 class Device:
     """One package of eight switches: its name on the board, the part, and the switches that are wired.
 
-    `bits` are the names of the eight from bit 0 to bit 7 of its word.
+    `part` is one of `coilarray.design.switch_parts.PARTS`; `bits` are the names of the eight from bit 0 to bit 7 of its
+    word.
     """
 
     name: str
     part: str
     bits: tuple[str, ...]
     switches: tuple[Switch, ...]
+
+    @property
+    def drains(self) -> Drains:
+        """Bits of the switches that share a common pin."""
+        return tuple(tuple(map(self.bits.index, names)) for names in switch_part(self.part).drains.values())
 
 
 @dataclass(frozen=True)
@@ -82,7 +91,7 @@ class Wiring:
     ------
     HardwareError
         A wiring that cannot ground every end of every coil or not measure every coil, an end with two switches to the
-        same net, an unknown coil, or names that are used twice.
+        same net, an unknown part or coil, switches that cannot share their common pin, or names that are used twice.
     """
 
     name: str
@@ -111,6 +120,8 @@ class Wiring:
         for coil in self.coils:
             if not {(Terminal(coil, "a"), "INA"), (Terminal(coil, "b"), "INB")} <= set(joins):
                 raise HardwareError(f"wiring {self.name} must join {coil}.a to INA and {coil}.b to INB; it cannot.")
+        for device, switches in zip(reversed(self.devices), switch_table(self.encode()), strict=True):
+            check_drains(switches, device.drains, device.bits, f"wiring {self.name}, {device.name} ({device.part})")
 
     @property
     def terminals(self) -> tuple[Terminal, ...]:
@@ -176,6 +187,52 @@ class Wiring:
             codes += bytes(by_name.get(name, UNUSED) for name in device.bits)
         return bytes(codes)
 
+    @property
+    def drains(self) -> tuple[Drains, ...]:
+        """Bits that share a common pin, of every device in the order of the words."""
+        return tuple(device.drains for device in reversed(self.devices))
+
+    def capacitances(self, switches: Switches) -> Switches:
+        """Return switches with the capacitances of this wiring's parts in place of their own: typical ones.
+
+        Traces are not counted. A common pin is the end of a coil where its switches have only one, and a net otherwise.
+        The ends of the coils, and the two sides of the bus, get their mean.
+
+        Parameters
+        ----------
+        switches : Switches
+            Resistance, leads and tank, which stay.
+
+        Returns
+        -------
+        Switches
+
+        Examples
+        --------
+        >>> from coilarray.design.switch_parts import PARTS
+        >>> counted = load_wiring("six_coils_4").capacitances(Switches())
+        >>> round(counted.bus_capacitance * 1e12), round(counted.terminal_capacitance * 1e12)
+        (81, 26)
+        """
+        at: defaultdict[Terminal | Net, float] = defaultdict(float)
+        of_bus = []
+        for device in self.devices:
+            part = switch_part(device.part)
+            for names in part.common_pins:
+                wired = [switch for switch in device.switches if switch.name in names]
+                of_end = len({switch.terminal for switch in wired}) == 1
+                for k, switch in enumerate(wired):
+                    common, own = (switch.terminal, switch.net) if of_end else (switch.net, switch.terminal)
+                    at[own] += part.source_capacitance
+                    at[common] += part.drain_capacitance if k == 0 else 0.0
+                of_bus += [part for switch in wired if switch.net in _BUS]
+        return replace(
+            switches,
+            off_capacitance=fmean(part.off_capacitance for part in of_bus),
+            terminal_capacitance=fmean(at[terminal] for terminal in self.terminals),
+            bus_capacitance=fmean(at[pin] for pin in _BUS) + fmean(part.closing for part in of_bus) + CONVERTER_PIN,
+        )
+
     def _close(self, joins: set[tuple[Terminal, Net]]) -> bytes:
         words, left = [], set(joins)
         for device in self.devices:
@@ -189,7 +246,7 @@ class Wiring:
 
     def _check_device(self, device: Device) -> None:
         try:
-            check_bits(device.bits)
+            check_bits(device.bits, switch_part(device.part).bits)
         except HardwareError as error:
             raise HardwareError(f"wiring {self.name}, device {device.name}: {error}") from None
         for switch in device.switches:
@@ -271,7 +328,7 @@ class _SwitchTable(Table):
 
 
 class _PartTable(Table):
-    """``[wiring.part.NAME]``: the order of the bits of a part."""
+    """``[wiring.part.NAME]``: another order of the bits of a part than `coilarray.design.switch_parts` has."""
 
     bits: Annotated[list[str], Field(min_length=8, max_length=8)]
     assumed: str | None = None
@@ -291,17 +348,17 @@ class _WiringTable(Table):
     title: str
     coils: Annotated[list[Name], Field(min_length=1, max_length=_MOST_COILS)]
     assumed: str | None = None
-    part: Annotated[dict[Name, _PartTable], Field(min_length=1)]
+    part: dict[Name, _PartTable] = Field(default_factory=dict)
     device: Annotated[list[_DeviceTable], Field(min_length=1, max_length=_MOST_DEVICES)]
 
     def build(self, name: str) -> Wiring:
         """Return the wiring."""
-        for device in self.device:
-            if device.part not in self.part:
-                raise HardwareError(
-                    f"wiring {name}: {device.name} is a {device.part}, but [wiring.part] has {', '.join(self.part)}."
-                )
-        reasons = {"wiring": self.assumed, **{f"{key}.bits": part.assumed for key, part in self.part.items()}}
+        parts = {name: switch_part(name) for name in (*self.part, *(device.part for device in self.device))}
+        bits = {name: self.part[name].bits if name in self.part else part.bits for name, part in parts.items()}
+        reasons = {"wiring": self.assumed}
+        for key, part in parts.items():
+            own = {"bits": self.part[key].assumed} if key in self.part else {}
+            reasons |= {f"{key}.{field}": reason for field, reason in {**part.unverified, **own}.items()}
         return Wiring(
             name=name,
             title=self.title,
@@ -310,7 +367,7 @@ class _WiringTable(Table):
                 Device(
                     device.name,
                     device.part,
-                    tuple(self.part[device.part].bits),
+                    tuple(bits[device.part]),
                     tuple(Switch(key, Terminal(one.coil, one.end), one.net) for key, one in device.switch.items()),
                 )
                 for device in self.device

@@ -17,6 +17,8 @@ from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, Swi
 
 DEVICES = Path("/dev")
 """Folder of the system's devices."""
+SYSTEM = Path("/sys/class/i2c-adapter")
+"""Folder of what the system says about its I²C buses."""
 _PURPOSE = "boards on this computer's own buses"
 _GONE = {errno.ENODEV, errno.ENOENT, errno.EBADF, errno.ESHUTDOWN}
 _HELD_UP = {errno.ETIMEDOUT, errno.EAGAIN, errno.EBUSY}
@@ -28,6 +30,19 @@ def linux_buses() -> tuple[str, ...]:
     i2c = [f"i2c:{path.name.removeprefix('i2c-')}" for path in DEVICES.glob("i2c-*")]
     spi = [f"spi:{path.name.removeprefix('spidev')}" for path in DEVICES.glob("spidev*")]
     return (*sorted(i2c), *sorted(spi))
+
+
+def i2c_clock(bus: int) -> float | None:
+    """Return the clock in Hz that the device tree sets for an I²C bus of this computer; None where it does not say.
+
+    The property is a 32-bit number, most significant byte first, as every number in a device tree.
+    """
+    for node in ("of_node", "device/of_node"):
+        with contextlib.suppress(OSError):
+            held = (SYSTEM / f"i2c-{bus}" / node / "clock-frequency").read_bytes()
+            if len(held) == 4 and any(held):
+                return float(int.from_bytes(held, "big"))
+    return None
 
 
 class LinuxRegisterBus:

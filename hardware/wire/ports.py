@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlsplit
 
 from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware.chips.ldc1614 import BUS_RATE
 from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.ft232h import I2C_SPEED, SwitchPins, ft232h_adapters
-from coilarray.hardware.wire.linux_host import linux_buses
+from coilarray.hardware.wire.linux_host import i2c_clock, linux_buses
 from coilarray.hardware.wire.serial_ports import BAUD, PROBED_BAUDS
 
 EMULATOR = "emulator"
@@ -20,6 +20,8 @@ EMULATOR = "emulator"
 ADDRESSES = (0x2A, 0x2B)
 """I²C addresses of the converter, with its pin ADDR low and high."""
 _FIRMWARE_BUS_RATE = 150e3  # Hz, expected: hardware/firmware/README.md
+_LINUX_BUS_RATE = 100e3  # Hz, of a bus for which the system sets none: standard mode, as on a Raspberry Pi
+_BUS_RATES = 10e3, 400e3  # Hz, of the converter
 _LONGEST = 200  # characters shown of a port's name
 _MOST_OPTIONS = 20
 _LARGEST_BAUD = 10_000_000
@@ -53,6 +55,7 @@ class LinuxPort:
     spi_bus: int = 0
     spi_device: int = 0
     shift: ShiftSettings = field(default_factory=ShiftSettings)
+    rate: float | None = None  # clock of the I²C bus in Hz, where the user states it
 
 
 @dataclass(frozen=True)
@@ -74,8 +77,9 @@ def parse_port(text: str) -> Port:
     It is ``emulator``; ``/dev/ttyACM0``, ``COM5`` or ``usb:SERIALNUMBER``; ``i2c:1``, ``i2c:1:0x2B,spi:0.1``;
     ``ftdi://ftdi:232h/1``. A serial port may have ``?baud=9600``, or ``?baud=any`` where the board's rate is not known;
     115200 is the firmware's. The last two may have options after a ``?``, joined by ``&``: ``mode=2`` (SPI),
-    ``speed=500000`` (in Hz), ``order=lsb``, ``readback=yes`` (the end of the chain of switches is wired back), and with
-    ``ftdi`` ``address=0x2B``, ``clock=0``, ``data=1``, ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
+    ``speed=500000`` (in Hz), ``order=lsb``, ``readback=yes`` (the end of the chain of switches is wired back); with
+    ``i2c`` also ``rate=400000`` (clock of the I²C bus in Hz), and with ``ftdi`` ``address=0x2B``, ``clock=0``,
+    ``data=1``, ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
 
     >>> parse_port("i2c:1:0x2B").address == 0x2B
     True
@@ -90,7 +94,8 @@ def parse_port(text: str) -> Port:
     elif linux := _LINUX.fullmatch(name):
         bus, address, spi_bus, spi_device = linux.groups()
         shift = _shift(options, text)
-        port = LinuxPort(int(bus), _address(address, text), int(spi_bus or 0), int(spi_device or 0), shift)
+        where = int(bus), _address(address, text), int(spi_bus or 0), int(spi_device or 0)
+        port = LinuxPort(*where, shift, _stated_rate(options, text))
     elif name.lower().startswith("ftdi://"):
         try:
             parts = urlsplit(name)
@@ -108,18 +113,31 @@ def parse_port(text: str) -> Port:
     return port
 
 
-def bus_rate(port: Port) -> float:
-    """Return the clock of the I²C bus of a board at a port in Hz.
+class BusRate(NamedTuple):
+    """Clock of an I²C bus in Hz, and whether it is known: of the port, stated by the user or set by the system."""
 
-    It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, and else 400 kHz, the fastest of the
-    converter: the clock of this computer's own buses is fixed by the system's settings.
+    hertz: float
+    known: bool = True
+
+
+def bus_rate(port: Port) -> BusRate:
+    """Return the clock of the I²C bus of a board at a port.
+
+    It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, 400 kHz with the emulator, and what
+    the system has set for a bus of this computer; 100 kHz, which is then not known, where the system does not say.
 
     >>> bus_rate(parse_port("COM5"))
-    150000.0
+    BusRate(hertz=150000.0, known=True)
     """
-    if isinstance(port, SerialPort):
-        return _FIRMWARE_BUS_RATE
-    return I2C_SPEED if isinstance(port, FtdiPort) else BUS_RATE
+    match port:
+        case SerialPort():
+            return BusRate(_FIRMWARE_BUS_RATE)
+        case FtdiPort():
+            return BusRate(I2C_SPEED)
+        case LinuxPort():
+            clock = port.rate or i2c_clock(port.bus)
+            return BusRate(_LINUX_BUS_RATE, known=False) if clock is None else BusRate(clock)
+    return BusRate(BUS_RATE)
 
 
 def found_ports() -> Mapping[str, tuple[str, ...]]:
@@ -169,6 +187,15 @@ def _shift(options: dict[str, str], text: str) -> ShiftSettings:
     if "readback" in options:
         given["readback"] = _choice(options, "readback", {"no": False, "yes": True}, text)
     return ShiftSettings(**given)
+
+
+def _stated_rate(options: dict[str, str], text: str) -> float | None:
+    if "rate" not in options:
+        return None
+    low, high = _BUS_RATES
+    if not low <= (rate := _number(options, "rate", text)) <= high:
+        raise _refused(text, f"rate must be {low:.0f} to {high:.0f} Hz, as the converter allows")
+    return float(rate)
 
 
 def _address(given: str | None, text: str) -> int:

@@ -2,11 +2,14 @@
 
 import json
 import sys
+from types import SimpleNamespace
 
 import pytest
 from support.command_line import mistakes, runner, successes
 
 from coilarray.cli import board as command
+from coilarray.cli.board_options import BoardOptions, opened_board
+from coilarray.errors import HardwareError
 from coilarray.hardware.board import connect as boards
 from coilarray.hardware.wire import ports
 
@@ -57,7 +60,7 @@ def test_the_same_as_json(capsys):
     assert (reported["emulated"], reported["port"], reported["wiring"]) == (True, "emulator", "six_coils_4")
     assert (reported["identity"]["manufacturer"], reported["identity"]["device"]) == (0x5449, 0x3055)
     assert reported["ports"]["linux"] == ["i2c:1", "spi:0.0"]
-    assert set(reported["assumed"]) == {"wiring", "ADG739.bits"}
+    assert set(reported["assumed"]) >= {"wiring", "ADG739.bits", "ADG739.drain_capacitance"}
     assert (reported["drives"], reported["self_test"]) == (None, None)
 
 
@@ -125,3 +128,14 @@ def test_nothing_of_a_long_list_is_lost():
     lines = command._listed("title", tuple(f"line {k}" for k in range(9)))
     assert (lines[0], lines[-1]) == ("title", "  … and 3 more (--json)")
     assert len(lines) == 8
+
+
+@pytest.mark.parametrize(("port", "said"), [("i2c:99", True), ("i2c:99?rate=400000", False), ("COM5", False)])
+def test_an_assumed_clock_of_the_bus_is_said(capsys, port, said):
+    stranger = SimpleNamespace(name="stranger", array=SimpleNamespace(names=("one",)))
+    with (
+        pytest.raises(HardwareError, match="has no coil 'one'"),  # before anything is opened
+        opened_board(BoardOptions(port=port, rate=5), stranger, real_time=False),
+    ):
+        pass
+    assert ("--rate assumes 100 kHz" in capsys.readouterr().err) == said

@@ -22,12 +22,12 @@ from support.references import circle, polygon
 
 from coilarray import magnetic_field
 from coilarray.constants import MU_0
-from coilarray.elastomer.coil_spectrum import coil_segments, harmonics_about, segment_spectra
 from coilarray.elastomer.dent import Dent, Motion
 from coilarray.elastomer.dented_layer import dent_inductance
-from coilarray.elastomer.flat_layer import layer_inductance
-from coilarray.elastomer.flat_stack import flat_profile, reflection
 from coilarray.elastomer.scattering import LayerMesh, wavenumber_rule
+from coilarray.electromagnetics.coil_spectrum import coil_segments, harmonics_about, segment_spectra
+from coilarray.electromagnetics.flat_layer import layer_inductance
+from coilarray.electromagnetics.flat_stack import flat_profile, reflection
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Sheet
 

@@ -22,12 +22,12 @@ from support.boards import LEADS, VIA, reference_board
 from support.references import polygon
 
 from coilarray.constants import EPSILON_0
-from coilarray.elastomer.coil_spectrum import harmonics_about, segment_spectra
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dielectric import dent_capacitance, outlined, surface_potential
-from coilarray.elastomer.flat_stack import flat_profile
 from coilarray.elastomer.scattering import LayerMesh, scatter, wavenumber_rule
 from coilarray.electromagnetics.capacitance import elastomer_effect
+from coilarray.electromagnetics.coil_spectrum import harmonics_about, segment_spectra
+from coilarray.electromagnetics.flat_stack import flat_profile
 from coilarray.errors import ElastomerError
 from coilarray.geometry import CoilArray, Placement, Sheet, Spiral, Stackup, spiral_coil
 

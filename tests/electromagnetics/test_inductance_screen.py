@@ -8,7 +8,7 @@ from support.boards import round_spiral
 
 from coilarray import Conductor, coupling_matrix, inductance_matrix, load_design, mutual_inductance
 from coilarray.circuit.coupling import design_inductance
-from coilarray.elastomer.flat_layer import layer_inductance
+from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.electromagnetics.inductance import standing_for_all
 from coilarray.electromagnetics.kernels.turns import find_series, series_rules
 from coilarray.electromagnetics.neumann import segment_table

@@ -16,9 +16,9 @@ from support.refusals import refused
 
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design.model import parse_design
-from coilarray.elastomer.coil_spectrum import harmonics_about, segment_spectra
 from coilarray.elastomer.dielectric import surface_potential
 from coilarray.electromagnetics.capacitance import coil_capacitance
+from coilarray.electromagnetics.coil_spectrum import harmonics_about, segment_spectra
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import DesignError, GeometryError

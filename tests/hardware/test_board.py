@@ -17,7 +17,7 @@ from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware import emulator
 from coilarray.hardware.board.connect import Board, open_board, wiring_of_board
 from coilarray.hardware.emulator import VirtualClock
-from coilarray.hardware.wire import ports
+from coilarray.hardware.wire import linux_host, ports
 from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.ft232h import SwitchPins
 
@@ -167,11 +167,26 @@ def test_the_wiring_of_an_emulated_board_fits_its_design():
     assert wiring_of_board(ports.EmulatorPort(), named("left", "right"), "six_coils") == WIRING
 
 
-@pytest.mark.parametrize(
-    ("port", "rate"), [("emulator", 400e3), ("COM5", 150e3), ("i2c:1", 400e3), ("ftdi://ftdi:232h/1", 100e3)]
-)
-def test_the_clock_of_the_bus_is_that_of_the_port(port, rate):
-    assert ports.bus_rate(ports.parse_port(port)) == rate
+@pytest.mark.parametrize(("port", "rate", "known"), [
+    ("emulator", 400e3, True), ("COM5", 150e3, True), ("ftdi://ftdi:232h/1", 100e3, True),
+    ("i2c:1", 100e3, True), ("i2c:7", 400e3, True),  # as the device tree of `system` says
+    ("i2c:3", 100e3, False), ("i2c:4", 100e3, False),  # nothing, or nothing that makes sense
+    ("i2c:3?rate=50000", 50e3, True), ("i2c:7:0x2B,spi:0.1?rate=100000&mode=2", 100e3, True),
+])  # fmt: skip
+def test_the_clock_of_the_bus_is_that_of_the_port(monkeypatch, tmp_path, port, rate, known):
+    for bus, node, held in (
+        (1, "of_node", b"\x00\x01\x86\xa0"), (7, "device/of_node", b"\x00\x06\x1a\x80"), (4, "of_node", b"100"),
+    ):  # fmt: skip
+        (folder := tmp_path / f"i2c-{bus}" / node).mkdir(parents=True)
+        (folder / "clock-frequency").write_bytes(held)
+    monkeypatch.setattr(linux_host, "SYSTEM", tmp_path)
+    assert ports.bus_rate(ports.parse_port(port)) == (rate, known)
+
+
+@pytest.mark.parametrize("rate", ["5000", "1000000", "fast", "0"])
+def test_a_clock_that_the_converter_cannot_follow_is_refused(rate):
+    with pytest.raises(HardwareError, match=r"rate must be (10000 to 400000 Hz|a whole number)"):
+        ports.parse_port(f"i2c:1?rate={rate}")
 
 
 def test_the_package_offers_what_a_program_needs_and_loads_nothing_before():

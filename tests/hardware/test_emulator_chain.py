@@ -14,7 +14,7 @@ from support.quick_coils import plain_board
 
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
-from coilarray.hardware.emulator.switches import Adg739Chain
+from coilarray.hardware.emulator.switches import EmulatedChain
 from coilarray.hardware.scan.closure import WiredSwitch, switch_table, what_is_seen
 from coilarray.hardware.scan.wiring import load_wiring
 
@@ -30,7 +30,7 @@ def plan_b(coils=6):
 
 
 def seen(words, chain=None):
-    chain = chain or Adg739Chain(plan_b())
+    chain = chain or EmulatedChain(plan_b())
     chain.transfer(bytes(words))
     return what_is_seen(chain.closed(), COILS)
 
@@ -42,7 +42,7 @@ def words(**bytes_of):
 
 @pytest.fixture
 def chain():
-    return Adg739Chain(plan_b())
+    return EmulatedChain(plan_b())
 
 
 @pytest.fixture
@@ -62,14 +62,14 @@ def test_all_switches_are_open_after_power_up(chain):
 
 @given(st.binary(min_size=6, max_size=6), st.binary(min_size=6, max_size=6))
 def test_what_went_in_comes_out_at_the_next_transfer(first, second):
-    chain = Adg739Chain(plan_b())
+    chain = EmulatedChain(plan_b())
     assert (chain.transfer(first), chain.transfer(second), chain.words) == (bytes(6), first, second)
-    assert Adg739Chain(plan_b(), readback=False).transfer(first) is None
+    assert EmulatedChain(plan_b(), readback=False).transfer(first) is None
 
 
 @given(st.binary(min_size=0, max_size=15))
 def test_of_more_bytes_the_last_count_and_of_fewer_the_old_move_on(data):
-    chain = Adg739Chain(plan_b())
+    chain = EmulatedChain(plan_b())
     chain.transfer(b"abcdef")
     chain.transfer(data)
     assert chain.words == (b"abcdef" + data)[-6:]
@@ -102,14 +102,16 @@ def test_a_wiring_has_eight_bytes_a_device_and_unused_switches_close_nothing():
     for length in (0, 7, 9):
         with pytest.raises(HardwareError, match="8 bytes a device"):
             switch_table(bytes(length))
-    chain = Adg739Chain(switch_table(bytes([0x00, *[0xFF] * 7])))
+    chain = EmulatedChain(switch_table(bytes([0x00, *[0xFF] * 7])))
     chain.transfer(b"\xff")
     assert chain.closed() == (WiredSwitch((0, 0), "ground"),)
 
 
 def test_callbacks_before_and_after_switches_move():
     calls = []
-    chain = Adg739Chain(plan_b(), before_change=lambda: calls.append(chain.words), after_change=lambda: calls.append(0))
+    chain = EmulatedChain(
+        plan_b(), before_change=lambda: calls.append(chain.words), after_change=lambda: calls.append(0)
+    )
     chain.transfer(b"\x11" * 6)
     chain.transfer(b"\x11" * 6)  # nothing moves
     assert calls == [bytes(6), 0]
@@ -212,7 +214,7 @@ def resistances(closed, coils):
 @given(st.lists(st.sampled_from([0, 0x11, 0x22, 0x44, 0x01, 0x02, 0x12, 0x82, 0x28, 0x84, 0x88, 0x24]), min_size=3,
                 max_size=3), st.sets(st.tuples(st.integers(0, 2), st.integers(0, 7)), max_size=2))  # fmt: skip
 def test_nets_against_direct_currents(commanded, also_closed):
-    chain = Adg739Chain(plan_b(3))
+    chain = EmulatedChain(plan_b(3))
     chain.transfer(bytes(commanded))
     for device, bit in also_closed:
         chain.stick(device, bit, "closed")
@@ -270,7 +272,15 @@ def test_shifting_takes_time_and_a_broken_line_brings_zeros(board):
     assert board.switches.shift(b"\x11" * 6) == bytes(6)
 
 
-def test_a_board_takes_any_switch_table():
-    board = plain_board(SimpleNamespace(coils=("left",), encode=lambda: bytes([0x01, 0xFF, 0x06, *[0xFF] * 5])))
-    board.switches.shift(b"\x05")
+def test_a_board_takes_any_switch_table_that_its_packages_can_be_soldered_to():
+    unused = [0xFF] * 7
+    halves = SimpleNamespace(coils=("left",), encode=lambda: bytes([0x01, *unused[:3], 0x06, *unused[:3]]))
+    board = plain_board(halves, drains=[((0, 1, 2, 3), (4, 5, 6, 7))])
+    board.switches.shift(b"\x11")
     assert board.seen().state.measured == (("left", 1),)
+    one_half = SimpleNamespace(coils=("left",), encode=lambda: bytes([0x01, 0xFF, 0x06, *unused[:5]]))
+    with pytest.raises(HardwareError, match=r"device 1 of the chain: bit 0 from end a .* bit 2 .* share a common pin"):
+        plain_board(one_half, drains=[((0, 1, 2, 3), (4, 5, 6, 7))])
+    apart = plain_board(one_half)  # a package without common pins
+    apart.switches.shift(b"\x05")
+    assert apart.seen().state.measured == (("left", 1),)

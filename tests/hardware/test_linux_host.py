@@ -252,12 +252,3 @@ def test_a_missing_library_names_its_extra(kernel, spi, monkeypatch, module):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(MissingDependencyError, match=rf"boards on this computer's own buses need {module}"):
         open_board("i2c:1")
-
-
-@pytest.mark.hardware
-@pytest.mark.skipif(
-    not os.environ.get("COILARRAY_TEST_PORT", "").startswith("i2c:"), reason="no board on this computer's buses"
-)
-def test_the_real_board_answers():
-    with open_board(os.environ["COILARRAY_TEST_PORT"]) as board:
-        assert (board.identity.manufacturer, board.identity.device) == (0x5449, 0x3055)

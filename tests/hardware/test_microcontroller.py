@@ -10,7 +10,6 @@
 import gc
 import itertools
 import math
-import os
 import re
 import tracemalloc
 from contextlib import closing
@@ -32,12 +31,10 @@ from support.scripted_board import (
 )
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.board.microcontroller import open_microcontroller
 from coilarray.hardware.scan.reader import SampleFault
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire import faults
-from coilarray.hardware.wire.ports import SerialPort, parse_port
 
 
 @pytest.fixture
@@ -48,22 +45,6 @@ def board():
 @pytest.fixture
 def reader(board):
     return configured(board)
-
-
-PORT = os.environ.get("COILARRAY_TEST_PORT", "")
-
-
-@pytest.mark.hardware
-@pytest.mark.skipif(not (PORT and isinstance(parse_port(PORT), SerialPort)), reason="no board with a microcontroller")
-def test_a_real_board():
-    place = parse_port(PORT)
-    with closing(open_microcontroller(place.name, bauds=place.bauds)) as reader:
-        assert (reader.peek(0x7E), reader.peek(0x7F)) == (0x5449, 0x3055)
-        reader.configure(SETTINGS)
-        assert len(reader.scan().samples) == 6
-        with closing(reader.scans()) as stream:
-            assert [scan.sequence for scan in itertools.islice(stream, 5)] == [0, 1, 2, 3, 4]
-        assert reader.counts.link.lines.dropped == 0
 
 
 def test_opening_stops_the_board_before_it_greets_it(board):

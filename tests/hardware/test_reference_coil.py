@@ -1,94 +1,124 @@
-"""The reference coil on the emulated board: what it takes away, what it adds, and what it cannot help against."""
+"""Drift correction by reference coils: what is common goes exactly, what is not stays, and noise adds in quadrature."""
 
 import numpy as np
 import pytest
-from support.quick_recordings import campaign_file, stream_file
+import xarray as xr
+from support.localize_boards import FIELD, board
 from support.recorded_boards import QuickWorld, configured, quick_board
 from support.refusals import refused
 
-from coilarray.errors import HardwareError
+from coilarray.errors import HardwareError, LocalizeError
 from coilarray.hardware.emulator import Drift
-from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.live_tracking import LiveTracker
-from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
-from coilarray.hardware.record.recording import open_recording
-from coilarray.hardware.record.reference_coil import ReferenceCoil
+from coilarray.hardware.record.reference_coil import less_reference, response_less_reference
 from coilarray.hardware.scan.readings import read_scan
+from coilarray.localize.forward import forward_model
+from coilarray.localize.inverse import locate
 
-WARMING = Drift(rate=0.01)
-WARMS_FAST = Drift(rate=0.1)
-PER_KELVIN = -26e-6  # of L: the internal oscillator falls by 13 ppm/K, which reads as a higher frequency
+MODEL = forward_model(board(FIELD))
+FAR = [MODEL.states[-1]]
 
 
-def live(count, *, reference, drift=None, noise=0.0, presses=(), dead_from=None):
-    """Evaluate scans of the quick board, whose second coil is out of the finger's reach."""
+def test_common_drift_goes_and_noise_adds_in_quadrature():
+    random = np.random.default_rng(3)
+    drift, noise = np.linspace(0, 4e-5, 20_000), 1e-6
+    delta = {name: drift + noise * random.standard_normal(drift.size) for name in "abcd"}
+    one, two = less_reference(delta, "d")["a"], less_reference(delta, "cd")["a"]
+    # 20,000 scans tell a standard deviation to 0.5 %; twice that twice
+    assert one.std() == pytest.approx(noise * np.sqrt(2), rel=0.02)
+    assert two.std() == pytest.approx(noise * np.sqrt(1.5), rel=0.02)
+    assert abs(one[:1000].mean() - one[-1000:].mean()) < 5 * noise * np.sqrt(2 * 2 / 1000)
+
+
+def test_a_missing_reading_of_a_reference_gives_no_value():
+    left = less_reference({"a": [1e-3, 2e-3], "b": [0.0, 0.0], "c": [0.0, np.nan]}, ["b", "c"])
+    np.testing.assert_array_equal(left["a"], [1e-3, np.nan])
+
+
+def test_the_model_of_what_is_left_finds_the_place_even_where_the_reference_is_pressed():
+    """A drift of 3e-5 moves the place by tenths of a millimetre without the reference, by nothing with it."""
+    point, drift = np.array([3e-3, 2e-3, 1e-3]), 3e-5
+    readings = dict(zip(MODEL.states, MODEL.delta(point) + drift, strict=True))
+    assert readings[FAR[0]] > 3 * drift  # the reference is pressed too
+    left = less_reference(readings, FAR)
+    best = locate(MODEL.referenced(FAR), left, noise=1e-5).best
+    assert (best.x, best.y, best.depth) == pytest.approx(point, abs=1e-9)  # where the solver ends
+    drifted = locate(MODEL, readings, noise=1e-4).best
+    assert np.hypot(drifted.x - point[0], drifted.y - point[1]) + abs(drifted.depth - point[2]) > 1e-5
+
+
+@pytest.mark.parametrize(
+    ("reference", "message"),
+    [
+        ([], "reference coils must be named once each"),
+        (["a", "a"], "reference coils must be named once each"),
+        (["z"], "a reference coil must be one of a, b; got 'z'"),
+        (["a", "b"], "must leave another state"),
+    ],
+)
+def test_references_that_cannot_be(reference, message):
+    refused(HardwareError, message, less_reference, {"a": 0.0, "b": 0.0}, reference)
+
+
+def test_the_model_refuses_an_unknown_reference():
+    refused(LocalizeError, "a reference coil must be one of", MODEL.referenced, ["nowhere"])
+
+
+def live(count, *, reference=(), drift=None, noise=0.0, press_at=None, dead_from=None):
+    """Evaluate scans of the quick board; its second coil is out of reach of the finger."""
     readings, world = [], QuickWorld()
-    with quick_board(noise=noise, drift=drift, world=world) as board:
-        settings = configured(board)
-        tracker = LiveTracker(None, reference=reference)
-        for k, scan in enumerate(board.reader.scans()):
+    with quick_board(noise=noise, drift=drift, world=world) as opened:
+        settings, tracker = configured(opened), LiveTracker(None, reference=reference)
+        for k, scan in enumerate(opened.reader.scans()):
             readings.append(tracker.take(read_scan(scan, settings, 120e-12)))
-            if k in presses:
-                board.emulator.indenter.press(-10e-3, 0.0, 1e-3)
+            if k == press_at:
+                opened.emulator.indenter.press(-10e-3, 0.0, 1e-3)
             if k == dead_from:
                 world.dead.add("coil2")
             if k == count - 1:
                 return readings
 
 
-def test_a_drift_of_the_clock_is_taken_away():
-    plain, corrected = (live(60, reference=name, drift=WARMING)[-1] for name in (None, "coil2"))
+WARMING = Drift(rate=0.01)
+PER_KELVIN = -26e-6  # of L: the internal oscillator falls by 13 ppm/K, which reads as a higher frequency
+
+
+def test_the_live_display_is_corrected():
+    plain, corrected = (live(60, reference=names, drift=WARMING)[-1] for names in ((), ["coil2"]))
     warmer = 0.01 * (plain.elapsed - 0.45)  # K since the middle of the ten scans of 0.098 s
     assert plain.states[0].delta == pytest.approx(PER_KELVIN * warmer, rel=0.05)
     assert corrected.states[0].delta == pytest.approx(0.0, abs=2e-7)  # codes of 8e-8, of both coils
-    assert corrected.states[1].delta == pytest.approx(plain.states[1].delta)  # its own is shown as it is
+    assert corrected.states[1].delta == plain.states[1].delta  # its own is shown as it is
 
 
-def test_a_press_stays_and_the_reference_shows_none():
-    readings = live(40, reference="coil2", drift=WARMING, presses=[20])
+def test_a_press_is_found_under_the_correction():
+    readings = live(40, reference=["coil2"], drift=WARMING, press_at=20)
     assert readings[-1].states[0].delta == pytest.approx(0.8e-3 * np.exp(-100 / 64), rel=5e-3)
     assert readings[-1].press.begin == readings[21].elapsed
 
 
-def test_its_noise_is_added():
-    spread = []
-    for reference in (None, "coil2"):
-        deltas = [one.states[0].delta for one in live(400, reference=reference, noise=1e-6)[10:]]
-        spread.append(np.std(deltas))
+def test_the_noise_of_the_reference_is_added():
+    spread = [
+        np.std([one.states[0].delta for one in live(400, reference=names, noise=1e-6)[10:]])
+        for names in ((), ["coil2"])
+    ]
     assert spread[1] / spread[0] == pytest.approx(np.sqrt(2), rel=0.1)  # 390 scans tell each to 3.6 %
 
 
-def test_without_the_reference_there_is_no_value():
-    last = live(30, reference="coil2", dead_from=20)[-1]
+def test_without_the_reference_the_live_display_has_no_value():
+    last = live(30, reference=["coil2"], dead_from=20)[-1]
     assert [state.delta for state in last.states] == [None, None]
     assert last.states[0].reasons == ("the reference coil has no value",)
 
 
-def test_recordings_are_read_with_it(tmp_path):
-    path = stream_file(tmp_path / "run.sqlite", 60, drift=WARMING)
-    with open_recording(path) as recording:
-        plain, corrected = (recorded_series(recording, reference=name) for name in (None, "coil2"))
-    assert float(plain.delta[-1, 0]) < -1e-6
-    np.testing.assert_allclose(corrected.delta.sel(state="coil1"), 0.0, atol=2e-7)
-    np.testing.assert_array_equal(corrected.delta.sel(state="coil2"), plain.delta.sel(state="coil2"))
-    np.testing.assert_array_equal(corrected.frequency, plain.frequency)
-    assert corrected.attrs["reference_coil"] == "coil2"
-    assert "reference_coil" not in plain.attrs
-
-
-def test_so_is_a_campaign(tmp_path):
-    """From baseline to peak the board warms by 0.1 K: some 3e-6 of δ; the finger is far from the reference."""
-    grid, found = Campaign(x=(-10e-3,), y=(0.0,), depths=(1e-3,)), []
-    for k, (drift, reference) in enumerate([(None, None), (WARMS_FAST, None), (WARMS_FAST, "coil2")]):
-        with open_recording(campaign_file(tmp_path / f"{k}.sqlite", grid, drift=drift)) as recording:
-            found.append(float(recorded_response(recording, reference=reference).delta.sel(state="coil1").squeeze()))
-    steady, warmed, corrected = found
-    assert warmed - steady < -2e-6
-    assert corrected == pytest.approx(steady, abs=5e-7)  # 2e-7 of the finger at the reference, and two codes of 8e-8
-
-
-def test_a_name_that_is_none():
-    scan = live(1, reference=None)[0]
-    refused(HardwareError, "must be one of coil1, coil2; got 'coil9'", live, 1, reference="coil9")
-    assert ReferenceCoil("coil9").name == "coil9"  # it is known to be none with the first scan
-    assert scan.press is None
+def test_a_response_less_its_reference():
+    delta = np.arange(12.0).reshape(1, 2, 2, 3) * 1e-4
+    coords = {"depth": [1e-3], "y": [0.0, 1e-3], "x": [0.0, 1e-3], "state": ["a", "b", "c"]}
+    dims = ("depth", "y", "x", "state")
+    response = xr.Dataset({"delta": (dims, delta), "delta_std": (dims, np.full_like(delta, 3e-6))}, coords)
+    left = response_less_reference(response, ["b", "c"])
+    assert left.state.values.tolist() == ["a"]
+    np.testing.assert_allclose(left.delta.values[..., 0], delta[..., 0] - delta[..., 1:].mean(axis=-1))
+    np.testing.assert_allclose(left.delta_std, 3e-6 * np.sqrt(1.5))
+    assert left.attrs["reference_coils"] == "b, c"
+    refused(HardwareError, "a reference coil must be one of a, b, c", response_less_reference, response, ["d"])

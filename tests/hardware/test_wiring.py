@@ -9,13 +9,15 @@ import tomllib
 from dataclasses import replace
 from itertools import combinations, product
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coilarray.design.scan_states import ScanState, paper_plan
+from coilarray.design.scan_states import ScanState, Switches, paper_plan
+from coilarray.design.switch_parts import PARTS, switch_part
 from coilarray.errors import HardwareError, NetworkError
-from coilarray.hardware.chips.adg739 import ALL_OPEN, SWITCHES, chain_bytes, switch_word
+from coilarray.hardware.chips.switch_words import ALL_OPEN, chain_bytes, switch_word
 from coilarray.hardware.scan import wirings
 from coilarray.hardware.scan.closure import check_switching
 
@@ -24,6 +26,7 @@ from coilarray.hardware.scan.wiring import (  # isort: skip
 )  # fmt: skip
 
 SIX, FOUR = load_wiring("six_coils"), load_wiring("six_coils_4")
+SWITCHES = switch_part("ADG739").bits
 BOTH = pytest.mark.parametrize("wiring", [SIX, FOUR], ids=["six", "four"])
 NETS = ("ground", "INA", "INB", "other")
 GROUNDED = {"ground": "ab", "ground one end": "a", "ground other end": "b", "open": ""}
@@ -35,7 +38,7 @@ GROUNDED = {"ground": "ab", "ground one end": "a", "ground other end": "b", "ope
     (("S1B",), 0x10), (("S4B",), 0x80),
 ])  # fmt: skip
 def test_words_of_a_switch(closed, word):
-    assert switch_word(closed) == word
+    assert switch_word(closed, SWITCHES) == word
 
 
 @pytest.mark.slow
@@ -60,10 +63,8 @@ def test_chain_shifts_like_a_register(words):
 
 
 @pytest.mark.parametrize(("call", "message"), [
-    (lambda: switch_word(["S5A"]), "a switch must be one of S1A, .*; got 'S5A'"),
-    (lambda: switch_word([], SWITCHES[:7]), "bits must name each of .* once; got S1A, .*S3B"),
-    (lambda: switch_word([], ()), "got none"),
-    (lambda: switch_word([], ("S1A",) * 8), "bits must name each of S1A"),
+    (lambda: switch_word(["S5A"], SWITCHES), "a switch must be one of S1A, .*; got 'S5A'"),
+    (lambda: switch_part("ADG708"), "the switches must be ADG714, ADG738, ADG739; got 'ADG708'"),
     (lambda: chain_bytes([]), "a chain must have at least one device; got none"),
     (lambda: chain_bytes([0x11, 300]), "the word of a switch must be 0 to 255; got 300"),
 ])  # fmt: skip
@@ -239,7 +240,7 @@ def test_encoding(wiring):
     file = tomllib.loads(wirings.read(wiring.name))["wiring"]
     codes = []
     for device in reversed(file["device"]):
-        for name in file["part"][device["part"]]["bits"]:
+        for name in switch_part(device["part"]).bits:
             switch = device["switch"].get(name)
             terminal = None if switch is None else 2 * file["coils"].index(switch["coil"]) + (switch["end"] == "b")
             codes.append(0xFF if switch is None else 4 * terminal + NETS.index(switch["net"]))
@@ -340,7 +341,8 @@ def test_small_file(tmp_path):
     ('coils = ["one"]', 'coils = ["two"]', "U1.S1A goes to one.a; there are the coils two"),
     ('"S1A", "S2A", ', '"S1A", "S1A", ', "device U1: bits must name each of"),
     ('bits = ["S1A", ', "bits = [", "wiring.part.ADG739.bits"),
-    ('part = "ADG739"', 'part = "ADG714"', "U1 is a ADG714, but \\[wiring.part\\] has ADG739"),
+    ('part = "ADG739"', 'part = "ADG714"', "U1 has no switch 'S1A'"),
+    ('part = "ADG739"', 'part = "74HC4066"', "the switches must be ADG714, ADG738, ADG739; got '74HC4066'"),
     ("S1A = {", "S5A = {", "U1 has no switch 'S5A'"),
     ('end = "a", net = "ground"', 'end = "c", net = "ground"', "wiring.device.0.switch.S1A.end"),
     ('net = "INA"', 'net = "INC"', "wiring.device.0.switch.S2A.net"),
@@ -355,6 +357,67 @@ def test_bad_files(old, new, message):
         parse_wiring(SMALL.replace(old, new), "small")
     assert "\n" not in str(raised.value)
     assert "small" in str(raised.value)
+
+
+def _with_part(part, *devices):
+    """The small wiring with devices of another part, each given by what its switches join, in order: an end, a net."""
+    tables = "".join(
+        f'[[wiring.device]]\nname = "U{k}"\npart = "{part}"\n[wiring.device.switch]\n'
+        + "".join(
+            f'{name} = {{ coil = "one", end = "{join[0]}", net = "{join[2:]}" }}\n'
+            for name, join in zip(switch_part(part).bits, joins.split(), strict=False)
+        )
+        for k, joins in enumerate(devices, start=1)
+    )
+    return parse_wiring(SMALL[: SMALL.index("[wiring.part")] + tables, "small")
+
+
+ENDS, MIXED = ("a-ground a-INA", "b-ground b-INB"), "a-ground b-INB a-INA b-ground"
+
+
+@pytest.mark.parametrize(("part", "devices"), [
+    ("ADG714", [MIXED]), ("ADG738", ENDS), ("ADG738", ["a-ground b-ground", "a-INA", "b-INB"]), ("ADG739", ENDS),
+])  # fmt: skip
+def test_switches_that_can_share_their_common_pin(part, devices):
+    assert _with_part(part, *devices).coils == ("one",)
+
+
+@pytest.mark.parametrize(("part", "devices", "who"), [
+    # S1A to S4A have one drain DA: it cannot be end a and end b, nor ground and INB
+    ("ADG739", [MIXED], r"U1 \(ADG739\): S1A from end a of coil 1 to ground and S2A from end b of coil 1 to INB"),
+    ("ADG738", [" ".join(ENDS)], r"U1 \(ADG738\): S1 from end a .* and S4 from end b of coil 1 to INB"),
+    ("ADG738", [ENDS[0], "b-ground a-INB b-INB"], r"U2 \(ADG738\): S1 from end b .* and S2 from end a .* to INB"),
+])  # fmt: skip
+def test_switches_that_cannot_are_refused_by_name(part, devices, who):
+    with pytest.raises(HardwareError, match=f"small: wiring small, {who} share a common pin, which cannot be both"):
+        _with_part(part, *devices)
+
+
+def test_capacitances_of_a_wiring():
+    """Against sums over pins: of a measured coil the bus, its own switches and the converter's 4 pF."""
+
+    def on_the_bus(wiring):
+        counted = wiring.capacitances(Switches(on_resistance=2.5))
+        assert counted.on_resistance == 2.5
+        # an isolation of 75 dB at 1 MHz into 50 Ω: the same part's other value in its data sheet
+        assert counted.off_capacitance == pytest.approx(10**-3.75 / (2 * np.pi * 1e6 * 50), rel=1e-3)
+        return (counted.bus_capacitance + counted.terminal_capacitance) * 1e12
+
+    # without the switches that turn a coil round; with them, every side has six pins more
+    straight = [
+        replace(one, switches=tuple(s for s in one.switches if s.name[:2] in ("S1", "S2"))) for one in SIX.devices
+    ]
+    assert on_the_bus(Wiring("straight", "", SIX.coils, tuple(straight))) == pytest.approx(5 * 13 + 48 + 4)
+    assert on_the_bus(SIX) == pytest.approx(11 * 13 + 48 + 4)
+    assert on_the_bus(FOUR) == pytest.approx(48 + 42 + 13 + 4)  # two common pins on the bus, one of them closed
+
+
+@pytest.mark.parametrize("coils", [1, 6, 31])
+def test_one_device_a_coil_is_what_a_design_with_that_part_counts(coils):
+    part = PARTS["ADG739"]
+    counted = one_device_a_coil([f"coil{k}" for k in range(coils)]).capacitances(Switches())
+    assert counted.bus_capacitance == pytest.approx(part.bus_capacitance(coils), rel=1e-12)
+    assert counted.terminal_capacitance == pytest.approx(part.terminal_capacitance, rel=1e-12)
 
 
 def test_bad_wirings():

@@ -13,14 +13,13 @@ from support.axial_field import loop_inductance
 
 from coilarray import inductance_matrix
 from coilarray.constants import MU_0
-from coilarray.elastomer.flat_layer import magnetic_slab
 from coilarray.electromagnetics.field import vector_potential
+from coilarray.electromagnetics.flat_layer import magnetic_slab
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.material import MATERIALS
 from coilarray.geometry.plate import Disc, FinitePlate, Plate, Polygon, Ring
 from coilarray.metal import field_at_plate
-from coilarray.metal.field_at_plate import lowered_copies
 from coilarray.metal.finite_plates import eddy_currents, moving_plate, moving_plate_error
 from coilarray.metal.flat_plates import plate_inductance
 from coilarray.metal.half_body import EddyBody
@@ -198,12 +197,15 @@ def test_fields_from_a_grid_are_those_of_the_segments(three_loops, monkeypatch):
 def test_currents_make_the_change_of_inductance(three_loops, sheets):
     """ΔL = ∫ K·A with the coil's potential, where ΔL itself is from B: each its own rule on a triangle."""
     plate, slab = disc(6e-3, tilt=0.05, tilt_direction=1.0), magnetic_slab(sheets)
-    found = eddy_currents(three_loops, plate, 1e5, sheets, fineness=0.5)
+    (found,) = eddy_currents(three_loops, [plate], 1e5, sheets, fineness=0.5)
     change = moving_plate(three_loops, plate, [plate.centre], [1e5], sheets, fineness=0.5)[0, 0]
     edges = found.corners[:, 1:] - found.corners[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
     middles, A = found.corners.mean(axis=1), np.zeros((3, len(area), 3))
-    for weight, lift in lowered_copies(slab, 1e-3, 20e-3):
+    copies = [(1.0, 0.0)]
+    if slab is not None:  # 4µ/((µ + 1)² − (µ − 1)² e^{−2kt}), in its own series
+        copies = [(slab.transmission * slab.reflection ** (2 * n), 2 * n * slab.thickness) for n in range(12)]
+    for weight, lift in copies:
         A += [weight * vector_potential(path, middles + np.array([0.0, 0.0, lift])) for path in three_loops]
     linked = np.einsum("itc,jtc,t->ij", A, found.density, area)
     np.testing.assert_allclose(linked, change, rtol=2e-2)

@@ -19,7 +19,7 @@ from skfem.helpers import dot, grad
 from coilarray import load_design
 from coilarray.compute.arrays import FloatArray
 from coilarray.constants import MU_0
-from coilarray.elastomer.flat_layer import layer_inductance
+from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.electromagnetics.inductance import mutual_inductance
 from coilarray.errors import ElastomerError, GeometryError, MetalError
 from coilarray.geometry import MATERIALS, Conductor, Material, Plate, Sheet

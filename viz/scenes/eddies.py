@@ -12,6 +12,7 @@ import xarray as xr
 from coilarray.circuit.operating_field import operating_currents
 from coilarray.compute.arrays import ComplexArray
 from coilarray.design.model import Design
+from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate
 from coilarray.metal.finite_plates import eddy_currents
 from coilarray.metal.plate_field import plate_currents
@@ -47,11 +48,8 @@ def eddies_of_plates(
 ) -> list[Phasors]:
     """Return the eddy currents of the plates of a design; infinite ones over the rectangle `within` in m."""
     endless = [plate for plate in plates if isinstance(plate, Plate)]
-    outlined = [plate for plate in plates if isinstance(plate, FinitePlate)]
-    return [
-        *_endless(design, endless, endless, operation, within),
-        *(_outlined(design, plate, operation) for plate in outlined),
-    ]
+    _require_alike(plates)
+    return [*_endless(design, endless, endless, operation, within), *_outlined(design, plates, operation)]
 
 
 def eddies_of_target(
@@ -63,27 +61,46 @@ def eddies_of_target(
         target = target_of(design)
         height = target.height(design.top, distance)
         if isinstance(target.body, Plate):
+            _require_alike([target.body, *design.plates])
             moved = replace(target.body, z=height)
             beside = [plate for plate in design.plates if isinstance(plate, Plate)]
             found += _endless(design, [moved], [moved, *beside], operation, within)
         elif isinstance(target.body, FinitePlate):
-            found.append(_outlined(design, replace(target.body, centre=(*place, height)), operation))
+            moved_there = replace(target.body, centre=(*place, height))
+            found.append(_outlined(design, [*design.plates, moved_there], operation)[-1])
         else:
             found.append(None)
     return found
 
 
-def _outlined(design: Design, plate: FinitePlate, operation: WorkingPoint) -> Phasors:
-    """Eddy currents through the thickness of a plate with an outline, at the triangles of its upper face."""
-    found = eddy_currents(design.array, plate, operation.frequency, design.sheets)
-    density = np.tensordot(operation.currents, found.density, axes=1)
-    half = len(density) // 2  # the upper half, and its mirror image in the same order
-    upper, through = found.corners[:half], density[:half] + density[half:]
-    first, second, third = np.moveaxis(upper, 1, 0)
-    normals = np.cross(second - first, third - first)
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    face = normals @ plate.axes[2] > _FLAT
-    return upper.mean(axis=1)[face], normals[face], through[face]
+def _require_alike(plates: Sequence[Plate | FinitePlate]) -> None:
+    """Refuse plates without end beside those with an outline, whose currents change theirs: MetalError."""
+    kinds = {isinstance(plate, FinitePlate) for plate in plates}
+    if len(kinds) > 1:
+        raise MetalError(
+            "eddy currents of plates without end are not computed beside plates with an outline; got "
+            f"{', '.join(plate.name for plate in plates)}."
+        )
+
+
+def _outlined(design: Design, plates: Sequence[Plate | FinitePlate], operation: WorkingPoint) -> list[Phasors]:
+    """Eddy currents through the thickness of plates with an outline, at the triangles of their upper faces."""
+    outlined = [plate for plate in plates if isinstance(plate, FinitePlate)]
+    if not outlined:
+        return []
+    found: list[Phasors] = []
+    for plate, one in zip(
+        outlined, eddy_currents(design.array, plates, operation.frequency, design.sheets), strict=True
+    ):
+        density = np.tensordot(operation.currents, one.density, axes=1)
+        half = len(density) // 2  # the upper half, and its mirror image in the same order
+        upper, through = one.corners[:half], density[:half] + density[half:]
+        first, second, third = np.moveaxis(upper, 1, 0)
+        normals = np.cross(second - first, third - first)
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        face = normals @ plate.axes[2] > _FLAT
+        found.append((upper.mean(axis=1)[face], normals[face], through[face]))
+    return found
 
 
 def _endless(

@@ -135,11 +135,12 @@ def percent(delta: xr.DataArray) -> str:
 def steps_of(design: Design, distance: float | None = None) -> list[float]:
     """Return the distances of the design in m, others between them where it has few, and the wanted one.
 
-    A plate with an outline over magnetic sheets takes seconds for each, and has none in between.
+    A plate with an outline over magnetic sheets or beside plates takes seconds for each, and has none in between.
     """
     target = target_of(design)
     given, wanted = target.distances, [] if distance is None else [distance]
-    slow = isinstance(target.body, FinitePlate) and any(sheet.relative_permeability > 1 for sheet in design.sheets)
+    layers = any(sheet.relative_permeability > 1 for sheet in design.sheets) or bool(design.plates)
+    slow = isinstance(target.body, FinitePlate) and layers
     between = np.geomspace(given[0], given[-1], _STEPS).tolist() if 1 < len(given) < _STEPS and not slow else []
     near = {one for one in between if min(abs(one / other - 1) for other in (*given, *wanted)) < _NEAR}
     return sorted({*given, *wanted, *(one for one in between if one not in near)})

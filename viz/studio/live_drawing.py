@@ -140,7 +140,7 @@ def _minus(text: str) -> str:
 
 
 def nearest_place(location: Location, before: tuple[float, float] | None) -> tuple[float, float]:
-    """Return the place in m of the mode nearest to the place before, so that a trail does not jump; else of the best."""
+    """Return the place in m of the mode nearest to the place before, so that no trail jumps; else of the best one."""
     modes = location.modes
     if before is None:
         return modes[0].x, modes[0].y

@@ -65,7 +65,7 @@ class LivePanel(Panel):
         self._width = WIDE if services.alone else WIDTH
         values = {
             "can_watch": services.watch_board is not None, "alone": services.alone, "live_port": services.port,
-            "live_recording": services.recording, "live_recordings": [], "live_reference": services.reference,
+            "live_recording": services.recording, "live_recordings": [], "live_reference": list(services.reference),
             "live_states": [], "live_log": services.log or "", "live_running": False, "live_line": "",
             "live_problem": "", "live_scan": 0, "live_other": False, "live_paused": False, "live_span": _SPAN,
             "live_spans": [{"value": span, "title": _SPAN_NAMES[span]} for span in SPANS], "live_corrected": "",
@@ -87,8 +87,7 @@ class LivePanel(Panel):
         self._design, self._view, self._frame = design, top_view(design), None
         self._colours = state_colours(design)
         state.live_states = [one.name for one in design.plan]
-        if state.live_reference not in state.live_states:
-            state.live_reference = ""
+        state.live_reference = [name for name in state.live_reference if name in state.live_states]
         self._forget()
         state.live_plan = board_drawing(design, self._view)
         state.live_bars, state.live_lines, state.live_pins, state.live_fills = [], [], [], {}
@@ -108,13 +107,16 @@ class LivePanel(Panel):
         if watch is None:
             return
         design = page.work.design
-        recording, log = state.live_recording or None, str(state.live_log).strip()
+        recording, log = state.live_recording or None, str(state.live_log or "").strip()
         try:
             request = BoardRequest(
-                page.work.opened.document, design.name, str(state.live_port).strip(),
-                None if recording is None else str(self._file(recording, services.recording, (".sqlite",))),
-                str(state.live_reference or ""), str(self._file(log, services.log, _LOG_SUFFIXES)) if log else None,
-            )  # fmt: skip
+                page.work.opened.document,
+                design.name,
+                port=str(state.live_port).strip(),
+                recording=None if recording is None else str(self._file(recording, services.recording, (".sqlite",))),
+                reference=tuple(map(str, state.live_reference)),
+                log=str(self._file(log, services.log, _LOG_SUFFIXES)) if log else None,
+            )
         except CoilarrayError as error:
             state.live_problem = str(error)
             return
@@ -122,10 +124,11 @@ class LivePanel(Panel):
             _JOB, _watch, (watch, request), on_message=self._take, on_end=self._ended, patience=_PATIENCE
         ):
             self.show(design)
-            state.update(
-                {"live_running": True, "live_problem": "", "live_line": "opening …", "live_paused": False,
-                 "live_corrected": request.reference, "live_logged": request.log or "", "live_temperature": ""}
-            )  # fmt: skip
+            state.update({
+                "live_running": True, "live_problem": "", "live_line": "opening …", "live_paused": False,
+                "live_corrected": " and ".join(request.reference), "live_logged": request.log or "",
+                "live_temperature": "",
+            })  # fmt: skip
 
     def _file(self, name: str, given: str | None, suffixes: Sequence[str]) -> Path:
         """Return the file of the folder with a name, or the one that the caller of the studio named."""

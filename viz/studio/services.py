@@ -35,8 +35,8 @@ class BoardRequest:
         Port of the board; ``"emulator"`` for none.
     recording : str or None
         File of a recording that is replayed instead.
-    reference : str
-        State that nothing touches, whose drift is taken from all others; empty for none.
+    reference : sequence of str
+        States that nothing touches, whose δ is taken from that of all others.
     log : str or None
         File of a log to be written.
     """
@@ -45,7 +45,7 @@ class BoardRequest:
     name: str
     port: str
     recording: str | None = None
-    reference: str = ""
+    reference: Sequence[str] = ()
     log: str | None = None
 
 
@@ -157,8 +157,8 @@ class Services:
         Port of the board that is watched, where the page does not name another one.
     recording, log : str, optional
         Files of a recording that is replayed instead, and of a log, for the first reading.
-    reference : str
-        State that nothing touches, likewise; empty for none.
+    reference : sequence of str
+        States that nothing touches, likewise.
     alone : bool
         Whether the page is the live display alone, and reads at once.
     failed : callable
@@ -172,6 +172,6 @@ class Services:
     summarize: Summarize | None = None
     recording: str | None = None
     log: str | None = None
-    reference: str = ""
+    reference: Sequence[str] = ()
     alone: bool = False
     failed: Callable[[str], None] = lambda problem: None

@@ -35,8 +35,8 @@ _RULE = np.array(
 def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals: FloatArray) -> None:
     """Write the integrals in m³ of the triangles `corners` (k, 3, 3) with those of `other` (n, 3, 3), shape (k, n).
 
-    `other` is the whole set of which `corners` are those from number `first` on, or their mirror images, so that the
-    integrals are symmetric: those up to the diagonal are written.
+    Where `other` is the whole set of which `corners` are those from number `first` on, or their mirror images, so that
+    the integrals are symmetric, those up to the diagonal are written; all where `first` is n.
     """
     n = other.shape[0]
     moments = np.empty((n, 10))
@@ -45,7 +45,7 @@ def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals
     own = np.empty(10)
     for i in range(corners.shape[0]):
         _moments(corners[i], own)
-        for j in range(first + i + 1):
+        for j in range(min(first + i + 1, n)):
             dx, dy, dz = own[0] - moments[j, 0], own[1] - moments[j, 1], own[2] - moments[j, 2]
             r2 = dx * dx + dy * dy + dz * dz
             near = _NEAR * (own[9] + moments[j, 9])

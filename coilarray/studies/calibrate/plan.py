@@ -80,11 +80,17 @@ class Unknown(Table):
         Field(min_length=1),
         BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
     ]
+    """Dotted key of the design, or several that share one value."""
     low: float
+    """Least value."""
     high: float
+    """Largest value."""
     start: float | None = None
+    """Value to start from; the design's own by default."""
     prior_mean: float | None = None
+    """Mean of a normal prior; flat between the bounds by default."""
     prior_std: Annotated[float, Field(gt=0)] | None = None
+    """Its standard deviation."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Unknown:
@@ -110,8 +116,11 @@ class Choice(Table):
     """``[[alternative.choice]]``: entries that it sets and takes away, and unknowns that only it has."""
 
     name: Annotated[str, Field(min_length=1)]
+    """Name of the answer."""
     set: dict[str, Any] = Field(default_factory=dict)
+    """Values of the design by their dotted keys."""
     without: list[str] = Field(default_factory=list)
+    """Keys of the design that it takes away."""
     unknowns: list[Unknown] = Field(alias="unknown", default_factory=list)
 
 
@@ -119,6 +128,7 @@ class Alternative(Table):
     """``[[alternative]]``: a question with a few possible answers, each of which is fitted."""
 
     name: Annotated[str, Field(min_length=1)]
+    """Name of the question."""
     choices: list[Choice] = Field(alias="choice", min_length=1)
 
     @model_validator(mode="after")
@@ -143,24 +153,36 @@ class DataTable(Table):
     """
 
     states: Annotated[list[str], Field(min_length=1)] | None = None
+    """States whose readings are fitted; all by default."""
     tested: list[str] = Field(default_factory=list)
+    """States that are only predicted, to try what was fitted to the others."""
     parameters: Annotated[list[Parameter], Field(min_length=1)] = Field(default_factory=lambda: list(FITTED))
+    """Of ellipses: the parameters that are fitted."""
     levels: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)] = Field(
         default_factory=lambda: list(LEVELS)
     )
+    """Of ellipses: levels of δ."""
     semiaxis_std_mm: Annotated[float, Field(gt=0)] = 0.5
+    """Standard deviation of the semiaxes A and B."""
     peak_std: Annotated[float, Field(gt=0)] = 5e-5
+    """Standard deviation of the peak of δ."""
     delta_std: Annotated[float, Field(gt=0)] | None = None
+    """Standard deviation of δ of a response that has none of its own."""
     noise: Literal["given", "estimated"] | None = None
+    """Whether the standard deviations are believed, or their scale is estimated from what remains."""
     circuit: Literal["full", "ideal"] | None = None
+    """Whether losses and strays count."""
     mesh: Literal["fine", "coarse"] | None = None
+    """Mesh of the magnetic layer."""
 
 
 class Plan(Table):
     """A calibration plan; `load_plan` reads one."""
 
     schema_: Annotated[int, Field(ge=1, le=1)] = Field(alias="schema", default=1)
+    """Version of the file format."""
     title: str = ""
+    """Title in reports."""
     data: DataTable = DataTable()
     unknowns: list[Unknown] = Field(alias="unknown", default_factory=list)
     alternatives: list[Alternative] = Field(alias="alternative", default_factory=list)

@@ -42,11 +42,17 @@ class Variable(Table):
     """``[[variable]]``: an entry of the design that may change, between bounds or among choices."""
 
     entry: Annotated[str, Field(min_length=1)]
+    """Dotted key of the design, such as array.pitch_mm."""
     low: float | None = None
+    """Least value."""
     high: float | None = None
+    """Largest value."""
     step: Annotated[float, Field(gt=0)] | None = None
+    """Distance between the values that are tried; any value by default."""
     log: bool = False
+    """Whether values are spread by their logarithm."""
     choices: Annotated[list[Any], Field(min_length=2)] | None = None
+    """Instead of bounds: the values that it may have."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Variable:
@@ -92,8 +98,11 @@ class Objective(Table):
     """``[[objective]]``: a quantity to make small or large, or to bring to a value."""
 
     quantity: QuantityKey
+    """Quantity of the design; `coilarray optimize --list-quantities` shows them."""
     direction: Literal["minimize", "maximize"] | None = None
+    """Whether it is made small or large."""
     target: float | None = None
+    """Instead of a direction: the value to bring it to."""
 
     @model_validator(mode="after")
     def _one_wish(self) -> Objective:
@@ -122,6 +131,7 @@ class Constraint(Bounds):
     """``[[constraint]]``: bounds that a quantity must keep."""
 
     quantity: QuantityKey
+    """Quantity of the design that must keep the bounds."""
 
     @property
     def wish(self) -> str:
@@ -156,23 +166,33 @@ class Search(Table):
     """
 
     trials: Annotated[int, Field(ge=1, le=1_000_000)] = 200
+    """Number of designs to try."""
     sampler: Sampler | None = None
+    """Method that chooses them; tpe for one objective and nsga2 for several by default."""
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
+    """Seed of what is random: the same seed tries the same designs."""
     batch: Annotated[int, Field(ge=1, le=10_000)] = 8
+    """Number of designs that are chosen together, for workers to share."""
     population: Annotated[int, Field(ge=2, le=10_000)] = 24
+    """Number of designs in a generation of nsga2 and cmaes."""
     polish: Annotated[int, Field(ge=0, le=100_000)] | None = None
+    """Evaluations of the local solver that goes on from the best; none for several objectives."""
     accuracy: Accuracy = "full"
+    """Accuracy of the inductances while trying; what is chosen is always computed in full."""
 
 
 class Goal(Table):
     """A goal file; `parse_goal` reads one."""
 
     schema_: Annotated[int, Field(ge=1, le=1)] = Field(alias="schema")
+    """Version of the file format."""
     title: str = ""
+    """Title in reports."""
     variables: list[Variable] = Field(alias="variable", min_length=1)
     objectives: list[Objective] = Field(alias="objective", min_length=1)
     constraints: list[Constraint] = Field(alias="constraint", default_factory=list)
     watch: list[QuantityKey] = Field(default_factory=list)
+    """Further quantities to compute and list."""
     search: Search = Search()
 
     @model_validator(mode="after")

@@ -79,6 +79,7 @@ class _Errors(Table):
     """What all tables of errors share; the numbers are standard deviations or, where uniform, half widths."""
 
     distribution: Distribution = "normal"
+    """Normal with these standard deviations, or uniform with these half widths."""
 
     def spread(self) -> Spread:
         """Return the table in SI."""
@@ -89,43 +90,58 @@ class _Errors(Table):
 
 class _LayerMicrometres(_Errors):
     board_um: _Micrometres = 0.0
+    """Error that a whole board shares."""
     layer_um: _Micrometres = 0.0
+    """Error of each layer by itself."""
 
 
 class _LayerMilliradians(_Errors):
     board_mrad: _UpTo100 = 0.0
+    """Error that a whole board shares."""
     layer_mrad: _UpTo100 = 0.0
+    """Error of each layer by itself."""
 
 
 class _LayerPercent(_Errors):
     board_percent: _UpTo100 = 0.0
+    """Error that a whole board shares."""
     layer_percent: _UpTo100 = 0.0
+    """Error of each layer by itself."""
 
 
 class _LayerMillimetres(_Errors):
     board_mm: _UpTo100 = 0.0
+    """Error that a whole board shares."""
     layer_mm: _UpTo100 = 0.0
+    """Error of each layer by itself."""
 
 
 class _BoardMillimetres(_Errors):
     board_mm: _UpTo100
+    """Error of the board."""
 
 
 class _BoardPercent(_Errors):
     board_percent: _UpTo100
+    """Error of the board."""
 
 
 class _BoardMilliradians(_Errors):
     board_mrad: _UpTo100
+    """Error of the board."""
 
 
 class _PositionsTable(Table):
     """``[positions]``: where the indenter presses."""
 
     x_mm: list[Position] = Field(min_length=1, max_length=100)
+    """x of the places, rising."""
     y_mm: list[Position] = Field(min_length=1, max_length=100)
+    """y of the places, rising."""
     depth_mm: Millimetres
+    """Depth of the indentation."""
     noise: Annotated[float, Field(gt=0, le=1)] = 1e-5
+    """Standard deviation of δ of a reading."""
 
     @model_validator(mode="after")
     def _rising(self) -> _PositionsTable:
@@ -143,6 +159,7 @@ class _LimitTable(Bounds):
     """``[[limit]]``: what a good board keeps."""
 
     quantity: str
+    """Quantity of the design that a good board keeps within the bounds."""
 
     def build(self) -> Limit:
         """Return the limit."""
@@ -153,24 +170,41 @@ class _File(Table):
     """The whole file."""
 
     schema_: Annotated[int, Field(ge=SCHEMA, le=SCHEMA)] = Field(alias="schema")
+    """Version of the file format."""
     others: Literal["typical", "none"] = "typical"
+    """Errors of kinds without a table: the typical ones, or none."""
     quantities: list[str] = Field(default_factory=list)
+    """Quantities of the design to spread besides L, f and k."""
     etch: _LayerMicrometres | None = None
+    """Width of the traces."""
     registration: _LayerMicrometres | None = None
+    """Position of the copper layers."""
     rotation: _LayerMilliradians | None = None
+    """Rotation of the copper layers."""
     dielectric: _LayerPercent | None = None
+    """Thickness of the dielectrics."""
     copper: _LayerPercent | None = None
+    """Thickness of the copper."""
     placement: _BoardMillimetres | None = None
+    """Position of the elastomer and its indenter, along x and along y."""
     permeability: _BoardPercent | None = None
+    """Permeability of the magnetic sheets."""
     elastomer: _LayerMillimetres | None = None
+    """Thickness of the sheets."""
     capacitance: _BoardPercent | None = None
+    """Capacitance of the tank."""
     plate_distance: _LayerMillimetres | None = None
+    """Distance of metal plates."""
     plate_thickness: _LayerPercent | None = None
+    """Thickness of metal plates."""
     conductivity: _BoardPercent | None = None
+    """Conductivity of metal."""
     target_tilt: _BoardMilliradians | None = None
+    """Tilt of a target."""
     positions: _PositionsTable | None = None
     limit: list[_LimitTable] = Field(default_factory=list)
     assumed: dict[str, str] = Field(default_factory=dict)
+    """Tables of errors that had to be assumed, with the reason."""
 
     def spreads(self) -> dict[str, Spread]:
         """Return the tables that the file gives."""

@@ -21,9 +21,8 @@ from support.references import polygon, rows
 
 from coilarray import inductance_matrix, load_design, magnetic_field, mutual_inductance
 from coilarray.constants import MU_0
-from coilarray.elastomer import flat_layer
-from coilarray.elastomer.flat_layer import Slab, layer_inductance, magnetic_slab
-from coilarray.electromagnetics import plane_waves
+from coilarray.electromagnetics import flat_layer, plane_waves
+from coilarray.electromagnetics.flat_layer import Slab, layer_inductance, magnetic_slab
 from coilarray.electromagnetics.source import as_conductors
 from coilarray.errors import ElastomerError, GeometryError
 from coilarray.geometry import Conductor, Sheet, Spiral

@@ -1,0 +1,137 @@
+"""Switches that a board can be built with: what joins what inside a package, the order of its bits, electrical values.
+
+Nothing of the package of a part is known anywhere else. What no public source confirmed is in `SwitchPart.unverified`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from coilarray.errors import HardwareError
+
+CONVERTER_PIN = 4e-12
+"""Capacitance of a pin of the LDC1614 to ground in F, about (TI SNOSCY9A, eq. 3)."""
+_NETS = 3  # that every end of a coil has a switch to: ground and both sides of the bus
+_LOAD = 50.0  # Ω, into which the off isolation is measured
+_DECADE = 10e6  # Hz, at which it is given
+_FROM_MEMORY = "not verified: the table of the data sheet was not read"
+
+
+@dataclass(frozen=True)
+class SwitchPart:
+    """A package of eight switches, each closed by one bit of a word.
+
+    Parameters
+    ----------
+    name : str
+        Part number.
+    title : str
+        What is in the package.
+    bits : tuple of str
+        Names of the switches from bit 0 to bit 7.
+    drains : mapping of str to tuple of str
+        Common pins, each with the switches that share it; none where each switch has both pins for itself.
+    reset_pin : bool
+        Whether a pin opens all switches.
+    sampling_edge : {"falling"}
+        Edge of the clock at which a bit is shifted in.
+    on_resistance : float
+        Typical resistance of a closed switch in Ω.
+    off_isolation : float
+        Typical attenuation by an open switch in dB, at 10 MHz into 50 Ω.
+    source_capacitance, drain_capacitance : float
+        Typical capacitance to ground in F of the own pin of an open switch, and of the other (common) pin.
+    on_capacitance : float
+        Typical capacitance to ground in F of both pins of a closed switch together.
+    unverified : mapping of str to str
+        Fields that no public source confirmed, with the reason.
+    """
+
+    name: str
+    title: str
+    bits: tuple[str, ...]
+    drains: Mapping[str, tuple[str, ...]]
+    reset_pin: bool
+    on_resistance: float
+    off_isolation: float
+    source_capacitance: float
+    drain_capacitance: float
+    on_capacitance: float
+    unverified: Mapping[str, str] = field(default_factory=dict)
+    sampling_edge: Literal["falling"] = "falling"
+
+    @property
+    def common_pins(self) -> tuple[tuple[str, ...], ...]:
+        """Switches that share a pin, for each such pin; a switch with a pin of its own is alone."""
+        return tuple(self.drains.values()) or tuple((name,) for name in self.bits)
+
+    @property
+    def off_capacitance(self) -> float:
+        """Capacitance through an open switch in F: an isolation of a into a load R at ω is C = 10^(−a/20)/(ω R)."""
+        return float(10 ** (-self.off_isolation / 20) / (2 * math.pi * _DECADE * _LOAD))
+
+    @property
+    def closing(self) -> float:
+        """Capacitance to ground in F that a switch adds when it closes; negative where it loses some."""
+        return self.on_capacitance - self.source_capacitance - self.drain_capacitance
+
+    @property
+    def terminal_capacitance(self) -> float:
+        """Capacitance to ground in F of an end of a coil with a switch to ground and to each side of the bus."""
+        return self.drain_capacitance * (1 if self.drains else _NETS)
+
+    def bus_capacitance(self, coils: int) -> float:
+        """Capacitance to ground in F of a side of the bus that every end of `coils` coils has a switch to.
+
+        That is a pin of every switch, the converter's, and what the closed switch adds.
+
+        >>> part = switch_part("ADG739")
+        >>> round((part.bus_capacitance(6) + part.terminal_capacitance) * 1e12)
+        195
+        """
+        return 2 * coils * self.source_capacitance + self.closing + CONVERTER_PIN
+
+
+_A, _B = (tuple(f"S{k}{side}" for k in range(1, 5)) for side in "AB")
+_ONE_TO_EIGHT = tuple(f"S{k}" for k in range(1, 9))
+_CAPACITANCES = ("source_capacitance", "drain_capacitance", "on_capacitance")
+_PARTS = (
+    SwitchPart(
+        "ADG714", "eight switches, each with two pins of its own", _ONE_TO_EIGHT, {}, True,
+        on_resistance=2.5, off_isolation=60, source_capacitance=11e-12, drain_capacitance=11e-12, on_capacitance=22e-12,
+        unverified=dict.fromkeys((*_CAPACITANCES, "off_isolation"), _FROM_MEMORY),
+    ),
+    SwitchPart(
+        "ADG738", "eight switches with one common pin", _ONE_TO_EIGHT, {"D": _ONE_TO_EIGHT}, True,
+        on_resistance=2.5, off_isolation=55, source_capacitance=13e-12, drain_capacitance=85e-12, on_capacitance=96e-12,
+        unverified=dict.fromkeys((*_CAPACITANCES, "bits"), _FROM_MEMORY)
+        | {"off_isolation": "that of the ADG728, which has the same switches and another bus"},
+    ),
+    SwitchPart(
+        "ADG739", "twice four switches with a common pin", (*_A, *_B), {"DA": _A, "DB": _B}, False,
+        on_resistance=2.5, off_isolation=55, source_capacitance=13e-12, drain_capacitance=42e-12, on_capacitance=48e-12,
+        unverified=dict.fromkeys(_CAPACITANCES, _FROM_MEMORY)
+        | {
+            "bits": "not verified: the data sheet's table was not read; S4B first and S1A last as sibling parts "
+            "suggest; the closure self-test tells",
+            "off_isolation": "that of the ADG729, which has the same switches and another bus",
+        },
+    ),
+)  # fmt: skip
+PARTS: Mapping[str, SwitchPart] = {part.name: part for part in _PARTS}
+"""The known parts by name. R_ON, topology and RESET: front pages of ADG714/715 Rev. B and ADG738/739 Rev. A, at 5 V;
+bits of the ADG714: ADG714/715, S8 first; off isolation: ADG728/729 Rev. C, −75 dB at 1 MHz and −55 dB at 10 MHz."""
+
+
+def switch_part(name: str) -> SwitchPart:
+    """Return the part of a name; HardwareError for one that is not in `PARTS`.
+
+    >>> switch_part("ADG739").drains["DA"]
+    ('S1A', 'S2A', 'S3A', 'S4A')
+    """
+    if name not in PARTS:
+        raise HardwareError(f"the switches must be {', '.join(PARTS)}; got {name!r}.")
+    return PARTS[name]

@@ -1,0 +1,223 @@
+"""Plane waves in flat layers: what a stack of them reflects, and the field in it, one wavenumber at a time.
+
+Outside of the coils that make it, the vertical flux density is B_z = Σ b(z) e^{ik·x}, and in flat layers each wave
+keeps its pattern in the plane. In a layer of relative permeability μ and conductivity σ, b'' = γ² b with
+γ² = k² + jωμ0μσ; b and b'/μ are continuous. A wave that comes from medium a to medium b is reflected with
+
+    ρ = (γ_a/μ_a − γ_b/μ_b)/(γ_a/μ_a + γ_b/μ_b),
+
+and by a layer of thickness d with reflection r beyond it with (ρ + r e^{−2γd})/(1 + ρ r e^{−2γd}), from the outermost
+layer inwards (Dodd & Deeds, J. Appl. Phys. 39, 2829 (1968), for a circular coil over two media; Cheng, Dodd & Deeds,
+Int. J. NDT 3, 109 (1971), for any number). Where nothing conducts, H = −∇Ψ and b = −μ ∂Ψ/∂z: the potential is reflected
+with −ρ. The electric potential above a board is the same with permittivities, but for its base: the copper holds it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.constants import MU_0
+
+Base: TypeAlias = Literal["open", "grounded"]
+"""What is below z = 0: air, where the field comes from, or electrodes that hold the potential at z = 0."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One flat layer: its `thickness` in m, relative `permeability` and `conductivity` in S/m, inf where perfect."""
+
+    thickness: float
+    permeability: float = 1.0
+    conductivity: float = 0.0
+
+
+_AIR = Layer(math.inf)
+
+
+def with_gaps(bodies: Sequence[tuple[float, Layer]], start: float) -> tuple[Layer, ...]:
+    """Return layers outwards from a height `start` in m with the air between them.
+
+    `bodies` are layers with the heights in m of their inner faces, rising, the first at `start` or beyond it.
+    """
+    layers: list[Layer] = []
+    for height, layer in bodies:
+        layers += [Layer(height - start)] if height > start else []
+        layers.append(layer)
+        start = height + layer.thickness
+    return tuple(layers)
+
+
+@dataclass(frozen=True, eq=False)
+class LayerWaves:
+    """Waves that come through air to the first face of some layers, and what these make of them.
+
+    Parameters
+    ----------
+    layers : tuple of Layer
+        From the first face outwards, with air beyond.
+    wavenumbers : ndarray, shape (k,)
+        In 1/m.
+    growths, beyond, passed : ndarray, shape (layers, …, k)
+        γ in 1/m of each layer, inf in a perfect conductor, where there is no field; the reflection r at its outer face;
+        and 1 − r, which cancellation would lose.
+    reflection : ndarray, shape (…, k)
+        ρ of b at the first face.
+    potential : ndarray, shape (…, k)
+        1 − ρ: the scalar potential at the first face over that of the wave alone.
+    """
+
+    layers: tuple[Layer, ...]
+    wavenumbers: FloatArray
+    growths: ComplexArray
+    beyond: ComplexArray
+    passed: ComplexArray
+    reflection: ComplexArray
+    potential: ComplexArray
+
+    @property
+    def faces(self) -> list[ComplexArray]:
+        """B at each layer's inner face and at the last one's outer face, over that at the first face."""
+        found = [np.ones_like(self.reflection)]
+        for growth, r, layer in zip(self.growths, self.beyond, self.layers, strict=True):
+            fall = np.exp(-growth * layer.thickness)
+            found.append(found[-1] * fall * (1 + r) / (1 + r * fall**2))
+        return found
+
+    def at(self, height: float) -> tuple[ComplexArray, ComplexArray]:
+        """Return b and its outward derivative in 1/m at a height in m beyond the first face, over b there."""
+        edges = np.concatenate(([0.0], np.cumsum([layer.thickness for layer in self.layers])))
+        number = int(np.searchsorted(edges, height, side="right")) - 1
+        if number >= len(self.layers):
+            b = self.faces[-1] * np.exp(-self.wavenumbers * (height - edges[-1]))
+            return b, -self.wavenumbers * b
+        growth, r, d = self.growths[number], self.beyond[number], self.layers[number].thickness
+        h = height - edges[number]
+        out, back = np.exp(-growth * h), r * np.exp(-growth * (2 * d - h))
+        b = self.faces[number] / (1 + r * np.exp(-2 * growth * d))
+        return b * (out + back), b * growth * (back - out)
+
+    def integral(self, number: int) -> ComplexArray:
+        """Return ∫ b dz over a layer in m, over b at the first face."""
+        growth, r, d = self.growths[number], self.beyond[number], self.layers[number].thickness
+        fall = np.exp(-growth * d)
+        return np.asarray(self.faces[number] * (1 - fall) * (1 + r * fall) / growth / (1 + r * fall**2))
+
+    def through(self, number: int, height: FloatArray) -> FloatArray:
+        """Scalar potential at heights (…, 1) in m in a layer that does not conduct, over that at its inner face."""
+        k, d = self.wavenumbers, self.layers[number].thickness
+        return np.asarray(np.exp(-k * height) * self._left(number, d - height) / self._left(number, d))
+
+    def _left(self, number: int, way: FloatArray | float) -> FloatArray:
+        """1 − r e^{−2k·way}."""
+        twice = -2 * self.wavenumbers * way
+        return np.asarray(-np.expm1(twice) + np.exp(twice) * self.passed[number].real)
+
+
+def layer_waves(layers: Sequence[Layer], wavenumbers: FloatArray, omega: FloatArray | float = 0.0) -> LayerWaves:
+    """Compute the waves in flat layers.
+
+    Parameters
+    ----------
+    layers : sequence of Layer
+        From the first face outwards, with air before and beyond.
+    wavenumbers : ndarray, shape (k,)
+        Positive, in 1/m.
+    omega : float or ndarray, shape (f, 1)
+        Angular frequency in 1/s, which leads the shapes of the result where it is an array.
+
+    Examples
+    --------
+    Iron of the permeability 3 draws half of the flux in; a perfect conductor sends all back.
+
+    >>> k = np.array([100.0])
+    >>> layer_waves([Layer(math.inf, 3.0)], k).reflection.real
+    array([0.5])
+    >>> layer_waves([Layer(1e-3, 1.0, math.inf)], k, 1.0).reflection.real
+    array([-1.])
+    """
+    zero = np.zeros(np.broadcast_shapes(np.shape(omega), wavenumbers.shape), dtype=np.complex128)
+    r, passed = zero, zero + 1
+    growths, beyond, left = (np.empty((len(layers), *zero.shape), dtype=np.complex128) for _ in range(3))
+    outer = _AIR
+    for number in range(len(layers) - 1, -1, -1):
+        layer = layers[number]
+        r, passed = _joined(layer, outer, wavenumbers, omega, r, passed)
+        beyond[number], left[number] = r, passed
+        if math.isinf(layer.conductivity):
+            growths[number], r, passed = math.inf, zero, zero + 1
+        else:
+            growths[number] = _growth(layer, wavenumbers, omega)
+            twice = -2 * growths[number] * layer.thickness
+            r, passed = r * np.exp(twice), -np.expm1(twice) + passed * np.exp(twice)
+        outer = layer
+    r, passed = _joined(_AIR, outer, wavenumbers, omega, r, passed)
+    return LayerWaves(tuple(layers), wavenumbers, growths, beyond, left, r, passed)
+
+
+def _growth(layer: Layer, k: FloatArray, omega: FloatArray | float) -> ComplexArray:
+    """γ in 1/m."""
+    return np.asarray(np.sqrt(k**2 + 1j * omega * MU_0 * layer.permeability * layer.conductivity))
+
+
+def _joined(
+    a: Layer, b: Layer, k: FloatArray, omega: FloatArray | float, r: ComplexArray, passed: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Reflection ρ of waves from a to b, with r just behind the face, and 1 − ρ; `passed` is 1 − r.
+
+    Without cancellation where both media are nearly alike, or one passes nearly nothing.
+    """
+    if math.isinf(b.conductivity) or math.isinf(a.conductivity):
+        return np.full_like(r, -1.0), np.full_like(r, 2.0)
+    mu_a, mu_b = a.permeability, b.permeability
+    of_a, of_b = _growth(a, k, omega) * mu_b, _growth(b, k, omega) * mu_a
+    eddies = 1j * omega * MU_0 * mu_a * mu_b * (a.conductivity * mu_b - b.conductivity * mu_a)
+    face = (k**2 * (mu_b**2 - mu_a**2) + eddies) / (of_a + of_b) ** 2
+    both = 1 + face * r
+    return np.asarray((face + r) / both), np.asarray(2 * of_b / (of_a + of_b) * passed / both)
+
+
+def flat_profile(
+    wavenumbers: FloatArray,
+    z: FloatArray,
+    thicknesses: Sequence[float],
+    permeabilities: Sequence[float],
+    base: Base = "open",
+) -> FloatArray:
+    """Total potential g(z), shape (n, k), in flat sheets for an incident potential e^{−kz}, or for g(0) = 1.
+
+    `wavenumbers`, shape (k,), of the pattern in the plane are positive, in 1/m; the heights `z`, shape (n,), in m from
+    0, the lower face of the lowest sheet. Sheets, with thicknesses in m and relative permeabilities (or
+    permittivities), lie upwards from there, and air above. The base is air with an incident potential below ("open"),
+    or electrodes at z = 0 that hold the potential 1 ("grounded").
+    """
+    waves = layer_waves(_sheets(thicknesses, permeabilities), wavenumbers)
+    profile = np.empty((len(z), len(wavenumbers)))
+    below = waves.potential.real if base == "open" else np.ones_like(wavenumbers)
+    edge = 0.0
+    for number, d in enumerate(thicknesses):
+        here = (z >= edge) & (z <= edge + d)
+        profile[here] = below * waves.through(number, z[here, None] - edge)
+        below = below * waves.through(number, np.array([d]))
+        edge += d
+    above = z >= edge
+    profile[above] = below * np.exp(-wavenumbers * (z[above, None] - edge))
+    return profile
+
+
+def reflection(wavenumbers: FloatArray, thicknesses: Sequence[float], permeabilities: Sequence[float]) -> FloatArray:
+    """Reflected potential at the lower face of flat sheets, R e^{kz} for an incident e^{−kz}.
+
+    Pattern and sheets are as in `flat_profile`. R = −ρ, shape (k,), from −1 to 0: magnetic sheets draw the flux in,
+    which raises the inductance.
+    """
+    return np.asarray(-layer_waves(_sheets(thicknesses, permeabilities), wavenumbers).reflection.real)
+
+
+def _sheets(thicknesses: Sequence[float], permeabilities: Sequence[float]) -> list[Layer]:
+    return [Layer(d, mu) for d, mu in zip(thicknesses, permeabilities, strict=True)]

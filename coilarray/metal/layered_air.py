@@ -1,0 +1,196 @@
+"""What plates without end and magnetic sheets reflect and let pass, as images of the currents between them.
+
+A source at the height s in one gap of air and a place at z in the same or a higher one, z_l the lower face of the lower
+gap and z_u the upper face of the upper one: waves leave the source upwards or downwards and arrive from below or from
+above, by the ways
+
+    2 z_u − s − z,   s + z − 2 z_l,   z − s,   2 (z_u − z_l) + s − z,
+
+the first two by an odd number of reflections, as from a mirror image of the source, the last two by an even one. In one
+gap the third is 2 (z_u − z_l) + z − s: the direct wave goes its own way. Each comes with the weight w(k) e^{−k·way};
+with ρ_u and ρ_l the reflections at the faces of the source's gap of height D, w has 1/(1 − ρ_u ρ_l e^{−2kD}) for all
+that go up and down in it. A sum Σ c e^{−2kd} with a few real distances d stands for w: images farther away by 2d,
+real for currents of any shape in any body. Horizontal currents keep their direction in every image, vertical ones turn
+round in mirror images.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.electromagnetics.flat_stack import Layer, layer_waves, with_gaps
+from coilarray.errors import GeometryError, MetalError
+from coilarray.geometry import Plate, Sheet
+
+_DIGITS = 14.0  # −ln of the amplitude of the shortest waves that count
+_LONGEST = 0.1  # radians across all bodies; longer waves carry 1e-4 of a coupling
+_WAVES = 120  # of a fit
+_TOLERANCE = 2e-4  # of the largest wave
+_RATIOS = (math.inf, 4.0, 2.8, 2.0, 1.6, 1.3)  # of the distances; inf: one image alone
+_SMALLEST = 1e-7  # singular value of a fit
+_LEFT_OUT = 1e-5  # of the largest wave: images so weak at all frequencies
+_TOUCHING = 1e-9  # m
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """Where a source seems to be, at `sign` times its height plus `offset` in m; complex `shares` (f,) of its current.
+
+    A `sign` of −1 is a mirror image.
+    """
+
+    sign: int
+    offset: float
+    shares: ComplexArray
+
+    def of(self, points: FloatArray) -> FloatArray:
+        """Images in m of points (..., 3)."""
+        return points * [1.0, 1.0, self.sign] + [0.0, 0.0, self.offset]
+
+    @property
+    def back(self) -> Image:
+        """The same image for source and place exchanged."""
+        return self if self.sign < 0 else Image(self.sign, -self.offset, self.shares)
+
+
+@dataclass(frozen=True, eq=False)
+class LayeredAir:
+    """Layers without end, upwards, with their lower and upper faces (n, 2) in m, at frequencies (f,) in Hz."""
+
+    layers: tuple[Layer, ...]
+    faces: FloatArray
+    frequencies: FloatArray
+
+    @classmethod
+    def between(cls, plates: Sequence[Plate], sheets: Sequence[Sheet], frequencies: FloatArray) -> LayeredAir:
+        """Put plates and the sheets upwards from z = 0 together; GeometryError where they overlap."""
+        bodies = [
+            (*plate.heights, Layer(plate.thickness, plate.material.relative_permeability, plate.material.conductivity),
+             f"plate {plate.name!r}") for plate in plates
+        ]  # fmt: skip
+        heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
+        bodies += [
+            (low, high, Layer(sheet.thickness, sheet.relative_permeability), f"sheet {sheet.name!r}")
+            for (low, high), sheet in zip(itertools.pairwise(heights), sheets, strict=True)
+            if sheet.relative_permeability != 1
+        ]
+        bodies.sort(key=lambda body: body[0])
+        for (low, high, _, one), (start, _, _, other) in itertools.pairwise(bodies):
+            if start < high - _TOUCHING:
+                raise GeometryError(
+                    f"plates and magnetic sheets must not overlap; {one} lies from z = {low:g} to {high:g} m and "
+                    f"{other} begins at {start:g} m."
+                )
+        faces = np.array([body[:2] for body in bodies]).reshape(-1, 2)
+        return cls(tuple(body[2] for body in bodies), faces, frequencies)
+
+    def gap(self, low: float, high: float, what: str) -> int:
+        """Find the gap, by its number from below, in which heights from `low` to `high` in m lie, or MetalError."""
+        number = int((self.faces[:, 0] < (low + high) / 2).sum())
+        floor, roof = self.gap_faces(number)
+        if low < floor - _TOUCHING or high > roof + _TOUCHING:
+            raise MetalError(
+                f"{what} must lie between plates without end and magnetic sheets, not in them; it reaches from "
+                f"{low * 1e3:.4g} to {high * 1e3:.4g} mm and the faces next to it lie at {floor * 1e3:.4g} and "
+                f"{roof * 1e3:.4g} mm."
+            )
+        return number
+
+    def gap_faces(self, number: int) -> tuple[float, float]:
+        """Heights in m of the lower and the upper face of a gap; infinite without a body there."""
+        floor = self.faces[number - 1, 1] if number else -math.inf
+        return float(floor), float(self.faces[number, 0]) if number < len(self.faces) else math.inf
+
+    def images(self, source: tuple[int, float, float], place: tuple[int, float, float], extent: float) -> list[Image]:
+        """Find the images of a source, all but itself in its own gap.
+
+        Parameters
+        ----------
+        source, place : tuple
+            Number of the gap, least and greatest height in m of the source, and of where its field is wanted.
+        extent : float
+            Greatest horizontal distance in m from one to the other.
+        """
+        if not self.layers:
+            return []
+        if source[0] > place[0]:
+            return [image.back for image in self.images(place, source, extent)]
+        floor, roof = self.gap_faces(source[0])[0], self.gap_faces(place[0])[1]
+        same = source[0] == place[0]
+        through = 2 * (roof - floor)
+        nearest = max(place[1] - source[2], 0.0)
+        ways = (  # shortest way, sign, offset, and the direction in which images farther away lie
+            (2 * roof - source[2] - place[2], -1, 2 * roof, 1),
+            (source[1] + place[1] - 2 * floor, -1, 2 * floor, -1),
+            (through + place[1] - source[2] if same else nearest, 1, -through if same else 0.0, -1),
+            (through + source[1] - place[2], 1, through, 1),
+        )
+        found = []
+        for number, (way, sign, offset, outwards) in enumerate(ways):
+            if math.isinf(way):
+                continue
+            shortest = max(way, _TOUCHING)
+            k = np.geomspace(_LONGEST / (extent + shortest), _DIGITS / shortest, _WAVES)
+            weights = self._weights(k, source[0], place[0])[number]
+            for distance, shares in _fitted(k, weights, shortest, extent):
+                found.append(Image(sign, offset + outwards * 2 * distance, shares))
+        return found
+
+    def _weights(self, k: FloatArray, source: int, place: int) -> tuple[ComplexArray, ...]:
+        """Weights (f, k) of the four ways from one gap to the same or a higher one."""
+        omega = 2 * np.pi * self.frequencies[:, None]
+        floor, roof = self.gap_faces(source)
+        up, down = (layer_waves(self._outwards(source, up=side), k, omega) for side in (True, False))
+        trip = np.exp(-2 * k * (roof - floor)) if math.isfinite(roof - floor) else 0.0
+        again = 1 / (1 - up.reflection * down.reflection * trip)
+        if source == place:
+            both = up.reflection * down.reflection * again
+            return up.reflection * again, down.reflection * again, both, both
+        start = self.gap_faces(place)[0]
+        edges = roof + np.cumsum([0.0, *(layer.thickness for layer in up.layers)])
+        number = int(np.abs(edges - start).argmin())
+        out = up.faces[number]
+        back = np.zeros_like(out)
+        if number < len(up.layers):
+            r = up.beyond[number]
+            out = out / (1 + r * np.exp(-2 * k * up.layers[number].thickness))
+            back = out * r
+        passed = (1 + up.reflection) * again * np.exp(k * (start - roof))
+        return passed * back, passed * out * down.reflection, passed * out, passed * back * down.reflection
+
+    def _outwards(self, gap: int, *, up: bool) -> tuple[Layer, ...]:
+        """Layers outwards from a gap, with the air between them."""
+        floor, roof = self.gap_faces(gap)
+        if up:
+            return with_gaps(list(zip(self.faces[gap:, 0].tolist(), self.layers[gap:], strict=True)), roof)
+        inner = (-self.faces[:gap, 1][::-1]).tolist()
+        return with_gaps(list(zip(inner, self.layers[:gap][::-1], strict=True)), -floor)
+
+
+def _fitted(k: FloatArray, weights: ComplexArray, way: float, extent: float) -> list[tuple[float, ComplexArray]]:
+    """Distances in m and shares (f,) of images that stand for weights (f, k)."""
+    # two loops couple by the square of the wave that both see; waves beyond the extent less
+    counted = np.exp(-k * way) * np.minimum(k * (extent + way), 1.0) ** 2
+    wanted = weights * counted
+    largest = np.abs(wanted).max()
+    if largest == 0:
+        return []
+    for ratio in _RATIOS:
+        count = 0 if math.isinf(ratio) else math.ceil(math.log(4 * k[-1] / k[0]) / math.log(ratio))
+        distances = np.array([0.0, *np.geomspace(0.5 / k[-1], 2 / k[0], count)])
+        waves = np.exp(-2 * np.outer(k, distances)) * counted[:, None]
+        shares = np.linalg.lstsq(waves, wanted.T, rcond=_SMALLEST)[0]
+        if np.abs(waves @ shares - wanted.T).max() <= _TOLERANCE * largest:
+            break
+    strengths = np.abs(shares).max(axis=1) * np.abs(waves).max(axis=0)
+    return [
+        (distance, share)
+        for distance, share, strength in zip(distances.tolist(), shares, strengths.tolist(), strict=True)
+        if strength > _LEFT_OUT * largest
+    ]

@@ -1,0 +1,83 @@
+"""How Sphinx builds these pages: ``python -m sphinx -W docs docs/_build/html``."""
+
+import sys
+import warnings
+from importlib import metadata
+from pathlib import Path
+
+import matplotlib
+import pyvista
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "extensions"))
+
+project = "coilarray"
+author = "The coilarray developers"
+project_copyright = author
+release = version = metadata.version("coilarray")
+
+extensions = [
+    "myst_parser",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx_copybutton",
+    "sphinx_design",
+    "sphinx_gallery.gen_gallery",
+    "command_pages",
+    "file_pages",
+    "name_pages",
+    "native_math",
+]
+exclude_patterns = ["_build", "extensions", "gallery", "tutorials"]
+source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "fieldlist"]
+myst_heading_anchors = 3
+
+html_theme = "pydata_sphinx_theme"
+html_title = "coilarray"
+html_static_path = ["static"]
+html_css_files = ["pages.css"]
+html_show_sourcelink = False
+html_math_renderer = "native"
+html_theme_options = {
+    "navigation_with_keys": True,
+    "show_toc_level": 2,
+    "header_links_before_dropdown": 8,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+}
+
+rst_prolog = r"""
+.. |k| replace:: \|k\|
+.. |B| replace:: \|B\|
+.. |δ| replace:: \|δ\|
+"""  # bars in docstrings are absolute values
+
+numpydoc_show_class_members = False
+numpydoc_class_members_toctree = False
+autosummary_generate = False  # `name_pages` writes them
+autodoc_typehints = "none"  # the docstrings say types
+autodoc_member_order = "bysource"
+
+warnings.filterwarnings("ignore", message=".*is non-interactive")
+matplotlib.use("agg")
+pyvista.OFF_SCREEN = True
+pyvista.BUILDING_GALLERY = True
+sphinx_gallery_conf = {
+    "examples_dirs": ["gallery", "tutorials"],
+    "gallery_dirs": ["made/gallery", "made/tutorials"],
+    "filename_pattern": ".*",
+    "image_scrapers": ("figures.of_program", "pyvista"),
+    "capture_repr": (),
+    "within_subsection_order": "FileNameSortKey",
+    "remove_config_comments": True,
+    "show_memory": False,
+    "min_reported_time": 1e9,
+    "download_all_examples": False,
+    "show_signature": False,
+    "plot_gallery": "True",
+    "abort_on_example_error": True,
+    "default_thumb_file": str(HERE / "board.png"),
+}

@@ -1,0 +1,95 @@
+"""A page for every command, from its own help: what it does, an example, its options."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+from coilarray.cli.main import COMMANDS, program
+
+_WIDE = 2000  # characters, so that the help of an option stands in one line
+_FOLDER = "reference/commands"
+
+
+def _help_of(name: str) -> str:
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        program(name)(
+            [name, "--help"],
+            prog_name="coilarray",
+            standalone_mode=False,
+            terminal_width=_WIDE,
+            max_content_width=_WIDE,
+        )
+    return printed.getvalue()
+
+
+def _sections(text: str) -> dict[str, list[str]]:
+    """Lines of the help under their headings; the description under ""."""
+    found: dict[str, list[str]] = {"": []}
+    heading = ""
+    for line in text.splitlines():
+        if match := re.fullmatch(r"([A-Z]\w+):", line):
+            heading = match[1]
+            found[heading] = []
+        elif line.startswith("Usage:"):
+            found["Usage"] = [line.removeprefix("Usage:").strip()]
+        else:
+            found[heading].append(line.removeprefix("  "))
+    return found
+
+
+def _table(lines: list[str], first: str) -> list[str]:
+    joined = re.sub(r"\n {4,}", "  ", "\n".join(lines))  # the help of a long option stands in a line of its own
+    rows = [re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in joined.splitlines() if line.strip()]
+    table = [f"| {first} | meaning |", "| --- | --- |"]
+    for name, *meaning in rows:
+        text = " ".join(meaning).replace("|", "\\|").replace("<", "&lt;")
+        table.append(f"| `` {name.replace('|', '¦')} `` | {text} |")
+    return [*table, ""]
+
+
+def page(name: str) -> str:
+    """Return the page of a command in Markdown."""
+    parts = _sections(_help_of(name))
+    paragraphs = [text.replace("\n", " ").strip() for text in "\n".join(parts[""]).strip().split("\n\n")]
+    lines = [f"# coilarray {name}", "", "```text", parts["Usage"][0], "```", ""]
+    examples = [text.removeprefix("Example: ") for text in paragraphs if text.startswith("Example: ")]
+    for text in paragraphs:
+        if text and not text.startswith("Example: "):
+            lines += [text.replace("<", "&lt;"), ""]
+    if examples:
+        lines += ["```sh", *examples, "```", ""]
+    for heading, first in (("Arguments", "argument"), ("Options", "option")):
+        if heading in parts:
+            lines += [f"## {heading}", "", *_table(parts[heading], first)]
+    return "\n".join(lines)
+
+
+def _write(app: Sphinx) -> None:
+    folder = Path(app.srcdir) / _FOLDER
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for name in COMMANDS:
+        text = page(name)
+        _keep(folder / f"{name}.md", text)
+        rows.append((name, next(line for line in text.split("```\n", 2)[1].splitlines() if line)))
+    lines = ["# Commands", "", "Every command has `--help`; lengths are in the units that their names say.", ""]
+    lines += ["| command | what it does |", "| --- | --- |"]
+    lines += [f"| [{name}]({name}.md) | {what} |" for name, what in rows]
+    lines += ["", "```{toctree}", ":hidden:", *COMMANDS, "```", ""]
+    _keep(folder / "index.md", "\n".join(lines))
+
+
+def _keep(path: Path, text: str) -> None:
+    """Write a page where it changed, so that Sphinx reads only those again."""
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Write the pages before Sphinx looks for them."""
+    app.connect("builder-inited", _write)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,81 @@
+"""A page for every public name, in groups, from the docstrings."""
+
+import importlib
+import inspect
+from collections.abc import Mapping
+from pathlib import Path
+
+from command_pages import _keep
+from sphinx.application import Sphinx
+
+import coilarray
+
+_FOLDER = "reference/python"
+# module of a name, its beginning → group
+_GROUPS: Mapping[str, str] = {
+    "coilarray.errors": "Errors",
+    "coilarray.design": "Designs",
+    "coilarray.geometry": "Geometry",
+    "coilarray.electromagnetics": "Fields and inductance",
+    "coilarray.circuit": "Circuit",
+    "coilarray.elastomer": "Response",
+    "coilarray.response": "Response",
+    "coilarray.localize": "Position",
+    "coilarray.studies": "Studies and report",
+    "coilarray.report": "Studies and report",
+}
+_ORDER = tuple(dict.fromkeys([*list(_GROUPS.values())[1:], "Errors"]))
+_ROOMS = {"coilarray.viz": "Pictures", "coilarray.hardware": "Boards"}
+
+
+def _names() -> dict[str, list[str]]:
+    """Full names of everything public by group."""
+    groups: dict[str, list[str]] = {group: [] for group in (*_ORDER, *_ROOMS.values())}
+    for name in coilarray.__all__:
+        value = getattr(coilarray, name)
+        module = getattr(value, "__module__", "coilarray.geometry")
+        group = next((words for start, words in _GROUPS.items() if module.startswith(start)), "Geometry")
+        groups[group].append(f"coilarray.{name}")
+    for room, group in _ROOMS.items():
+        groups[group] += [f"{room}.{name}" for name in importlib.import_module(room).__all__]
+    return groups
+
+
+def _value(full: str) -> object:
+    module, _, name = full.rpartition(".")
+    return getattr(importlib.import_module(module), name)
+
+
+def _page(full: str) -> str:
+    value = _value(full)
+    kind = "autoclass" if inspect.isclass(value) else "autofunction" if callable(value) else "autodata"
+    lines = [full, "=" * len(full), "", f".. {kind}:: {full}"]
+    if inspect.isclass(value) and not issubclass(value, BaseException):
+        lines.append("   :members:")
+    return "\n".join([*lines, ""])
+
+
+def _first_line(full: str) -> str:
+    value = _value(full)
+    text = inspect.getdoc(value) if callable(value) else None
+    return (text or "Table of values.").split("\n\n")[0].replace("\n", " ")
+
+
+def _write(app: Sphinx) -> None:
+    folder = Path(app.srcdir) / _FOLDER
+    folder.mkdir(parents=True, exist_ok=True)
+    words = "``import coilarray as ca`` offers all but the last two groups. Everything takes and returns SI units."
+    lines = ["Python", "======", "", words, ""]
+    for group, names in _names().items():
+        lines += [group, "-" * len(group), "", ".. list-table::", "   :widths: 30 70", ""]
+        for full in sorted(names):
+            _keep(folder / f"{full}.rst", _page(full))
+            lines += [f"   * - :doc:`{full.removeprefix('coilarray.')} <{full}>`", f"     - {_first_line(full)}"]
+        lines += ["", ".. toctree::", "   :hidden:", "", *(f"   {full}" for full in sorted(names)), ""]
+    _keep(folder / "index.rst", "\n".join(lines))
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Write the pages before Sphinx looks for them."""
+    app.connect("builder-inited", _write)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

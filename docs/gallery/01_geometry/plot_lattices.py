@@ -1,0 +1,25 @@
+"""
+Rows, squares, hexagons, rings
+==============================
+
+One coil on every point of a lattice; neighbours that overlap take turns on the copper layers.
+"""
+
+import matplotlib.pyplot as plt
+
+import coilarray as ca
+from coilarray.viz import plot_board
+
+board = ca.Stackup.uniform(("L1", "L2", "L3", "L4"))
+spiral = ca.Spiral(sides=6, outer_apothem=8e-3, turns=12, trace_width=0.15e-3, gap=0.15e-3)
+coil = ca.spiral_coil(spiral, 2, ca.PlatedHole(drill=0.25e-3, pad=0.5e-3))
+layers = (("L1", "L2"), ("L3", "L4"))
+lattices = (
+    ca.Lattice("linear", pitch=13e-3, columns=4, layers=layers),
+    ca.Lattice("square", pitch=17e-3, columns=3, rows=3, layers=(("L1", "L2"),)),
+    ca.Lattice("rings", pitch=17e-3, rings=1, layers=(("L1", "L2"),)),
+)
+figure, axes = plt.subplots(1, 3, figsize=(11, 4), layout="constrained")
+for ax, lattice in zip(axes, lattices, strict=True):
+    plot_board(ca.lattice_array(board, coil, lattice), ax)
+    ax.set_title(lattice.kind)

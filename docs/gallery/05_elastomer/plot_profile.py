@@ -1,0 +1,15 @@
+"""
+Response along the row of coils
+===============================
+
+Every coil answers where the ball is near it.
+"""
+
+import numpy as np
+
+import coilarray as ca
+from coilarray.viz import plot_response_profile
+
+design = ca.load_design("gast2020")
+response = ca.response_map(design, x=np.linspace(-40e-3, 40e-3, 81), y=[0.0])
+plot_response_profile(response)

@@ -1,0 +1,27 @@
+"""
+A steel or aluminium backplane
+==============================
+
+What a plate under the board leaves of a coil's inductance, against its distance.
+"""
+
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import coilarray as ca
+
+design = ca.load_design("starter")
+gaps = np.array([1, 2, 4, 8, 16]) * 1e-3
+underside = -design.array.stackup.thickness
+figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
+for name in ("aluminium", "steel"):
+    found = []
+    for gap in gaps:
+        plate = ca.Plate("backplane", underside - gap - 1e-3, 1e-3, ca.MATERIALS[name])
+        beside = replace(design, plates=(plate,))
+        found.append(float(ca.couple_design(beside).open_inductance[0]))
+    ax.semilogx(gaps * 1e3, np.array(found) * 1e6, "o-", label=name)
+ax.set(xlabel="gap (mm)", ylabel="inductance (µH)")
+ax.legend()

@@ -1,0 +1,19 @@
+"""
+Which drive current does a coil need?
+=====================================
+
+The LDC1614's limits for one channel, and its drive current for a range of parallel resistances.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from coilarray.hardware import check_channel, drive_for
+
+for limit in check_channel(1.9e6, 33e3, 48.0, 8e6):
+    print(limit.words if not limit.kept else f"{limit.name}: kept")
+resistance = np.geomspace(1e3, 80e3, 200)
+found = [drive_for(value) for value in resistance]
+figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
+ax.loglog(resistance / 1e3, [np.nan if drive is None else drive.current * 1e6 for drive in found])
+ax.set(xlabel="parallel resistance (kΩ)", ylabel="drive current (µA)")

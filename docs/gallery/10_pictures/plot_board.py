@@ -1,0 +1,16 @@
+"""
+A board in three dimensions
+===========================
+
+The copper, the board and the sheets, lifted off.
+"""
+
+import pyvista
+
+import coilarray as ca
+from coilarray.viz import board_scene
+
+design = ca.load_design("gast2020")
+plotter = pyvista.Plotter(window_size=(900, 500))
+board_scene(design.array, design.sheets, plotter=plotter)
+plotter.show()

@@ -1,0 +1,50 @@
+"""Words of switches, one bit each, and the bytes of a daisy chain of packages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from coilarray.errors import HardwareError
+
+ALL_OPEN = 0x00
+"""Word that opens every switch; also the state after power-on."""
+
+
+def switch_word(closed: Iterable[str], bits: Sequence[str]) -> int:
+    """Return the word that closes these switches and opens all others; `bits` names those from bit 0 to bit 7.
+
+    HardwareError for a name that is none of the switches.
+
+    >>> from coilarray.design.switch_parts import switch_part
+    >>> hex(switch_word(["S1A", "S1B"], switch_part("ADG739").bits))
+    '0x11'
+    """
+    word = ALL_OPEN
+    for name in closed:
+        if name not in bits:
+            raise HardwareError(f"a switch must be one of {', '.join(bits)}; got {name!r}.")
+        word |= 1 << bits.index(name)
+    return word
+
+
+def chain_bytes(words: Sequence[int]) -> bytes:
+    """Return the bytes to shift into a chain: words of 0 to 255, the device next to the computer first.
+
+    The first byte moves to the far end, so the order is reversed. HardwareError for no word, or one beyond a byte.
+
+    >>> chain_bytes([0x22, 0x11, 0x11]).hex()
+    '111122'
+    """
+    if not words:
+        raise HardwareError("a chain must have at least one device; got none.")
+    wrong = [word for word in words if not 0 <= word <= 0xFF]
+    if wrong:
+        raise HardwareError(f"the word of a switch must be 0 to 255; got {wrong[0]}.")
+    return bytes(reversed(words))
+
+
+def check_bits(bits: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the switches by bit; HardwareError for one of the known that is missing, or any other."""
+    if sorted(bits) != sorted(known):
+        raise HardwareError(f"bits must name each of {', '.join(known)} once; got {', '.join(bits) or 'none'}.")
+    return tuple(bits)

@@ -1,0 +1,127 @@
+"""What a board must do, by the commands of a user: on the emulator always, on a real board where one is named.
+
+| variable                | what                                                                                      |
+| ----------------------- | ----------------------------------------------------------------------------------------- |
+| COILARRAY_TEST_PORT     | port of the real board, as --port takes it; without it only the emulator is tested        |
+| COILARRAY_TEST_DESIGN   | design of its coils, a name or a file; gast2020 by default                                |
+| COILARRAY_TEST_OPTIONS  | further options of all commands, as "--wiring my.toml --clock-MHz 43.31 --drive coil1=9"  |
+| COILARRAY_TEST_OUT      | folder for board.json, run.sqlite and rate.sqlite, which may become test data             |
+
+`docs/hardware/on_a_real_board.md` says how to run them, and what a failure means.
+"""
+
+import io
+import json
+import os
+import shlex
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from coilarray import couple_design, load_design
+from coilarray.cli.main import main
+from coilarray.hardware.board.connect import open_board
+from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
+
+pytestmark = pytest.mark.slow
+
+PORT = os.environ.get("COILARRAY_TEST_PORT", "")
+SCANS = 40
+FASTER = 1.5  # than at full resolution
+# Relative, of an inductance: ten times what users of the LDC1612 report at full resolution (2.8e-7; not verified)
+MOST_NOISE = 3e-6
+# Relative, between two runs a minute apart: the oscillator's -13e-6/K makes -26e-6/K of an inductance; 0.5 K
+MOST_DIFFERENCE = 1.3e-5
+# Of the data sheet's 35 to 55 MHz around 43.4 MHz, a tenth more for capacitances that are not known
+CLOCK_RATIO = (43.4 / 55 / 1.1, 43.4 / 35 * 1.1)
+
+
+@dataclass(frozen=True)
+class BoardUnderTest:
+    """A board: its port, its design, further options, and the folder for what is measured."""
+
+    port: str
+    design: str
+    options: tuple[str, ...]
+    folder: Path
+
+    def answer(self, command, *arguments):
+        """Run a command with the board, which must succeed, and return what it prints as JSON."""
+        with redirect_stdout(io.StringIO()) as printed:
+            words = [command, self.design, "--port", self.port, *self.options, *map(str, arguments), "--json"]
+            assert main(words) == 0
+        return json.loads(printed.getvalue())
+
+    def recorded(self, name, *arguments):
+        """Measure into a file, and return its summary."""
+        path = self.folder / name
+        path.unlink(missing_ok=True)
+        return self.answer("measure", "--out", path, *arguments)
+
+
+BOARDS = [
+    pytest.param(("emulator", "starter", ""), id="emulator"),
+    pytest.param(
+        (PORT, os.environ.get("COILARRAY_TEST_DESIGN", "gast2020"), os.environ.get("COILARRAY_TEST_OPTIONS", "")),
+        id="board",
+        marks=[pytest.mark.hardware, pytest.mark.skipif(not PORT, reason="COILARRAY_TEST_PORT names no board")],
+    ),
+]
+
+
+@pytest.fixture(params=BOARDS, scope="module")
+def tested(request, tmp_path_factory):
+    port, design, options = request.param
+    own = os.environ.get("COILARRAY_TEST_OUT") if port == PORT else None
+    folder = Path(own) if own else tmp_path_factory.mktemp("board")
+    folder.mkdir(parents=True, exist_ok=True)
+    return BoardUnderTest(port, design, tuple(shlex.split(options)), folder)
+
+
+@pytest.fixture(scope="module")
+def run(tested):
+    """The summary of a recording at full resolution."""
+    return tested.recorded("run.sqlite", "--scans", SCANS)
+
+
+def test_the_converter_says_who_it_is(tested):
+    with open_board(tested.port, design=load_design(tested.design)) as board:
+        assert (board.identity.manufacturer, board.identity.device) == (MANUFACTURER, DEVICE)
+        assert (board.reader.peek(0x7E), board.reader.peek(0x7F)) == (MANUFACTURER, DEVICE)
+        assert board.check_chain() in ("same", "none", None)
+
+
+def test_every_switch_does_what_the_wiring_says(tested):
+    found = tested.answer("board", "--self-test")
+    (tested.folder / "board.json").write_text(json.dumps(found, indent=1))
+    assert found["self_test"]["passed"], found["self_test"]["symptoms"]
+    assert found["chain"] in ("same", "none", None)
+
+
+def test_every_coil_has_good_results_without_gaps_and_little_noise(run):
+    assert (run["scans"], run["lost_scans"]) == (SCANS, 0)
+    for state in run["states"]:
+        assert (state["good"], state["reasons"]) == (SCANS, {}), state["state"]
+        assert 0 < state["relative_noise"] < MOST_NOISE, state["state"]
+
+
+def test_every_coil_oscillates_near_the_frequency_of_its_design(tested, run):
+    expected = couple_design(load_design(tested.design)).frequency
+    for state in run["states"]:
+        ratio = state["frequency_Hz"] / float(expected.sel(coil=state["state"]))
+        assert CLOCK_RATIO[0] < ratio < CLOCK_RATIO[1], state["state"]
+
+
+def test_a_second_run_gives_the_same_inductances(tested, run):
+    again = tested.recorded("again.sqlite", "--scans", SCANS)
+    for before, after in zip(run["states"], again["states"], strict=True):
+        assert after["inductance_H"] == pytest.approx(before["inductance_H"], rel=MOST_DIFFERENCE), after["state"]
+
+
+def test_scans_take_the_time_that_is_estimated(tested, run):
+    """A rate is made from the times of the data sheet and the bus, without the computer's own work: 5 % for that."""
+    rate = FASTER * run["rate_per_s"]
+    found = tested.recorded("rate.sqlite", "--scans", SCANS, "--rate", rate)
+    assert found["rate_per_s"] == pytest.approx(rate, rel=0.05)
