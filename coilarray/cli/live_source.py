@@ -89,11 +89,8 @@ def live_readings(
 
     A position is computed at most twenty times a second, so that it never delays the scans of a board.
     """
-    from coilarray.design.scan_states import referenced_names
     from coilarray.hardware.record.live_tracking import LiveTracker
 
-    if options.reference:
-        referenced_names(source.states, options.reference, HardwareError)
     tracker = LiveTracker(model, baseline_scans=options.baseline, noise=options.noise, reference=options.reference)
     limited = options.recording is None or options.speed > 0
     located, begun = -math.inf, False
@@ -139,9 +136,14 @@ def _logged(source: LiveSource, options: LiveOptions, design: Design) -> Iterato
 def live_source(options: LiveOptions, design: Design, progress: Progress) -> Iterator[LiveSource]:
     """Open the recording or the board of the options; a board rests afterwards.
 
-    `progress` gets (done, total) while the response of an emulated board is computed.
+    `progress` gets (done, total) while the response of an emulated board is computed. HardwareError for a reference
+    that is none of the states.
     """
+    from coilarray.design.scan_states import referenced_names
+
     with _replay(options) if options.recording is not None else _stream(options.board, design, progress) as source:
+        if options.reference:
+            referenced_names(source.states, options.reference, HardwareError)
         yield source
 
 

@@ -344,7 +344,7 @@ def steady_board(request, send, orders):
         if orders():
             return
         if orders.take() == [ZERO]:
-            zero = k
+            zero = k + 8  # a baseline that is long enough to be seen
         waiting, at = max(0, zero + 2 - k), 0.25 * k
         values = [None] * len(model.states) if waiting else delta.tolist()
         begin = 2.0 * (k // 8)

@@ -18,10 +18,10 @@ from coilarray.viz.palette import INK, coil_colours
 from coilarray.viz.studio.history import History
 from coilarray.viz.studio.top_view import TopView
 
-WIDTH, WIDE, HEIGHT = 1000.0, 1500.0, 400.0
-"""Widths of the drawing of the curves in the studio and in a window of its own, and its height, in its own unit."""
+TAB, WINDOW = (520.0, 300.0), (1500.0, 400.0)
+"""Width and height of the drawing of the curves in the studio and in a window of its own, in its own unit."""
 
-_LEFT, _RIM, _TOP, _BOTTOM = 70.0, 10.0, 16.0, 356.0  # of the axes
+_LEFT, _RIM, _TOP, _FOOT = 64.0, 10.0, 16.0, 44.0  # about the axes
 _LEAST_RANGE = 2e-6  # of δ: noise of a board at rest does not fill the picture
 _ROOM = 0.06  # of the range of δ, above and below
 _TICKS = 6
@@ -34,7 +34,7 @@ def state_colours(design: Design) -> dict[str, str]:
 
 
 def curves(
-    history: History, span: float, colours: Mapping[str, str], presses: Iterable[Press], width: float = WIDTH
+    history: History, span: float, colours: Mapping[str, str], presses: Iterable[Press], size: tuple[float, float] = TAB
 ) -> dict[str, Any]:
     """Return curves of δ over the last `span` in s, one of the `SPANS`, with ticks and the presses as marks.
 
@@ -42,14 +42,14 @@ def curves(
     """
     times, least, largest = history.values(span)
     stop = max(history.end, span)
-    start, right = stop - span, width - _RIM
+    start, right, bottom = stop - span, size[0] - _RIM, size[1] - _FOOT
     low, high = _limits(least, largest)
 
     def across(time: float) -> float:
         return round(_LEFT + (right - _LEFT) * (time - start) / span, 1)
 
     def down(delta: float) -> float:
-        return round(_BOTTOM - (_BOTTOM - _TOP) * (delta - low) / (high - low), 1)
+        return round(bottom - (bottom - _TOP) * (delta - low) / (high - low), 1)
 
     shown = [
         {"name": name, "colour": colours.get(name, INK), "path": _path(times, least[k], largest[k], across, down)}
@@ -62,8 +62,8 @@ def curves(
             left = max(across(press.begin), _LEFT)
             marks.append({"number": press.number, "x": left, "width": max(round(across(end) - left, 1), 1.0)})
     return {
-        "box": f"0 0 {width:g} {HEIGHT:g}",
-        "axes": {"x": _LEFT, "y": _TOP, "width": right - _LEFT, "height": _BOTTOM - _TOP},
+        "box": f"0 0 {size[0]:g} {size[1]:g}",
+        "axes": {"x": _LEFT, "y": _TOP, "width": right - _LEFT, "height": bottom - _TOP},
         "x": [{"at": across(tick), "text": f"{tick:g}"} for tick in _ticks(start, stop)],
         "y": [{"at": down(tick * 1e-6), "text": _minus(f"{tick:g}")} for tick in _ticks(low * 1e6, high * 1e6)],
         "curves": shown,

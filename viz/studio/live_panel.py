@@ -19,8 +19,8 @@ from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.history import SPANS, History
 from coilarray.viz.studio.job import Outcome
 from coilarray.viz.studio.live_drawing import (
-    WIDE,
-    WIDTH,
+    TAB,
+    WINDOW,
     curves,
     nearest_place,
     press_places,
@@ -62,7 +62,7 @@ class LivePanel(Panel):
         self._trail: deque[tuple[int, float, float]] = deque(maxlen=_TRAIL)
         self._new = False
         services = page.setup.services
-        self._width = WIDE if services.alone else WIDTH
+        self._size = WINDOW if services.alone else TAB
         values = {
             "can_watch": services.watch_board is not None, "alone": services.alone, "live_port": services.port,
             "live_recording": services.recording, "live_recordings": [], "live_reference": list(services.reference),
@@ -155,7 +155,7 @@ class LivePanel(Panel):
         self._history, self._shift = _NOTHING, 0.0
         self._presses.clear()
         self._trail.clear()
-        self._page.state.live_plot = curves(self._history, _SPAN, {}, (), self._width)
+        self._page.state.live_plot = curves(self._history, _SPAN, {}, (), self._size)
         self._page.state.update({"live_presses": [], "live_places": [], "live_trail": []})
 
     def _take(self, frames: Sequence[BoardFrame]) -> None:
@@ -202,7 +202,7 @@ class LivePanel(Panel):
             return
         state.live_scan, state.live_line = frame.sequence, frame.line
         presses = list(self._presses.values())
-        state.live_plot = curves(self._history, state.live_span, self._colours, presses, self._width)
+        state.live_plot = curves(self._history, state.live_span, self._colours, presses, self._size)
         state.live_presses = [press_row(press) for press in presses[: -_LISTED - 1 : -1]]
         state.live_places = press_places(self._view, presses[-_MARKED:])
         state.live_trail = trail_lines(self._view, list(self._trail))
