@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -24,6 +25,8 @@ from coilarray.compute.store import kept_dataset
 from coilarray.compute.threads import Progress
 from coilarray.design.digest import digest_of
 from coilarray.design.model import Design
+from coilarray.design.scan_states import Switches
+from coilarray.design.switch_parts import PARTS
 from coilarray.electromagnetics.capacitance import elastomer_effect, self_resonance
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import GeometryError
@@ -31,6 +34,19 @@ from coilarray.errors import GeometryError
 CLOSE_CHANNELS = 0.03
 """Relative distance of two frequencies below which simultaneous channels would pull each other."""
 _BYTES_A_RESISTANCE = 24.0  # an entry at a frequency: as computed, interpolated, and a copy on the way
+
+
+def part_switches(design: Design) -> Switches:
+    """Return the switches of a design with the capacitances of the part that it names; its own where it names none.
+
+    >>> from coilarray import load_design
+    >>> round(part_switches(load_design("gast2020")).across_coil * 1e12)
+    218
+    """
+    circuit = design.circuit
+    if circuit.part is None:
+        return circuit.switches
+    return PARTS[circuit.part].capacitances(circuit.switches, len(design.array.names))
 
 
 def scan_design(
@@ -60,7 +76,9 @@ def scan_design(
         states' mean frequency), ``resistance_model``, and what the elastomer's permittivity does where it is asked for:
         ``bare_winding_capacitance`` without it, ``elastomer_delta``, the apparent change of L when it is laid on,
         and ``dent_delta_bound``, which no dent through the topmost sheet exceeds
-        (`coilarray.electromagnetics.capacitance.elastomer_effect`). ``capacitance`` (coil, other) is the Maxwell
+        (`coilarray.electromagnetics.capacitance.elastomer_effect`). For a design that names the part of its switches
+        but counts other capacitances, also ``part_frequency`` (state), with those of the part, which are typical and
+        not verified. ``capacitance`` (coil, other) is the Maxwell
         matrix. Units in the attributes.
 
     Raises
@@ -113,6 +131,9 @@ def scan_design(
         ("resistance_model", coil, ac.model.values[nearest].astype(object), "", "model of the AC resistance"),
         ("capacitance", ("coil", "other"), parts.capacitance.capacitance.values, "F", "capacitance matrix"),
     ]  # fmt: skip
+    if (counted := part_switches(design)) != design.circuit.switches:
+        with_part = [resonate(replace(network, switches=counted), state).frequency for state in plan]
+        rows.append(("part_frequency", states, with_part, "Hz", f"with capacitances of {design.circuit.part}"))
     if elastomer:
         below = sum(sheet.thickness for sheet in design.sheets[:-1])  # a dent reaches through the topmost sheet at most
         above = permittivity_above(design)

@@ -138,13 +138,13 @@ def _write(found: Calibration, out: Path, data: str) -> list[Path]:
     """Write page, numbers, tables and the calibrated design into a folder; return the files."""
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
-    from coilarray.design.write import design_text
+    from coilarray.design.save import file_text
     from coilarray.report.calibration import calibration_tables, write_calibration_page
 
     written = [out / name for name in _FILES]
     write_calibration_page(found.dataset, written[0], data)
     save_dataset(found.dataset, written[1])
-    write_text(written[2], design_text(found.design))
+    write_text(written[2], file_text(found.file))
     for table in calibration_tables(found.dataset):
         written.append(out / f"{table.name}.csv")
         write_text(written[-1], table.csv())

@@ -14,6 +14,7 @@ from coilarray.cli.shared import AsJson, check_file, table_text
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
+    from coilarray.design.scan_states import Switches
     from coilarray.hardware.record.baseline_drift import Drift
     from coilarray.hardware.record.channel_calibration import BoardCalibration, Channel
 
@@ -72,6 +73,7 @@ def calibrate_board(
     frequency = None if frequency_mhz is None else _pair("--frequency-MHz", frequency_mhz, 1e6)
     if given and simulated:
         raise HardwareError("--inductance-uH and --simulated cannot be given together.")
+    from coilarray.circuit.impedance import part_switches
     from coilarray.compute.files import write_text
     from coilarray.hardware.record.calibration_file import calibration_to_toml
     from coilarray.hardware.record.channel_calibration import calibrate_board as calibrate
@@ -90,10 +92,12 @@ def calibrate_board(
             source=f"coilarray calibrate-board {recording.name}",
             made=datetime.now(UTC).isoformat(timespec="seconds"),
         )
+        design = opened.design if result.channels else None
+    expected = None if design is None else part_switches(design)
     write_text(out, calibration_to_toml(result))
     print_marked(
-        {**_data(result), "file": str(out)},
-        [*_text(result), f"wrote {out}"],
+        {**_data(result), "expected_capacitance_F": expected and expected.across_coil, "file": str(out)},
+        [*_text(result, expected), f"wrote {out}"],
         as_json=as_json,
         emulated=result.emulated,
     )
@@ -141,17 +145,27 @@ def _data(result: BoardCalibration) -> dict[str, Any]:
     }
 
 
-def _text(result: BoardCalibration) -> list[str]:
+def _text(result: BoardCalibration, expected: Switches | None) -> list[str]:
     error = "" if result.clock_error is None else f" ± {result.clock_error:.3g} Hz"
     parts = [f"clock {result.clock:.8g} Hz{error}, from the {result.clock_from}"]
+    if result.clock_error is not None:
+        parts.append(f"with --clock-MHz {result.clock * 1e-6:.4f} scans wait for this clock, not for the slowest")
     if result.channels:
         parts.append(table_text(("state", "L (µH)", "C (pF)", "±"), [_channel_row(one) for one in result.channels]))
+    if expected is not None:
+        parts.append(_expected(expected))
     if result.inductances_from == "design":
         parts.append("L is that of the simulation: measured and simulated L agree by construction, which is no test.")
     if result.drifts:
         headers = ("session", "state", "order", "drift of L_0 (10⁻⁶/h)", "±", "scatter (10⁻⁶)", "smooth")
         parts.append(table_text(headers, [_drift_row(one) for one in result.drifts]))
     return parts
+
+
+def _expected(switches: Switches) -> str:
+    tank, whole = switches.tank_capacitance * 1e12, switches.across_coil * 1e12
+    more = "" if whole == tank else f", {whole:.4g} pF with the capacitances of its switches (typical, not verified)"
+    return f"expected of the design: {tank:.4g} pF{more}, and what winding and traces add"
 
 
 def _channel_row(channel: Channel) -> tuple[str, ...]:

@@ -61,8 +61,11 @@ def live(
         typer.Option("--baseline-scans", help="Number of first scans, without an indentation, from which δ counts."),
     ] = 10,
     noise: Annotated[
-        float, typer.Option(help="Standard deviation of δ of the table; that of the readings is added.")
-    ] = 1e-5,
+        float | None,
+        typer.Option(
+            help="Standard deviation of δ; that of the readings is added. That of the design's noise budget by default."
+        ),
+    ] = None,
     scans: Annotated[int | None, typer.Option(help="Number of scans after which to end; never by default.")] = None,
     reference: References = None,
     log: Annotated[

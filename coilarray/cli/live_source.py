@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from coilarray.cli.board_options import EMULATOR, BoardOptions, marked, opened_board
+from coilarray.cli.board_options import BoardOptions, is_emulator, marked, opened_board
 from coilarray.cli.shared import check_file
 from coilarray.errors import HardwareError
 
@@ -48,7 +48,7 @@ class LiveOptions:
     recording: Path | None = None  # to be replayed instead of reading a board
     speed: float = 1.0  # of a replay, as multiple of the recorded one; 0 without any waiting
     baseline: int = 10  # scans
-    noise: float = 1e-5  # of the δ of the table
+    noise: float | None = None  # of δ, beside that of the readings; that of the design's budget by default
     reference: tuple[str, ...] = ()  # states that nothing touches
     scans: int | None = None  # after which to end
     log: Path | None = None
@@ -58,7 +58,7 @@ class LiveOptions:
         from coilarray.hardware.record.live_log import check_log
         from coilarray.hardware.record.live_tracking import LiveTracker
 
-        if self.recording is not None and (self.board.port != EMULATOR or self.board.emulate):
+        if self.recording is not None and (not is_emulator(self.board.port) or self.board.emulate):
             raise HardwareError("--recording replays a file; it cannot be given with --port or --emulate.")
         if self.scans is not None and not 1 <= self.scans <= _MOST_SCANS:
             raise HardwareError(f"--scans must be 1 to {_MOST_SCANS}; got {self.scans}.")

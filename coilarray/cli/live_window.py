@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from coilarray.cli.board_options import EMULATOR, BoardOptions
+from coilarray.cli.board_options import BoardOptions, is_emulator
 from coilarray.cli.live_source import QUIT, LiveOptions, live_readings, live_source
 from coilarray.errors import HardwareError
 
@@ -86,7 +86,7 @@ def watch_board(
     options = _options(base, request)
     with _sender(send) as tell:
         name = request.recording or request.port
-        emulated = request.recording is None and request.port == EMULATOR
+        emulated = request.recording is None and is_emulator(request.port)
         wait = partial(_wait, tell, name, emulated)
         model = _model(design, table, wait) if locate and design.indentation is not None else None
         with live_source(options, design, wait) as source:
@@ -105,7 +105,7 @@ def _options(base: LiveOptions, request: BoardRequest) -> LiveOptions:
     if request.recording is not None:
         board = BoardOptions()
     elif request.port != board.port:
-        other = request.port != EMULATOR
+        other = not is_emulator(request.port)
         board = replace(
             board, port=request.port, emulate=None if other else board.emulate,
             temperature=board.temperature if other else None,

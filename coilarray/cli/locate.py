@@ -53,7 +53,7 @@ def locate(
         typer.Option(help="Use this coil; may be repeated. All by default; for example without a broken one."),
     ] = None,
     reference: shared.References = None,
-    noise: shared.Noise = 1e-5,
+    noise: shared.Noise = None,
     ellipse: Annotated[
         bool, typer.Option("--ellipse", help="Use the ellipse model of Gast & Zimmermann (2020) instead.")
     ] = False,
@@ -94,13 +94,13 @@ def locate(
     if depth is not None and not ellipse:
         raise LocalizeError("--depth-mm is for --ellipse; the depth is found otherwise.")
     given = [] if stream else [one for text in readings for one in read_readings(text)]
+    assumed: tuple[float | None, str] = (None, "")
     if ellipse:
         ellipses, origin = _ellipse_model(model, depth, allow_violations)
         solve = _with_ellipses(ellipses, origin, coil, addition_mm * 1e-3)
     else:
-        solve = _with_all_coils(
-            _response(model, table, allow_violations), coil, reference or (), noise, given, readings
-        )
+        used = _response(model, table, allow_violations)
+        solve, assumed = _with_all_coils(used, coil, reference or (), noise, given, readings)
     if stream:
         _stream(solve)
         return
@@ -111,7 +111,11 @@ def locate(
         raise LocalizeError(f"{_none_in(readings)}: {records[0]['error']}")
     texts = [record.get("error") or record.get("reason") for record in records]
     lines = [f"reading {k}: {text}" for k, text in enumerate(texts, start=1) if text]
-    shared.print_result({"positions": records}, as_json=as_json, tables=[position_table(records)], lines=lines)
+    level, source = assumed
+    if level is not None:
+        lines.append(f"noise of δ {level:.2g}{source}")
+    data = {"noise": level, "positions": records}
+    shared.print_result(data, as_json=as_json, tables=[position_table(records)], lines=lines)
 
 
 def _answers(solve: Solver, readings: Sequence[Reading | LocalizeError]) -> list[Record]:
@@ -182,11 +186,11 @@ def _with_all_coils(
     response: _Response,
     coils: Sequence[str] | None,
     reference: Sequence[str],
-    noise: float,
+    noise: float | None,
     given: Sequence[Reading | LocalizeError],
     readings: Sequence[str],
-) -> Solver:
-    """Solve with maximum likelihood; refuse what no response could answer before it is computed.
+) -> tuple[Solver, tuple[float, str]]:
+    """Solve with maximum likelihood, and say with which noise; refuse what no response could answer before it is made.
 
     The readings are `given`, and the texts of the command line from which they are; none of a stream.
     """
@@ -203,7 +207,8 @@ def _with_all_coils(
     if reference:
         used = (*used, *(name for name in reference if name not in used))
         others = referenced_names(used, reference, LocalizeError)
-    checked_noise(others, noise)
+    if noise is not None:
+        checked_noise(others, noise)
     require_states(others, response.unknowns)
     wrong = []
     for one in given:
@@ -215,7 +220,8 @@ def _with_all_coils(
             wrong.append(error)
     if given and len(wrong) == len(given):
         raise LocalizeError(f"{_none_in(readings)}: {wrong[0]}")
-    model = forward_model(on_board(response.compute())).select(used)
+    table = on_board(response.compute())
+    model = forward_model(table).select(used)
     model = model.referenced(reference) if reference else model
     locate_all(model, [], noise=noise)  # a model that no reading fits is refused here, not at the first reading
 
@@ -233,7 +239,7 @@ def _with_all_coils(
         left = less_reference(dict(zip(used, values, strict=True)), reference)
         return {name: float(value) for name, value in left.items()}
 
-    return solve
+    return solve, (model.noise if noise is None else noise, shared.noise_source(noise, table))
 
 
 def _of_states(reading: Reading, used: Sequence[str], every: Sequence[str]) -> Reading:

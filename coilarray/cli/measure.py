@@ -75,6 +75,8 @@ def measure(
     measures the response to an indenter on a grid.
 
     Example: coilarray measure gast2020 --port /dev/ttyACM0 --scans 500 --out run.sqlite
+
+    Example: coilarray measure starter --port "i2c:1?board=grove-ldc1612" --coils coil1,coil2 --single
     """
     if campaign or of_campaign:
         raise HardwareError("campaigns have a command of their own, with the same options: coilarray campaign.")

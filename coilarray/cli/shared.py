@@ -128,7 +128,10 @@ PlacesY = Annotated[str | None, typer.Option(help="Positions along y, in the sam
 Ideal = Annotated[
     bool, typer.Option("--ideal/--strays", help="Leave alternating-current resistance and strays out of the circuit.")
 ]
-Noise = Annotated[float, typer.Option("--noise", help="Standard deviation of δ in a reading.")]
+Noise = Annotated[
+    float | None,
+    typer.Option("--noise", help="Standard deviation of δ in a reading; that of the design's noise budget by default."),
+]
 NumbersFile = Annotated[Path, out_option("File to write: .nc (netCDF) or .csv.", ".nc", ".csv")]
 OthersOpen = Annotated[bool, typer.Option("--others-open", help="All other coils open.")]
 TableFile = Annotated[
@@ -284,15 +287,25 @@ def print_result(
         typer.echo(line)
 
 
+def noise_source(given: float | None, response: xr.Dataset) -> str:
+    """Say where the noise of δ is from, behind its number: nothing for one that the user has given."""
+    if given is not None:
+        return ""
+    return " by the noise budget" if "noise" in response.attrs else ", as the response does not say its own"
+
+
 def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:
-    """Say how the model of a plate with an outline errs, by a dataset's attributes, where that is more than 1 %."""
+    """Say how the model of a plate with an outline errs, by a dataset's attributes: its mesh, and what is over 1 %."""
+    lines = []
+    if "plate_error_mesh" in attributes:
+        lines.append(f"the mesh of the target errs by about {attributes['plate_error_mesh']:.2%} of ΔL (estimated)")
     errors = [attributes.get(f"plate_error_{what}", 0.0) for what in ("inductance", "resistance")]
-    if max(errors) <= _WORTH_SAYING:
-        return []
-    return [
-        f"the plate's skin depth or thickness is not small against its width: its ΔL errs by about {errors[0]:.1%}, "
-        f"its ΔR by {errors[1]:.1%} (estimated), beside rim and mesh"
-    ]
+    if max(errors) > _WORTH_SAYING:
+        lines.append(
+            "the plate's skin depth or thickness is not small against its width: its ΔL errs by about "
+            f"{errors[0]:.1%}, its ΔR by {errors[1]:.1%} (estimated), beside rim and mesh"
+        )
+    return lines
 
 
 def print_json(data: Any) -> None:

@@ -219,7 +219,7 @@ def _edited_body(body: str, wanted: Mapping[str, Any]) -> str:
         body = body[: lines.stop] + new.get(k, "") + body[lines.stop :]
         if after is None:
             body = body[: lines.start] + body[lines.stop :]
-        elif before != after or type(before) is not type(after):
+        elif _is_other(before, after):
             body = body[: place.start] + _changed(body[place], before, after) + body[place.stop :]
     end = len(body.rstrip())
     return f"{body[:end]}\n{added}{body[end + 1 :]}" if added and end else added + body
@@ -237,6 +237,11 @@ def _missing(wanted: Mapping[str, Any], written: Sequence[_Path], path: _Path = 
             yield below, value
 
 
+def _is_other(before: Any, after: Any) -> bool:
+    """Whether a value is another one: 23.0 is 23, but 1 is not true."""
+    return bool(before != after) or isinstance(before, bool) != isinstance(after, bool)
+
+
 def _changed(text: str, before: Any, after: Any) -> str:
     """Return the text of a value for another one: with all between its numbers and words where it is built alike."""
     old, new = list(_leaves(before)), list(_leaves(after))
@@ -245,7 +250,7 @@ def _changed(text: str, before: Any, after: Any) -> str:
         in_lines = isinstance(before, list) and isinstance(after, list) and before and after and "\n" in text
         return _changed_lines(text, before, after) if in_lines else _inline(after)
     for (_, was), (_, value), place in list(zip(old, new, places, strict=True))[::-1]:
-        if was != value or type(was) is not type(value):
+        if _is_other(was, value):
             text = text[: place.start()] + _inline(value) + text[place.end() :]
     return text
 

@@ -15,11 +15,14 @@ import numpy as np
 
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.design import bundled
+from coilarray.design.circuit_table import PASSIVE
 from coilarray.design.digest import digest_of
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.plates import check_plates
+from coilarray.design.readout import Readout
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state, terminated_state
-from coilarray.design.tables import PASSIVE, Document
+from coilarray.design.switch_parts import PartName
+from coilarray.design.tables import Document
 from coilarray.design.window import Positions, array_window
 from coilarray.errors import DesignError, GeometryError, NetworkError
 from coilarray.geometry import (
@@ -59,6 +62,8 @@ class Circuit:
         States of a scan; empty for each coil in turn, see `Design.plan`.
     elastomer_permittivity : float
         Relative permittivity of all sheets.
+    part : {"ADG714", "ADG738", "ADG739"}, optional
+        Part of the switches; `switches` holds its values or others.
     """
 
     switches: Switches = field(default_factory=Switches)
@@ -67,6 +72,7 @@ class Circuit:
     default_termination: Passive = "ground"
     scan: tuple[ScanState, ...] = ()
     elastomer_permittivity: float = 1.0
+    part: PartName | None = None
 
     @property
     def capacitance(self) -> float:
@@ -182,6 +188,8 @@ class Design:
         Metal that stays where it is, above or below the board.
     target : Target or None
         Body of metal or ferrite that is moved over the board; None where there is none.
+    readout : Readout
+        How it is read out, for the noise and drift of readings.
 
     Raises
     ------
@@ -210,6 +218,7 @@ class Design:
     source: str = ""
     plates: tuple[Plate | FinitePlate, ...] = ()
     target: Target | None = None
+    readout: Readout = field(default_factory=Readout)
 
     def __post_init__(self) -> None:
         names, known = self.array.names, ", ".join(self.array.names)
@@ -299,9 +308,10 @@ class Design:
         if (target := self.target) is not None:
             over = map(np.array, (target.x, target.y, target.origin_point))
             metal += ("target", target.body, target.distances, *over)
+        readout = () if self.readout == Readout() else (self.readout,)
         return digest_of(
             self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,
-            self.terminations, self.plan, self.rules, self.field_height, *metal,
+            self.terminations, self.plan, self.rules, self.field_height, *metal, *readout,
         )  # fmt: skip
 
 
@@ -419,13 +429,14 @@ def build_design_file(document: Mapping[str, Any], origin: str = "design", text:
     try:
         design = _build(parsed)
         values = _flatten(parsed.model_dump(by_alias=True, exclude={"assumed"}, exclude_none=True))
+        values |= _of_part(parsed, design)
         for key in parsed.assumed:
             if key not in values:
                 raise DesignError(f"assumed.{key!r} names no value of the design{_meant(key, values)}")
     except (DesignError, GeometryError, NetworkError) as error:
         raise DesignError(f"{origin}: {error}") from None
     given = frozenset(_flatten(document))
-    assumed = {**_assumed_by_profile(parsed.fab.profile, given), **parsed.assumed}
+    assumed = {**_assumed_by_profile(parsed.fab.profile, given), **_assumed_of_part(parsed), **parsed.assumed}
     return DesignFile(design, document, given, assumed, values, text)
 
 
@@ -454,6 +465,7 @@ def _build(parsed: Document) -> Design:
         rules=parsed.fab.build(),
         field_height=parsed.field.height_mm * 1e-3,
         plates=_plates(parsed, sum(sheet.thickness for sheet in sheets), -stackup.thickness),
+        readout=parsed.readout.build(),
     )
 
 
@@ -471,15 +483,8 @@ def _circuit(parsed: Document, names: Sequence[str]) -> Circuit:
     terminations = {coil: PASSIVE[how] for coil, how in table.terminations.items()}
     every = {name: terminations.get(name, default) for name in names}
     return Circuit(
-        switches=Switches(
-            on_resistance=table.short_resistance_ohm / 2,
-            off_capacitance=table.switch_off_capacitance_pF * 1e-12,
-            terminal_capacitance=table.terminal_capacitance_pF * 1e-12,
-            bus_capacitance=table.bus_capacitance_pF * 1e-12,
-            lead_inductance=table.lead_inductance_nH * 1e-9,
-            tank_capacitance=table.capacitance_pF * 1e-12,
-            tank_at=table.tank,
-        ),
+        switches=table.build_switches(len(names)),
+        part=table.switches,
         resistivity=table.resistivity_ohm_m,
         terminations=terminations,
         default_termination=default,
@@ -524,6 +529,29 @@ def _assumed_by_profile(name: str | None, given: frozenset[str]) -> dict[str, st
     """Limits that a fab profile assumes and the file does not give, with the reason."""
     assumed = {} if name is None else load_profile(name).assumed
     return {f"fab.{key}": reason for key, reason in assumed.items() if f"fab.{key}" not in given}
+
+
+def _of_part(parsed: Document, design: Design) -> dict[str, object]:
+    """Values of ``[circuit]`` that follow from the part of the switches, in the units of their keys."""
+    switches = design.circuit.switches
+    picofarads = {key: round(getattr(switches, name) * 1e12, 3) for key, name in parsed.circuit.of_part.items()}
+    return {
+        f"circuit.{key}": design.circuit.short_resistance if key == "short_resistance_ohm" else value
+        for key, value in picofarads.items()
+    }
+
+
+def _assumed_of_part(parsed: Document) -> dict[str, str]:
+    """Why values that follow from the part of the switches are assumed."""
+    part = parsed.circuit.switches
+    reasons = {
+        "short_resistance_ohm": "two closed switches, typical at 5 V",
+        "switch_off_capacitance_pF": "from the off isolation of the same switches with another bus, or not verified",
+        "terminal_capacitance_pF": "its pins at the end of a coil; typical, not verified; traces not counted",
+        "bus_capacitance_pF": "a pin of each of its switches on the bus, and the converter's; typical, not verified; "
+        "traces not counted",
+    }
+    return {f"circuit.{key}": f"{part}: {reasons[key]}" for key in parsed.circuit.of_part}
 
 
 @contextmanager

@@ -60,6 +60,15 @@ class Switches:
         if self.tank_at not in ("converter", "coil"):
             raise NetworkError(f"tank_at must be 'converter' or 'coil'; got {self.tank_at!r}.")
 
+    @property
+    def across_coil(self) -> float:
+        """Capacitance in F across a measured coil: the tank, and what both of its sides have to ground in series.
+
+        >>> round(Switches(terminal_capacitance=42e-12, bus_capacitance=153e-12).across_coil * 1e12, 1)
+        217.5
+        """
+        return self.tank_capacitance + (self.bus_capacitance + self.terminal_capacitance) / 2
+
 
 @dataclass(frozen=True)
 class ScanState:

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from coilarray.design.scan_states import Switches
 from coilarray.errors import HardwareError
 
 CONVERTER_PIN = 4e-12
 """Capacitance of a pin of the LDC1614 to ground in F, about (TI SNOSCY9A, eq. 3)."""
+PartName = Literal["ADG714", "ADG738", "ADG739"]
+"""Names of the known parts."""
 _NETS = 3  # that every end of a coil has a switch to: ground and both sides of the bus
 _LOAD = 50.0  # Ω, into which the off isolation is measured
 _DECADE = 10e6  # Hz, at which it is given
@@ -26,7 +29,7 @@ class SwitchPart:
 
     Parameters
     ----------
-    name : str
+    name : PartName
         Part number.
     title : str
         What is in the package.
@@ -50,7 +53,7 @@ class SwitchPart:
         Fields that no public source confirmed, with the reason.
     """
 
-    name: str
+    name: PartName
     title: str
     bits: tuple[str, ...]
     drains: Mapping[str, tuple[str, ...]]
@@ -78,21 +81,22 @@ class SwitchPart:
         """Capacitance to ground in F that a switch adds when it closes; negative where it loses some."""
         return self.on_capacitance - self.source_capacitance - self.drain_capacitance
 
-    @property
-    def terminal_capacitance(self) -> float:
-        """Capacitance to ground in F of an end of a coil with a switch to ground and to each side of the bus."""
-        return self.drain_capacitance * (1 if self.drains else _NETS)
+    def capacitances(self, switches: Switches, coils: int) -> Switches:
+        """Return switches with the capacitances of this part in place of their own.
 
-    def bus_capacitance(self, coils: int) -> float:
-        """Capacitance to ground in F of a side of the bus that every end of `coils` coils has a switch to.
+        For a board of `coils` coils whose every end has a switch to ground and to each side of the bus; traces are not
+        counted. Another board: `coilarray.hardware.scan.wiring.Wiring.capacitances`.
 
-        That is a pin of every switch, the converter's, and what the closed switch adds.
-
-        >>> part = switch_part("ADG739")
-        >>> round((part.bus_capacitance(6) + part.terminal_capacitance) * 1e12)
-        195
+        >>> counted = PARTS["ADG739"].capacitances(Switches(), 6)
+        >>> round(counted.terminal_capacitance * 1e12), round(counted.bus_capacitance * 1e12)
+        (42, 153)
         """
-        return 2 * coils * self.source_capacitance + self.closing + CONVERTER_PIN
+        return replace(
+            switches,
+            off_capacitance=self.off_capacitance,
+            terminal_capacitance=self.drain_capacitance * (1 if self.drains else _NETS),
+            bus_capacitance=2 * coils * self.source_capacitance + self.closing + CONVERTER_PIN,
+        )
 
 
 _A, _B = (tuple(f"S{k}{side}" for k in range(1, 5)) for side in "AB")

@@ -14,11 +14,11 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
-from coilarray.constants import RESISTIVITY_COPPER
+from coilarray.design.circuit_table import CircuitTable, StateTable
 from coilarray.design.fab_limits import FabTable
 from coilarray.design.places_table import PlacesTable
 from coilarray.design.plates import MaterialTable, PlateTable
-from coilarray.design.scan_states import Passive, ScanState, terminated_state
+from coilarray.design.readout import ReadoutTable
 from coilarray.design.target_table import FlatTarget, SphereTarget
 from coilarray.design.units import (
     SCALES,
@@ -71,12 +71,6 @@ SCHEMA = 1
 
 _MM, _UM, _DEG = SCALES["mm"], SCALES["um"], SCALES["deg"]
 
-Picofarads = Annotated[float, Field(ge=1e-6, le=1e12)]
-StrayPicofarads = Annotated[float, Field(ge=0, le=1e6)]
-Nanohenries = Annotated[float, Field(ge=0, le=1e9)]
-Ohms = Annotated[float, Field(ge=0, le=1e9)]
-LoadOhms = Annotated[float, Field(gt=0, le=1e9)]
-Resistivity = Annotated[float, Field(ge=1e-10, le=1.0)]
 Turns = Annotated[float, Field(gt=0, le=1000)]
 Kilopascals = Annotated[float, Field(ge=1e-6, le=1e9)]
 PoissonsRatio = Annotated[float, Field(ge=0, le=0.5)]
@@ -603,65 +597,6 @@ class IndentationTable(PlacesTable):
         return x_min * _MM, y_min * _MM, x_max * _MM, y_max * _MM
 
 
-Termination = Literal["short", "open", "ground one end", "ground other end", "load"]
-PASSIVE: Mapping[Termination, Passive] = {
-    "short": "ground", "open": "open", "ground one end": "ground one end", "ground other end": "ground other end",
-    "load": "load",
-}  # fmt: skip
-"""What closes a coil, by its word in ``[circuit]``."""
-
-
-class CircuitTable(Table):
-    """``[circuit]``: tank and terminations."""
-
-    capacitance_pF: Picofarads = 120  # noqa: N815 - the unit
-    """Capacitance of the tank capacitor."""
-    short_resistance_ohm: Ohms = 0.0
-    """Resistance of the path that grounds a passive coil."""
-    resistivity_ohm_m: Resistivity = RESISTIVITY_COPPER
-    """Resistivity of the copper."""
-    switch_off_capacitance_pF: StrayPicofarads = 0.0  # noqa: N815 - the unit
-    """Capacitance through each open switch."""
-    terminal_capacitance_pF: StrayPicofarads = 0.0  # noqa: N815 - the unit
-    """Capacitance from each terminal of a coil to ground."""
-    bus_capacitance_pF: StrayPicofarads = 0.0  # noqa: N815 - the unit
-    """Capacitance from each side of the measuring bus to ground."""
-    lead_inductance_nH: Nanohenries = 0.0  # noqa: N815 - the unit
-    """Inductance of each lead from the bus to the converter."""
-    tank: Literal["converter", "coil"] = "converter"
-    """Where the capacitor stands: at the converter, or one at each coil."""
-    elastomer_permittivity: Relative = 1.0
-    """Relative permittivity of all sheets."""
-    default_termination: Termination = "short"
-    """State of every coil that is not being measured."""
-    terminations: dict[str, Termination] = Field(default_factory=dict)
-    """States of coils by name that differ from it."""
-
-
-class StateTable(Table):
-    """``[[scan]]``: one state of the multiplexer; a minus before a measured coil turns its terminals round."""
-
-    name: Name
-    """Name of the state."""
-    measure: list[str] = Field(min_length=1)
-    """Coils at the converter; a minus before a name turns its terminals round."""
-    connection: Literal["series", "parallel"] = "series"
-    """How several measured coils are joined."""
-    others: Passive | None = None
-    """State of all coils that are not mentioned; that of `[circuit]` by default."""
-    exceptions: dict[str, Passive] = Field(default_factory=dict)
-    """States of coils by name that differ from it."""
-    load_ohm: LoadOhms = 50.0
-    """Resistance of a coil that is loaded."""
-
-    def build(self, terminations: Mapping[str, Passive]) -> ScanState:
-        """Return the state; coils that it does not mention are as in ``[circuit]``."""
-        measured = tuple((name.removeprefix("-"), -1 if name.startswith("-") else 1) for name in self.measure)
-        if self.others is None:
-            return terminated_state(self.name, measured, terminations, self.connection, self.exceptions, self.load_ohm)
-        return ScanState(self.name, measured, self.connection, self.others, self.exceptions, self.load_ohm)
-
-
 class FieldTable(Table):
     """``[field]``: the plane on which reports show the field."""
 
@@ -691,6 +626,7 @@ class Document(Table):
     indentation: IndentationTable | None = None
     target: Annotated[FlatTarget | SphereTarget, Field(discriminator="shape")] | None = None
     circuit: CircuitTable = CircuitTable()
+    readout: ReadoutTable = ReadoutTable()
     scan: list[StateTable] = Field(default_factory=list)
     field: FieldTable = FieldTable()
     fab: FabTable = FabTable()

@@ -1,8 +1,9 @@
 """Where and how deep an indentation is, from the δ of all coils: maximum likelihood with everything that also fits.
 
-With Gaussian noise of known standard deviation σ_s in δ_s, −2 ln of the likelihood is χ² up to a constant. A `Location`
-keeps every mode, that is every minimum of χ² that lies in the likelihood region {θ : χ²(θ) − min χ² ≤ q}, with q the
-quantile of χ² for as many degrees of freedom as unknowns: on a board that is symmetric in y both signs of y are there.
+With Gaussian noise of known standard deviation σ_s in δ_s, −2 ln of the likelihood is χ² up to a constant; the error of
+a target's table is added to σ_s at every minimum. A `Location` keeps every mode, that is every minimum of χ² that lies
+in the likelihood region {θ : χ²(θ) − min χ² ≤ q}, with q the quantile of χ² for as many degrees of freedom as unknowns:
+on a board that is symmetric in y both signs of y are there.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from scipy.special import chdtrc, chdtri
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import ranges
 from coilarray.errors import LocalizeError
-from coilarray.localize.forward import ForwardModel, checked_noise, require_states
+from coilarray.localize.forward import ForwardModel, noise_of, require_states
 from coilarray.localize.identifiability import covariance_of
 from coilarray.localize.search import refine, scan_of, starts
 from coilarray.response.interpolation import PARAMETERS
@@ -158,7 +159,7 @@ def locate(
     model: ForwardModel,
     reading: Reading,
     *,
-    noise: npt.ArrayLike = 1e-5,
+    noise: npt.ArrayLike | None = None,
     confidence: float = CONFIDENCE,
     alarm: float = ALARM,
 ) -> Location:
@@ -171,8 +172,8 @@ def locate(
     reading : mapping of str to float, or array_like, shape (states,)
         δ by name, or in the model's order. A coil that is missing or NaN is refused; to go without it, locate with
         ``model.select([...])``.
-    noise : array_like, scalar or shape (states,)
-        Standard deviation of δ.
+    noise : array_like, scalar or shape (states,), optional
+        Standard deviation of δ; that of the model by default.
     confidence : float
         Confidence of the region whose modes are kept.
     alarm : float
@@ -210,7 +211,7 @@ def locate_all(
     model: ForwardModel,
     readings: Iterable[Reading],
     *,
-    noise: npt.ArrayLike = 1e-5,
+    noise: npt.ArrayLike | None = None,
     confidence: float = CONFIDENCE,
     alarm: float = ALARM,
 ) -> list[Location]:
@@ -232,7 +233,12 @@ def locate_all(
 
 
 def deviance(
-    model: ForwardModel, reading: Reading, location: Location, points: npt.ArrayLike, *, noise: npt.ArrayLike = 1e-5
+    model: ForwardModel,
+    reading: Reading,
+    location: Location,
+    points: npt.ArrayLike,
+    *,
+    noise: npt.ArrayLike | None = None,
 ) -> FloatArray:
     """How much less likely points are than the best mode: χ²(θ) − χ² of the best mode.
 
@@ -249,8 +255,8 @@ def deviance(
         Location from that reading and noise.
     points : array_like, shape (…, 3)
         x, y and depth in m.
-    noise : array_like, scalar or shape (states,)
-        Standard deviation of δ.
+    noise : array_like, scalar or shape (states,), optional
+        Standard deviation of δ; that of the model by default.
 
     Returns
     -------
@@ -262,15 +268,15 @@ def deviance(
     LocalizeError
         What `locate` and `ForwardModel.delta` refuse, and a location without a mode.
     """
-    residuals = (checked_reading(model.states, reading) - model.delta(points)) / checked_noise(model.states, noise)
+    residuals = (checked_reading(model.states, reading) - model.delta(points)) / noise_of(model, noise)
     return np.asarray((residuals**2).sum(axis=-1) - location.best.chi_square)
 
 
 def _solve(
-    model: ForwardModel, rows: Sequence[FloatArray], noise: npt.ArrayLike, confidence: float, alarm: float
+    model: ForwardModel, rows: Sequence[FloatArray], noise: npt.ArrayLike | None, confidence: float, alarm: float
 ) -> list[Location]:
     """Locate checked readings."""
-    sigma = checked_noise(model.states, noise)
+    sigma = noise_of(model, noise)
     for name, value in (("confidence", confidence), ("alarm", alarm)):
         if not 0 < value < 1:
             raise LocalizeError(f"{name} must be between 0 and 1; got {value}.")
@@ -328,20 +334,24 @@ def _minima(model: ForwardModel, readings: FloatArray, sigma: FloatArray, confid
     quantile = _quantile(model.unknowns, confidence)
     owner, points = starts(scan_of(model, tuple(sigma.tolist())), readings / sigma)
     points, chi_square = refine(model, readings[owner], points, sigma)
+    if any(model.errors):
+        differences = readings[owner] - model.values_at(points)
+        chi_square = ((differences / model.deviations(points, sigma)) ** 2).sum(axis=1)
     order = np.lexsort((chi_square, owner))
     owner, points, chi_square = owner[order], points[order], chi_square[order]
     best = chi_square[np.searchsorted(owner, np.arange(len(readings)))]
     kept = chi_square <= best[owner] + quantile
     owner, points, chi_square = owner[kept], points[kept], chi_square[kept]
     delta, jacobian = model.linear(points)
-    scaled = jacobian / sigma[:, None]
+    deviations = model.deviations(points, sigma)
+    scaled = jacobian / deviations[..., None]
     fisher = scaled.swapaxes(1, 2) @ scaled
-    slope = np.einsum("nsi,ns->ni", scaled, (readings[owner] - delta) / sigma)
+    slope = np.einsum("nsi,ns->ni", scaled, (readings[owner] - delta) / deviations)
     covariance = covariance_of(fisher)
     known = np.isfinite(covariance[:, 0, 0])
     pressure = np.einsum("ni,nij,nj->n", slope, np.where(known[:, None, None], covariance, 0.0), slope)
     pressure[points[:, 2] <= 0] = 0  # no indentation is shallower than none
-    gaussian = known & _is_gaussian(model, readings[owner], points, chi_square, fisher, sigma, quantile)
+    gaussian = known & _is_gaussian(model, readings[owner], points, chi_square, fisher, deviations, quantile)
     edge = ((points <= model.lower) | (points >= model.upper))[:, model.free]
     return _Minima(owner, points, chi_square, fisher, gaussian, edge, model.free, model.parameters, pressure)
 
@@ -352,7 +362,7 @@ def _is_gaussian(
     points: FloatArray,
     chi_square: FloatArray,
     fisher: FloatArray,
-    sigma: FloatArray,
+    deviations: FloatArray,
     quantile: float,
 ) -> BoolArray:
     """Tell whether χ² rises as the ellipsoid of every minimum says, at the ends of its axes, all in the table."""
@@ -364,7 +374,7 @@ def _is_gaussian(
     inside = ((ends >= model.lower) & (ends <= model.upper)).all(axis=(1, 2))
     result = np.zeros(len(points), dtype=bool)
     if inside.any():
-        residuals = (readings[inside, None] - model.delta(ends[inside])) / sigma
+        residuals = (readings[inside, None] - model.delta(ends[inside])) / deviations[inside, None]
         rise = ((residuals**2).sum(axis=-1) - chi_square[inside, None]) / quantile
         result[inside] = ((rise > 1 / _BENT) & (rise < _BENT)).all(axis=1)
     return result

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import NdBSpline, make_interp_spline
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.threads import ranges, run_blocks
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.geometry import Conductor
@@ -47,7 +47,11 @@ def field_at(paths: Sequence[Conductor], points: FloatArray) -> FloatArray:
         both = make_interp_spline(y, along.c.swapaxes(0, 1), k=5)
         spline = NdBSpline((along.t, both.t), np.ascontiguousarray(both.c.swapaxes(0, 1)), 5)
         pieces = [here[start:stop] for start, stop in ranges(len(here), _AT_ONCE)]
-        found = run_blocks(lambda some, spline=spline: spline(points[some, :2]), pieces)
+
+        def at(some: IntArray, spline: NdBSpline = spline) -> FloatArray:
+            return np.asarray(spline(points[some, :2]))
+
+        found = run_blocks(at, pieces)
         total[:, here] = np.moveaxis(np.concatenate(found).reshape(len(here), len(paths), 3), 1, 0)
     if direct.any():
         total[:, direct] = _summed(paths, points[direct])

@@ -28,7 +28,7 @@ def state_table(scan: xr.Dataset) -> Table:
     """Return one row for each state of the scan, where the converter oscillates."""
     names = (
         "state", "frequency", "effective_inductance", "effective_resistance", "resistance_ratio", "quality_factor",
-        "loaded_quality_factor", "parallel_resistance",
+        "loaded_quality_factor", "parallel_resistance", *(["part_frequency"] if "part_frequency" in scan else []),
     )  # fmt: skip
     return dataset_table("states", "States", scan, names, {"parallel_resistance": KILOHM})
 

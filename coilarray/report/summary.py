@@ -16,7 +16,6 @@ from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.report.tables import Column, Table, Value, cell
 from coilarray.studies.create.tank import broken_limits
-from coilarray.studies.quantities.positions import NOISE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,6 +24,7 @@ _ALIKE = 1e-9  # of a number: what rounding makes different
 _SHOWN = {"ppm": PER_MILLION, "ohm": KILOHM}
 _OF_STATES = (
     ("frequency", "resonance with the tank"),
+    ("part_frequency", "the same with the capacitances of the switches' part, not verified"),
     ("effective_inductance", "effective inductance"),
     ("quality_factor", "quality factor"),
     ("parallel_resistance", "parallel resistance"),
@@ -88,8 +88,10 @@ def _rows(
     names = coupling.coil.values.tolist()
     own = coupling.open_inductance
     yield _row("inductance, the others open" if len(names) > 1 else "inductance", names, own.values, "H")
-    for name, words in _OF_STATES if scan is not None else ():
-        values = scan[name]  # type: ignore[index]
+    for name, words in _OF_STATES:
+        if scan is None or name not in scan:
+            continue
+        values = scan[name]
         yield _row(words, values.state.values.tolist(), values.values, str(values.attrs["units"]))
     if len(names) > 1:
         k = np.abs(coupling.coupling.values - np.eye(len(names)))
@@ -109,7 +111,8 @@ def _rows(
 def _resolution(response: xr.Dataset) -> Iterator[tuple[Value, ...]]:
     """Least standard deviations of a located x over the deepest map; nothing for a map from which none is located."""
     try:
-        sigma = identifiability(forward_model(response), float(response.depth[-1]), noise=NOISE).sigma_x
+        model = forward_model(response)
+        sigma = identifiability(model, float(response.depth[-1])).sigma_x
     except LocalizeError:
         return
     best, median = float(sigma.min()), float(sigma.median())
@@ -119,7 +122,13 @@ def _resolution(response: xr.Dataset) -> Iterator[tuple[Value, ...]]:
     place = sigma.where(sigma == best, drop=True)[0, 0]
     at = f"at x {float(place.x) * 1e3:.1f}, y {float(place.y) * 1e3:.1f} mm"
     half = "median of the map" if found else "half of the map does not tell x"
-    yield f"σ of a located x, deepest; noise of δ {NOISE:g}", best, median if found else "", "m", f"{at}; {half}"
+    yield (
+        f"σ of a located x, deepest; noise of δ {model.noise:.2g}",
+        best,
+        median if found else "",
+        "m",
+        f"{at}; {half}",
+    )
 
 
 def _metal_rows(

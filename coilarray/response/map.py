@@ -12,7 +12,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import design_circuit, design_inductance, provenance
-from coilarray.circuit.network import Network, Resonance, resonances_near, resonate
+from coilarray.circuit.network import Network, Resonance, loaded_quality, resonances_near, resonate
+from coilarray.circuit.noise_budget import budget_of
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
@@ -142,7 +143,8 @@ def response_map(
         ``metal_resistance_change`` in Ω, against the indenter at rest; the attributes ``indenter_material``,
         ``metal_frequency_Hz`` and ``rest_m`` say of what it is. With only near coils, ``delta`` is 0 for the states
         beyond the attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out. The
-        attribute ``error_of_peak`` is the error allowed by `reach`, 0 for every coil.
+        attribute ``error_of_peak`` is the error allowed by `reach`, 0 for every coil; ``noise`` is the standard
+        deviation of δ of a reading by the noise budget of the design, which is not in ``delta``.
 
     Raises
     ------
@@ -193,6 +195,7 @@ def response_map(
     states = None if flat is None else _sensitivity(flat, design.plan, required=reach != "auto")
     if flat is not None and states is not None:
         base = states.base_inductance
+        noise = _noise_of_states(pressed.design, flat, states)
         delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
         delta += _shift_of_states(pressed, states, mesh)
         changes: dict[str, Variable] = {}
@@ -215,6 +218,9 @@ def response_map(
             left_out |= metal_attributes(ball, frequency, rest)
             delta, change = both, change + share.real
         base = np.array([_converted(flat, one) for one in flats])
+        noise = budget_of(
+            design, [one.frequency for one in flats], [loaded_quality(flat, one) for one in flats]
+        ).largest
         changes |= {
             "inductance_change": (
                 ("depth", "y", "x", "coil", "other"), change.reshape(*axes.shape, coils, coils),
@@ -230,8 +236,9 @@ def response_map(
     if true.noise:
         delta = _noisy(delta, true)
     return response_dataset(
-        design, axes, pressed.contact, delta, base, flat.inductance, variables=changes, attributes=left_out
-    )
+        design, axes, pressed.contact, delta, base, flat.inductance, variables=changes,
+        attributes=left_out | {"noise": noise},
+    )  # fmt: skip
 
 
 def respond(
@@ -560,6 +567,16 @@ def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool)
         if required:
             raise
         return None
+
+
+def _noise_of_states(design: Design, network: Network, states: StateSensitivity) -> float:
+    """Noise of δ by the noise budget, with the losses of every state's own coil alone."""
+    L = states.base_inductance
+    frequency = 1 / (2 * np.pi * np.sqrt(L * network.switches.tank_capacitance))
+    resistance = np.diagonal(network.resistance(float(frequency.mean())))[states.measured]
+    with np.errstate(divide="ignore"):
+        quality = 2 * np.pi * frequency * L / (resistance + 2 * network.switches.on_resistance)
+    return budget_of(design, frequency, quality).largest
 
 
 def _noisy(delta: FloatArray, imperfections: Imperfections) -> FloatArray:

@@ -12,14 +12,14 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.circuit.coupling import design_circuit, provenance, widened
-from coilarray.circuit.network import Network, Resonance, changed_resonances, resonate
+from coilarray.circuit.network import Network, Resonance, changed_resonances, loaded_quality, resonate
+from coilarray.circuit.noise_budget import budget_of
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
 from coilarray.design.model import Design
-from coilarray.electromagnetics.flat_layer import magnetic_slab
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Target
@@ -34,6 +34,8 @@ _MARGIN = (0.02, 0.2)  # of the band of log f: at least, and of its width
 _MOST_NODES = 16  # of bands up to a factor of fifty
 _BYTES_A_VALUE = 48.0  # a complex number as computed, in the store, and as the circuit takes it
 _CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
+_COARSE = 0.5  # of the fineness of the mesh by which its error is estimated
+_OF_DIFFERENCE = 1 / 3  # of the difference between both meshes that is the finer one's error, of the second order
 _LEFT_OUT = ("change of the losses in the copper by the target", "capacitance of the target")
 _QUANTITIES = (
     ("frequency", "Hz", "resonance frequency"),
@@ -57,7 +59,7 @@ def target_map(
     distances: npt.ArrayLike | None = None,
     x: npt.ArrayLike | None = None,
     y: npt.ArrayLike | None = None,
-    noise: float = 1e-5,
+    noise: float | None = None,
     network: Network | None = None,
     ideal: bool = False,
     fineness: float = 1.0,
@@ -73,19 +75,19 @@ def target_map(
     distances, x, y : array_like, shape (n,), optional
         Distances of the target's nearest point from the upper face of the sheets or the board, and places of its
         centre, in m, places from the map's origin; those of the design by default.
-    noise : float
-        Standard deviation of δ in a reading, for range and resolution.
+    noise : float, optional
+        Standard deviation of δ in a reading, for range and resolution; by default by the noise budget of the design,
+        `coilarray.circuit.noise_budget.NoiseBudget.largest`.
     network : Network, optional
         Coils, switches and strays of this design without the target; by default
         `coilarray.circuit.coupling.design_circuit`.
     ideal : bool
         Where no network is given: leave out alternating-current resistance of the copper and all strays.
     fineness : float
-        Fineness of the mesh of a plate with an outline: 1 errs by 1 to 3 % in ΔL, 2 by less than 1 % and takes eight
-        times as long.
+        Fineness of the mesh of a plate with an outline: 1 errs by some 0.2 % in ΔL; 2 takes eight times as long.
     parts : Path, optional
         Folder where finished distances are kept, so that an interrupted map goes on from there: one by one for a plate
-        with an outline over magnetic sheets, else all at once.
+        with an outline over magnetic sheets or beside plates, else all at once.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -102,7 +104,9 @@ def target_map(
         `coilarray.response.target_range.ranges_of`. ``coil_x`` and ``coil_y`` are the centres in m from the map's
         origin, which ``origin_x`` and ``origin_y`` place on the board. Of a plate with an outline the attributes
         ``plate_error_inductance`` and ``plate_error_resistance`` are relative estimates of the model's error of ΔL and
-        ΔR at the least distance, beside that of the mesh.
+        ΔR at the least distance, and ``delta_error`` (distance, y, x, state) is what the mesh errs in δ: a third of
+        what half the fineness changes, as for an error of the second order; ``plate_error_mesh`` is the same of ΔL,
+        the root of the mean square against that of ΔL.
 
     Raises
     ------
@@ -124,7 +128,8 @@ def target_map(
     attribute ``left_out`` says so, and what the network lacks.
     """
     target = target_of(design)
-    require_noise(noise)
+    if noise is not None:
+        require_noise(noise)
     require_apart(target.body, design.plates)
     given = (("distances", distances, target.distances), ("x", x, target.x), ("y", y, target.y))
     axes = MapAxes(*(checked_axis(name, own if values is None else values, MetalError) for name, values, own in given))
@@ -139,7 +144,7 @@ def target_map(
     middle = float(np.exp(np.log(resonances).mean()))
     nearest = replace(axes, depth=axes.depth[:1])
     at_middle = FrequencyBand(middle, middle)
-    first = _changes(design, nearest, at_middle.nodes, parts, None, fineness, "screen")
+    first = _changes(design, nearest, at_middle.nodes, parts, None, _COARSE * fineness, "screen")
     _require_passive(network, first, nearest)
     guess = _Change(at_middle, first)
     moved = np.array([_through_circuit(network, one, guess, nearest)["frequency"] for one in alone])
@@ -160,11 +165,21 @@ def target_map(
         )
     base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
     mean = moved.mean(axis=-1)
+    if noise is None:
+        noise = budget_of(design, base["frequency"], [loaded_quality(network, one) for one in alone]).largest
     result = _dataset(design, target, axes, noise, network, by_state, base, mean, near(mean))
     if isinstance(target.body, FinitePlate):
         height = target.height(sum(sheet.thickness for sheet in design.sheets), float(axes.depth[0]))
         error = moving_plate_error(design.array, target.body, [[0.0, 0.0, height]], band.nodes, design.sheets)
-        result.attrs |= error.attributes
+        coarse = _Change(band, _changes(design, axes, band.nodes, parts, None, _COARSE * fineness))
+        other = [_through_circuit(network, one, coarse, axes)["effective_inductance"] for one in alone]
+        of_L = np.abs(by_state["effective_inductance"] - np.stack(other, axis=-1)) * _OF_DIFFERENCE
+        values = (of_L / base["effective_inductance"]).reshape(*axes.shape, -1)
+        row = ("delta_error", ("distance", "y", "x", "state"), values, "1", "± δ by the mesh")
+        result = result.assign(variables(row))
+        matrices, others = near(mean).real, coarse(mean).real
+        mesh = _OF_DIFFERENCE * float(np.linalg.norm(matrices - others) / np.linalg.norm(matrices))
+        result.attrs |= {**error.attributes, "plate_error_mesh": mesh}
     return result
 
 
@@ -222,8 +237,9 @@ def _changes(
             if part is not None:
                 found[k] = part.inductance.values - 1j * part.loss.values
     missing = [k for k in range(len(keys)) if k not in found]
-    # a plate with an outline over magnetic sheets is solved at every distance anew; else what costs most serves all
-    apart = isinstance(target.body, FinitePlate) and magnetic_slab(design.sheets) is not None
+    # a plate with an outline between layers is solved at every distance anew; else what costs most serves all
+    magnetic = any(sheet.relative_permeability > 1 for sheet in design.sheets)
+    apart = isinstance(target.body, FinitePlate) and (magnetic or bool(design.plates))
     blocks = [[k] for k in missing] if apart or not missing else [missing]
     for done, block in enumerate(blocks):
 

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.converters import FAMILIES
 from coilarray.hardware.chips.ldc1614_registers import register
 from coilarray.hardware.scan.reader import Reader
 from coilarray.hardware.scan.readings import Reason, judge
-from coilarray.hardware.scan.settings import ScanSettings, StateSettings
+from coilarray.hardware.scan.settings import ScanSettings, StateSettings, error_config
 
 _CONFIG, _DRIVE_CURRENT = register("CONFIG"), register("DRIVE_CURRENT0")
 _BY_ITSELF = _CONFIG.field("RP_OVERRIDE_EN").mask | _CONFIG.field("AUTO_AMP_DIS").mask
@@ -33,10 +34,9 @@ def find_drives(reader: Reader, settings: ScanSettings) -> Mapping[str, FoundDri
     The sensor must be free: nothing may be near it that is not there during the measurement. Afterwards the board is
     not configured and its coils are grounded.
 
-    The procedure of the data sheet: wake with the automatic amplitude and read INIT_IDRIVE. Whether the register keeps
-    its value during sleep is not verified; fixed currents are therefore tried from there, one code up or down, until
-    the converter warns of neither a low nor a high amplitude. If every code gives a warning, the largest that is not
-    too high is taken.
+    The procedure of the data sheet: wake with the automatic amplitude and, before the converter sleeps again, read
+    INIT_IDRIVE. Fixed currents are tried from there, one code up or down, until the converter warns of neither a low
+    nor a high amplitude. If every code gives a warning, the largest that is not too high is taken.
     """
     found = {state.name: _find(reader, settings, state) for state in settings.states}
     reader.rest()
@@ -62,17 +62,23 @@ def _find(reader: Reader, settings: ScanSettings, state: StateSettings) -> Found
 
 
 def _proposal(reader: Reader, settings: ScanSettings, state: StateSettings) -> int:
-    """Let the converter find the current."""
+    """Let the converter find the current; 0 where it gave no result, and that of the settings where it finds none."""
+    if not FAMILIES[settings.family].finds_drive:
+        return state.drive
     given = {field.name: getattr(settings, field.name) for field in fields(ScanSettings)}
     reader.configure(_OwnAmplitude(**(given | {"states": (replace(state, drive=0),), "rcount": _RCOUNT})))
-    reader.scan()
-    return (reader.peek(_DRIVE_CURRENT.address) & _INIT.mask) >> _INIT.lsb
+    return ((reader.scan().samples[0].drive or 0) & _INIT.mask) >> _INIT.lsb
 
 
 def _reasons(reader: Reader, settings: ScanSettings, state: StateSettings, code: int) -> tuple[Reason, ...]:
     """Reasons not to trust a result with a fixed current."""
     reader.configure(replace(settings, states=(replace(state, drive=code),), rcount=_RCOUNT))
-    return judge(reader.scan().samples[0], offset=settings.offset)[1]
+    return judge(
+        reader.scan().samples[0],
+        offset=settings.offset,
+        error_config=error_config(settings.family),
+        channel=state.channel,
+    )[1]
 
 
 class _OwnAmplitude(ScanSettings):

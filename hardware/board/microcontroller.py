@@ -173,6 +173,11 @@ class MicrocontrollerReader:
         then it has no settings.
         """
         settings.check_switching()
+        if settings.wired or settings.scanned > 1:
+            raise HardwareError(
+                "the firmware converts channel 0 alone; settings of several channels, as with --undivided, are for a "
+                "converter at a bus of this computer."
+            )
         greeting = self._session.greeting
         for what, count, most in (
             ("states", len(settings.states), greeting.most_states),
@@ -413,7 +418,8 @@ def _longest_scan(settings: ScanSettings | None) -> float:
     if settings is None:
         return 0.0
     state = settings.state_time
-    return len(settings.states) * (settings.timeout_us * 1e-6 + state.total - state.until_ready)
+    timeouts = (1 + settings.discard) * settings.timeout_us * 1e-6
+    return len(settings.states) * (timeouts + state.total - state.until_ready)
 
 
 def _was_reset(scan: RawScan) -> bool:

@@ -20,13 +20,23 @@ INTERNAL_CLOCK = 43.4e6
 """Typical frequency of the internal oscillator in Hz."""
 INTERNAL_CLOCK_RANGE = (35e6, 55e6)
 """Smallest and largest frequency of the internal oscillator over all units in Hz."""
+CLOCK_TOLERANCE = 5e-3
+"""Relative change that a measured internal oscillator is allowed: twice what the data sheet's curves of one unit show
+between −40 and 125 °C and over the supply, 43.32 to 43.41 MHz."""
 EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
 """Smallest and largest frequency at the pin CLKIN in Hz."""
-BUS_RATE = 400e3
-"""Fastest clock of the I²C bus in Hz; `coilarray.hardware.wire.ports.bus_rate` returns that of a board."""
+SLOWEST_BUS_RATE, BUS_RATE = 10e3, 400e3
+"""Slowest and fastest clock of the I²C bus in Hz; `coilarray.hardware.wire.ports.bus_rate` returns that of a board."""
 SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
+CHANNELS = 4
+"""Number of channels of an LDC1614."""
 WAKE_CYCLES = 16384
 """Cycles of the internal oscillator from leaving sleep to starting the sensor."""
+SWITCH_TIME, SWITCH_CYCLES = 692e-9, 5
+"""From channel to channel in s, and cycles of the reference on top; assumed too for the slot before every conversion of
+a single channel, whose length the data sheet does not give."""
+MOST_DISCARDED = 15
+"""Largest number of conversions that a state may throw away after waking."""
 READ_BITS, WRITE_BITS = 48, 38
 """Bits on the I²C bus of reading and writing a register, start, stop and acknowledgements included."""
 LEAST_SETTLE_COUNT = 2
@@ -181,6 +191,26 @@ def rcount_for(duration: float, reference: float) -> int:
     return min(rcount, LARGEST_RCOUNT)
 
 
+def next_conversion_time(rcount: int, reference: float) -> float:
+    """Return the time from one result of a single channel to the next in s, for RCOUNT from 5 and f_ref in Hz.
+
+    >>> round(next_conversion_time(0xFFFF, 21.7e6) * 1e3, 3)
+    48.322
+    """
+    return conversion_time(rcount, reference) + SWITCH_TIME + SWITCH_CYCLES / reference
+
+
+def internal_clock_range(measured: float | None = None) -> tuple[float, float]:
+    """Return the slowest and the fastest that the internal oscillator may be, in Hz, of any converter or this one.
+
+    >>> internal_clock_range(), internal_clock_range(43.2e6)
+    ((35000000.0, 55000000.0), (42984000.0, 43416000.0))
+    """
+    if measured is None:
+        return INTERNAL_CLOCK_RANGE
+    return measured * (1 - CLOCK_TOLERANCE), measured * (1 + CLOCK_TOLERANCE)
+
+
 def settle_time(settle_count: int, reference: float) -> float:
     """Return the wait from starting the sensor to converting in s: 16·SETTLECOUNT/f_ref, and 32/f_ref for 0 and 1."""
     _check_clock(reference)
@@ -213,25 +243,27 @@ def bus_time(*, reads: int = 0, writes: int = 0, rate: float = BUS_RATE) -> floa
 class StateTime:
     """Times of the steps of one state, in s.
 
-    The first three are the converter's own; `result` is the reading of the two data registers, `control` all other
-    transfers: status, sleep and wake, drive current, switches.
+    The first three are the converter's own; `discarded` are the conversions that are thrown away, with their transfers;
+    `result` is the reading of the two data registers, `control` all other transfers: status, sleep and wake, drive
+    current, switches.
     """
 
     wake: float
     settle: float
     conversion: float
+    discarded: float
     result: float
     control: float
 
     @property
     def until_ready(self) -> float:
-        """Time from leaving sleep to the result."""
+        """Time from leaving sleep to the first result."""
         return self.wake + self.settle + self.conversion
 
     @property
     def measuring(self) -> float:
         """Time until the result is read, without control."""
-        return self.until_ready + self.result
+        return self.until_ready + self.discarded + self.result
 
     @property
     def total(self) -> float:
@@ -246,17 +278,20 @@ def state_time(
     *,
     internal_clock: float = INTERNAL_CLOCK,
     bus_rate: float = BUS_RATE,
+    discard: int = 0,
 ) -> StateTime:
     """Return the times of one state that is measured as the boards do it: sleep, switch, wake, convert, read.
 
-    All clocks are in Hz; waking is counted with the internal one whatever clock the conversions have. With RCOUNT
-    0xFFFF and the internal clock by two, six states of waking, converting and reading the result take 293.6 ms; Gast &
-    Zimmermann (2020) print 293.5 ms. That speaks for these settings but does not prove them.
+    All clocks are in Hz; waking is counted with the internal one whatever clock the conversions have. `discard`
+    conversions are thrown away. With RCOUNT 0xFFFF and the internal clock by two, six states of waking, converting and
+    reading the result take 293.6 ms; Gast & Zimmermann (2020) print 293.5 ms. That speaks for these settings but does
+    not prove them.
     """
     return StateTime(
         wake=wake_time(internal_clock),
         settle=settle_time(settle_count, reference),
         conversion=conversion_time(rcount, reference),
+        discarded=discard * (next_conversion_time(rcount, reference) + bus_time(reads=2, rate=bus_rate)),
         result=bus_time(reads=2, rate=bus_rate),
         control=bus_time(reads=1, writes=3, rate=bus_rate) + _SWITCH_BITS / BUS_RATE,
     )

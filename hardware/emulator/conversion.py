@@ -12,27 +12,34 @@ from typing import Protocol
 
 import numpy as np
 
-from coilarray.hardware.chips.ldc1614 import FULL_SCALE, LARGEST_RCOUNT, LEAST_SETTLE_COUNT, WAKE_CYCLES
+from coilarray.hardware.chips.ldc1614 import (
+    EXTERNAL_CLOCK_RANGE,
+    FULL_SCALE,
+    LARGEST_RCOUNT,
+    LEAST_SETTLE_COUNT,
+    SWITCH_CYCLES,
+    SWITCH_TIME,
+    WAKE_CYCLES,
+)
 from coilarray.hardware.chips.ldc1614_limits import (
     AMPLITUDE_HIGH,
     AMPLITUDE_LOW,
     DEGLITCH,
     DIVIDED_FROM,
     DRIVE_CURRENTS,
-    LARGEST_REFERENCE,
+    SENSOR_FREQUENCY,
+    largest_reference,
 )
 
 AMPLITUDE_STOPS = 0.6
 """Peak voltage in V below which the oscillation stops."""
 _SEQUENCES = {0b00: 2, 0b01: 3, 0b10: 4, 0b11: 2}  # channels of RR_SEQUENCE
-_LARGEST_REFERENCE_SCAN, _LARGEST_EXTERNAL_SCAN = 55e6, 40e6  # Hz, with several channels
 WATCHDOG = 5.2e-3
 """Time in s without oscillation after which the chip gives up and starts the sensor again."""
-# from channel to channel; also assumed for the slot before each conversion of a single one, whose length is not given
-_SWITCH_TIME, _SWITCH_CYCLES = 692e-9, 5
 # assumed size of an effect that the data sheet only mentions: clamps pull the frequency, a small amplitude is noisier
 _CLAMP_PULL = -1e-3
 _HIGH_CURRENT = 4.0  # 1.56 mA become about 6 mA
+_FADING = 0.25  # assumed: what is left of the offset of a first conversion in the next one
 _UNTOUCHED = 4  # conversions that are counted one by one before unread ones are skipped
 
 
@@ -70,6 +77,10 @@ class Surroundings(Protocol):
     def noise(self) -> float:
         """Relative standard deviation of a frequency at full resolution and good amplitude."""
 
+    @property
+    def first_offset(self) -> float:
+        """Error of the first conversion after sleep in codes, of which the next ones have less and less."""
+
 
 @dataclass(frozen=True)
 class ChannelSetting:
@@ -100,12 +111,12 @@ class Setting:
         """Decode the registers of a chip with the given number of channels."""
         config, mux = registers[0x1A], registers[0x1B]
         scan = bool(mux >> 15)
-        sequence = tuple(range(min(_SEQUENCES[mux >> 13 & 0b11], channels))) if scan else (config >> 14,)
+        sequence = tuple(range(_SEQUENCES[mux >> 13 & 0b11])) if scan else (config >> 14,)
         return Setting(
             channels=tuple(
                 ChannelSetting(
                     registers[0x08 + k],
-                    registers[0x0C + k],
+                    registers.get(0x0C + k, 0),
                     registers[0x10 + k],
                     registers[0x14 + k] >> 12,
                     registers[0x14 + k] & 0x3FF,
@@ -130,6 +141,8 @@ class Setting:
         """Yield what the data sheet does not allow, given the clock in Hz; None where the chosen one is missing."""
         if clock is None:
             yield "the chip was woken with an external clock, but the pin CLKIN is grounded."
+        elif self.external and not EXTERNAL_CLOCK_RANGE[0] <= clock <= EXTERNAL_CLOCK_RANGE[1]:
+            yield f"the pin CLKIN has {clock:.4g} Hz; 2 to 40 MHz are allowed."
         if self.high_current and self.sequence != (0,):
             yield "HIGH_CURRENT_DRV was set although channel 0 is not the only one."
         if self.deglitch not in DEGLITCH:
@@ -152,9 +165,7 @@ class Setting:
         if clock is None:
             return
         reference = clock / one.fref_divider
-        largest = LARGEST_REFERENCE
-        if self.scan:
-            largest = _LARGEST_EXTERNAL_SCAN if self.external else _LARGEST_REFERENCE_SCAN
+        largest = largest_reference(external=self.external, channels=len(self.sequence))
         if reference > largest:
             yield f"the reference of channel {channel} is {reference:.4g} Hz; at most {largest:.4g} Hz are allowed."
 
@@ -291,6 +302,7 @@ class Run:
             weaker = max(1.0, AMPLITUDE_LOW / max(self._least_amplitude, AMPLITUDE_STOPS))
             spread = self._surroundings.noise * math.sqrt(LARGEST_RCOUNT / one.rcount) * weaker
             ratio *= 1 + spread * self._random.standard_normal()
+        ratio += self._surroundings.first_offset * _FADING**self._done / FULL_SCALE
         code = round((ratio - one.offset / 0x10000) * FULL_SCALE)
         self._take(
             Result(
@@ -307,7 +319,7 @@ class Run:
         )
         self._done += 1
         self._turn = (self._turn + 1) % len(self._setting.sequence)
-        self._time += _SWITCH_TIME + _SWITCH_CYCLES / self._reference_now
+        self._time += SWITCH_TIME + SWITCH_CYCLES / self._reference_now
         if self._setting.scan:
             self._activate()
         else:
@@ -317,9 +329,10 @@ class Run:
         """Skip unread conversions, all but the last few."""
         if self._setting.scan or self._done < _UNTOUCHED:
             return
-        turn = self._length + _SWITCH_TIME + _SWITCH_CYCLES / self._reference_now
+        turn = self._length + SWITCH_TIME + SWITCH_CYCLES / self._reference_now
         unseen = math.floor((until - self._time) / turn) - _UNTOUCHED
         if unseen > 0:
+            self._done += unseen
             self._time += unseen * turn
             self._begin_count()
 
@@ -332,6 +345,17 @@ class Run:
         if max(one.settle, LEAST_SETTLE_COUNT) < needed:
             self._low = True  # the amplitude is still growing
             self._note(f"SETTLECOUNT{self._channel} is {one.settle}; this sensor needs {needed}.")
+        if not SENSOR_FREQUENCY[0] <= sensor.frequency <= SENSOR_FREQUENCY[1]:
+            self._note(
+                f"the sensor of channel {self._channel} has {sensor.frequency:.4g} Hz; 1 kHz to 10 MHz are allowed."
+            )
+        share = sensor.frequency / one.fin_divider / self._reference_now
+        if share >= 0.25:
+            self._note(
+                f"the input of channel {self._channel} is {share:.3g} of the reference; it must be below a quarter."
+            )
+        if one.offset / 0x10000 >= share:
+            self._note(f"OFFSET{self._channel} is {one.offset}; it must be below the sensor's {share * 0x10000:.0f}.")
         if sensor.frequency >= DIVIDED_FROM and one.fin_divider < 2:
             self._note(f"FIN_DIVIDER{self._channel} must be at least 2 for a sensor of {sensor.frequency:.4g} Hz.")
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from coilarray.compute.store import open_store
+from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.converters import CONVERTERS, Converter
+from coilarray.hardware.chips.ldc1614 import LARGEST_RCOUNT
 from coilarray.hardware.emulator.board import EmulatedBoard, Netlist
-from coilarray.hardware.emulator.conditions import COPPER, NOISE, Conditions, Drift, Oscillator, VirtualClock
+from coilarray.hardware.emulator.conditions import Conditions, Drift, Oscillator, VirtualClock
 from coilarray.hardware.wire.buses import Clock
 
 if TYPE_CHECKING:
@@ -26,13 +30,17 @@ def emulated_board(
     *,
     path: Sequence[tuple[float, float, float, float]] | None = None,
     seed: int = 0,
-    noise: float = NOISE,
+    noise: float | None = None,
     drift: Drift | None = None,
     oscillator: Oscillator | None = None,
+    first_offset: float = 0.0,
     strays: Mapping[str, float] | None = None,
-    copper: float = COPPER,
+    copper: float = COPPER_PER_KELVIN,
     capacitor: float = 0.0,
+    count_parts: bool = False,
     clock: Clock | None = None,
+    converter: Converter | None = None,
+    clkin: float | None = None,
     strict: bool = False,
     folder: Path | None = None,
     progress: Progress | None = None,
@@ -44,21 +52,30 @@ def emulated_board(
     design : Design
         Design with all the coils of the wiring.
     wiring : Netlist
-        Wiring of the switches, as `coilarray.hardware.scan.wiring.load_wiring` returns it.
+        Wiring of the switches, or of coils to channels, as `coilarray.hardware.scan.wiring.load_wiring` returns it.
     path : sequence of (float, float, float, float), optional
         Path of the indenter: time in s, x, y and depth in m. Lifted by default.
     seed : int
         Seed of the noise.
     noise : float
-        Relative standard deviation of a frequency at full resolution.
+        Relative standard deviation of a frequency at full resolution; by default by the design's `Readout`.
     drift : Drift, optional
         Temperature of the board; constant by default.
     oscillator : Oscillator, optional
         Internal oscillator of the converter; the typical 43.4 MHz by default.
+    first_offset : float
+        Error of the first conversion after sleep in codes, see `Conditions`.
     strays, copper, capacitor
         Deviations from the design, see `SensorWorld`.
+    count_parts : bool
+        Whether the switches have the capacitances of the wiring's parts, which are typical and not verified, in place
+        of those of the design.
     clock : Clock, optional
         Clock of the board; a new `VirtualClock` by default.
+    converter : Converter, optional
+        Type of the converter; an LDC1614 by default.
+    clkin : float, optional
+        Frequency at its pin CLKIN in Hz; the pin is grounded by default.
     strict : bool
         Whether undocumented use of the converter raises UndocumentedUse; it is noted in any case.
     folder : Path, optional
@@ -100,13 +117,17 @@ def emulated_board(
         return response_table(design, store, frequency=frequency, progress=progress)
 
     network = board_network(design, store)
+    if count_parts:
+        network = replace(network, switches=wiring.capacitances(network.switches))
     world = SensorWorld(
         network, table,
         strays=strays, copper=copper, capacitor=capacitor,
     )  # fmt: skip
-    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise)
+    if noise is None:
+        noise = replace(design.readout, rcount=LARGEST_RCOUNT).frequency_noise
+    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin, first_offset)
     board = EmulatedBoard(
-        wiring.coils, wiring.encode(), world,
+        wiring.coils, wiring.encode(), world, wired=wiring.channels, converter=converter or CONVERTERS["LDC1614"],
         clock=clock or VirtualClock(), conditions=conditions, drains=wiring.drains, strict=strict, seed=seed,
     )  # fmt: skip
     if path is not None:

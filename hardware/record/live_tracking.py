@@ -59,9 +59,10 @@ class LiveReading:
 class LiveTracker:
     """Turns scans into δ, and into positions where it has the forward model of the board.
 
-    `noise` is the standard deviation of δ of the model; the measured noise of the baseline is added. δ of `reference`
-    coils, which nothing touches, is taken from that of all others; their own stays as it is, and takes no part in
-    locations and presses. HardwareError for fewer than 2 scans of a baseline, or noise that is not positive and finite.
+    `noise` is the standard deviation of δ that a location assumes beside the measured noise of the baseline, by default
+    that of the model. δ of `reference` coils, which nothing touches, is taken from that of all others; their own stays
+    as it is, and takes no part in locations and presses. HardwareError for fewer than 2 scans of a baseline, or noise
+    that is not positive and finite.
     """
 
     def __init__(
@@ -69,15 +70,16 @@ class LiveTracker:
         model: ForwardModel | None,
         *,
         baseline_scans: int = BASELINE_SCANS,
-        noise: float = 1e-5,
+        noise: float | None = None,
         reference: Sequence[str] = (),
     ) -> None:
         if baseline_scans < 2:
             raise HardwareError(f"a baseline must have at least 2 scans; got {baseline_scans}.")
-        if not (math.isfinite(noise) and noise > 0):
+        if noise is not None and not (math.isfinite(noise) and noise > 0):
             raise HardwareError(f"noise must be positive and finite; got {noise}.")
         self._model = model.referenced(reference) if model is not None and reference else model
-        self._scans, self._trust, self._reference = baseline_scans, noise, tuple(reference)
+        self._scans, self._reference = baseline_scans, tuple(reference)
+        self._trust = noise or (0.0 if self._model is None else self._model.noise)
         self._models: dict[tuple[str, ...], ForwardModel] = {}
         self._times: deque[float] = deque(maxlen=_RATE_SCANS)
         self._last: tuple[int, int] | None = None  # session and sequence

@@ -28,13 +28,15 @@ class SampleFault(IntEnum):
 class RawSample:
     """One state of a scan: registers DATA0_MSB, its four error flags included, DATA0_LSB, and STATUS, read before them.
 
-    With a fault the words are 0 and no measurement.
+    With a fault the words are 0 and no measurement. `drive` is register DRIVE_CURRENT0 as read while the converter was
+    awake, where it chose its own drive current; else None.
     """
 
     msb: int
     lsb: int
     status: int
     fault: SampleFault = SampleFault.NONE
+    drive: int | None = None
 
 
 @dataclass(frozen=True)

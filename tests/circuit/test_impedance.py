@@ -8,7 +8,7 @@ import pytest
 from coilarray import couple_design, dc_resistance, load_design, parse_design
 from coilarray.circuit.active_coil import active_coil
 from coilarray.circuit.coupling import couple, design_circuit, terminations_of
-from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
+from coilarray.circuit.impedance import close_channels, part_switches, scan_design, sweep_design
 from coilarray.compute.recent import Recent
 from coilarray.design.bundled import read
 from coilarray.electromagnetics.ac_resistance import resistance_matrix
@@ -170,6 +170,21 @@ def test_permittivity_is_a_parameter():
     air = scan_design(parse_design(STARTER.replace("elastomer_permittivity = 3.0", "elastomer_permittivity = 1.0")))
     np.testing.assert_allclose(air.winding_capacitance, air.bare_winding_capacitance, rtol=1e-12)
     np.testing.assert_allclose(air.elastomer_delta, 0, atol=1e-15)
+
+
+def test_the_part_of_the_switches_is_shown_beside_a_design_that_does_not_count_it(design, scan):
+    assert "part_frequency" not in scan
+    named = replace(design, circuit=replace(design.circuit, part="ADG739"))
+    shown = scan_design(named, elastomer=False)
+    np.testing.assert_array_equal(shown.frequency, scan.frequency)
+    counted = replace(named, circuit=replace(named.circuit, switches=part_switches(named)))
+    alone = scan_design(counted, elastomer=False)
+    assert "part_frequency" not in alone  # it is the frequency
+    # resistance and dispersion are interpolated between samples around another frequency
+    np.testing.assert_allclose(shown.part_frequency, alone.frequency, rtol=1e-4)
+    # more capacitance across the coil, to first order: f ∝ 1/√C; the winding's own, left out, is at most 2 % of it
+    wholes = [one.circuit.switches.across_coil for one in (design, counted)]
+    np.testing.assert_allclose(shown.part_frequency / scan.frequency, (wholes[0] / wholes[1]) ** 0.5, rtol=0.01)
 
 
 def test_progress(design):

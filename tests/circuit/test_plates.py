@@ -143,19 +143,17 @@ def test_the_emulated_board_and_files_have_the_plates(shielded: ca.Design, tmp_p
 
 @pytest.mark.slow
 def test_a_plate_with_an_outline(bare: ca.Design) -> None:
-    """Alone: a wide one does what one without end does, but for 1 % of its solver and 1 % of the field beyond its rim;
-    beside another plate it is refused."""
+    """A wide one does what one without end does, alone and beside another, but for 1 % of the field beyond its rim."""
     one = replace(bare, array=bare.array.with_placements(bare.array.placements[1:2]))
     wide = ca.Plate("wide", 5e-3, 0.5e-3, ca.MATERIALS["copper"])
     disc = ca.FinitePlate("disc", ca.Disc(25e-3), (0, 0, 5.25e-3), 0.5e-3, wide.material)
     assert 0 < plate_errors(replace(one, plates=(disc,)))["plate_error_inductance"] < 1e-2
-    endless, found = (
-        plate_effect(replace(one, plates=(plate,)), 3e6, 3e6).at(np.array([3e6])).real for plate in (wide, disc)
-    )
-    np.testing.assert_allclose(found, endless, rtol=0.03)
-    both = replace(one, plates=(SHIELD, disc))
-    with pytest.raises(MetalError, match=r"plate.1 'disc' has an outline and is computed only without other plates"):
-        ca.couple_design(both)
+    for others in ((), (SHIELD,)):
+        endless, found = (
+            plate_effect(replace(one, plates=(*others, plate)), 3e6, 3e6).at(np.array([3e6])).real
+            for plate in (wide, disc)
+        )
+        np.testing.assert_allclose(found, endless, rtol=0.02)
 
 
 def test_what_plates_are_not_computed_with(bare: ca.Design) -> None:

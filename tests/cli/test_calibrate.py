@@ -9,6 +9,7 @@ from support.command_line import runner
 
 import coilarray.studies.calibrate.calibration as calibration
 from coilarray.compute.netcdf import save_dataset
+from coilarray.design.bundled import read
 from coilarray.design.model import build_design
 from coilarray.localize.ellipse_model import model_to_json
 from coilarray.localize.published import published_map, published_model
@@ -46,6 +47,12 @@ def test_ellipses_of_table_a1_or_of_a_file(capsys, quick):
         assert f"wrote {Path('fit') / name}" in out
         assert (Path("fit") / name).is_file()
     kept = Path("fit/calibrated.toml")
+    # the file that was calibrated, with its comments; only what was fitted is another value, and no longer assumed
+    before, after = read("gast2020").splitlines(), kept.read_text(encoding="utf-8").splitlines()
+    gone = [line for line in before if line not in after]
+    assert [line.split(" = ")[0] for line in gone] == ["gap_mm", f'"{GAP}"']
+    (fitted,) = [line for line in after if line not in before]
+    assert float(fitted.removeprefix("gap_mm = ")) == pytest.approx(0.08, rel=1e-3)
     kept.write_text("mine", encoding="utf-8")
     line = refused(capsys, "gast2020", "published", *options, "--out", "fit")
     assert f"{kept} exists and is not as `coilarray calibrate` left it; --force replaces it" in line

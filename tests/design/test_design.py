@@ -77,7 +77,7 @@ def test_every_value_of_a_published_board_is_given_by_its_paper_or_assumed(name)
         "array.lattice", "array.coil", "array.columns", "array.placements.0.name", "array.placements.0.coil",
         "elastomer.0.name", "elastomer.0.thickness_mm", "elastomer.0.relative_permeability",
         "elastomer.1.name", "elastomer.1.thickness_mm", "elastomer.1.relative_permeability",
-        "circuit.capacitance_pF", "circuit.default_termination",
+        "circuit.capacitance_pF", "circuit.switches", "circuit.default_termination",
     }  # fmt: skip
     # Table 1 of each: one gives the indenter, depth and grid, the other Poisson's ratio
     from_the_papers |= {

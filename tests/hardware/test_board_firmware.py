@@ -46,12 +46,17 @@ def test_the_line_says_who_answers():
         assert f"LDC1614 (5449/3055); wiring six_coils; session {host.boot:08X}" in opened.line
 
 
-def test_samples_are_the_same_as_of_the_chips_driven_directly():
-    settings = quick_settings()
-    direct = reader_of(plain())
+@pytest.mark.parametrize("discard", [0, 2])
+def test_samples_are_the_same_as_of_the_chips_driven_directly(discard):
+    # a converter whose first conversions are off; its waits are not longer than a conversion, on either way
+    def board():
+        return plain(first_offset=40_000.0)
+
+    settings = quick_settings(discard=discard, rcount=0x4000, clock=43.4e6)
+    direct = reader_of(board())
     direct.configure(settings)
     wanted = direct.scan()
-    with behind_firmware(plain()) as (_, opened):
+    with behind_firmware(board()) as (_, opened):
         opened.reader.configure(settings)
         scan = opened.reader.scan()
     # without noise: the same words to the last bit
@@ -129,6 +134,15 @@ def test_faults_are_named_through_the_firmware_too():
             world.shorted.add("coil2")
         found = self_test(opened.reader, WIRING, SETTINGS).findings
         assert set(found) == {"coil2 or a lead of it is broken", "coil2 is shorted"}
+
+
+def test_errors_of_a_conversion_that_is_thrown_away_are_not_told():
+    board = plain()
+    looks, read = iter([0x0248, 0x0048] * 6), board.bus.read
+    board.bus.read = lambda register: next(looks) | 0 * read(register) if register == 0x18 else read(register)
+    with behind_firmware(board) as (_, opened):
+        opened.reader.configure(quick_settings(discard=1))
+        assert {sample.status for sample in opened.reader.scan().samples} == {0x0048}
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from support.quick_coils import series_tank
 
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.converters import CONVERTERS
 from coilarray.hardware.emulator import Drift, Ldc1614, OpenPoints, Oscillator, UndocumentedUse, VirtualClock
 from coilarray.hardware.emulator.conversion import WATCHDOG, Resonator
 from coilarray.hardware.emulator.ldc1614_chip import EmulatedBus, Misuse
@@ -45,6 +46,7 @@ class Bench:
     drift: Drift = field(default_factory=Drift)
     noise: float = 0.0
     clkin: float | None = None
+    first_offset: float = 0.0
 
     def sensor(self, channel, time):
         found = self.sensors.get(channel)
@@ -60,11 +62,11 @@ class Bench:
 class Chip:
     """A chip on a bench, with the registers that most tests need."""
 
-    def __init__(self, *, strict=True, channels=4, open_points=None, seed=0, **bench):
+    def __init__(self, *, strict=True, converter="LDC1614", open_points=None, seed=0, **bench):
         self.clock = VirtualClock()
         self.bench = Bench(**bench)
         self.misuse = Misuse(strict)
-        options = {"channels": channels, "open_points": open_points, "misuse": self.misuse, "seed": seed}
+        options = {"converter": CONVERTERS[converter], "open_points": open_points, "misuse": self.misuse, "seed": seed}
         self.chip = Ldc1614(self.clock, self.bench, **options)
         self.read, self.write, self.wait = self.chip.read, self.chip.write, self.clock.sleep
 
@@ -171,12 +173,12 @@ def test_the_shutdown_pin_keeps_the_chip_off_the_bus_for_two_milliseconds_more()
 
 
 def test_an_ldc1612_has_the_same_identity_half_of_the_registers_and_no_channel_2():
-    chip = Chip(channels=2)
+    chip = Chip(converter="LDC1612")
     assert (chip.read(0x7E), chip.read(0x7F)) == (0x5449, 0x3055)
     for address in (0x04, 0x0A, 0x0E, 0x12, 0x16, 0x20):
         with pytest.raises(UndocumentedUse):
             chip.read(address)
-    chip = Chip(channels=2, strict=False).wake(AWAKE | 0x8000, wait=1)
+    chip = Chip(converter="LDC1612", strict=False).wake(AWAKE | 0x8000, wait=1)
     assert chip.read(0x18) == 0
     assert "channel 2" in chip.misuse.notes[0]
 
@@ -184,7 +186,7 @@ def test_an_ldc1612_has_the_same_identity_half_of_the_registers_and_no_channel_2
 def ready_at(chip, seconds, config=AWAKE, **registers):
     """Wake; the first result must come after this time and not before."""
     chip.wake(config, wait=seconds - 1e-9, **registers)
-    assert chip.read(0x18) == 0
+    assert not chip.chip.interrupt
     chip.wait(2e-9)
     assert chip.read(0x18) == 0x0048
 
@@ -215,7 +217,7 @@ def test_conversions_follow_each_other():
 
 
 def test_two_channels_take_turns_and_data_is_ready_after_both():
-    chip = Chip(sensors={0: GOOD, 1: replace(GOOD, frequency=3e6)})
+    chip = Chip(strict=False, sensors={0: GOOD, 1: replace(GOOD, frequency=3e6)})
     chip.wake(wait=conversion() + 1e-9, MUX=0x820C, **channels(1))
     assert chip.read(0x18) == 0x0008
     turn = conversion() - 16384 / CLOCK
@@ -345,7 +347,7 @@ CAUSES = {
 
 def provoked(cause, errors, **options):
     registers, sensors, *_ = CAUSES[cause]
-    chip = Chip(sensors=sensors, **options)
+    chip = Chip(sensors=sensors, strict=False, **options)  # most of the causes are misuse
     divider = registers.get("DIVIDERS0", 0x1002) & 0x3FF
     chip.wake(**{**registers, "ERRORS": errors})
     chip.wait(16384 / CLOCK + (16 * registers.get("RCOUNT0", 1000) + 4 + 16 * 40) * divider / CLOCK)
@@ -383,7 +385,7 @@ def test_codes_at_the_ends_of_the_range_and_of_other_amplitudes():
 
 def test_the_watchdog_comes_after_its_time_and_again():
     chip = Chip(sensors={0: None}).wake(wait=16384 / CLOCK + WATCHDOG - 1e-6, RCOUNT0=0xFFFF)
-    assert chip.read(0x18) == 0
+    assert not chip.chip.interrupt
     for _ in range(5):
         chip.wait(2e-6)
         assert chip.read(0x18) & 0x0840 == 0x0840
@@ -459,7 +461,7 @@ def test_the_chip_finds_a_drive_that_the_table_allows(code):
     # the rows overlap: its own or the next one
     assert found >> 6 in (code - 1, code, code + 1)
     chip.converted(DRIVE0=found >> 6 << 11)  # it stays when it is written to IDRIVE
-    assert (chip.chip.peek(0x1E), chip.read(0x18)) == (found >> 6 << 11 | found, 0x0048)
+    assert (chip.chip.peek(0x1E), chip.read(0x18)) == (found >> 6 << 11, 0x0048)
 
 
 def test_high_current_drives_a_small_resistance():
@@ -479,7 +481,14 @@ def test_high_current_drives_a_small_resistance():
     ({"MUX": 0x020B}, AWAKE, {}, "DEGLITCH"),  # 33 MHz in the application table, not in the register's
     ({}, AWAKE | EXTERNAL, {}, "CLKIN is grounded"),
     ({"DIVIDERS0": 0x1001}, AWAKE | EXTERNAL, {"clkin": 40e6}, "at most 3.5e"),
-    ({}, AWAKE, {"sensors": {0: replace(GOOD, frequency=9e6)}}, "FIN_DIVIDER0 must be at least 2"),
+    ({}, AWAKE | EXTERNAL, {"clkin": 1.9e6}, "CLKIN has 1.9e"),
+    ({}, AWAKE | EXTERNAL, {"clkin": 41e6}, "CLKIN has 4.1e"),
+    ({"DIVIDERS0": 0x1001}, AWAKE | EXTERNAL, {"clkin": 34.9e6, "sensors": {0: replace(GOOD, frequency=8.8e6)}},
+     "input of channel 0 is 0.252 of the reference"),
+    ({"DIVIDERS0": 0x1006}, AWAKE, {}, "must be below a quarter"),
+    ({"OFFSET0": 6041}, AWAKE, {}, "below the sensor's 6040"),  # 2 MHz are 6040.2 steps of 21.7 MHz/2¹⁶
+    ({"DIVIDERS0": 0x2002}, AWAKE, {"sensors": {0: replace(GOOD, frequency=10.1e6)}}, "1 kHz to 10 MHz"),
+    ({"SETTLE0": 2000}, AWAKE, {"sensors": {0: replace(GOOD, frequency=900.0, quality_factor=1.0)}}, "1 kHz to 10 MHz"),
     ({"MUX": 0x820C, "SETTLE0": 3}, AWAKE, {}, "more than 3"),
     ({"MUX": 0x820C, "RCOUNT0": 8}, AWAKE, {}, "RCOUNT0 is 8"),
     ({"MUX": 0x820C}, AWAKE | 0x40, {}, "HIGH_CURRENT_DRV"),
@@ -488,8 +497,57 @@ def test_high_current_drives_a_small_resistance():
 def test_what_must_not_be_converted_with(registers, config, bench, said):
     chip = Chip(**bench)
     with pytest.raises(UndocumentedUse, match=said):  # noqa: PT012 - some show only when the sensor runs
-        chip.wake(config, wait=2 * conversion(), **registers)
+        chip.wake(config, wait=0.1, **registers)
         chip.read(0x18)
+
+
+def test_a_fast_sensor_must_be_divided():
+    chip = Chip(strict=False, sensors={0: replace(GOOD, frequency=8.76e6)}).converted()
+    chip.read(0x00)
+    assert any("FIN_DIVIDER0 must be at least 2" in note for note in chip.misuse.notes)
+
+
+def test_status_is_read_after_the_interrupt_and_data_before_sleep():
+    """The data sheet: after conversions start in active mode, the first read of STATUS comes after INTB is asserted."""
+    chip = Chip(strict=False).wake(wait=conversion() - 1e-6)
+    assert (chip.read(0x18), chip.read(0x18), len(chip.misuse.notes)) == (0, 0, 2)
+    chip.wait(2e-6)
+    assert (chip.read(0x18), len(chip.misuse.notes)) == (0x0048, 2)
+    assert all("before INTB" in note for note in chip.misuse.notes)
+    for _ in range(3):  # later looks are free, until it wakes again
+        chip.read(0x18)
+    chip.write(0x1A, ASLEEP)
+    chip.read(0x18)
+    assert len(chip.misuse.notes) == 2
+    chip.write(0x1A, AWAKE)
+    chip.read(0x18)
+    assert len(chip.misuse.notes) == 3
+    chip.write(0x1A, ASLEEP)
+    chip.read(0x01)
+    assert "DATA0_LSB was read while the chip slept" in chip.misuse.notes[3]
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_the_drive_that_the_chip_found_is_sure_only_while_it_is_awake(kept):
+    chip = Chip(open_points=OpenPoints(proposal_kept=kept)).converted(0x0001, DRIVE0=0)
+    found = chip.read(0x1E)
+    assert found >> 6 in (9, 10, 11)
+    chip.write(0x1A, 0x2001)
+    assert chip.read(0x1E) == (found if kept else 0)
+
+
+def test_the_first_conversions_after_sleep_may_be_off():
+    chip = Chip(first_offset=40_000.0).wake(wait=conversion() + 1e-9)
+    codes = []
+    for _ in range(5):
+        codes.append(chip.code() - 0x17982F3)
+        chip.wait((16 * 1000 + 4 + 5) / REFERENCE + 692e-9)
+    assert codes == [40_000, 10_000, 2_500, 625, 156]
+    assert Chip(first_offset=40_000.0).wake(wait=3600).code() == 0x17982F3  # also of those that nobody read
+    chip.write(0x1A, ASLEEP)
+    chip.write(0x1A, AWAKE)
+    chip.wait(conversion() + 1e-9)
+    assert chip.code() - 0x17982F3 == 40_000
 
 
 def test_a_sensor_that_had_no_time_to_settle_is_called_weak():

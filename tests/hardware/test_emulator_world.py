@@ -373,4 +373,8 @@ def test_a_whole_board_from_a_design(folder, monkeypatch):
     untouched = frequency(strict=True)
     assert made == []  # only when something is pressed
     assert (untouched / frequency(path=[(0.0, 0.0, 0.0, 1e-3)])) ** 2 - 1 > 5e-4
+    # 97.5 pF more across the coil: f ∝ 1/√C to first order, without the winding's own capacitance and the dispersion
+    counted = WIRING.capacitances(PAPER.circuit.switches).across_coil
+    assert counted == pytest.approx(217.5e-12)
+    assert (frequency(count_parts=True) / untouched) ** 2 == pytest.approx(120e-12 / counted, rel=0.06)
     assert made == [PAPER]

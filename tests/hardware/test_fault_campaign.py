@@ -406,10 +406,10 @@ def test_a_computer_that_is_away_too_long(bench):
 @pytest.mark.slow
 def test_other_versions(bench):
     for number in range(FAULTS["other version"]):
-        version = b",OK,%d.%d," % (number % 2 * 2, number)
+        version = b",OK,%d.%d," % (number % 2 * 3, number)
 
         def hook(line, version=version):
-            return sealed(line[:-6].replace(b",OK,1.0,", version).decode()) if b",OK,1.0," in line else line
+            return sealed(line[:-6].replace(b",OK,2.0,", version).decode()) if b",OK,2.0," in line else line
 
         bench.host.to_computer = hook
         assert meets(VersionMismatch, bench.reader.reconnect, OPENING, r"version \d\.\d+ of the protocol")

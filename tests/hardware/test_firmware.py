@@ -161,7 +161,7 @@ def test_another_boot_number_and_no_configuration_after_every_start(board):
 
 
 def test_hello(fresh):
-    assert fresh.ask("HELLO") == f"OK,1.0,coilarray-reader-1.0,{fresh.firmware.boot:08X},5449,3055,32,16,-"
+    assert fresh.ask("HELLO") == f"OK,2.0,coilarray-reader-2.0,{fresh.firmware.boot:08X},5449,3055,32,16,-"
     fresh.converter.fault = raising(BusFault("absent"))  # zeros of a converter that does not answer
     assert ",0000,0000," in fresh.ask("HELLO")
     assert Board(wired_back=True).ask("HELLO").endswith(",readback")
@@ -350,7 +350,7 @@ def raising(error, verb=None, register=None):
     ("START,1", "2"), ("START,0000000G", "2"), ("START,000000000", "2"), ("START,80000000", "2"), ("BEGIN,00,01", "2"),
     ("BEGIN,01,00", "2"), ("BEGIN,11,01", "2"), ("BEGIN,01,21", "2"), ("BEGIN,1,1", "2"), ("BEGIN,0a,01", "2"),
     ("PEEK,8", "2"), ("PEEK,800", "2"), ("WIRE,00,0000000000000000", "3"), ("SAFE,00", "3"), ("REG,08,FFFF", "3"),
-    ("WAIT,00000000,00000001", "3"), ("STATE,00,00,0000", "3"), ("COMMIT,0000", "3"), ("SCAN", "3"),
+    ("WAIT,00000000,00000001,00,00000000", "3"), ("STATE,00,00,0000", "3"), ("COMMIT,0000", "3"), ("SCAN", "3"),
     ("START,00000000", "3"),
 ])  # fmt: skip
 def test_errors_without_a_draft(fresh, command, error):
@@ -362,7 +362,8 @@ def test_errors_without_a_draft(fresh, command, error):
     "WIRE,06,0000000000000000", "WIRE,00,00000000000000", "WIRE,00,000000000000000000", "WIRE,00,000000000000000x",
     "SAFE,1111111111", "SAFE,11111111111111", "SAFE,", "REG,09,0001", "REG,1A,3401", "REG,1A,5401", "REG,1A,1400",
     "REG,1A,1501", "REG,1B,820C", "REG,1B,0000", "REG,14,0002", "REG,14,1000", "REG,14,1402", "REG,08,0004",
-    "REG,19,0100", "WAIT,00000002,00000001", "WAIT,00000001,03938701", "STATE,06,111111111111,3000",
+    "REG,19,0100", "WAIT,00000002,00000001,00,00000000", "WAIT,00000001,03938701,00,00000000",
+    "WAIT,00000000,00000001,10,00000000", "WAIT,00000000,00000001,0F,00000002", "STATE,06,111111111111,3000",
     "STATE,00,1111111111,3000", "STATE,00,111111111111,3001", "STATE,00,111111111111", "COMMIT,12", "COMMIT,1234G",
 ])  # fmt: skip
 def test_bad_arguments_of_a_draft(fresh, command):
@@ -372,7 +373,7 @@ def test_bad_arguments_of_a_draft(fresh, command):
 
 @pytest.mark.parametrize("command", [
     "SCAN", "START,00000000", "PEEK,7F", "CHAIN", "WIRE,00,0000000000000000", "SAFE,00", "REG,08,FFFF",
-    "WAIT,00000000,00000001", "STATE,00,00,0000", "COMMIT,0000",
+    "WAIT,00000000,00000001,00,00000000", "STATE,00,00,0000", "COMMIT,0000",
 ])  # fmt: skip
 @pytest.mark.parametrize("running", ["SCAN", "START,00000000"])
 def test_busy(board, command, running):
@@ -618,6 +619,31 @@ def test_converter_that_was_reset(board, streaming):
     assert (board.mode, board.resting) == ("u", True)
     assert board.configure()[-1].startswith("OK")
     assert scan_words(board.ask("SCAN")) == [WORDS] * 6
+
+
+@pytest.mark.parametrize("fault", [None, BusFault("cut off"), BusTimeout("cut off")])
+def test_after_a_transfer_that_was_cut_off_every_register_is_verified(board, fault):
+    """It may have changed any of them; the converter's data sheet says so of a stop that comes early."""
+    count, sound = itertools.count(), dict(board.converter.registers)
+
+    def cut_off(verb, register):
+        if (verb, register) == ("read", 0x00) and next(count) == 2:
+            board.converter.registers[0x0C] = 0x0100
+            if fault:
+                raise fault
+
+    board.converter.fault = cut_off
+    words = scan_words(board.ask("SCAN"))
+    assert words == (["!4"] * 6 if fault else [WORDS] * 6)
+    assert board.mode == ("u" if fault else "i")
+    board.converter.registers = sound
+    board.configure()
+    count = itertools.count()
+    board.converter.fault = raising(BusFault("once"), "read", 0x01)
+    assert scan_words(board.ask("SCAN")) == ["!1"] * 6  # nothing was changed: no reset
+    assert {("read", address) for address in (0x08, 0x0C, 0x10, 0x14, 0x19, 0x1A, 0x1B)} <= {
+        step[:2] for step in board.converter.log[-20:]
+    }
 
 
 def test_switches_that_differ_end_the_stream():

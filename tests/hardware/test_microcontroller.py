@@ -16,6 +16,7 @@ from contextlib import closing
 from dataclasses import replace
 
 import pytest
+from support.emulated_reader import quick_settings
 from support.refusals import refused
 from support.scripted_board import (
     REPLY,
@@ -33,7 +34,7 @@ from support.scripted_board import (
 from coilarray.errors import HardwareError
 from coilarray.hardware.scan.reader import SampleFault
 from coilarray.hardware.scan.settings import scan_settings
-from coilarray.hardware.scan.wiring import load_wiring
+from coilarray.hardware.scan.wiring import load_wiring, wired_to_channels
 from coilarray.hardware.wire import faults
 
 
@@ -50,12 +51,12 @@ def reader(board):
 def test_opening_stops_the_board_before_it_greets_it(board):
     reader = opened(board)
     assert verbs(board) == ["STOP", "HELLO", "PING"]
-    assert reader.identity.kind == "scripted 1, protocol 1.0"
+    assert reader.identity.kind == "scripted 1, protocol 2.0"
     assert (reader.identity.manufacturer, reader.identity.device) == (0x5449, 0x3055)
     assert (reader.identity.boot, reader.identity.emulated) == (0x1234ABCD, False)
     assert reader.greeting.most_states == 64
-    board.version = "1.7"  # another minor version is told
-    assert opened(board).identity.kind.endswith("protocol 1.7")
+    board.version = "2.7"  # another minor version is told
+    assert opened(board).identity.kind.endswith("protocol 2.7")
 
 
 def test_a_board_whose_converter_does_not_obey_can_be_opened(board):
@@ -79,7 +80,7 @@ ATTEMPTS = TIMES.attempts * TIMES.reply  # longer than `opening`
 SILENT = {"deaf": True, "silent": True}
 SPOILT = {"deaf": True, "spoil": lambda line: bytes(byte | 0x80 for byte in line)}
 FLOOD = {"read": lambda seconds: b"$GPGGA,123519,4807.038,N\n" * 160}
-OLDER, NEWER = ({"version": version, "greeting_tail": "something else"} for version in ("0.9", "2.0"))
+OLDER, NEWER = ({"version": version, "greeting_tail": "something else"} for version in ("1.0", "3.0"))
 
 
 @pytest.mark.parametrize(
@@ -90,8 +91,8 @@ OLDER, NEWER = ({"version": version, "greeting_tail": "something else"} for vers
         (FLOOD, faults.NotABoard, "sends more than 1000000 bytes a second", 0.0, 0.0),  # as many came in none
         ({"deaf": True}, faults.NoAnswer, "did not answer STOP", 0.0, 3 * ATTEMPTS),
         ({"greeting_tail": "54,3055,64,8"}, faults.NoAnswer, "did not answer HELLO", 0.0, 3 * ATTEMPTS),
-        (OLDER, faults.VersionMismatch, "speaks version 0.9 of the protocol, this package 1.0; flash", 0.0, 1.0),
-        (NEWER, faults.VersionMismatch, "speaks version 2.0 of the protocol, this package 1.0; flash", 0.0, 1.0),
+        (OLDER, faults.VersionMismatch, "speaks version 1.0 of the protocol, this package 2.0; flash", 0.0, 1.0),
+        (NEWER, faults.VersionMismatch, "speaks version 3.0 of the protocol, this package 2.0; flash", 0.0, 1.0),
     ],
 )
 def test_what_is_no_board_of_this_protocol_is_named_in_time(board, changes, fault, text, least, most):
@@ -350,3 +351,13 @@ def test_old_scans_between_new_ones_are_left_out(board, reader):
     board.spoil = lambda line: line
     assert [scan.sequence for scan in scans] == list(range(20))
     assert reader.counts.scans.stale > 10
+
+
+@pytest.mark.parametrize("settings", [
+    quick_settings(undivided=True), quick_settings(wired_to_channels(["left", "right"], [0, 1])),
+])  # fmt: skip
+def test_settings_of_several_channels_are_refused_by_name(board, settings):
+    reader = opened(board)
+    with pytest.raises(HardwareError, match=r"the firmware converts channel 0 alone; .* --undivided"):
+        reader.configure(settings)
+    assert "BEGIN" not in verbs(board)

@@ -129,13 +129,18 @@ def test_a_scan_is_read():
     st.tuples(*(st.integers(0, 2**bits - 1) for bits in (32, 32, 16, 32))),
     st.lists(
         st.builds(RawSample, *[st.integers(0, 2**16 - 1)] * 3)
+        | st.builds(RawSample, *[st.integers(0, 2**16 - 1)] * 3, drive=st.integers(0, 2**16 - 1))
         | st.sampled_from(list(SampleFault)[1:]).map(lambda fault: RawSample(0, 0, 0, fault)),
-        min_size=1, max_size=30,
+        min_size=1, max_size=24,
     ),
 )  # fmt: skip
 def test_any_scan_comes_back(numbers, samples):
     words = [
-        f"!{s.fault:X}" if s.fault else f"{s.msb:04X}{s.lsb:04X}" + ("" if s.status == 0x0048 else f".{s.status:04X}")
+        f"!{s.fault:X}"
+        if s.fault
+        else f"{s.msb:04X}{s.lsb:04X}"
+        + ("" if s.status == 0x0048 else f".{s.status:04X}")
+        + ("" if s.drive is None else f":{s.drive:04X}")
         for s in samples
     ]
     text = "S{:08X},{:08X},{:04X},{:08X},".format(*numbers) + ",".join(words)
@@ -157,7 +162,8 @@ def test_other_messages_are_read(text, message):
 @pytest.mark.parametrize("text", [
     "", "X00", ">00,STOP", "S", SCAN.lower(), SCAN.replace("S0", "S"), SCAN[:33], SCAN + ",",
     *(SCAN.replace("!3", fault) for fault in ("!0", "!6", "!")), SCAN.replace(".1048", "."),
-    *(SCAN.replace("0179FFFF", word) for word in ("0179FFF", "0179 FFF", "+179FFFF")), "H1234ABCD,000F4240,0000,x",
+    *(SCAN.replace("0179FFFF", word) for word in ("0179FFF", "0179 FFF", "+179FFFF", "0179FFFF:", "!1:0280")),
+    "H1234ABCD,000F4240,0000,x",
     "H1234ABCD,000F4240,0000", "H1234ABCD,000F4240,0000,u,1", "E0,D9A4,1234ABCD,", "E5,D9A4,1234ABCD,",
     "E2,D9A4,1234ABCD", "<00", "<0,OK", "<00,ok", "<00,ERR,4", "<00,ERR,4,a,b", "<00,ERR,44,a",
 ])  # fmt: skip
@@ -172,12 +178,12 @@ def test_any_text_is_read_or_refused(text):
         assert parse_message(text) is not None
 
 
-HELLO = ["1.0", "XMC 2Go 1", "1234ABCD", "5449", "3055", "16", "8", "readback+fast"]
+HELLO = ["2.0", "XMC 2Go 1", "1234ABCD", "5449", "3055", "16", "8", "readback+fast"]
 
 
 def test_a_greeting_and_a_pong_are_read():
     able = frozenset({"readback", "fast"})
-    assert read_greeting(HELLO) == Greeting((1, 0), "XMC 2Go 1", 0x1234ABCD, 0x5449, 0x3055, 16, 8, able)
+    assert read_greeting(HELLO) == Greeting((2, 0), "XMC 2Go 1", 0x1234ABCD, 0x5449, 0x3055, 16, 8, able)
     assert read_greeting([*HELLO[:7], "-", "later"]).capabilities == frozenset()
     assert read_pong(["1234ABCD", "000F4240", "i", "12"]) == Pong(0x1234ABCD, 1_000_000, Mode.IDLE, 12)
 
@@ -204,14 +210,17 @@ def told(settings):
     assert [int(index, 16) for index, _ in of["WIRE"]] == list(range(int(devices, 16)))
     assert [int(index, 16) for index, _, _ in of["STATE"]] == list(range(int(states, 16)))
     parts = [b"coilarray1".hex(), devices, *(digits for _, digits in of["WIRE"]), of["SAFE"][0][0]]
-    parts += [*(address + value for address, value in of["REG"]), *of["WAIT"][0], states]
+    wait, timeout, discard, again = of["WAIT"][0]
+    parts += [*(address + value for address, value in of["REG"]), wait, timeout]
+    parts += [discard, again, states] if int(discard, 16) else [states]
     parts += [words + drive for _, words, drive in of["STATE"]]
     return bytes.fromhex("".join(parts)), of["COMMIT"][0][0]
 
 
+@pytest.mark.parametrize("discard", [0, 15])
 @pytest.mark.parametrize("wiring", ["six_coils", "six_coils_4"])
-def test_the_commands_tell_all_that_the_hash_is_of(wiring):
-    settings = scan_settings(load_wiring(wiring), rcount=1000, drives=17)
+def test_the_commands_tell_all_that_the_hash_is_of(wiring, discard):
+    settings = scan_settings(load_wiring(wiring), rcount=1000, drives=17, discard=discard)
     data, hashed = told(settings)
     assert data == settings.canonical
     assert int(hashed, 16) == crc16(data)

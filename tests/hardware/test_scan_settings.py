@@ -22,8 +22,8 @@ DEFAULT = scan_settings(WIRING)
 
 
 def test_registers_of_the_reference_board():
-    # facts, 1.8; SETTLECOUNT ⌈60·21.7/(16·2)⌉ = 41
-    values = 0xFFFF, 0, 41, 0x1002, 0xF8FD, 0x1401, 0x020C
+    # facts, 1.8; SETTLECOUNT ⌈60·27.5/(16·2)⌉ = 52 with the fastest clock that a converter may have
+    values = 0xFFFF, 0, 52, 0x1002, 0xF8FD, 0x1401, 0x020C
     assert DEFAULT.registers == tuple(zip((0x08, 0x0C, 0x10, 0x14, 0x19, 0x1A, 0x1B), values, strict=True))
     assert DEFAULT.drive_register(DEFAULT.states[0]) == 6 << 11
     assert [state.name for state in DEFAULT.states] == list(WIRING.coils)
@@ -35,7 +35,9 @@ def test_edges_of_the_ranges():
     drives = {coil: k for k, coil in enumerate(WIRING.coils)}
     assert [state.drive for state in scan_settings(WIRING, drives=drives).states] == list(range(6))
     assert scan_settings(WIRING, rcount=5).rcount == 5
-    assert scan_settings(WIRING, offset=6040).offset == 6040  # 2 MHz is 6040.2 steps of 21.7 MHz/2¹⁶
+    assert scan_settings(WIRING, offset=4766).offset == 4766  # 2 MHz is 4766.3 steps of 27.5 MHz/2¹⁶
+    # a sensor of 4.5 MHz is above a quarter of 35 MHz/2 and below one of 43.4 MHz/2
+    assert [scan_settings(WIRING, frequency=4.5e6, clock=clock).fin_divider for clock in (None, 43.4e6)] == [2, 1]
     many = [ScanState(str(k), (("coil1", 1),)) for k in range(255)]
     assert len(scan_settings(WIRING, many).states) == 255
     fastest = 1 / scan_settings(WIRING, rcount=5).period
@@ -57,22 +59,41 @@ def test_worked_example_of_the_data_sheet():
 
 
 def test_scan_time():
-    # waking, full resolution and result alone take 293.6 ms (test_ldc1614.py), settling 0.2 ms more
-    scan_time = 6 * DEFAULT.state_time.measuring
-    assert scan_time == pytest.approx(293.8e-3, abs=0.05e-3)
+    # waking, full resolution and result alone take 293.6 ms (test_ldc1614.py), settling 0.2 ms and the half per cent by
+    # which a measured clock may be slower 1.5 ms more; a clock that is not known costs a quarter, 70 ms
+    measured = scan_settings(WIRING, clock=43.4e6)
+    scan_time = 6 * measured.state_time.measuring
+    assert scan_time == pytest.approx(295.3e-3, abs=0.1e-3)
+    assert 6 * DEFAULT.state_time.measuring == pytest.approx(364.0e-3, abs=0.1e-3)
     # status, sleeping, waking, drive current and switches on top: 0.455 ms a state; a register of 0.12 ms a scan
-    assert DEFAULT.period - scan_time == pytest.approx(6 * 0.455e-3 + 0.12e-3, rel=1e-9)
+    assert measured.period - scan_time == pytest.approx(6 * 0.455e-3 + 0.12e-3, rel=1e-9)
 
 
 def test_waits():
-    # 0.3775 + 0.0302 + 48.3209 ms; a unit at 35 MHz takes 1.24 times as long
-    assert DEFAULT.wait_us == 48729
+    # with a clock of 35 MHz 16384, 16·52·2 and (16·65535 + 4)·2 cycles take 0.4681, 0.0475 and 59.9179 ms
+    assert DEFAULT.wait_us == math.ceil(60433.5)
     # a tenth of margin, and 6 ms for the watchdog's restart of 5.2 ms
-    assert DEFAULT.timeout_us == math.ceil(1.1 * 43.4 / 35 * 48728.6 + 6000)
+    assert DEFAULT.timeout_us == math.ceil(1.1 * 60433.54 + 6000)
+    # a measured clock may still change by 0.5 %: 1.005 times 16384, 16·41·2 and 2097128 cycles of 43.2 MHz
+    measured = scan_settings(WIRING, clock=43.2e6)
+    assert measured.wait_us == math.ceil((16384 + 1312 + 2097128) / 43.2 / 0.995)
+    assert measured.timeout_us == pytest.approx(1.1 * (16384 + 1312 + 2097128) / 35 + 6000, abs=1)
     external = scan_settings(WIRING, clock=40e6, external_clock=True)
-    # the external clock is what it is; 0.3775 + 0.0304 + 52.4283 ms
-    assert external.wait_us == math.ceil(52836.2)
-    assert external.timeout_us == math.ceil(1.1 * 52836.2 + 6000)
+    # the external clock is what it is, but the converter wakes by its own: 0.4681 + 0.0304 + 52.4282 ms
+    assert external.wait_us == math.ceil(52926.7)
+    assert external.timeout_us == math.ceil(1.1 * 52926.7 + 6000)
+    # from result to result a conversion and the slot before it, 0.692 µs and five cycles
+    assert scan_settings(WIRING, discard=3).again_us == math.ceil(59917.9 + 0.692 + 5 / 17.5)
+
+
+def test_discarded_conversions_are_counted():
+    four, none = (scan_settings(WIRING, clock=43.4e6, discard=discard) for discard in (4, 0))
+    # each a conversion at the slowest clock and two transfers of 0.12 ms
+    each = 1048564 / (43.4e6 * 0.995 / 2) + 0.692e-6 + 5 / (43.4e6 * 0.995 / 2) + 0.24e-3
+    assert four.period - none.period == pytest.approx(6 * 4 * each, rel=1e-9)
+    assert (four.wait_us, four.timeout_us) == (none.wait_us, none.timeout_us)
+    fast = scan_settings(WIRING, rate=10.0, discard=4)
+    assert fast.period <= 0.1 < replace(fast, rcount=fast.rcount + 1).period
 
 
 @given(rate=st.floats(0.01, 50), bus_rate=st.floats(100e3, 400e3))
@@ -145,16 +166,18 @@ NOT_POSITIVE = [("rate", 0.0), ("rate", math.inf), ("clock", math.nan), ("clock"
     ({"fin_divider": 0}, "fin_divider must be at least 1 for this frequency and quality; got 0"),
     ({"fin_divider": 1, "frequency": 6e6}, "fin_divider must be at least 2 .*; got 1"),
     ({"fin_divider": 16}, "FIN_DIVIDER0 must be an integer from 0 to 15; got 16"),
-    ({"fref_divider": 200}, "frequency 2000000.0 Hz must be below 15/4 of 217000.0 Hz"),
+    ({"fref_divider": 200}, "frequency 2000000.0 Hz must be below 15/4 of 175000.0 Hz"),
     *(({"frequency": f}, rf"frequency must be 1000 to 1e\+07 Hz; got {f} Hz") for f in (11e6, 900.0)),
-    ({"settle_count": 40}, "settle_count must be at least 41 for this frequency and quality; got 40"),
+    ({"settle_count": 51}, "settle_count must be at least 52 for this frequency and quality; got 51"),
     ({"settle_count": 0x10000}, "SETTLECOUNT must be 0 to 65535; got 65536"),
     ({"deglitch": 1}, "deglitch must be at least 4 .*; got 1"),
     ({"deglitch": 6}, "DEGLITCH must be 1, 4, 5 or 7"),
-    *(({"offset": value}, f"offset must be 0 to less than 6040, .*; got {value}") for value in (-1, 6041)),
+    *(({"offset": value}, f"offset must be 0 to less than 4766, .*; got {value}") for value in (-1, 4767)),
     ({"offset": 1.5}, "OFFSET0 must be an integer from 0 to 65535; got 1.5"),
     *(({"drives": value}, f"of coil1 must be an integer from 0 to 31; got {value}") for value in (32, -1, True)),
     ({"drives": {"coil1": 3}}, "drives must name every measured coil; got none for coil2"),
+    *(({"discard": value}, f"discard must be an integer from 0 to 15; got {value}") for value in (-1, 16, 1.5, True)),
+    ({"external_clock": True}, "an external clock needs its frequency"),
     ({"plan": ()}, "a scan must have 1 to 255 states; got 0"),
     ({"plan": [ScanState(str(k), (("coil1", 1),)) for k in range(256)]}, "must have 1 to 255 states; got 256"),
     ({"plan": [ScanState("s", (("coil1", 1),))] * 2}, "different names; got 's' twice"),
@@ -178,13 +201,17 @@ def test_canonical_bytes():
     parts += [f"{settings.wait_us:08x}", f"{settings.timeout_us:08x}", "01", "11229000"]
     assert settings.canonical == b"coilarray1" + bytes.fromhex("".join(parts))
     assert settings.hash == crc16(settings.canonical)
-    # 16384/43.4 MHz + 160/20 MHz + (16·1238 + 4)/20 MHz
-    assert settings.wait_us == math.ceil(377.51152 + 8 + 990.6)
+    # 16384/35 MHz + 160/20 MHz + (16·1238 + 4)/20 MHz
+    assert settings.wait_us == math.ceil(468.1143 + 8 + 990.6)
+    discarding = replace(settings, discard=5)
+    parts[-2:-2] = [f"05{discarding.again_us:08x}"]
+    assert discarding.canonical == b"coilarray1" + bytes.fromhex("".join(parts))
 
 
 @pytest.mark.parametrize("change", [
     {"rcount": 100}, {"settle_count": 50}, {"fin_divider": 2}, {"fref_divider": 3}, {"offset": 1}, {"deglitch": 5},
-    {"external_clock": True}, {"safe_words": bytes(6)}, {"wiring": bytes(48)}, {"clock": 43.3e6},
+    {"external_clock": True}, {"safe_words": bytes(6)}, {"wiring": bytes(48)},
+    {"slowest_clock": 43.3e6}, {"discard": 1},
     {"states": DEFAULT.states[:5]}, {"states": DEFAULT.states[::-1]},
     {"states": tuple(replace(state, drive=7) for state in DEFAULT.states)},
 ], ids=lambda change: next(iter(change)))  # fmt: skip
@@ -208,7 +235,8 @@ def test_json():
 
 
 @pytest.mark.parametrize(("changes", "message"), [
-    ({"schema": 2}, "scan settings: schema"), ({"hash": "0000"}, "not 0000 as the file says"),
+    ({"schema": 3}, "scan settings: schema"), ({"discard": 16}, "scan settings: discard"),
+    ({"slowest_clock": 0}, "scan settings: slowest_clock"), ({"hash": "0000"}, "not 0000 as the file says"),
     ({"rcount": 100}, "have the hash [0-9A-F]{4}, not"), ({"rcount": 4}, "RCOUNT0 must be 5 to 65535; got 4"),
     ({"rcount": -1}, "scan settings: rcount"), ({"rcount": "100"}, "scan settings: rcount"),
     ({"clock": 1e-300}, "scan settings: clock"), ({"clock": float("nan")}, "scan settings: clock"),
@@ -222,6 +250,19 @@ def test_bad_json(changes, message):
     with pytest.raises(HardwareError, match=message) as raised:
         ScanSettings.from_json(text)
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(("given", "hashed", "waits"), [
+    ({}, "D9A4", (48729, 72466)), ({"clock": 40e6, "external_clock": True}, "BE3B", (52837, 64120)),
+])  # fmt: skip
+def test_settings_of_the_first_schema_wait_as_they_did(given, hashed, waits):
+    """Recordings hold the hash of their settings; before schema 2 the waits were those of the nominal clock."""
+    new = scan_settings(WIRING, settle_count=52, **given)
+    document = {**json.loads(new.to_json()), "schema": 1, "settle_count": 41 if not given else 38, "hash": hashed}
+    del document["slowest_clock"], document["discard"]
+    old = ScanSettings.from_json(json.dumps(document))
+    assert (old.wait_us, old.timeout_us) == waits
+    assert f"{old.hash:04X}" == hashed
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "1", "null", "[" * 100_000, "9" * 5000, '{"a": 1}'])

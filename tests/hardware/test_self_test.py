@@ -198,7 +198,7 @@ def test_a_few_transfers_that_fail_do_not_matter():
 
 def test_a_converter_that_does_not_answer_ends_the_test():
     board = refusing(lambda register, count: register == 0x18)
-    refused(BusFault, "did not answer in 3 scans; no switch could be tried", checked, board, THREE)
+    refused(BusFault, "did not answer in 3 scans; nothing could be tried", checked, board, THREE)
     assert at_rest(board, THREE)
 
 
@@ -237,17 +237,36 @@ def test_the_drive_of_every_coil_is_found():
         assert found.code in (4, 5, 6)
 
 
-def test_a_register_that_forgets_asleep_is_no_hindrance():
+def test_a_wrong_proposal_is_no_hindrance():
     board = coupled_board(WIRING)
     reader = reader_of(board)
     right = find_drives(reader, settings_of(WIRING))
-    reader.peek = lambda register: 0
-    found = find_drives(reader, settings_of(WIRING))
-    assert {drive.reasons for drive in found.values()} == {()}
-    assert all(found[name].code <= right[name].code for name in WIRING.coils)
-    reader.peek = lambda register: 31 << 6
-    found = find_drives(reader, settings_of(WIRING))
-    assert [drive.code for drive in found.values()] == [drive.code for drive in right.values()]
+    read = board.bus.read
+    for proposed in (0, 31 << 6):
+        board.bus.read = lambda register, proposed=proposed: (
+            proposed if register == 0x1E and not board.chip.asleep else read(register)
+        )
+        found = find_drives(reader, settings_of(WIRING))
+        assert {drive.proposed for drive in found.values()} == {proposed >> 6}
+        assert {drive.reasons for drive in found.values()} == {()}
+        for name in WIRING.coils:
+            assert (found[name].code <= right[name].code) if not proposed else (found[name].code == right[name].code)
+
+
+def test_the_proposal_is_read_while_the_converter_is_awake():
+    """The emulator clears INIT_IDRIVE in sleep: read asleep, it proposed 0 for every coil."""
+    board = coupled_board(WIRING)
+    asleep, read = [], board.bus.read
+
+    def reading(register):
+        if register == 0x1E:
+            asleep.append(board.chip.asleep)
+        return read(register)
+
+    board.bus.read = reading
+    drives = find_drives(reader_of(board), settings_of(WIRING))
+    assert all(found.proposed == found.code > 0 for found in drives.values())
+    assert asleep.count(False) == len(WIRING.coils)  # the others are of reading back what was written
 
 
 def test_a_coil_that_no_current_moves_is_refused():

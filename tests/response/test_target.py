@@ -148,8 +148,9 @@ def test_an_interrupted_map_goes_on(tmp_path, monkeypatch):
     asked = []
 
     def solver(source, target, places, distances, frequencies, *rest, **options):
-        asked.append(distances)
-        if len(asked) == 4:  # the first is that of the band
+        if options["fineness"] == 1:  # the band and the mesh's error are of a coarser one
+            asked.append(distances)
+        if len(asked) == 3:
             raise KeyboardInterrupt
         size = -1e-6 * np.exp(-np.array(distances) / 1e-3)
         return size[:, None, None, None, None] * np.ones((1, len(places), len(frequencies), 1, 1))
@@ -158,9 +159,9 @@ def test_an_interrupted_map_goes_on(tmp_path, monkeypatch):
     network = design_circuit(ONE, ideal=True)
     with pytest.raises(KeyboardInterrupt):
         target_map(design, network=network, parts=tmp_path)
-    assert asked == [[1e-3], [1e-3], [2e-3], [4e-3]]
+    assert asked == [[1e-3], [2e-3], [4e-3]]
     again = target_map(design, network=network, parts=tmp_path)
-    assert asked[4:] == [[4e-3], [8e-3]]
+    assert asked[3:] == [[4e-3], [8e-3]]
     xr.testing.assert_identical(again, target_map(design, network=network))
     assert 0 < again.attrs["plate_error_inductance"] < again.attrs["plate_error_resistance"] < 0.1
 
@@ -223,6 +224,12 @@ def test_a_distance_is_located_where_the_place_is_known():
     assert (at.verdict, model.free) == ("found", [2])
     assert at.best.depth == pytest.approx(2.3e-3, abs=5e-6)
     assert at.best.known_deviations[:2] == (None, None)
+    # what the table itself errs adds to the noise
+    errs = forward_model(found.assign(delta_error=1e-3 * abs(found.delta)))
+    size = 0.1 * math.exp(-2.3 / 2)
+    (deviation,) = locate(errs, [-size], noise=1e-5).best.deviations
+    assert deviation == pytest.approx(math.hypot(1e-5, 1e-3 * size) / (size / 2e-3), rel=1e-2)  # slope of the cubic
+    assert errs.select(["a"]).errors == errs.errors
     assert "no target is noticed" in locate(model, [1e-7], noise=1e-6).reason
     refused(LocalizeError, "distance of a point must be in the table", model.delta, [0.0, 0.0, 0.5])
     refused(LocalizeError, "more than one position or depth", forward_model, found.isel(distance=[0]))
@@ -238,7 +245,7 @@ def test_what_cannot_be_computed_is_refused(monkeypatch):
         refused(MetalError, line, lambda wrong: target_map(ONE, **wrong), wrong)
     refused(MetalError, "noise must be positive and finite", ranges_of, exponential(1.0, 1.0, np.array([1.0])), 0.0)
     below = ca.Plate("below", -4e-3, 0.5e-3, ca.MATERIALS["copper"])
-    line = "a target with an end beside plates is not computed: leave one of them out; got below"
+    line = "a sphere as the target beside plates is not computed: leave one of them out; got below"
     refused(MetalError, line, lambda: target_map(replace(ONE, plates=(below,))))
     monkeypatch.setattr(module, "target_inductance", lambda *args, **options: np.full((1, 2, 1, 1, 1), -1.0 + 0j))
     refused(MetalError, "a target at 1 mm is too near for the model", lambda: target_map(ONE, ideal=True))

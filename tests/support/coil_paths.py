@@ -23,3 +23,10 @@ def spiral_path(spiral, layers=(0.0,), thickness=35e-6):
     step = np.pi / 36
     lines = [at_height(coarser_line(spiral.centre_line(k), spiral.arcs(k), step)[0], z) for k, z in enumerate(layers)]
     return Conductor(np.vstack(lines), spiral.trace_width, thickness)
+
+
+def loop(radius, z=0.0, sides=72, centre=(0.0, 0.0)):
+    """A circle in the plane as a closed polygon of the same area, shape (sides + 1, 3) in m."""
+    angle = 2 * np.pi * np.arange(sides + 1) / sides
+    corner = radius * np.sqrt(2 * np.pi / sides / np.sin(2 * np.pi / sides))
+    return np.column_stack((corner * np.cos(angle) + centre[0], corner * np.sin(angle) + centre[1], 0 * angle + z))

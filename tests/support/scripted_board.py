@@ -41,7 +41,7 @@ class ScriptedBoard:
 
     def __init__(self, *, baud=None):
         self.clock, self.baud = VirtualClock(), baud
-        self.boot, self.version, self.capabilities = 0x1234ABCD, "1.0", "-"
+        self.boot, self.version, self.capabilities = 0x1234ABCD, "2.0", "-"
         self.greeting_tail = "5449,3055,64,8"
         self.skew = 0  # µs of the board's clock at the start of the computer's
         self.hash, self.draft, self.mode, self.sent, self.dropped = 0, [], "u", [], 0

@@ -14,8 +14,8 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.store import Store, open_store
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool, workers
-from coilarray.design.model import Design, DesignFile, build_design
-from coilarray.design.vary import plain, vary_document
+from coilarray.design.model import Design, DesignFile, build_design_file
+from coilarray.design.vary import no_longer_assumed, plain, vary_document
 from coilarray.design.write import as_file
 from coilarray.errors import DesignError, GoalError
 from coilarray.localize.ellipse_model import EllipseModel
@@ -39,8 +39,9 @@ class Calibration:
 
     Parameters
     ----------
-    design : Design
-        The design with the choices of the best combination and the values fitted to it.
+    file : DesignFile
+        The design with the choices of the best combination and the values fitted to it, which are no longer assumed;
+        where it was read from a file, with its text.
     imperfections : Imperfections
         What was fitted of the experiment.
     values : mapping of str to float
@@ -49,10 +50,15 @@ class Calibration:
         Everything of every combination, the most probable one first, see `calibrate`.
     """
 
-    design: Design
+    file: DesignFile
     imperfections: Imperfections
     values: Mapping[str, float]
     dataset: xr.Dataset
+
+    @property
+    def design(self) -> Design:
+        """The design of `file`."""
+        return self.file.design
 
 
 def calibrate(
@@ -152,8 +158,10 @@ def calibrate(
     best = solved[0]
     values = dict(zip(best.case.names, best.fit.point.tolist(), strict=True))
     document, imperfections = best.case.changed(best.fit.point)
+    found = [entry for unknown in best.case.unknowns for entry in unknown.entry]
+    found += [key for choice in best.case.choices for key in choice.set]
     return Calibration(
-        build_design(document, file.design.name),
+        _as_written(file, document, found),
         imperfections_of(imperfections),
         values,
         result_dataset(file.design, measured, plan, (*solved, *unsolved)),
@@ -173,6 +181,15 @@ def _case_of(file: DesignFile, plan: Plan, choices: tuple[Choice, ...]) -> Case 
         return Unsolved(name, choices, unknowns, str(error))
     starts = [_start(unknown, changes.get(unknown.name, value_of(file, unknown.name))) for unknown in unknowns]
     return Case(name, choices, document, unknowns, np.array(starts))
+
+
+def _as_written(file: DesignFile, document: Mapping[str, Any], found: Sequence[str]) -> DesignFile:
+    """Return a file with a document of a case and what it left out: title, source, and what is still assumed."""
+    says = {key: file.document[key] for key in file.document if key in document or key in _SAYS_NOTHING}
+    whole = no_longer_assumed({**says, **document}, found)
+    values = build_design_file(document, file.design.name).values
+    assumed = {key: reason for key, reason in whole.pop("assumed", {}).items() if key in values}
+    return build_design_file(whole | ({"assumed": assumed} if assumed else {}), file.design.name, file.text)
 
 
 def _without(table: Any, parts: Sequence[str], key: str) -> Any:

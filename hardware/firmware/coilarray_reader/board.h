@@ -7,8 +7,8 @@
 
 namespace coilarray {
 
-constexpr char kProtocol[] = "1.0";
-constexpr char kFirmware[] = "coilarray-reader-1.0";
+constexpr char kProtocol[] = "2.0";
+constexpr char kFirmware[] = "coilarray-reader-2.0";
 
 // One ADG739 a coil, wired as `hardware/wirings/six_coils.toml`: both ends of every coil to ground. Another board needs
 // its own words here, because they are sent before the computer can say what is wired.
@@ -30,5 +30,6 @@ constexpr uint8_t kDoutPin = kNoPin;
 constexpr uint8_t kConverterAddress = 0x2A;  // its pin ADDR at ground; 0x2B at supply
 constexpr uint8_t kHalfClock = 1;            // of SCL, in microseconds, added to what the calls take
 constexpr uint32_t kBusGuard = 1000;         // microseconds until a line that is held down gives up a transfer
+constexpr uint32_t kClockSlip = 500;         // microseconds; two readings of the clock in a row lie closer together
 
 }  // namespace coilarray

@@ -115,6 +115,10 @@ void Reader::add_scan(Text& line, uint32_t sequence) const {
             line.add('.');
             line.add_hex(sample.status, 4);
         }
+        if (plan_.own_drive()) {
+            line.add(':');
+            line.add_hex(sample.drive, 4);
+        }
     }
 }
 
@@ -279,7 +283,7 @@ void Reader::dispatch(Fields& fields) {
         {"WIRE", 2, false, &Reader::wire},
         {"SAFE", 1, false, &Reader::safe},
         {"REG", 2, false, &Reader::set_register},
-        {"WAIT", 2, false, &Reader::wait},
+        {"WAIT", 4, false, &Reader::wait},
         {"STATE", 3, false, &Reader::state},
         {"COMMIT", 1, false, &Reader::commit},
         {"SCAN", 0, false, &Reader::scan_once},
@@ -422,15 +426,18 @@ Error Reader::set_register(Fields& fields) {
 }
 
 Error Reader::wait(Fields& fields) {
-    uint32_t wait = 0, timeout = 0;
+    uint32_t wait = 0, timeout = 0, discard = 0, again = 0;
     if (!drafting_) {
         return Error::kOutOfOrder;
     }
-    if (!fields.hex(8, wait) || !fields.hex(8, timeout) || wait > timeout || timeout > kLongestTimeout) {
+    if (!fields.hex(8, wait) || !fields.hex(8, timeout) || wait > timeout || timeout > kLongestTimeout ||
+        !fields.hex(2, discard) || discard > kMostDiscarded || !fields.hex(8, again) || again > timeout) {
         return Error::kBadArgument;
     }
     draft_.wait = wait;
     draft_.timeout = timeout;
+    draft_.discard = static_cast<uint8_t>(discard);
+    draft_.again = again;
     draft_.has_times = true;
     return Error::kNone;
 }
@@ -489,6 +496,10 @@ Error Reader::check_draft(uint32_t hash) {
         why_.add("hash of the draft is ");
         why_.add_hex(draft_.hash(), 4);
         return Error::kHashDiffers;
+    }
+    if (draft_.own_drive() && draft_.states > kMostOwnDrives) {
+        why_.add("too many states with RP_OVERRIDE_EN 0");
+        return Error::kBadArgument;
     }
     if (!legal(draft_, why_)) {
         return Error::kIllegalSwitching;

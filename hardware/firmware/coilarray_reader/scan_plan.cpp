@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "chips.h"
 #include "crc16.h"
 
 namespace coilarray {
@@ -23,6 +24,10 @@ bool ScanPlan::complete() const {
            has_register == ones(kRegisters);
 }
 
+bool ScanPlan::own_drive() const {
+    return (registers[kConfigIndex] & kFixedDrive) == 0;
+}
+
 uint16_t ScanPlan::hash() const {
     Crc16 crc;
     static const char kFormat[] = "coilarray1";
@@ -38,6 +43,10 @@ uint16_t ScanPlan::hash() const {
     }
     crc.add32(wait);
     crc.add32(timeout);
+    if (discard > 0) {
+        crc.add(discard);
+        crc.add32(again);
+    }
     crc.add(states);
     for (uint8_t i = 0; i < states; ++i) {
         crc.add(state[i].words, devices);

@@ -27,6 +27,8 @@ struct ScanPlan {
     uint8_t safe[kMostDevices];
     uint16_t registers[kRegisters];
     uint32_t wait, timeout;  // microseconds
+    uint8_t discard;         // conversions to throw away after waking
+    uint32_t again;          // microseconds from such a one to the next look
     State state[kMostStates];
 
     // Which parts are there, one bit each.
@@ -36,6 +38,8 @@ struct ScanPlan {
 
     void clear(uint8_t device_count, uint8_t state_count);
     bool complete() const;
+    // Whether the converter chooses its drive currents itself.
+    bool own_drive() const;
     uint16_t hash() const;
 };
 

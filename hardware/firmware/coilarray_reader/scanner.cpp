@@ -46,15 +46,19 @@ void Scanner::step() {
             proceed(converter_.wake(), Phase::kLook);
             woken_ = hal_.micros();
             next_look_ = plan_->wait;
+            discarded_ = 0;
             break;
         case Phase::kLook:
             look();
             break;
-        case Phase::kMsb:  // first: it latches the other half
-            proceed(converter_.read(kDataMsb, sample.msb), Phase::kLsb);
+        case Phase::kMsb:
+            take_or_discard();
             break;
         case Phase::kLsb:
-            proceed(converter_.read(kDataLsb, sample.lsb), Phase::kSleep);
+            proceed(converter_.read(kDataLsb, sample.lsb), plan_->own_drive() ? Phase::kOwnDrive : Phase::kSleep);
+            break;
+        case Phase::kOwnDrive:  // sleep may clear it
+            proceed(converter_.read(kDriveCurrent, sample.drive), Phase::kSleep);
             break;
         case Phase::kSleep:
             proceed(converter_.sleep(), Phase::kGround);
@@ -97,19 +101,37 @@ void Scanner::look() {
     }
 }
 
+// Reads the upper half of a result, which latches the lower one and clears the flags.
+void Scanner::take_or_discard() {
+    Sample& sample = samples_[index_];
+    const bool last = discarded_ == plan_->discard;
+    proceed(converter_.read(kDataMsb, sample.msb), last ? Phase::kLsb : Phase::kLook);
+    if (!last) {
+        ++discarded_;
+        sample.status = 0;
+        woken_ = hal_.micros();
+        next_look_ = plan_->again;
+    }
+}
+
 void Scanner::next_state() {
     ++index_;
     phase_ = Phase::kSleepFirst;
     if (index_ == plan_->states) {
         index_ = 0;
         phase_ = Phase::kVerify;
+        register_ = met_bus_fault() ? 0 : kDividersIndex;
     }
 }
 
 void Scanner::verify() {
-    uint16_t dividers = 0;
-    const Transfer result = converter_.read(kClockDividers, dividers);
-    const bool reset = result == Transfer::kDone && dividers != plan_->registers[kDividersIndex];
+    uint16_t found = 0;
+    const Transfer result = converter_.read(kRegisterAddresses[register_], found);
+    const uint16_t differing = static_cast<uint16_t>(found ^ plan_->registers[register_]);
+    const bool reset = result == Transfer::kDone && (register_ == kConfigIndex ? differing & ~kAsleep : differing) != 0;
+    if (result == Transfer::kDone && !reset && met_bus_fault() && ++register_ < kRegisters) {
+        return;  // a transfer that was cut off may have changed any of them
+    }
     for (index_ = 0; index_ < plan_->states; ++index_) {
         if (reset) {
             samples_[index_].fault = Fault::kConverterReset;
@@ -123,6 +145,15 @@ void Scanner::verify() {
         outcome_ = Outcome::kConverterReset;
     }
     phase_ = Phase::kDone;
+}
+
+bool Scanner::met_bus_fault() const {
+    for (uint8_t i = 0; i < plan_->states; ++i) {
+        if (samples_[i].fault == Fault::kNotAcknowledged || samples_[i].fault == Fault::kBusTimeout) {
+            return true;
+        }
+    }
+    return false;
 }
 
 void Scanner::judge() {

@@ -18,7 +18,7 @@ enum class Fault : uint8_t {
 };
 
 struct Sample {
-    uint16_t msb, lsb, status;
+    uint16_t msb, lsb, status, drive;
     Fault fault;
 };
 
@@ -51,12 +51,14 @@ class Scanner {
 
   private:
     enum class Phase : uint8_t {
-        kIdle, kSleepFirst, kOpen, kSelect, kDrive, kWake, kLook, kMsb, kLsb, kSleep, kGround, kVerify, kDone,
+        kIdle, kSleepFirst, kOpen, kSelect, kDrive, kWake, kLook, kMsb, kLsb, kOwnDrive, kSleep, kGround, kVerify, kDone,
     };
 
     void look();
+    void take_or_discard();
     void next_state();
     void verify();
+    bool met_bus_fault() const;
     void judge();
     // Goes on to the next phase, or, where the transfer failed, to the end of the state.
     void proceed(Transfer result, Phase next);
@@ -73,8 +75,10 @@ class Scanner {
     Phase phase_ = Phase::kIdle;
     Outcome outcome_ = Outcome::kGood;
     uint8_t index_ = 0;
+    uint8_t register_ = 0;  // of the plan, that is verified next
     uint32_t started_ = 0, woken_ = 0;
-    uint32_t next_look_ = 0;  // microseconds after waking
+    uint32_t next_look_ = 0;  // microseconds after waking, or after the last conversion that was thrown away
+    uint8_t discarded_ = 0;   // conversions of this state
     Sample samples_[kMostStates];
     uint8_t bus_failures_[kMostStates] = {0};
     uint8_t switch_failures_[kMostStates] = {0};

@@ -121,7 +121,12 @@ def draft_commands(settings: ScanSettings) -> tuple[tuple[str, ...], ...]:
         *(("WIRE", f"{index:02X}", switches.hex().upper()) for index, switches in enumerate(devices)),
         ("SAFE", settings.safe_words.hex().upper()),
         *(("REG", f"{address:02X}", f"{value:04X}") for address, value in settings.registers),
-        ("WAIT", f"{settings.wait_us:08X}", f"{settings.timeout_us:08X}"),
+        (
+            "WAIT",
+            *(f"{time:08X}" for time in (settings.wait_us, settings.timeout_us)),
+            f"{settings.discard:02X}",
+            f"{settings.again_us:08X}",
+        ),
         *(
             ("STATE", f"{index:02X}", state.words.hex().upper(), f"{settings.drive_register(state):04X}")
             for index, state in enumerate(settings.states)

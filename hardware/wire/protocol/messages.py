@@ -9,13 +9,13 @@ from enum import Enum, IntEnum
 
 from coilarray.hardware.scan.reader import RawSample, SampleFault
 
-VERSION = (1, 0)
+VERSION = (2, 0)
 """Major and minor version of the protocol that this package speaks."""
 _GOOD_STATUS = 0x0048
 """STATUS of a word without a status of its own: DRDY and UNREADCONV0, no error."""
 _HEX = {digits: re.compile(rf"[0-9A-F]{{{digits}}}") for digits in (1, 2, 4, 8)}
 _DECIMAL = re.compile(r"0|[1-9][0-9]{0,9}")
-_WORDS = re.compile(r"([0-9A-F]{4})([0-9A-F]{4})(?:\.([0-9A-F]{4}))?")
+_WORDS = re.compile(r"([0-9A-F]{4})([0-9A-F]{4})(?:\.([0-9A-F]{4}))?(?::([0-9A-F]{4}))?")
 
 
 class MessageError(ValueError):
@@ -135,9 +135,16 @@ def _sample(word: str) -> RawSample:
         return RawSample(msb=0, lsb=0, status=0, fault=SampleFault(_from_one(word[1:], max(SampleFault), "a fault")))
     match = _WORDS.fullmatch(word)
     if not match:
-        raise MessageError(f"a word must be 8 hexadecimal digits, with a status or not, or a fault; got {word!r}.")
-    msb, lsb, status = match.groups()
-    return RawSample(msb=int(msb, 16), lsb=int(lsb, 16), status=_GOOD_STATUS if status is None else int(status, 16))
+        raise MessageError(
+            f"a word must be 8 hexadecimal digits, with status and drive current or not, or a fault; got {word!r}."
+        )
+    msb, lsb, status, drive = match.groups()
+    return RawSample(
+        msb=int(msb, 16),
+        lsb=int(lsb, 16),
+        status=_GOOD_STATUS if status is None else int(status, 16),
+        drive=None if drive is None else int(drive, 16),
+    )
 
 
 def _from_one(field: str, largest: int, what: str) -> int:

@@ -1,0 +1,191 @@
+"""Plates with an outline in the air between layers without end: their matrices, and the fluxes of coils in them.
+
+Every pair of plates couples by its own field and by the images of one of them, which layers without end make of it
+(`coilarray.metal.layered_air`); so do coils and plates. A plate's own images add to its own matrix.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import lu_factor
+
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
+from coilarray.compute.memory import require_memory
+from coilarray.compute.threads import ranges, run_blocks
+from coilarray.geometry import Conductor
+from coilarray.geometry.plate import FinitePlate
+from coilarray.metal.field_at_plate import field_at
+from coilarray.metal.half_body import EddyBody, inductance, pair_integrals
+from coilarray.metal.layered_air import Image, LayeredAir
+from coilarray.metal.surface_impedance import SurfaceImpedance
+
+_POINTS_AT_ONCE = 2**18  # of the field, which bounds the memory
+
+
+@dataclass(frozen=True, eq=False)
+class PosedPlate:
+    """A plate on the board, with its centres (places, 3) in m, all at one height, and its impedances by frequency."""
+
+    body: EddyBody
+    plate: FinitePlate
+    where: FloatArray
+    impedances: Sequence[SurfaceImpedance]
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """Corners in m of all triangles at the first place."""
+        return np.ascontiguousarray(self.body.all_corners @ self.plate.axes + self.where[0])
+
+    @cached_property
+    def currents(self) -> list[sp.csr_array]:
+        """K along the board's axes, see `EddyBody.all_currents`."""
+        return self.body.all_currents(self.plate.axes)
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Least and greatest height in m."""
+        z = self.corners[..., 2]
+        return float(z.min()), float(z.max())
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedPlates:
+    """Factors of the matrices of plates by frequency, and their fluxes (f, unknowns, 1, paths) in Wb/A."""
+
+    factors: Sequence[tuple[ComplexArray, IntArray]]
+    b: ComplexArray
+
+
+@dataclass(frozen=True, eq=False)
+class PlatesInAir:
+    """Coils and plates in the air between layers without end."""
+
+    paths: Sequence[Conductor]
+    air: LayeredAir
+
+    def __post_init__(self) -> None:
+        self.air.gap(*self._coils, "the coils")
+
+    def solved(self, plates: Sequence[PosedPlate]) -> SolvedPlates:
+        """Solve plates together."""
+        sizes = [one.currents[0].shape[1] for one in plates]
+        starts = np.cumsum([0, *sizes]).tolist()
+        count, frequencies = starts[-1], len(self.air.frequencies)
+        require_memory(32.0 * frequencies * count**2, f"plates of {count} unknowns", "use a coarser mesh")
+        whole = np.zeros((frequencies, count, count), dtype=np.complex128)
+        for k, one in enumerate(plates):
+            own = slice(starts[k], starts[k + 1])
+            whole[:, own, own] = self.matrices(one)
+            for m in range(k):
+                other = slice(starts[m], starts[m + 1])
+                whole[:, other, own] = self.mutual(plates[m], one)
+                whole[:, own, other] = whole[:, other, own].swapaxes(1, 2)
+
+        def factorised(matrix: ComplexArray) -> tuple[ComplexArray, IntArray]:
+            factors, pivots = lu_factor(matrix, overwrite_a=True, check_finite=False)
+            return factors, pivots.astype(np.int64)
+
+        return SolvedPlates(run_blocks(factorised, whole), np.concatenate([self.linked(one) for one in plates], axis=1))
+
+    def matrices(self, plate: PosedPlate) -> ComplexArray:
+        """Matrices (f, u, u) in H of a plate with what the layers reflect of its own field."""
+        own = np.array([both_parities(plate.body, impedance) for impedance in plate.impedances])
+        for image in self._images(plate, plate):
+            integrals = pair_integrals(plate.corners, image.of(plate.corners), mirrored=image.sign < 0)
+            M = inductance(plate.currents, integrals, np.array([1.0, 1.0, image.sign]))
+            own += image.shares[:, None, None] * (M + M.T) / 2
+        return own
+
+    def mutual(self, one: PosedPlate, other: PosedPlate) -> ComplexArray:
+        """Mutual inductance (f, u, v) in H of the currents of two plates."""
+        images = self._images(other, one)
+        if self._gap(one)[0] == self._gap(other)[0]:
+            images.append(Image(1, 0.0, np.ones(len(self.air.frequencies), dtype=np.complex128)))
+        sizes = (one.currents[0].shape[1], other.currents[0].shape[1])
+        total = np.zeros((len(self.air.frequencies), *sizes), dtype=np.complex128)
+        for image in images:
+            integrals = pair_integrals(one.corners, image.of(other.corners))
+            M = inductance(one.currents, integrals, np.array([1.0, 1.0, image.sign]), other.currents)
+            total += image.shares[:, None, None] * M
+        return total
+
+    def linked(self, plate: PosedPlate) -> ComplexArray:
+        """Fluxes of the coils (f, u, places, paths) in Wb/A."""
+        low, high = self._coils
+        gap, place = self.air.gap(low, high, "the coils"), self._gap(plate)
+        images = self.air.images((gap, low, high), place, self._wide(plate))
+        if gap == place[0]:
+            images.append(Image(1, 0.0, np.ones(len(self.air.frequencies), dtype=np.complex128)))
+        count = sum(parity.unknowns.shape[1] for parity in plate.body.parities)
+        shape = (len(self.air.frequencies), count, len(plate.where), len(self.paths))
+        require_memory(16.0 * math.prod(shape), f"a plate at {len(plate.where)} places", "compute fewer")
+        total = np.zeros(shape, dtype=np.complex128)
+        for image in images:
+            b = np.concatenate(linked_fluxes(plate.body, self.paths, plate.plate, plate.where, image))
+            total += image.shares[:, None, None, None] * b
+        return total
+
+    @cached_property
+    def _coils(self) -> tuple[float, float]:
+        heights = np.concatenate([path.vertices[:, 2] for path in self.paths])
+        return float(heights.min()), float(heights.max())
+
+    def _gap(self, plate: PosedPlate) -> tuple[int, float, float]:
+        return self.air.gap(*plate.extent, f"plate {plate.plate.name!r}"), *plate.extent
+
+    def _images(self, source: PosedPlate, place: PosedPlate) -> list[Image]:
+        wide = max(self._wide(source), self._wide(place))
+        return self.air.images(self._gap(source), self._gap(place), wide)
+
+    def _wide(self, plate: PosedPlate) -> float:
+        """Greatest horizontal distance in m between coils and a plate at all its places."""
+        points = np.concatenate([path.vertices[:, :2] for path in self.paths])
+        moved = plate.where[:, :2] - plate.where[0, :2]
+        low, high = plate.corners.min(axis=(0, 1))[:2], plate.corners.max(axis=(0, 1))[:2]
+        ends = np.array([points.min(axis=0), points.max(axis=0), low + moved.min(axis=0), high + moved.max(axis=0)])
+        return float(np.hypot(*np.ptp(ends, axis=0)))
+
+
+def linked_fluxes(
+    body: EddyBody, paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, image: Image | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Fluxes b of the even and the odd unknowns, each of shape (u, positions, paths), in Wb/A, by an image of paths."""
+    count = sum(parity.unknowns.shape[1] for parity in body.parities)
+    require_memory(8.0 * count * len(where) * len(paths) * 2, f"a plate at {len(where)} places", "compute fewer")
+    parts = [
+        [b.reshape(len(b), -1, len(paths)) for b in body.linked(fields)]
+        for fields in fields_on(body, paths, plate, where, image)
+    ]
+    even, odd = zip(*parts, strict=True)
+    return np.concatenate(even, axis=1), np.concatenate(odd, axis=1)
+
+
+def fields_on(
+    body: EddyBody, paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, image: Image | None = None
+) -> Iterator[FloatArray]:
+    """Yield B in T along a plate's own axes at the points of its body, by an image of 1 A in each of the paths.
+
+    Shape (places · paths, points, 3), for as many of the centres `where` (places, 3) in m at once as memory allows.
+    """
+    offsets = body.points @ plate.axes
+    turned = np.ones(3) if image is None else np.array([image.sign, image.sign, 1.0])
+    for start, stop in ranges(len(where), max(_POINTS_AT_ONCE // len(offsets), 1)):
+        points = (where[start:stop, None] + offsets).reshape(-1, 3)
+        # where the image sends its field is where the path sends it, mirrored; B is an axial vector
+        seen = points if image is None else image.back.of(points)
+        B = (field_at(paths, seen) * turned) @ plate.axes.T
+        yield np.moveaxis(B.reshape(len(paths), stop - start, len(offsets), 3), 0, 1).reshape(-1, len(offsets), 3)
+
+
+def both_parities(body: EddyBody, impedance: SurfaceImpedance) -> ComplexArray:
+    """Matrix of the even and the odd unknowns."""
+    even, odd = (parity.matrix(impedance) for parity in body.parities)
+    both = np.zeros((len(even) + len(odd),) * 2, dtype=np.complex128)
+    both[: len(even), : len(even)], both[len(even) :, len(even) :] = even, odd
+    return both
