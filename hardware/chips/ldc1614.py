@@ -28,6 +28,8 @@ EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
 SLOWEST_BUS_RATE, BUS_RATE = 10e3, 400e3
 """Slowest and fastest clock of the I²C bus in Hz; `coilarray.hardware.wire.ports.bus_rate` returns that of a board."""
 SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
+CHANNELS = 4
+"""Number of channels of an LDC1614."""
 WAKE_CYCLES = 16384
 """Cycles of the internal oscillator from leaving sleep to starting the sensor."""
 SWITCH_TIME, SWITCH_CYCLES = 692e-9, 5

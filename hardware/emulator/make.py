@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coilarray.compute.store import open_store
+from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.converters import CONVERTERS, Converter
+from coilarray.hardware.chips.ldc1614 import LARGEST_RCOUNT
 from coilarray.hardware.emulator.board import EmulatedBoard, Netlist
-from coilarray.hardware.emulator.conditions import COPPER, NOISE, Conditions, Drift, Oscillator, VirtualClock
+from coilarray.hardware.emulator.conditions import Conditions, Drift, Oscillator, VirtualClock
 from coilarray.hardware.wire.buses import Clock
 
 if TYPE_CHECKING:
@@ -27,15 +30,17 @@ def emulated_board(
     *,
     path: Sequence[tuple[float, float, float, float]] | None = None,
     seed: int = 0,
-    noise: float = NOISE,
+    noise: float | None = None,
     drift: Drift | None = None,
     oscillator: Oscillator | None = None,
     first_offset: float = 0.0,
     strays: Mapping[str, float] | None = None,
-    copper: float = COPPER,
+    copper: float = COPPER_PER_KELVIN,
     capacitor: float = 0.0,
     count_parts: bool = False,
     clock: Clock | None = None,
+    converter: Converter | None = None,
+    clkin: float | None = None,
     strict: bool = False,
     folder: Path | None = None,
     progress: Progress | None = None,
@@ -47,13 +52,13 @@ def emulated_board(
     design : Design
         Design with all the coils of the wiring.
     wiring : Netlist
-        Wiring of the switches, as `coilarray.hardware.scan.wiring.load_wiring` returns it.
+        Wiring of the switches, or of coils to channels, as `coilarray.hardware.scan.wiring.load_wiring` returns it.
     path : sequence of (float, float, float, float), optional
         Path of the indenter: time in s, x, y and depth in m. Lifted by default.
     seed : int
         Seed of the noise.
     noise : float
-        Relative standard deviation of a frequency at full resolution.
+        Relative standard deviation of a frequency at full resolution; by default by the design's `Readout`.
     drift : Drift, optional
         Temperature of the board; constant by default.
     oscillator : Oscillator, optional
@@ -67,6 +72,10 @@ def emulated_board(
         of those of the design.
     clock : Clock, optional
         Clock of the board; a new `VirtualClock` by default.
+    converter : Converter, optional
+        Type of the converter; an LDC1614 by default.
+    clkin : float, optional
+        Frequency at its pin CLKIN in Hz; the pin is grounded by default.
     strict : bool
         Whether undocumented use of the converter raises UndocumentedUse; it is noted in any case.
     folder : Path, optional
@@ -114,9 +123,11 @@ def emulated_board(
         network, table,
         strays=strays, copper=copper, capacitor=capacitor,
     )  # fmt: skip
-    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise, first_offset=first_offset)
+    if noise is None:
+        noise = replace(design.readout, rcount=LARGEST_RCOUNT).frequency_noise
+    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin, first_offset)
     board = EmulatedBoard(
-        wiring.coils, wiring.encode(), world,
+        wiring.coils, wiring.encode(), world, wired=wiring.channels, converter=converter or CONVERTERS["LDC1614"],
         clock=clock or VirtualClock(), conditions=conditions, drains=wiring.drains, strict=strict, seed=seed,
     )  # fmt: skip
     if path is not None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
+from coilarray.hardware.chips.converters import CONVERTERS
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, OpenPoints, Oscillator, VirtualClock
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BusFault
@@ -342,7 +343,7 @@ def _on_sound_boards(kind: type[RightDriver]) -> Iterator[str]:
         "sound": a_board(), "slow clock": a_board(clock=35e6), "fast clock": a_board(clock=55e6),
         "status clears unread": a_board(open_points=OpenPoints(status_clears_unread=True)),
         "status without gates": a_board(open_points=OpenPoints(status_gated=False, flags_clear_on_read=False)),
-        "two channels": a_board(channels=2), "no read back": a_board(readback=False),
+        "two channels": a_board(converter=CONVERTERS["LDC1612"]), "no read back": a_board(readback=False),
     }  # fmt: skip
     for name, board in boards.items():
         driver = kind(board, board.conditions.oscillator.frequency)
