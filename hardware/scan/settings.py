@@ -205,7 +205,7 @@ class ScanSettings:
         """Shortest time from scan to scan in s on an I²C bus whose clock is `bus_rate` in Hz, positive and finite."""
         time = self._state_time(bus_rate)
         if self.wired:  # the converter goes on while its results are read
-            return max(time.settle + time.conversion, time.result + time.control)
+            return max(self.again_us * 1e-6, time.result + time.control)
         # once a scan a register is read back, which tells whether the converter was reset
         return len(self.states) * time.total + bus_time(reads=1, rate=bus_rate)
 
