@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import atexit
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -16,11 +16,13 @@ from coilarray.hardware.scan.reader import Identity, Reader
 from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil, wired_to_channels
 from coilarray.hardware.wire.buses import ComputerClock, RegisterBus, SwitchChain
 from coilarray.hardware.wire.converter_boards import ChannelBoard
+from coilarray.hardware.wire.evm import open_evm
 from coilarray.hardware.wire.ft232h import open_ft232h, open_ft232h_bus
 from coilarray.hardware.wire.linux_host import LinuxRegisterBus, SpiSwitchChain
 from coilarray.hardware.wire.ports import (
     EMULATOR,
     EmulatorPort,
+    EvmPort,
     FtdiPort,
     LinuxPort,
     Port,
@@ -53,10 +55,17 @@ class Board:
         Wiring of the switches.
     emulator : EmulatedBoard, optional
         The emulated board behind the reader; None for real hardware.
+
+    Attributes
+    ----------
+    thermometer : callable or None
+        Returns the temperature in °C, None where it is not known just now: that of the emulator, or one that the user
+        of the board sets.
     """
 
     def __init__(self, reader: Reader, port: str, wiring: Wiring, emulator: EmulatedBoard | None = None) -> None:
         self.reader, self.port, self.wiring, self.emulator = reader, port, wiring, emulator
+        self.thermometer: Callable[[], float | None] | None = None if emulator is None else emulator.temperature
         self._ways_out = ExitStack()
         atexit.register(self.close)
 
@@ -177,6 +186,11 @@ def open_board(
             reader = open_microcontroller(name, bauds=bauds, times=times)
         case LinuxPort() | FtdiPort():
             reader = _direct_reader(place, wired)
+        case EvmPort():
+            module = open_evm(place.name, place.address)
+            seal = "with" if module.sealed else "without"
+            kind = f"LDC1614EVM by {module.commands.title}, answers {seal} checksums, not verified"
+            reader = AutoscanReader(module, ComputerClock(), kind=kind)
     return Board(reader, port, wired, emulator)
 
 

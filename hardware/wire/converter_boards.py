@@ -62,7 +62,7 @@ BOARDS = MappingProxyType({
     "cartographer": ChannelBoard(_LDC1612, (0,), 24e6, "Cartographer", 0x2A, _PRINTER),
     "mellow-fly": ChannelBoard(_LDC1612, (0,), 40e6, "Mellow Fly Eddy", 0x2A, _PRINTER),
     "ldc1614evm": ChannelBoard(
-        _LDC1614, (0, 1, 2, 3), 40e6, "LDC1614EVM, its converter's bus", 0x2A,
+        _LDC1614, (0, 1, 2, 3), 40e6, "LDC1614EVM", 0x2A,
         "clock: answers of the maker in a public forum",
     ),
 })  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlsplit
 
@@ -12,6 +12,7 @@ from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware.chips.ldc1614 import BUS_RATE
 from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.converter_boards import ChannelBoard, channel_board
+from coilarray.hardware.wire.evm import EVM_BUS_RATE, EVM_SOURCE, EVM_USB
 from coilarray.hardware.wire.ft232h import I2C_SPEED, SwitchPins, ft232h_adapters
 from coilarray.hardware.wire.linux_host import i2c_clock, linux_buses
 from coilarray.hardware.wire.serial_ports import BAUD, PROBED_BAUDS
@@ -27,9 +28,11 @@ _LONGEST = 200  # characters shown of a port's name
 _MOST_OPTIONS = 20
 _LARGEST_BAUD = 10_000_000
 _ALLOWED = (
-    "emulator, a serial port (/dev/ttyACM0, COM5 or usb:SERIALNUMBER), i2c:BUS[:ADDRESS][,spi:BUS.DEVICE] or ftdi://…/1"
+    "emulator, a serial port (/dev/ttyACM0, COM5 or usb:SERIALNUMBER), i2c:BUS[:ADDRESS][,spi:BUS.DEVICE], ftdi://…/1 "
+    "or evm:/dev/ttyACM0"
 )
 _SERIAL = re.compile(r"/dev/\S+|COM\d{1,3}|usb:\S+", re.IGNORECASE)
+_EVM = re.compile(rf"evm:({_SERIAL.pattern})", re.IGNORECASE)
 _LINUX = re.compile(r"i2c:(\d{1,3})(?::(0x[0-9a-f]{1,2}|\d{1,3}))?(?:,spi:(\d{1,3})\.(\d{1,3}))?", re.IGNORECASE)
 _FTDI_PATH = re.compile(r"/[1-4]")
 
@@ -79,7 +82,16 @@ class FtdiPort:
     board: ChannelBoard | None = None
 
 
-Port = EmulatorPort | SerialPort | LinuxPort | FtdiPort
+@dataclass(frozen=True)
+class EvmPort:
+    """TI's evaluation module, read by its own firmware over a serial port. Not verified on a module."""
+
+    name: str  # for `coilarray.hardware.wire.serial_ports.choose_serial_port`
+    address: int = ADDRESSES[0]
+    board: ChannelBoard | None = None
+
+
+Port = EmulatorPort | SerialPort | LinuxPort | FtdiPort | EvmPort
 
 
 def parse_port(text: str) -> Port:
@@ -94,7 +106,8 @@ def parse_port(text: str) -> Port:
 
     Without switches, coils at the channels of the converter, these two and the emulator have instead the options
     ``channels=0,1``, ``chip=LDC1612`` and ``clock=40MHz`` (at the pin CLKIN), or ``board=grove-ldc1612``, as
-    `coilarray.hardware.wire.converter_boards.channel_board` reads them.
+    `coilarray.hardware.wire.converter_boards.channel_board` reads them. TI's evaluation module by its own firmware is
+    ``evm:`` and its serial port, with the same options; coils are at the channels 0 and 1 by default.
 
     >>> parse_port("i2c:1:0x2B").address == 0x2B
     True
@@ -108,6 +121,8 @@ def parse_port(text: str) -> Port:
         port = EmulatorPort(_board(options, text))
     elif _SERIAL.fullmatch(name):
         port = SerialPort(name, _bauds(options, text))
+    elif module := _EVM.fullmatch(name):
+        port = _evm_port(module[1], options, text)
     elif linux := _LINUX.fullmatch(name):
         port = _linux_port(linux, options, text)
     elif name.lower().startswith("ftdi://"):
@@ -134,7 +149,8 @@ class BusRate(NamedTuple):
 def bus_rate(port: Port) -> BusRate:
     """Return the clock of the I²C bus of a board at a port.
 
-    It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, 400 kHz with the emulator, and what
+    It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, 400 kHz with the emulator, 15 kHz of
+    a bus as slow as the commands of TI's evaluation module may be (an estimate, not verified), and what
     the system has set for a bus of this computer; 100 kHz, which is then not known, where the system does not say.
 
     >>> bus_rate(parse_port("COM5"))
@@ -145,6 +161,8 @@ def bus_rate(port: Port) -> BusRate:
             return BusRate(_FIRMWARE_BUS_RATE)
         case FtdiPort():
             return BusRate(I2C_SPEED)
+        case EvmPort():
+            return BusRate(EVM_BUS_RATE)
         case LinuxPort():
             clock = port.rate or i2c_clock(port.bus)
             return BusRate(_LINUX_BUS_RATE, known=False) if clock is None else BusRate(clock)
@@ -160,7 +178,9 @@ def _serial_ports() -> tuple[str, ...]:
     from coilarray.hardware.wire.serial_ports import list_serial_ports
 
     try:
-        return tuple(str(port) for port in list_serial_ports())
+        return tuple(
+            f"evm:{port}" if (port.vendor, port.product) == EVM_USB else str(port) for port in list_serial_ports()
+        )
     except MissingDependencyError:
         return ()
 
@@ -189,6 +209,13 @@ def _ftdi_port(name: str, options: dict[str, str], text: str) -> FtdiPort:
         return FtdiPort(name, address, board=board)
     pins = {key: _number(options, key, text) for key in ("clock", "data", "sync", "back") if key in options}
     return FtdiPort(name, address, SwitchPins(**pins), _shift(options, text))
+
+
+def _evm_port(name: str, options: dict[str, str], text: str) -> EvmPort:
+    options.setdefault("board", "ldc1614evm")
+    options.setdefault("channels", "0,1")
+    board, address = _board(options, text), _address(options.pop("address", None), text)
+    return EvmPort(name, address, board and replace(board, source=EVM_SOURCE))
 
 
 def _board(options: dict[str, str], text: str) -> ChannelBoard | None:
