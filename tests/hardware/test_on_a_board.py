@@ -86,16 +86,29 @@ def run(tested):
     return tested.recorded("run.sqlite", "--scans", SCANS)
 
 
+@pytest.fixture(scope="module")
+def self_test(tested):
+    """What the self-test found."""
+    found = tested.answer("board", "--self-test")
+    (tested.folder / "board.json").write_text(json.dumps(found, indent=1))
+    return found
+
+
 def test_the_converter_says_who_it_is(tested):
     identity = tested.answer("board")["identity"]
     assert (identity["manufacturer"], identity["device"]) == (MANUFACTURER, DEVICE)
 
 
-def test_every_switch_does_what_the_wiring_says(tested):
-    found = tested.answer("board", "--self-test")
-    (tested.folder / "board.json").write_text(json.dumps(found, indent=1))
-    assert found["self_test"]["passed"], found["self_test"]["symptoms"]
-    assert found["chain"] in ("same", "none", None)
+def test_every_switch_does_what_the_wiring_says(self_test):
+    assert self_test["self_test"]["passed"], self_test["self_test"]["symptoms"]
+    assert self_test["chain"] in ("same", "none", None)
+
+
+def test_first_conversions_are_settled_with_the_discard_that_was_given(tested, self_test):
+    options = dict(zip(tested.options, tested.options[1:], strict=False))
+    first = self_test["first_conversions"]
+    assert first["offsets"]
+    assert first["recommended"] <= int(options.get("--discard", 0))
 
 
 def test_every_coil_has_good_results_without_gaps_and_little_noise(run):
