@@ -2,6 +2,7 @@ from .circuit.coupling import couple_design as couple_design
 from .circuit.coupling import design_circuit as design_circuit
 from .circuit.impedance import scan_design as scan_design
 from .circuit.impedance import sweep_design as sweep_design
+from .circuit.noise_budget import noise_budget as noise_budget
 from .circuit.operating_field import operating_currents as operating_currents
 from .circuit.operating_field import operating_field as operating_field
 from .design.export import export as export
@@ -12,6 +13,7 @@ from .design.model import Indentation as Indentation
 from .design.model import load_design as load_design
 from .design.model import load_design_file as load_design_file
 from .design.model import parse_design as parse_design
+from .design.readout import Readout as Readout
 from .design.save import save_design as save_design
 from .design.scan_states import ScanState as ScanState
 from .design.scan_states import Switches as Switches

@@ -56,6 +56,7 @@ from .plots.response import plot_bell_curve as plot_bell_curve
 from .plots.response import plot_response as plot_response
 from .plots.response import plot_response_profile as plot_response_profile
 from .plots.response import response_figure as response_figure
+from .plots.stability import plot_stability as plot_stability
 from .plots.sweep_grid import frequency_figure as frequency_figure
 from .plots.sweep_grid import plot_coupling_sweep as plot_coupling_sweep
 from .plots.sweep_grid import plot_frequency_sweep as plot_frequency_sweep

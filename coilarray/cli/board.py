@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from coilarray.cli.board_noise import show_noise
 from coilarray.cli.board_options import BoardOptions, board_command, is_emulator, opened_board, print_marked
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
     DesignArgument,
     open_design,
+    plot_option,
     progress_bar,
     table_text,
 )
@@ -35,7 +38,7 @@ _CHAIN = {
 _MOST_LINES = 6  # symptoms and faults shown; all of them with --json
 
 
-@board_command(without=("rate", "coils"))
+@board_command(without=("rate", "coils", "temperature"))
 def board(
     design: DesignArgument = None,
     self_test: Annotated[
@@ -45,6 +48,18 @@ def board(
         bool,
         typer.Option("--find-drives", help="Find IDRIVE of every coil, in the surroundings of the later measurement."),
     ] = False,
+    noise: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SECONDS|RECORDING",
+            help="Measure at rest for a time, or read a recording: Allan deviation of δ beside the budget.",
+        ),
+    ] = None,
+    reference: Annotated[
+        list[str] | None,
+        typer.Option(help="With --noise: reference coil whose δ is taken from the others'; may be repeated."),
+    ] = None,
+    plot: Annotated[Path | None, plot_option("the Allan deviation, with --noise")] = None,
     *,
     options: BoardOptions,
     as_json: AsJson = False,
@@ -65,8 +80,23 @@ def board(
     (clock at the pin CLKIN, internal by default), or a known board: i2c:1?board=grove-ldc1612, btt-eddy, cartographer,
     mellow-fly or ldc1614evm, none of them verified on a device. The self-test then tells which coils oscillate.
 
+    With --noise nothing may touch the board: the noise of single scans, averages over longer times and the drift are
+    shown with their confidence intervals, beside the budget that `coilarray noise` explains.
+
     Example: coilarray board --port /dev/ttyACM0 --self-test
+
+    Example: coilarray board --port /dev/ttyACM0 --noise 600 --plot noise.png
     """
+    if noise is not None:
+        if self_test or find_drives:
+            raise HardwareError("--noise cannot be given with --self-test or --find-drives.")
+        show_noise(
+            noise, design, reference or (), plot,
+            options=options, as_json=as_json, allow_violations=allow_violations,
+        )  # fmt: skip
+        return
+    if reference or plot is not None:
+        raise HardwareError("--reference and --plot are for --noise.")
     from coilarray.hardware.board.connect import open_board, wiring_of_board
     from coilarray.hardware.board.first_conversions import DISCARDS
     from coilarray.hardware.wire.ports import parse_port

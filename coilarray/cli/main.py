@@ -29,6 +29,7 @@ from coilarray.cli import (
     locate,
     matrix,
     measure,
+    noise,
     optimize,
     report,
     response,
@@ -55,7 +56,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
         response.response, target.target, fit.fit, distortion.distortion, calibrate.calibrate, locate.locate,
         sweep.sweep, optimize.optimize, tolerance.tolerance, export.export, import_board.import_board, view.view,
         studio.studio, board.board, measure.measure, campaign.campaign, scan_info.scan_info,
-        calibrate_board.calibrate_board, compare.compare, live.live,
+        calibrate_board.calibrate_board, compare.compare, live.live, noise.noise,
     )
 }  # fmt: skip
 """Every command by the name under which the program offers it, in the order of the help."""

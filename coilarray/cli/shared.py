@@ -98,6 +98,14 @@ Goals = Annotated[
         "any design; or minimize QUANTITY, maximize QUANTITY or QUANTITY=VALUE; repeat for several.",
     ),
 ]
+References = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--reference",
+        metavar="COIL",
+        help="Coil that nothing touches: δ of the others is less its δ, without the drift of all; may be repeated.",
+    ),
+]
 Workers = Annotated[
     int | None, typer.Option("--workers", help="Number of local processes of one thread; one for each core by default.")
 ]
@@ -120,7 +128,10 @@ PlacesY = Annotated[str | None, typer.Option(help="Positions along y, in the sam
 Ideal = Annotated[
     bool, typer.Option("--ideal/--strays", help="Leave alternating-current resistance and strays out of the circuit.")
 ]
-Noise = Annotated[float, typer.Option("--noise", help="Standard deviation of δ in a reading.")]
+Noise = Annotated[
+    float | None,
+    typer.Option("--noise", help="Standard deviation of δ in a reading; that of the design's noise budget by default."),
+]
 NumbersFile = Annotated[Path, out_option("File to write: .nc (netCDF) or .csv.", ".nc", ".csv")]
 OthersOpen = Annotated[bool, typer.Option("--others-open", help="All other coils open.")]
 TableFile = Annotated[
@@ -274,6 +285,13 @@ def print_result(
             typer.echo()
     for line in (*lines, *(f"wrote {path}" for path in files if path is not None)):
         typer.echo(line)
+
+
+def noise_source(given: float | None, response: xr.Dataset) -> str:
+    """Say where the noise of δ is from, behind its number: nothing for one that the user has given."""
+    if given is not None:
+        return ""
+    return " by the noise budget" if "noise" in response.attrs else ", as the response does not say its own"
 
 
 def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:

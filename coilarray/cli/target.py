@@ -18,7 +18,7 @@ def target(
     ] = None,
     x_mm: shared.PlacesX = None,
     y_mm: shared.PlacesY = None,
-    noise: shared.Noise = 1e-5,
+    noise: shared.Noise = None,
     ideal: shared.Ideal = False,
     fineness: Annotated[
         float,
@@ -81,14 +81,15 @@ def target(
         "file": str(out),
         "body": result.attrs["target"],
         "material": result.attrs["material"],
-        "noise": noise,
+        "noise": result.attrs["noise"],
         **{key: value for key, value in result.attrs.items() if key.startswith("plate_error_")},
         **{table.name: table.records() for table in (*tables, target_coupling_table(shown))},
     }
     lines = [
         *shared.plate_error_lines(result.attrs),
-        f"noise of δ {noise:g}: the range ends where |δ| is {result.attrs['range_factor']:g} times that; a step of "
-        "distance is resolved where it is no less than the standard deviation of one reading",
+        f"noise of δ {result.attrs['noise']:.2g}{shared.noise_source(noise, result)}: the range ends where |δ| is "
+        f"{result.attrs['range_factor']:g} times that; a step of distance is resolved where it is no less than the "
+        "standard deviation of one reading",
         f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",
     ]
     shared.print_result(data, as_json=as_json, tables=tables, titles=True, lines=lines, files=[plot, maps])

@@ -87,7 +87,7 @@ def view(
     reading: Annotated[
         str | None, typer.Option(help="δ to locate, as coil1=7.1e-4,...; that of the indenter by default.")
     ] = None,
-    noise: shared.Noise = 1e-5,
+    noise: shared.Noise = None,
     table: shared.TableFile = None,
     path_mm: Annotated[
         str | None, typer.Option(help='Path of the film on the board, as "X,Y X,Y ..."; along x by default.')

@@ -19,6 +19,7 @@ from coilarray.design.circuit_table import PASSIVE
 from coilarray.design.digest import digest_of
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.plates import check_plates
+from coilarray.design.readout import Readout
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state, terminated_state
 from coilarray.design.switch_parts import PartName
 from coilarray.design.tables import Document
@@ -187,6 +188,8 @@ class Design:
         Metal that stays where it is, above or below the board.
     target : Target or None
         Body of metal or ferrite that is moved over the board; None where there is none.
+    readout : Readout
+        How it is read out, for the noise and drift of readings.
 
     Raises
     ------
@@ -215,6 +218,7 @@ class Design:
     source: str = ""
     plates: tuple[Plate | FinitePlate, ...] = ()
     target: Target | None = None
+    readout: Readout = field(default_factory=Readout)
 
     def __post_init__(self) -> None:
         names, known = self.array.names, ", ".join(self.array.names)
@@ -304,9 +308,10 @@ class Design:
         if (target := self.target) is not None:
             over = map(np.array, (target.x, target.y, target.origin_point))
             metal += ("target", target.body, target.distances, *over)
+        readout = () if self.readout == Readout() else (self.readout,)
         return digest_of(
             self.array, self.sheets, pressed, circuit.switches, circuit.resistivity, circuit.elastomer_permittivity,
-            self.terminations, self.plan, self.rules, self.field_height, *metal,
+            self.terminations, self.plan, self.rules, self.field_height, *metal, *readout,
         )  # fmt: skip
 
 
@@ -460,6 +465,7 @@ def _build(parsed: Document) -> Design:
         rules=parsed.fab.build(),
         field_height=parsed.field.height_mm * 1e-3,
         plates=_plates(parsed, sum(sheet.thickness for sheet in sheets), -stackup.thickness),
+        readout=parsed.readout.build(),
     )
 
 

@@ -18,6 +18,7 @@ from coilarray.design.circuit_table import CircuitTable, StateTable
 from coilarray.design.fab_limits import FabTable
 from coilarray.design.places_table import PlacesTable
 from coilarray.design.plates import MaterialTable, PlateTable
+from coilarray.design.readout import ReadoutTable
 from coilarray.design.target_table import FlatTarget, SphereTarget
 from coilarray.design.units import (
     SCALES,
@@ -625,6 +626,7 @@ class Document(Table):
     indentation: IndentationTable | None = None
     target: Annotated[FlatTarget | SphereTarget, Field(discriminator="shape")] | None = None
     circuit: CircuitTable = CircuitTable()
+    readout: ReadoutTable = ReadoutTable()
     scan: list[StateTable] = Field(default_factory=list)
     field: FieldTable = FieldTable()
     fab: FabTable = FabTable()

@@ -20,6 +20,7 @@ SCALES: Mapping[str, float] = {
 _ENTRY_UNITS = {
     "mm": "mm", "um": "µm", "deg": "deg", "mrad": "mrad", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa",
     "kPa_per_mm": "kPa/mm", "MS_per_m": "MS/m", "ohm": "ohm", "ohm_m": "ohm m", "percent": "%",
+    "ppm": "ppm", "ppm_per_K": "ppm/K", "ppm_per_V": "ppm/V", "ps": "ps", "mV": "mV", "V": "V", "K": "K",
 }  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from coilarray.design.fab_limits import FabTable
 from coilarray.design.model import Circuit, Design, DesignFile, Indentation, build_design_file
 from coilarray.design.places_table import map_positions
 from coilarray.design.plates import flat_entries, material_entries
+from coilarray.design.readout import Readout, ReadoutTable
 from coilarray.design.tables import SCHEMA, ConnectorTable, half_side
 from coilarray.design.units import SCALES, Table
 from coilarray.geometry import (
@@ -111,6 +112,7 @@ def design_document(design: Design) -> dict[str, Any]:
     if design.target is not None:
         document["target"] = _target_table(design.target, names)
     document["circuit"] = _circuit_table(design.circuit, names)
+    document["readout"] = _readout_table(design.readout)
     if design.circuit.scan:
         document["scan"] = list(_scan_tables(design.circuit, names))
     document["field"] = {"height_mm": _entry(design.field_height, _MM)}
@@ -480,6 +482,11 @@ def _circuit_table(circuit: Circuit, names: Mapping[str, str]) -> dict[str, Any]
         return short
     # beside a part even a default says something: that the part's value does not count
     return {key: value for key, value in table.items() if key in short or key in OF_PART} | {"switches": circuit.part}
+
+
+def _readout_table(readout: Readout) -> dict[str, Any]:
+    table = ReadoutTable.of(readout).model_dump(exclude_none=True)
+    return _without_defaults(table, ReadoutTable())
 
 
 def _scan_tables(circuit: Circuit, names: Mapping[str, str]) -> Iterator[dict[str, Any]]:

@@ -29,8 +29,6 @@ DELTAS = np.arange(1e-4, 1.0e-3 + 1e-6, 2.5e-5)
 """δ at which x0 is compared: where the paper's polynomials were fitted."""
 TILT = 35e-6 / 100e-3
 """The paper's vertical deviation of an axis, 35 µm in 100 mm, taken as a tilt along x."""
-NOISE = 1e-5
-"""Relative standard deviation of a reading, about a third of the paper's step in δ."""
 
 _WIDE = (18e-3, 12e-3)  # the wide window is larger by this on each side, along x and y
 _FINE = 2  # parts of the grid's step
@@ -111,7 +109,8 @@ def distortion(
     Causes: ``all neighbours`` and each one (opened), ``window`` (18 and 12 mm wider), ``grid`` (half the step),
     ``ellipse`` (fitted centre minus the middle of the level curve on y = 0, on the wide and fine map), ``winding and
     leads`` (each coil averaged with itself turned by half a turn), ``layers`` (all coils at one height), ``tilt`` and
-    ``noise`` (switched on, since the computed map has none; for noise the standard deviation of x0). So are
+    ``noise`` (switched on, since the computed map has none; for noise the standard deviation of x0, with that of δ by
+    the noise budget of the design, the attribute ``noise``). So are
     ``indenter of steel``, ``… aluminium`` and ``… ferrite``, where the design's indenter is a hemisphere without a
     material: eddy currents and magnetisation of a ball, with L_0 read as it just touches the sheets.
     """
@@ -145,7 +144,7 @@ def distortion(
     solid = maps.of_materials(base)
     of_balls = {name: ellipse_curves(response, states, levels) for name, response in solid.items()}
     effects |= {f"indenter of {name}": one.determined_x0 - curves.determined_x0 for name, one in of_balls.items()}
-    result = _dataset(design, states, levels, curves, opened, effects)
+    result = _dataset(design, states, levels, curves, opened, effects).assign_attrs(noise=base.attrs["noise"])
     result = result.assign(_balls(result, {"without": base, **solid}, {"without": curves, **of_balls}))
     if not draws:
         return result
@@ -223,9 +222,12 @@ class _Maps:
         return respond(self._design, base, inductance_change=self._change(base, level))
 
     def of_materials(self, base: xr.Dataset) -> dict[str, xr.Dataset]:
-        """Put indenters of metal and ferrite into a map, by their material; none where the indenter is no such ball."""
+        """Put indenters of metal and ferrite into a map, by their material.
+
+        None where the indenter is no such ball, or beside plates.
+        """
         setup = indentation_of(self._design)
-        if setup.material is not None or not isinstance(setup.indenter, Hemisphere):
+        if setup.material is not None or not isinstance(setup.indenter, Hemisphere) or self._design.plates:
             return {}
         return {
             name: with_material(self._design, base, MATERIALS[name], imperfections=self._imperfections)
@@ -306,7 +308,7 @@ def _scatter(base: xr.Dataset, states: Sequence[str], levels: FloatArray) -> Flo
     runs = []
     for seed in range(_SEEDS):
         random = np.random.default_rng(seed)
-        noise = np.sqrt(2) * NOISE * random.standard_normal(base.delta.shape)  # L_peak and L_0 are one reading each
+        noise = base.attrs["noise"] * random.standard_normal(base.delta.shape)
         runs.append(ellipse_curves(base.assign(delta=base.delta + noise), states, levels).determined_x0)
     return np.asarray(np.std(runs, axis=0, ddof=1))
 

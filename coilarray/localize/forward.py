@@ -30,6 +30,9 @@ from coilarray.response.map import response_map
 from coilarray.response.setup import indentation_of
 from coilarray.response.target import target_map
 
+NOISE = 1e-5
+"""Standard deviation of δ of a response that does not say its own."""
+
 _STEPS = 5  # positions of a table in the thickness of all sheets: the convergence study is in the tests
 _DEEPEST = 1.7  # of a table, relative to the deepest indentation of the design
 _DEPTHS = (0.12, 0.24, 0.41, 0.59, 0.79, 1.0)  # of a table, relative to its deepest one
@@ -48,12 +51,16 @@ class ForwardModel(ResponseSpline):
         Names of the states in the order of every axis of states.
     parameters : tuple of str
         Names of the coordinates; the last one is the distance of a target.
+    noise : float
+        Standard deviation of δ of a reading where no other is given: that of the response, which a computed one has by
+        the noise budget of its design, else `NOISE`.
     errors : tuple of float
         Error of δ of every state by the table itself, of δ there; none by default.
     """
 
     states: tuple[str, ...]
     parameters: tuple[str, ...] = PARAMETERS
+    noise: float = NOISE
     errors: tuple[float, ...] = ()
 
     def select(self, states: Sequence[str]) -> ForwardModel:
@@ -83,7 +90,8 @@ class ForwardModel(ResponseSpline):
         others = referenced_names(self.states, reference, LocalizeError)
         kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
         coefficients = self.spline.c[..., kept] - self.spline.c[..., taken].mean(axis=-1, keepdims=True)
-        return replace(self, states=others, spline=NdBSpline(self.spline.t, coefficients, self.spline.k))
+        spline, errors = NdBSpline(self.spline.t, coefficients, self.spline.k), self.errors
+        return replace(self, states=others, spline=spline, errors=tuple(errors[k] for k in kept if errors))
 
     def delta(self, points: npt.ArrayLike) -> FloatArray:
         """Return δ of every state, shape (…, states), at points (…, 3): x, y and depth in m.
@@ -129,6 +137,14 @@ def require_states(states: Sequence[str], unknowns: int) -> None:
     """Refuse fewer states than there are unknowns: LocalizeError."""
     if len(states) < unknowns:
         raise LocalizeError(f"{unknowns} unknowns need at least as many states; the model has {', '.join(states)}.")
+
+
+def noise_of(model: ForwardModel, noise: npt.ArrayLike | None) -> FloatArray:
+    """Return the standard deviation of δ of every state, shape (states,): the given one, else that of the model.
+
+    LocalizeError as `checked_noise`.
+    """
+    return checked_noise(model.states, model.noise if noise is None else noise)
 
 
 def checked_noise(states: Sequence[str], noise: npt.ArrayLike) -> FloatArray:
@@ -192,8 +208,9 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
         squares = [(response[name] ** 2).mean(over).values for name in ("delta_error", "delta")]
         errors = tuple(np.sqrt(squares[0] / squares[1]).tolist())
     return ForwardModel(
-        states=names, parameters=parameters, errors=errors, x=table.x, y=table.y, depth=table.depth, spline=table.spline
-    )
+        states=names, parameters=parameters, noise=float(response.attrs.get("noise", NOISE)), errors=errors,
+        x=table.x, y=table.y, depth=table.depth, spline=table.spline,
+    )  # fmt: skip
 
 
 def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:

@@ -17,18 +17,18 @@ import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LocalizeError
-from coilarray.localize.forward import ForwardModel, checked_noise
+from coilarray.localize.forward import ForwardModel, noise_of
 
 _SINGULAR = 1e-13  # least eigenvalue of a scaled information; its entries are rounded to 1e-16
 
 
-def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.ArrayLike) -> FloatArray:
+def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.ArrayLike | None = None) -> FloatArray:
     """Information of one reading of all states about x, y and, where it is unknown, the depth, in 1/m².
 
     Shape (…, unknowns, unknowns), for points (…, 3) and the standard deviation of δ, one or one for each state.
-    LocalizeError for what `ForwardModel.jacobian` and `checked_noise` refuse.
+    LocalizeError for what `ForwardModel.jacobian` and `noise_of` refuse.
     """
-    scaled = model.jacobian(points) / checked_noise(model.states, noise)[:, None]
+    scaled = model.jacobian(points) / noise_of(model, noise)[:, None]
     return np.asarray(scaled.swapaxes(-1, -2) @ scaled)
 
 
@@ -56,7 +56,7 @@ def identifiability(
     model: ForwardModel,
     depth: float,
     *,
-    noise: npt.ArrayLike = 1e-5,
+    noise: npt.ArrayLike | None = None,
     x: npt.ArrayLike | None = None,
     y: npt.ArrayLike | None = None,
 ) -> xr.Dataset:
@@ -68,8 +68,8 @@ def identifiability(
         Model of the board.
     depth : float
         Depth in m; without effect where the model has one depth alone.
-    noise : array_like, scalar or shape (states,)
-        Standard deviation of δ.
+    noise : array_like, scalar or shape (states,), optional
+        Standard deviation of δ; that of the model by default.
     x, y : array_like, shape (n,), optional
         Positions in m; those of the table by default.
 
@@ -93,7 +93,7 @@ def identifiability(
     if along.ndim != 1 or across.ndim != 1:
         raise LocalizeError(f"x and y must be rows of positions; got shapes {along.shape} and {across.shape}.")
     X, Y = np.meshgrid(along, across)
-    sigma = checked_noise(model.states, noise)
+    sigma = noise_of(model, noise)
     information = fisher_information(model, np.stack([X, Y, np.full_like(X, depth)], axis=-1), sigma)
     deviations = np.sqrt(np.diagonal(covariance_of(information), axis1=-2, axis2=-1))
     values, _, _ = _scaled_eigen(information)

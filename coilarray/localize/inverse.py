@@ -20,7 +20,7 @@ from scipy.special import chdtrc, chdtri
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import ranges
 from coilarray.errors import LocalizeError
-from coilarray.localize.forward import ForwardModel, checked_noise, require_states
+from coilarray.localize.forward import ForwardModel, noise_of, require_states
 from coilarray.localize.identifiability import covariance_of
 from coilarray.localize.search import refine, scan_of, starts
 from coilarray.response.interpolation import PARAMETERS
@@ -159,7 +159,7 @@ def locate(
     model: ForwardModel,
     reading: Reading,
     *,
-    noise: npt.ArrayLike = 1e-5,
+    noise: npt.ArrayLike | None = None,
     confidence: float = CONFIDENCE,
     alarm: float = ALARM,
 ) -> Location:
@@ -172,8 +172,8 @@ def locate(
     reading : mapping of str to float, or array_like, shape (states,)
         δ by name, or in the model's order. A coil that is missing or NaN is refused; to go without it, locate with
         ``model.select([...])``.
-    noise : array_like, scalar or shape (states,)
-        Standard deviation of δ.
+    noise : array_like, scalar or shape (states,), optional
+        Standard deviation of δ; that of the model by default.
     confidence : float
         Confidence of the region whose modes are kept.
     alarm : float
@@ -211,7 +211,7 @@ def locate_all(
     model: ForwardModel,
     readings: Iterable[Reading],
     *,
-    noise: npt.ArrayLike = 1e-5,
+    noise: npt.ArrayLike | None = None,
     confidence: float = CONFIDENCE,
     alarm: float = ALARM,
 ) -> list[Location]:
@@ -233,7 +233,12 @@ def locate_all(
 
 
 def deviance(
-    model: ForwardModel, reading: Reading, location: Location, points: npt.ArrayLike, *, noise: npt.ArrayLike = 1e-5
+    model: ForwardModel,
+    reading: Reading,
+    location: Location,
+    points: npt.ArrayLike,
+    *,
+    noise: npt.ArrayLike | None = None,
 ) -> FloatArray:
     """How much less likely points are than the best mode: χ²(θ) − χ² of the best mode.
 
@@ -250,8 +255,8 @@ def deviance(
         Location from that reading and noise.
     points : array_like, shape (…, 3)
         x, y and depth in m.
-    noise : array_like, scalar or shape (states,)
-        Standard deviation of δ.
+    noise : array_like, scalar or shape (states,), optional
+        Standard deviation of δ; that of the model by default.
 
     Returns
     -------
@@ -263,15 +268,15 @@ def deviance(
     LocalizeError
         What `locate` and `ForwardModel.delta` refuse, and a location without a mode.
     """
-    residuals = (checked_reading(model.states, reading) - model.delta(points)) / checked_noise(model.states, noise)
+    residuals = (checked_reading(model.states, reading) - model.delta(points)) / noise_of(model, noise)
     return np.asarray((residuals**2).sum(axis=-1) - location.best.chi_square)
 
 
 def _solve(
-    model: ForwardModel, rows: Sequence[FloatArray], noise: npt.ArrayLike, confidence: float, alarm: float
+    model: ForwardModel, rows: Sequence[FloatArray], noise: npt.ArrayLike | None, confidence: float, alarm: float
 ) -> list[Location]:
     """Locate checked readings."""
-    sigma = checked_noise(model.states, noise)
+    sigma = noise_of(model, noise)
     for name, value in (("confidence", confidence), ("alarm", alarm)):
         if not 0 < value < 1:
             raise LocalizeError(f"{name} must be between 0 and 1; got {value}.")

@@ -16,7 +16,6 @@ from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.report.tables import Column, Table, Value, cell
 from coilarray.studies.create.tank import broken_limits
-from coilarray.studies.quantities.positions import NOISE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -112,7 +111,8 @@ def _rows(
 def _resolution(response: xr.Dataset) -> Iterator[tuple[Value, ...]]:
     """Least standard deviations of a located x over the deepest map; nothing for a map from which none is located."""
     try:
-        sigma = identifiability(forward_model(response), float(response.depth[-1]), noise=NOISE).sigma_x
+        model = forward_model(response)
+        sigma = identifiability(model, float(response.depth[-1])).sigma_x
     except LocalizeError:
         return
     best, median = float(sigma.min()), float(sigma.median())
@@ -122,7 +122,13 @@ def _resolution(response: xr.Dataset) -> Iterator[tuple[Value, ...]]:
     place = sigma.where(sigma == best, drop=True)[0, 0]
     at = f"at x {float(place.x) * 1e3:.1f}, y {float(place.y) * 1e3:.1f} mm"
     half = "median of the map" if found else "half of the map does not tell x"
-    yield f"σ of a located x, deepest; noise of δ {NOISE:g}", best, median if found else "", "m", f"{at}; {half}"
+    yield (
+        f"σ of a located x, deepest; noise of δ {model.noise:.2g}",
+        best,
+        median if found else "",
+        "m",
+        f"{at}; {half}",
+    )
 
 
 def _metal_rows(

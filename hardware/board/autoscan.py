@@ -30,7 +30,7 @@ class AutoscanReader(DirectReader):
 
     def _measured(self, chip_settings: ChipSettings, *, running: bool) -> tuple[float, list[RawSample]]:
         chips, going_on = self._chips, running and not self._chips.asleep
-        start = self._ready if going_on else self._clock.now()
+        start = self._clock.now()
         try:
             if going_on:
                 wait = max(self._ready + self._turn - self._clock.now(), 0.0)
@@ -40,7 +40,10 @@ class AutoscanReader(DirectReader):
                 chips.wake(chip_settings)
                 wait, self._turn = None, chip_settings.turn
             samples = list(chips.results(chip_settings, wait))
-            if going_on:  # a little less than the last turn, whatever clock this converter has
+            if going_on and chips.ready_at > self._ready:
+                # these results began one turn ago, however late the computer is
+                start = chips.ready_at - chip_settings.turn
+                # the next look comes a little before the next turn ends, whatever clock this converter has
                 self._turn = max(chips.ready_at - self._ready - 2 * LOOK_AGAIN, 0.0)
             self._ready = chips.ready_at
         except BusFault as fault:

@@ -1,6 +1,7 @@
 """Limits of the LDC1614: which coils it can drive, and on which clocks it runs.
 
-Texas Instruments SNOSCY9A: table 42 (drive current), table 43 (clocks, counts), section 8.1.5 (amplitude, equation 12).
+Texas Instruments SNOSCY9A: electrical characteristics (R_p), table 42 (drive current), table 43 (clocks, counts),
+section 8.1.5 (amplitude, equation 12).
 """
 
 from __future__ import annotations
@@ -24,7 +25,10 @@ AMPLITUDE = AMPLITUDE_LOW, AMPLITUDE_HIGH = (1.2, 1.8)
 """Allowed peak voltage of the sensor in V: below it measures poorly, above it the input clamps act."""
 _SHOWN = {"Ω": DisplayUnit("kΩ", 1e-3)}
 DRIVE_WINDOW = "R_p (Ω)"
-"""Name of the limit of `check_channel` that holds the parallel resistance to the window of table 42."""
+"""Name of the limit of `check_channel` that holds the parallel resistance to `RESISTANCE`."""
+RESISTANCE = (1e3, 100e3)
+"""Allowed parallel resistance of a sensor in Ω, of the electrical characteristics; the rows of table 42 are for 0.6 to
+90 kΩ."""
 SENSOR_FREQUENCY = (1e3, 10e6)
 """Allowed frequency of a sensor in Hz."""
 _AMPLITUDE_ROUNDING = 0.01  # the rows of the table are rounded to three digits
@@ -99,8 +103,8 @@ class Limit:
     def words(self) -> str:
         """Name, value and allowed range for people, in customary units.
 
-        >>> Limit("quality factor", 5.0, 10.0, math.inf).words, Limit(DRIVE_WINDOW, 99e3, 1e3, 90e3).words
-        ('quality factor is 5; it must be at least 10', 'R_p is 99 kΩ; it must be 1 kΩ to 90 kΩ')
+        >>> Limit("quality factor", 5.0, 10.0, math.inf).words, Limit(DRIVE_WINDOW, 101e3, 1e3, 100e3).words
+        ('quality factor is 5; it must be at least 10', 'R_p is 101 kΩ; it must be 1 kΩ to 100 kΩ')
         """
         name, _, unit = self.name.removesuffix(")").partition(" (")
         shown = _SHOWN.get(unit) or display_unit(unit)
@@ -184,8 +188,9 @@ def check_channel(
     Returns
     -------
     tuple of Limit
-        All limits, kept or not. That of R_p is for the drive currents of table 42; channel 0 alone can be driven
-        harder, down to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated internal oscillator may be a fifth below `reference`.
+        All limits, kept or not. An R_p that is allowed but too large for every row of table 42 breaks the limit of the
+        amplitude that the smallest drive current makes. Channel 0 alone can be driven harder than `DRIVE_WINDOW` says,
+        down to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated internal oscillator may be a fifth below `reference`.
 
     Raises
     ------
@@ -210,7 +215,7 @@ def check_channel(
         Limit("sensor frequency (Hz)", frequency, *SENSOR_FREQUENCY),
         Limit("sensor frequency by divider over reference", share, 0, _LARGEST_SHARE_OF_REFERENCE),
         Limit("frequency over self-resonance", frequency / self_resonance, 0, _LARGEST_SHARE_OF_SELF_RESONANCE),
-        Limit(DRIVE_WINDOW, parallel_resistance, _DRIVE[-1][1] * 1e3, _DRIVE[0][2] * 1e3),
+        Limit(DRIVE_WINDOW, parallel_resistance, *RESISTANCE),
         Limit("quality factor", quality_factor, _SMALLEST_QUALITY, math.inf),
         Limit("reference frequency (Hz)", reference, 0, LARGEST_REFERENCE),
         Limit("FIN_DIVIDER", divider, 2 if frequency >= DIVIDED_FROM else 1, _LARGEST_INPUT_DIVIDER),
@@ -218,6 +223,9 @@ def check_channel(
     if drive is not None:
         low, high = AMPLITUDE_LOW * (1 - _AMPLITUDE_ROUNDING), AMPLITUDE_HIGH * (1 + 2 * _AMPLITUDE_ROUNDING)
         limits.append(Limit("amplitude (V peak)", drive.amplitude, low, high))
+    elif RESISTANCE[0] <= parallel_resistance <= RESISTANCE[1]:
+        smallest = drive_of(0, parallel_resistance).amplitude
+        limits.append(Limit("amplitude with the smallest drive current (V peak)", smallest, 0, AMPLITUDE_HIGH))
     return tuple(limits)
 
 

@@ -5,15 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from coilarray.design.readout import INTERNAL_CLOCK_PER_KELVIN, Readout
 from coilarray.errors import HardwareError
 
 ROOM_TEMPERATURE = 25.0
 """Temperature in °C at which the frequency of a converter's clock is given."""
-COPPER = 3.93e-3
-"""Relative change of the resistance of copper with temperature in 1/K."""
-NOISE = 1.4e-7
-"""Relative standard deviation of a frequency at full resolution: what a user of the LDC1612 reports at RCOUNT 0x800,
-8e-7, divided by the root of the number of counted cycles. Not verified."""
 
 
 class VirtualClock:
@@ -66,7 +62,7 @@ class Oscillator:
     """
 
     frequency: float = 43.4e6
-    temperature_coefficient: float = -13e-6
+    temperature_coefficient: float = INTERNAL_CLOCK_PER_KELVIN
     ageing: float = 0.0
 
     def at(self, time: float, temperature: float) -> float:
@@ -111,7 +107,7 @@ class Conditions:
     drift : Drift
         Temperature of the board.
     noise : float
-        Relative standard deviation of a frequency at full resolution.
+        Relative standard deviation of a frequency at full resolution; that of `Readout` by default.
     clkin : float or None
         Frequency at the pin CLKIN in Hz; None where the pin is grounded.
     first_offset : float
@@ -121,6 +117,6 @@ class Conditions:
 
     oscillator: Oscillator = field(default_factory=Oscillator)
     drift: Drift = field(default_factory=Drift)
-    noise: float = NOISE
+    noise: float = Readout().frequency_noise
     clkin: float | None = None
     first_offset: float = 0.0

@@ -111,7 +111,7 @@ class Setting:
         """Decode the registers of a chip with the given number of channels."""
         config, mux = registers[0x1A], registers[0x1B]
         scan = bool(mux >> 15)
-        sequence = tuple(range(min(_SEQUENCES[mux >> 13 & 0b11], channels))) if scan else (config >> 14,)
+        sequence = tuple(range(_SEQUENCES[mux >> 13 & 0b11])) if scan else (config >> 14,)
         return Setting(
             channels=tuple(
                 ChannelSetting(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coilarray.hardware.chips.converters import CONVERTERS, Converter
-from coilarray.hardware.chips.ldc1614 import BUS_RATE, CHANNELS, READ_BITS, WRITE_BITS
+from coilarray.hardware.chips.ldc1614 import BUS_RATE, CHANNELS, READ_BITS, SLOWEST_BUS_RATE, WRITE_BITS
 from coilarray.hardware.chips.ldc1614_registers import Register, registers
 from coilarray.hardware.emulator.conversion import Result, Run, Setting, Surroundings
 from coilarray.hardware.wire.buses import Clock
@@ -401,6 +401,8 @@ class EmulatedBus:
 
     def _pass(self, bits: int, register: int) -> None:
         self.transactions += 1
+        if not SLOWEST_BUS_RATE <= self.speed <= BUS_RATE:
+            self.chip.misuse.note(f"the bus runs at {self.speed:.4g} Hz; 10 to 400 kHz are allowed.")
         if self._held:
             self.clock.sleep(_BUS_TIMEOUT)
             raise BusTimeout(f"the bus is held down; register {register:#04x} was not reached.")

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coilarray.compute.store import open_store
+from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.converters import CONVERTERS, Converter
+from coilarray.hardware.chips.ldc1614 import LARGEST_RCOUNT
 from coilarray.hardware.emulator.board import EmulatedBoard, Netlist
-from coilarray.hardware.emulator.conditions import COPPER, NOISE, Conditions, Drift, Oscillator, VirtualClock
+from coilarray.hardware.emulator.conditions import Conditions, Drift, Oscillator, VirtualClock
 from coilarray.hardware.wire.buses import Clock
 
 if TYPE_CHECKING:
@@ -28,12 +30,12 @@ def emulated_board(
     *,
     path: Sequence[tuple[float, float, float, float]] | None = None,
     seed: int = 0,
-    noise: float = NOISE,
+    noise: float | None = None,
     drift: Drift | None = None,
     oscillator: Oscillator | None = None,
     first_offset: float = 0.0,
     strays: Mapping[str, float] | None = None,
-    copper: float = COPPER,
+    copper: float = COPPER_PER_KELVIN,
     capacitor: float = 0.0,
     count_parts: bool = False,
     clock: Clock | None = None,
@@ -56,7 +58,7 @@ def emulated_board(
     seed : int
         Seed of the noise.
     noise : float
-        Relative standard deviation of a frequency at full resolution.
+        Relative standard deviation of a frequency at full resolution; by default by the design's `Readout`.
     drift : Drift, optional
         Temperature of the board; constant by default.
     oscillator : Oscillator, optional
@@ -121,6 +123,8 @@ def emulated_board(
         network, table,
         strays=strays, copper=copper, capacitor=capacitor,
     )  # fmt: skip
+    if noise is None:
+        noise = replace(design.readout, rcount=LARGEST_RCOUNT).frequency_noise
     conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin, first_offset)
     board = EmulatedBoard(
         wiring.coils, wiring.encode(), world, wired=wiring.channels, converter=converter or CONVERTERS["LDC1614"],

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coilarray.circuit.network import Network, StateResult, loaded_quality, resonances_near, resonate, solve_state
+from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError, NetworkError
-from coilarray.hardware.emulator.conditions import COPPER, ROOM_TEMPERATURE
+from coilarray.hardware.emulator.conditions import ROOM_TEMPERATURE
 from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.indenter import LIFTED, Place
 
@@ -56,7 +57,7 @@ class SensorWorld:
         table: Callable[[], ResponseTable],
         *,
         strays: Mapping[str, float] | None = None,
-        copper: float = COPPER,
+        copper: float = COPPER_PER_KELVIN,
         capacitor: float = 0.0,
     ) -> None:
         given = strays or {}

@@ -8,6 +8,7 @@ from dataclasses import replace
 from coilarray.circuit.network import loaded_quality, resonate
 from coilarray.compute.store import open_store
 from coilarray.design.model import Design
+from coilarray.design.readout import Readout
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.converters import Family
@@ -159,3 +160,14 @@ def _drive(coil: str, parallel_resistance: float) -> int:
             f"{parallel_resistance * 1e-3:.3g} kΩ; give its IDRIVE."
         )
     return drive.code
+
+
+def readout_with(readout: Readout, settings: ScanSettings) -> Readout:
+    """Return a read-out with the settings that a board was given."""
+    return replace(
+        readout,
+        rcount=settings.rcount,
+        clock=settings.clock,
+        external_clock=settings.external_clock,
+        reference_divider=settings.fref_divider,
+    )

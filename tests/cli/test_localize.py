@@ -267,7 +267,9 @@ def test_one_reading_is_that_of_the_library(capsys, maps):
 def test_both_signs_of_y_are_told(capsys, maps):
     code, out, _ = run(capsys, "locate", "--model", maps / "row.nc", text_of(reading(centres=ROW)))
     assert code == 0
-    header, *rows = [line.replace("−", "-").split() for line in out.splitlines()]
+    *lines, noise = out.splitlines()
+    assert noise == "noise of δ 1e-05, as the response does not say its own"
+    header, *rows = [line.replace("−", "-").split() for line in lines]
     assert header[:3] == ["reading", "status", "x"]
     assert sorted(row[3] for row in rows) == ["-2.000", "2.000"]
     assert {tuple(row[:3]) for row in rows} == {("1", "located", "3.000")}

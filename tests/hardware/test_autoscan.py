@@ -227,6 +227,18 @@ def test_a_stream_goes_as_fast_as_the_converter(wiring, clock):
     assert board.misuse.notes == []
 
 
+def test_a_computer_that_is_late_gets_the_newest_results_and_their_time():
+    board, reader, settings = configured(TWO)
+    stream = reader.scans()
+    list(itertools.islice(stream, 3))
+    board.clock.sleep(5.0)
+    now = board.clock.now()
+    late = next(stream)
+    time = settings.state_time
+    assert now - 3 * (time.settle + time.conversion) < late.time < now
+    assert frequencies(late, settings) == true(board, TWO)
+
+
 def test_a_stream_with_pauses_sleeps_between_its_scans():
     board, reader, _ = configured(TWO)
     stream = reader.scans(0.5)
@@ -258,6 +270,15 @@ def test_errors_belong_to_their_channel():
         assert [readings[name].verdict for name in NAMES] == ["good", "doubtful", "bad", "good"]
         assert set(readings["east"].reasons) <= {Reason.AMPLITUDE, Reason.AMPLITUDE_LOW}
         assert readings["south"].inductance is None
+
+
+@pytest.mark.parametrize("wiring", [ONE, wired_to_channels(NAMES[:1], (0,))])
+def test_a_single_channel_has_a_watchdog(wiring):
+    # conversions of 7 ms, longer than the 5.2 ms of the watchdog
+    board, reader, settings = configured(wiring, settings=quick_settings(wiring, rcount=10_000))
+    board.world.inductances["north"] = 1e-9
+    (state,) = read_scan(reader.scan(), settings, CAPACITANCE).states
+    assert (state.verdict, state.reasons[0]) == ("bad", Reason.WATCHDOG)
 
 
 def test_a_sample_is_judged_by_its_own_channel():
@@ -333,7 +354,7 @@ def test_self_test_and_drive_currents_of_channels():
 
 def test_a_converter_of_capacitance_gets_what_it_has():
     fdc = converter("fdc2214")
-    settings = scan_settings(FOUR, rcount=0x200, drives=7, family=fdc.family)
+    settings = scan_settings(FOUR, rcount=0x200, drives=7, family=fdc.family, discard=2)
     board, reader, _ = configured(FOUR, settings=settings, converter=fdc)
     assert frequencies(reader.scan(), settings) == true(board, FOUR)
     words = hexadecimal(settings)
@@ -341,6 +362,9 @@ def test_a_converter_of_capacitance_gets_what_it_has():
     assert not words.keys() & {"0C", "0D", "0E", "0F"}
     with pytest.raises(UndocumentedUse, match=r"reserved|not documented"):
         configured(FOUR, settings=quick_settings(FOUR, rcount=0x200), converter=fdc)  # registers of an LDC1614
+    # it has no INIT_IDRIVE; the search begins at the code of the settings
+    found = find_drives(reader, settings)
+    assert {name: (drive.proposed, drive.reasons) for name, drive in found.items()} == dict.fromkeys(NAMES, (7, ()))
     refused(HardwareError, "RCOUNT must be 256 to", scan_settings, FOUR, rcount=0xFF, family="FDC")
     refused(HardwareError, "fin_divider must be 1 to 2; got 3", scan_settings, FOUR, fin_divider=3, family="FDC")
     refused(HardwareError, "offset must be 0", scan_settings, FOUR, offset=3, family="FDC")

@@ -229,7 +229,7 @@ def test_table_is_fine_enough(paper, paper_model):
 def test_search_finds_what_many_random_starts_find(paper, paper_model):
     _, points, delta = paper
     readings = noisy(delta, seed=13)[::9]
-    found = locate_all(paper_model, readings)
+    found = locate_all(paper_model, readings, noise=NOISE)
     starts = np.random.default_rng(14).uniform(paper_model.lower, paper_model.upper, (len(readings), 100, 3))
     starts[:, 0] = points[::9]
     _, chi_square = refine(paper_model, np.repeat(readings, 100, axis=0), starts.reshape(-1, 3), np.full(4, NOISE))
@@ -242,8 +242,12 @@ def test_regions_hold_the_truth(paper, paper_model):
     """Coverage of the joint 95 % region of x, y and depth, at the noise of the goal."""
     _, points, delta = paper
     readings, truth = np.concatenate([noisy(delta, seed=seed) for seed in range(4)]), np.tile(points, (4, 1))
-    each = zip(readings, truth, locate_all(paper_model, readings), strict=True)
-    held = [deviance(paper_model, one, found, point).item() <= REGION for one, point, found in each if found.modes]
+    each = zip(readings, truth, locate_all(paper_model, readings, noise=NOISE), strict=True)
+    held = [
+        deviance(paper_model, one, found, point, noise=NOISE).item() <= REGION
+        for one, point, found in each
+        if found.modes
+    ]
     assert len(held) > 1000
     assert 0.92 <= np.mean(held) <= 0.98
 

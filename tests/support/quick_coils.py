@@ -3,8 +3,9 @@
 import math
 
 from coilarray.hardware.emulator import Conditions, Drift, EmulatedBoard, Oscillator, VirtualClock
-from coilarray.hardware.emulator.conditions import NOISE
 from coilarray.hardware.emulator.conversion import Resonator
+
+NOISE = Conditions().noise
 
 
 def series_tank(inductance, capacitance, resistance):

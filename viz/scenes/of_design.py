@@ -79,7 +79,7 @@ class View:
     response: xr.Dataset | None = None  # that is draped; computed by default
     table: xr.Dataset | None = None  # of `coilarray.localize.forward.table_for`; needed for a location
     reading: Mapping[str, float] | Sequence[float] | None = None  # δ to locate; that at `at` by default
-    noise: float = 1e-5  # standard deviation of δ
+    noise: float | None = None  # standard deviation of δ; that of the table by default
 
 
 def board_and_metal(design: Design) -> tuple[Item, ...]:

@@ -20,13 +20,10 @@ from coilarray.response.coordinates import on_board
 from coilarray.response.setup import indentation_of
 from coilarray.viz.scenes.touch import off_middle
 
-NOISE = 1e-5
-"""Standard deviation of δ that is assumed for a location."""
-
 _STEP = 1e-3  # m between the points of a map to which ellipses are fitted
 _REFINEMENT = 5  # of that map; 20, the default, moves x0 by less than 0.1 mm and takes ten times as long
 _IN_A_ROW = 1e-6  # m across the row between coils of one
-_LEAST_DELTA = 3 * NOISE  # a smaller δ gives no ellipse, only noise
+_LEAST_DELTA = 3.0  # times the noise: a smaller δ gives no ellipse
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +71,7 @@ def touched(sensor: Sensor, x: float, y: float, depth: float) -> Touched:
     point = np.clip([x, y, depth], low, high)
     delta = sensor.model.delta(point)
     readings = dict(zip(sensor.model.states, delta.tolist(), strict=True))
-    location = locate(sensor.model, delta, noise=NOISE)
+    location = locate(sensor.model, delta)
     row = indentation_of(sensor.design).origin_point
     ellipses, crossing, problem = _by_ellipses(sensor, float(point[2]), row, readings)
     at = (float(point[0]), float(point[1]))
@@ -92,7 +89,7 @@ def _by_ellipses(
     ellipses = {}
     for coil in fitted.coils:
         delta = readings[coil.name]
-        if delta >= _LEAST_DELTA and coil.covers(delta):
+        if delta >= _LEAST_DELTA * sensor.model.noise and coil.covers(delta):
             try:
                 ellipses[coil.name] = coil.ellipse(delta)
             except LocalizeError:  # the polynomials have none there

@@ -17,9 +17,6 @@ from coilarray.studies.quantities.evaluation import Evaluation
 from coilarray.studies.quantities.quantity import Option, quantity, read_positive, read_rectangle
 from coilarray.studies.quantities.responses import DEPTH
 
-NOISE = 1e-5
-"""Standard deviation of δ where none is given."""
-
 # Against half the spacing and twice the depths the medians of σ_x are right to 1 % and those of σ_h to 3 %
 # (tests/studies/test_quantities.py), which is also how far they scatter from one contact mesh to the next.
 _STEPS = 5  # positions of the table in the thickness of all sheets
@@ -36,7 +33,12 @@ _OPTIONS = (
         "where on the board; over the outlines of all coils by default",
     ),
     DEPTH,
-    Option("noise", "a number above 0", read_positive, f"standard deviation of every δ; {NOISE:g} by default"),
+    Option(
+        "noise",
+        "a number above 0",
+        read_positive,
+        "standard deviation of every δ; by default that of the noise budget",
+    ),
 )
 
 
@@ -69,7 +71,7 @@ def _median(evaluation: Evaluation, options: Mapping[str, Any], name: str) -> fl
     bound = identifiability(
         forward_model(table),
         depth,
-        noise=options.get("noise", NOISE),
+        noise=options.get("noise"),
         x=_middles(x_min, x_max, _PLACES[0]),
         y=_middles(y_min, y_max, _PLACES[1]),
     )

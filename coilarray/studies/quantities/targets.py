@@ -15,7 +15,6 @@ from coilarray.response.coordinates import from_board
 from coilarray.response.target_range import FACTOR, ranges_of
 from coilarray.studies.quantities.couplings import COIL
 from coilarray.studies.quantities.evaluation import Evaluation
-from coilarray.studies.quantities.positions import NOISE
 from coilarray.studies.quantities.quantity import Option, Quantity, quantity, read_number, read_positive
 
 _DISTANCE = Option(
@@ -26,7 +25,10 @@ _PLACE = tuple(
     for axis in "xy"
 )
 _NOISE = Option(
-    "noise", "a number above 0", read_positive, f"standard deviation of δ in a reading; {NOISE:g} by default"
+    "noise",
+    "a number above 0",
+    read_positive,
+    "standard deviation of δ in a reading; by default that of the noise budget",
 )
 _OVER = (_DISTANCE, *_PLACE)
 
@@ -48,7 +50,7 @@ def _with_target(name: str, unit: str, variable: str, scale: float, says: str) -
     COIL, *_PLACE, _NOISE,
 )  # fmt: skip
 def _range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    found = ranges_of(_every_distance(evaluation, options), options.get("noise", NOISE))
+    found = _ranges(_every_distance(evaluation, options), options)
     value = float(found.range.item())
     if math.isnan(value):
         raise GoalError(f"{options['coil']} of {evaluation.design.name} does not notice the target at any distance.")
@@ -62,8 +64,12 @@ def _range(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 def _deviation(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     distance = evaluation.distance(options.get("distance_mm"))
     known = _every_distance(evaluation, options, distance)
-    deviations = ranges_of(known, options.get("noise", NOISE)).distance_deviation.values[:, 0]
+    deviations = _ranges(known, options).distance_deviation.values[:, 0]
     return float(deviations[np.abs(known.distance.values - distance).argmin()]) * 1e6
+
+
+def _ranges(response: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
+    return ranges_of(response, options.get("noise", response.attrs["noise"]))
 
 
 def _every_distance(evaluation: Evaluation, options: Mapping[str, Any], wanted: float | None = None) -> xr.Dataset:

@@ -140,7 +140,7 @@ class _PositionsTable(Table):
     """y of the places, rising."""
     depth_mm: Millimetres
     """Depth of the indentation."""
-    noise: Annotated[float, Field(gt=0, le=1)] = 1e-5
+    noise: Annotated[float, Field(gt=0, le=1)] | None = None
     """Standard deviation of δ of a reading."""
 
     @model_validator(mode="after")

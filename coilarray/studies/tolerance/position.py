@@ -36,7 +36,7 @@ class Shifts:
 
     model: ForwardModel
     points: FloatArray
-    noise: float
+    noise: float | None
     determined: tuple[tuple[int, ...], ...]
 
     def names(self, places: Sequence[str]) -> tuple[str, ...]:

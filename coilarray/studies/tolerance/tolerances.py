@@ -55,14 +55,15 @@ class Positions:
         Rising, in m from the map's origin; every x with every y.
     depth : float
         Depth of the indentation in m.
-    noise : float
-        Standard deviation of δ, with which readings are weighted when they are located.
+    noise : float, optional
+        Standard deviation of δ with which readings are weighted when they are located; that of the design's noise
+        budget by default.
     """
 
     x: tuple[float, ...]
     y: tuple[float, ...]
     depth: float
-    noise: float = 1e-5
+    noise: float | None = None
 
 
 @dataclass(frozen=True)

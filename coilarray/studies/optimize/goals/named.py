@@ -195,7 +195,7 @@ def _position_error(file: DesignFile) -> _Part:
         [
             (
                 {"quantity": "position_error_mm", "direction": "minimize"},
-                "least standard deviation of x over all coils, for noise of 1e-5 in δ",
+                "least standard deviation of x over all coils, for δ with the design's noise budget",
             )
         ],
         [*ranges.pitch_ranges(file), *ranges.turns_ranges(file), *ranges.termination_choices(file)],
@@ -207,7 +207,9 @@ def _position_error(file: DesignFile) -> _Part:
 
 
 def _range(file: DesignFile) -> _Part:
-    return _of_target(file, "target_range_mm[{coil}]", "maximize", "Largest range of a target", "noise of 1e-5 in δ")
+    return _of_target(
+        file, "target_range_mm[{coil}]", "maximize", "Largest range of a target", "δ with the noise budget"
+    )
 
 
 def _resolution(file: DesignFile) -> _Part:

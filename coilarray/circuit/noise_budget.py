@@ -1,0 +1,344 @@
+"""How far readings of δ scatter and drift: every cause with its size, and whether it is the same at all coils.
+
+The converter counts the oscillation of coil and tank against its clock, and L = 1/((2πf)² C) is taken with the nominal
+clock and capacitance, so that a relative error of f is twice as large in L. δ = L/L_0 − 1 has the noise of a reading
+and of its L_0, and whatever has changed from one to the other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from coilarray.circuit.coupling import design_circuit
+from coilarray.circuit.network import Network, loaded_quality, resonate
+from coilarray.compute.arrays import FloatArray
+from coilarray.design.model import Design
+from coilarray.design.readout import INTERNAL_CLOCK_PER_KELVIN, Readout
+from coilarray.design.scan_states import ScanState, referenced_names
+
+_THERMAL = 1.380649e-23 * 298.0  # J, kT at room temperature
+_DELAY = 5e-9  # s, of the converter's drive (SNOSCY9A, equation 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """One cause of errors of δ.
+
+    Parameters
+    ----------
+    name : str
+        What it is.
+    noise : ndarray, shape (states,)
+        Standard deviation of L of one scan, relative to L, independent from scan to scan.
+    drift : ndarray, shape (states,)
+        Relative change of L with the board's temperature in 1/K, with its sign.
+    change : ndarray, shape (states,)
+        Standard deviation of the change of δ from L_0 to the reading by the temperature or the supply, with the sign of
+        the coefficient.
+    common : bool
+        Whether it is the same cause at all coils, so that a reference coil takes out what is equal.
+    source : str
+        Where the size is from.
+    assumed : bool
+        Whether no public source or device has confirmed it.
+    """
+
+    name: str
+    noise: FloatArray
+    drift: FloatArray
+    change: FloatArray
+    common: bool
+    source: str
+    assumed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseBudget:
+    """Noise and drift of the readings of a board, by their causes.
+
+    Parameters
+    ----------
+    states : tuple of str
+        Names of the states in the order of every array.
+    causes : tuple of Cause
+        Everything that counts.
+    readout : Readout
+        Settings for which it holds.
+    reference : tuple of str
+        Reference coils whose δ has been taken from that of the others; none by default.
+    """
+
+    states: tuple[str, ...]
+    causes: tuple[Cause, ...]
+    readout: Readout
+    reference: tuple[str, ...] = ()
+
+    @property
+    def scan_noise(self) -> FloatArray:
+        """Relative standard deviation of L of one scan, shape (states,): the noise of all causes in quadrature."""
+        return _quadrature([cause.noise for cause in self.causes])
+
+    @property
+    def noise(self) -> FloatArray:
+        """Standard deviation of δ by noise, shape (states,): of the averaged scans and of those of L_0."""
+        return self.scan_noise * math.sqrt(1 / self.readout.averaged_scans + 1 / self.readout.baseline_scans)
+
+    @property
+    def drift(self) -> FloatArray:
+        """Change of δ with temperature in 1/K, shape (states,): all causes in quadrature, as some signs are unknown."""
+        return _quadrature([cause.drift for cause in self.causes])
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviation of δ, noise and changes since L_0 together, shape (states,)."""
+        return _quadrature([self.noise, *(cause.change for cause in self.causes)])
+
+    @property
+    def largest(self) -> float:
+        """The largest `sigma` of all states: the noise of δ that locating a reading assumes."""
+        return float(self.sigma.max())
+
+    def referenced(self, reference: Sequence[str]) -> NoiseBudget:
+        """Return the budget of δ less the mean δ of reference coils, of the other states.
+
+        What is common goes as far as it is equal at both, as in `coilarray.hardware.record.reference_coil`; of the rest
+        that of the references is added in quadrature. NetworkError for a reference that is not there or named twice,
+        none, or no other state.
+        """
+        others = referenced_names(self.states, reference)
+        kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
+
+        def less(values: FloatArray, *, common: bool) -> FloatArray:
+            if common:
+                return np.asarray(values[kept] - values[taken].mean())
+            return np.asarray(np.hypot(values[kept], np.linalg.norm(values[taken]) / len(taken)))
+
+        causes = tuple(
+            replace(
+                cause,
+                noise=less(cause.noise, common=False),
+                drift=less(cause.drift, common=cause.common),
+                change=less(cause.change, common=cause.common),
+            )
+            for cause in self.causes
+        )
+        return NoiseBudget(others, causes, self.readout, tuple(reference))
+
+    def to_record(self) -> dict[str, Any]:
+        """Return everything as plain values in SI, for JSON."""
+        return {
+            "states": list(self.states),
+            "reference": list(self.reference),
+            "rcount": self.readout.rcount,
+            "reference_frequency_Hz": self.readout.reference,
+            "counting_limit": self.readout.counting_limit,
+            "averaged_scans": self.readout.averaged_scans,
+            "baseline_scans": self.readout.baseline_scans,
+            "temperature_change_K": self.readout.temperature_change,
+            "supply_change_V": self.readout.supply_change,
+            "causes": [
+                {
+                    "cause": cause.name,
+                    "scan_noise": cause.noise.tolist(),
+                    "drift_per_K": cause.drift.tolist(),
+                    "change": np.abs(cause.change).tolist(),
+                    "common": cause.common,
+                    "assumed": cause.assumed,
+                    "source": cause.source,
+                }
+                for cause in self.causes
+            ],
+            "scan_noise": self.scan_noise.tolist(),
+            "noise": self.noise.tolist(),
+            "drift_per_K": self.drift.tolist(),
+            "sigma": self.sigma.tolist(),
+        }
+
+
+def noise_budget(design: Design, *, readout: Readout | None = None, network: Network | None = None) -> NoiseBudget:
+    """Say how far the readings of a design scatter and drift, and why.
+
+    Parameters
+    ----------
+    design : Design
+        Design with the circuit of its coils.
+    readout : Readout, optional
+        Settings and coefficients; those of the design by default.
+    network : Network, optional
+        Coils, switches and strays; by default `coilarray.circuit.coupling.design_circuit`.
+
+    Returns
+    -------
+    NoiseBudget
+        For the states of the design's scan.
+
+    Raises
+    ------
+    NetworkError
+        A state without a resonance.
+
+    Notes
+    -----
+    See `budget_of`. Left out: neighbours that are warmer than others, flicker noise of clock and sensor, the change of
+    the skin depth, and the elastomer.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> budget = noise_budget(load_design("gast2020"))
+    >>> f"{budget.noise[0]:.1e}, {budget.drift[0]:.1e} per K, {budget.sigma[0]:.1e}"
+    '3.0e-07, 4.3e-05 per K, 4.3e-06'
+    """
+    circuit = design_circuit(design) if network is None else network
+    found = [resonate(circuit, state) for state in design.plan]
+    changed = design if readout is None else replace(design, readout=readout)
+    return budget_of(changed, [one.frequency for one in found], [loaded_quality(circuit, one) for one in found])
+
+
+def budget_of(design: Design, frequency: npt.ArrayLike, quality_factor: npt.ArrayLike) -> NoiseBudget:
+    """Return the budget of a design's states from their resonances.
+
+    Parameters
+    ----------
+    design : Design
+        Design, of which the read-out, the tank and the switches count.
+    frequency, quality_factor : array_like, shape (states,)
+        Resonance of every state in Hz and the quality factor of the whole resonator; infinite without losses.
+
+    Notes
+    -----
+    Noise of f in one conversion of the duration T:
+
+    - resolution of the converter and jitter of its clock, as `Readout` has them;
+    - thermal noise of the losses. It lets the phase of an oscillator diffuse, S_φ = (4kT_K/P) (f/(2Qf_m))² at the
+      offset f_m with the dissipated power P (D. B. Leeson, Proc. IEEE 54, 329, 1966, in the form of A. Hajimiri & T. H.
+      Lee, IEEE J. Solid-State Circuits 33, 179, 1998, with F = 1). That is white noise of f, S_y = kT_K/(Q²P), whose
+      mean over T has σ² = S_y/(2T) = kT_K/(QωCV²T) with P = ωCV²/(2Q). The converter's amplifier makes more.
+
+    Changes with temperature: L is taken from the square of the clock, the capacitance and the size of the board. A coil
+    with a series resistance R has L_eff = L (1 + 1/Q²) where Im Y = 0, which changes by 2/(Q² + 1) times the relative
+    change of R, the switches' included; R is taken to change as at direct current, an upper bound where the skin effect
+    counts. The delay of 5 ns in the converter's drive (SNOSCY9A, equation 1) adds 5 ns · ω/Q times that change.
+    """
+    readout, switches = design.readout, design.circuit.switches
+    f, Q = (np.asarray(values, dtype=np.float64) for values in (frequency, quality_factor))
+    omega, every, none = 2 * np.pi * f, np.ones_like(f), np.zeros_like(f)
+    susceptance = omega * switches.tank_capacitance
+    known = _CLOCKS[readout.external_clock]
+    per_kelvin, per_volt = (
+        default if given is None else given
+        for given, default in ((readout.clock_per_kelvin, known.per_kelvin), (readout.clock_per_volt, known.per_volt))
+    )
+    closed = np.array([_closed_switches(state) for state in design.plan])
+    resistance = 1 / (susceptance * Q)  # in series; that of the switches is a share of it
+    of_switches = np.zeros_like(f)
+    np.divide(closed * switches.on_resistance, resistance, out=of_switches, where=resistance > 0)
+    of_switches = np.minimum(of_switches, 1.0)
+    copper = (1 - of_switches) * readout.copper_per_kelvin
+    delay = _DELAY * omega / Q * (copper + of_switches * readout.switch_per_kelvin)
+    energy = Q * susceptance * readout.amplitude**2 * readout.conversion_time
+
+    def noisy(name: str, size: FloatArray, source: str, *, known: bool = False) -> Cause:
+        return Cause(name, 2 * size, none, none, False, source, not known)
+
+    def drifting(name: str, size: FloatArray, key: str, source: str, *, known: bool = False, common: bool) -> Cause:
+        own = getattr(readout, key) != getattr(_DEFAULT, key)
+        said = "[readout] of the design" if own else source
+        return Cause(name, none, size, size * readout.temperature_change, common, said, not (known or own))
+
+    resolved = readout.resolution == _DEFAULT.resolution
+    return NoiseBudget(
+        tuple(state.name for state in design.plan),
+        (
+            noisy(
+                "resolution of the converter", readout.resolution_noise * every,
+                _RESOLUTION if resolved else "[readout] of the design", known=not resolved,
+            ),
+            noisy(
+                f"jitter of the {known.name}", readout.jitter_noise * every,
+                "[readout] of the design" if readout.clock_jitter else "not published; none is counted",
+                known=readout.clock_jitter > 0,
+            ),
+            noisy(
+                "thermal noise of the losses", np.sqrt(_THERMAL / energy),
+                f"Leeson, for {readout.amplitude:g} V and the losses alone", known=True,
+            ),
+            Cause(
+                "clock with the supply", none, none, 2 * per_volt * readout.supply_change * every, True,
+                known.volt_source if readout.clock_per_volt is None else "[readout] of the design",
+                readout.clock_per_volt is None,
+            ),
+            drifting(
+                "clock with temperature", 2 * per_kelvin * every, "clock_per_kelvin", known.kelvin_source,
+                known=not readout.external_clock, common=True,
+            ),
+            drifting(
+                "capacitor of the tank", readout.capacitor_per_kelvin * every, "capacitor_per_kelvin",
+                "C0G, at most ± 30 ppm/K (IEC 60384-8)",
+                common=switches.tank_at == "converter",
+            ),
+            drifting(
+                "expansion of the board", readout.board_per_kelvin * every, "board_per_kelvin",
+                "FR4 in its plane, 14 ppm/K; L grows with the size", common=True,
+            ),
+            drifting(
+                "resistance of the copper", 2 * copper / (Q**2 + 1), "copper_per_kelvin",
+                "IEC 60028 and the computed Q", known=True, common=True,
+            ),
+            drifting(
+                "resistance of the switches", 2 * of_switches * readout.switch_per_kelvin / (Q**2 + 1),
+                "switch_per_kelvin", "ADG729: 4.5 Ω at 25 °C, 5 Ω over temperature", common=True,
+            ),
+            drifting(
+                "losses by the converter's delay", delay, "copper_per_kelvin",
+                "SNOSCY9A, equation 1, not verified", common=True,
+            ),
+        ),
+        readout,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Clock:
+    """What is known of a kind of clock: relative changes in 1/K and 1/V, and where they are from."""
+
+    name: str
+    per_kelvin: float
+    kelvin_source: str
+    per_volt: float
+    volt_source: str
+
+
+_CLOCKS = {
+    False: _Clock(
+        "converter's own clock",
+        INTERNAL_CLOCK_PER_KELVIN, "SNOSCY9A, section 6.5: mean of units",
+        50e-6, "assumed from the curves of SNOSCY9A, which stay within 0.2 % over supply and temperature",
+    ),
+    True: _Clock(
+        "crystal oscillator",
+        1e-6, "assumed for a crystal within ± 50 ppm from −20 to 70 °C",
+        1e-6, "assumed for a crystal oscillator",
+    ),
+}  # fmt: skip
+_DEFAULT = Readout()
+_RESOLUTION = (
+    "8e-7 of f at RCOUNT 0x800, SNOA944 as quoted by a firmware for the LDC1612; its fall with the root of RCOUNT is "
+    "that of white noise"
+)
+
+
+def _closed_switches(state: ScanState) -> float:
+    """Return how many closed switches are in series from side to side of the converter."""
+    coils = len(state.measured)
+    return 2.0 * coils if state.connection == "series" else 2.0 / coils
+
+
+def _quadrature(values: Sequence[FloatArray]) -> FloatArray:
+    return np.asarray(np.sqrt(np.sum(np.square(values), axis=0)))

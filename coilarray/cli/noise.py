@@ -1,0 +1,42 @@
+"""``coilarray noise``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from coilarray.cli import shared
+
+
+def noise(
+    design: shared.DesignArgument = None,
+    reference: Annotated[
+        list[str] | None,
+        typer.Option(help="Reference coil, whose δ is taken from that of the others; may be repeated."),
+    ] = None,
+    as_json: shared.AsJson = False,
+    allow_violations: shared.AllowViolations = False,
+) -> None:
+    """Say how far readings of δ scatter and drift, and why.
+
+    Every cause with the noise of one scan, the drift per kelvin, what has changed since L_0 was read, whether it is
+    common to all coils, and where its size is from; sizes, settings and the change of temperature are in the table
+    [readout] of the design. The σ of δ at the end is the noise that `locate`, the position errors and the ranges of
+    targets assume. `coilarray board --noise` measures it.
+
+    Example: coilarray noise gast2020 --reference coil6
+    """
+    from coilarray.circuit.noise_budget import noise_budget
+    from coilarray.compute.store import open_store
+    from coilarray.hardware.scan.board_network import board_network
+    from coilarray.report.noise_tables import budget_lines, budget_tables
+
+    opened = shared.open_design(design, allow_violations=allow_violations)
+    budget = noise_budget(opened, network=board_network(opened, open_store()))
+    if reference:
+        budget = budget.referenced(reference)
+    shared.print_result(
+        {**shared.design_record(opened), **budget.to_record()},
+        as_json=as_json, tables=budget_tables(budget), titles=True, lines=budget_lines(budget),
+    )  # fmt: skip

@@ -1,0 +1,228 @@
+"""How a design is read out, as far as noise and drift of its readings depend on it: ``[readout]``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from decimal import Decimal
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from coilarray.constants import COPPER_PER_KELVIN
+from coilarray.design.units import Table
+from coilarray.errors import DesignError
+
+INTERNAL_CLOCK_PER_KELVIN = -13e-6
+"""Relative change of the converter's own oscillator with temperature in 1/K (SNOSCY9A, section 6.5, mean of units)."""
+RESOLUTION_RCOUNT = 0x800
+"""RCOUNT for which `Readout.resolution` is given."""
+
+
+@dataclass(frozen=True)
+class Readout:
+    """Settings and stability of the converter and its surroundings.
+
+    Parameters
+    ----------
+    rcount : int
+        Length of a conversion, RCOUNT of the LDC1614: 5 to 65535.
+    clock : float
+        Frequency of the converter's clock in Hz.
+    external_clock : bool
+        Whether the clock comes from a crystal oscillator instead of the converter's own.
+    reference_divider : int
+        Divider from the clock to the reference frequency.
+    resolution : float
+        Relative standard deviation of a frequency at RCOUNT 0x800; it falls with the root of RCOUNT.
+    clock_jitter : float
+        Standard deviation of one period of the clock in s. It adds up from period to period in the converter's own
+        oscillator, and does not in a crystal oscillator.
+    amplitude : float
+        Peak voltage of the sensors in V.
+    averaged_scans, baseline_scans : int
+        Number of scans that are averaged for a reading, and for L_0.
+    temperature_change : float
+        Standard deviation of the board's temperature from L_0 to the reading in K.
+    supply_change : float
+        Standard deviation of the supply from L_0 to the reading in V.
+    clock_per_kelvin, clock_per_volt : float or None
+        Relative change of the clock with temperature in 1/K, and with the supply in 1/V; None for those that are known
+        or assumed of the kind of clock.
+    capacitor_per_kelvin, board_per_kelvin, copper_per_kelvin, switch_per_kelvin : float
+        Relative change with temperature in 1/K of the tank's capacitance, the board's size, the resistance of the
+        copper and that of a closed switch.
+
+    Raises
+    ------
+    DesignError
+        A number that is not finite or outside its range.
+
+    Examples
+    --------
+    >>> round(Readout().conversion_time * 1e3, 2), f"{Readout().frequency_noise:.2g}"
+    (48.32, '1.4e-07')
+    """
+
+    rcount: int = 0xFFFF
+    clock: float = 43.4e6
+    external_clock: bool = False
+    reference_divider: int = 2
+    resolution: float = 8e-7
+    clock_jitter: float = 0.0
+    amplitude: float = 1.5
+    averaged_scans: int = 1
+    baseline_scans: int = 10
+    temperature_change: float = 0.1
+    supply_change: float = 1e-3
+    clock_per_kelvin: float | None = None
+    clock_per_volt: float | None = None
+    capacitor_per_kelvin: float = 30e-6
+    board_per_kelvin: float = 14e-6
+    copper_per_kelvin: float = COPPER_PER_KELVIN
+    switch_per_kelvin: float = 1.9e-3
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if value is None:
+                continue
+            if not math.isfinite(value):
+                raise DesignError(f"{one.name} of a read-out must be finite; got {value}.")
+            if one.name in _POSITIVE and not value > 0:
+                raise DesignError(f"{one.name} of a read-out must be positive; got {value}.")
+            if one.name in _NOT_NEGATIVE and value < 0:
+                raise DesignError(f"{one.name} of a read-out must not be negative; got {value}.")
+        if not 5 <= self.rcount <= 0xFFFF:
+            raise DesignError(f"rcount of a read-out must be 5 to 65535; got {self.rcount}.")
+
+    @property
+    def reference(self) -> float:
+        """Reference frequency in Hz."""
+        return self.clock / self.reference_divider
+
+    @property
+    def conversion_time(self) -> float:
+        """Duration of a conversion in s, (16 RCOUNT + 4)/f_ref (SNOSCY9A, equation 7)."""
+        return (16 * self.rcount + 4) / self.reference
+
+    @property
+    def counting_limit(self) -> float:
+        """Relative step of a frequency if a conversion only counted the reference's periods, 1/(16 RCOUNT)."""
+        return 1 / (16 * self.rcount)
+
+    @property
+    def jitter_noise(self) -> float:
+        """Relative standard deviation of the mean reference frequency of a conversion by the jitter of the clock.
+
+        The conversion lasts N periods of the clock, T = N/f_clk. Independent errors σ_j of the periods of an oscillator
+        that runs free add up to √N σ_j; against a resonator only the two ends of the conversion count, √2 σ_j.
+        """
+        periods = self.conversion_time * self.clock
+        return self.clock_jitter * math.sqrt(2.0 if self.external_clock else periods) / self.conversion_time
+
+    @property
+    def resolution_noise(self) -> float:
+        """Relative standard deviation of a frequency by the converter's resolution: `resolution` over √(RCOUNT/0x800).
+
+        TI's SNOA944 gives 8e-7 for RCOUNT 0x800 and a sensor at a tenth of the reference, as a firmware for the LDC1612
+        (RepRapFirmware, LDC1612.cpp) quotes it; another project quotes a fall with RCOUNT^-0.8 from the same note,
+        which would give a third of this at full resolution. Not verified.
+        """
+        return self.resolution * math.sqrt(RESOLUTION_RCOUNT / self.rcount)
+
+    @property
+    def frequency_noise(self) -> float:
+        """Relative standard deviation of the frequency that one conversion gives, beside the sensor's own noise."""
+        return math.hypot(self.resolution_noise, self.jitter_noise)
+
+
+_POSITIVE = ("clock", "reference_divider", "resolution", "amplitude", "averaged_scans", "baseline_scans")
+_NOT_NEGATIVE = ("clock_jitter", "temperature_change", "supply_change")
+
+
+def in_unit(value: Any, power: int) -> Any:
+    """Return a number times a power of ten, its decimal digits unchanged; None and what has no unit as it is.
+
+    >>> in_unit(0.8, -6), in_unit(8e-7, 6)
+    (8e-07, 0.8)
+    """
+    return float(Decimal(repr(value)).scaleb(power)) if power and value is not None else value
+
+
+_Scans = Annotated[int, Field(ge=1, le=1_000_000)]
+_PartsPerMillion = Annotated[float, Field(ge=-100_000, le=100_000)]
+
+
+class ReadoutTable(Table):
+    """``[readout]``: settings and stability of the converter, for the noise and drift of readings."""
+
+    rcount: Annotated[int, Field(ge=5, le=0xFFFF)] = 0xFFFF
+    """RCOUNT, the length of a conversion."""
+    clock_MHz: Annotated[float, Field(ge=1, le=100)] = 43.4  # noqa: N815 - the unit
+    """Clock of the converter."""
+    external_clock: bool = False
+    """Whether a crystal oscillator is the clock, instead of the converter's own."""
+    reference_divider: Annotated[int, Field(ge=1, le=1023)] = 2
+    """Divider from the clock to the reference frequency."""
+    resolution_ppm: Annotated[float, Field(gt=0, le=1000)] = 0.8
+    """Relative standard deviation of a frequency at RCOUNT 0x800."""
+    clock_jitter_ps: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    """Standard deviation of one period of the clock."""
+    amplitude_V: Annotated[float, Field(gt=0, le=100)] = 1.5  # noqa: N815 - the unit
+    """Peak voltage of the sensors."""
+    averaged_scans: _Scans = 1
+    """Number of scans averaged for a reading."""
+    baseline_scans: _Scans = 10
+    """Number of scans averaged for L_0."""
+    temperature_change_K: Annotated[float, Field(ge=0, le=1000)] = 0.1  # noqa: N815 - the unit
+    """Change of the board's temperature from L_0 to the reading, its standard deviation."""
+    supply_change_mV: Annotated[float, Field(ge=0, le=10_000)] = 1.0  # noqa: N815 - the unit
+    """Change of the supply from L_0 to the reading, its standard deviation."""
+    clock_ppm_per_K: _PartsPerMillion | None = None  # noqa: N815 - the unit
+    """Change of the clock with temperature; by default that of the kind of clock."""
+    clock_ppm_per_V: _PartsPerMillion | None = None  # noqa: N815 - the unit
+    """Change of the clock with the supply; by default that of the kind of clock."""
+    capacitor_ppm_per_K: _PartsPerMillion = 30.0  # noqa: N815 - the unit
+    """Change of the tank's capacitance with temperature."""
+    board_ppm_per_K: _PartsPerMillion = 14.0  # noqa: N815 - the unit
+    """Expansion of the board."""
+    copper_ppm_per_K: _PartsPerMillion = in_unit(COPPER_PER_KELVIN, 6)  # noqa: N815 - the unit
+    """Change of the copper's resistance with temperature."""
+    switch_ppm_per_K: _PartsPerMillion = 1900.0  # noqa: N815 - the unit
+    """Change of a closed switch's resistance with temperature."""
+
+    def build(self) -> Readout:
+        """Return the read-out in SI."""
+        entries = {key: getattr(self, key) for key in type(self).model_fields}
+        return Readout(**{name: in_unit(entries[key], power) for key, (name, power) in READOUT_ENTRIES.items()})
+
+    @classmethod
+    def of(cls, readout: Readout) -> ReadoutTable:
+        """Return the table of a read-out; `build` makes the same read-out of it."""
+        return cls(**{key: in_unit(getattr(readout, name), -power) for key, (name, power) in READOUT_ENTRIES.items()})
+
+
+def _entry(key: str) -> tuple[str, int]:
+    """Return the name in `Readout` of a key, and the power of ten of its unit."""
+    for unit, power in _POWERS.items():
+        if key.endswith(f"_{unit}"):
+            return key.removesuffix(f"_{unit}") + _PER.get(unit, ""), power
+    return key, 0
+
+
+# the longest unit first
+_POWERS: Mapping[str, int] = {
+    "ppm_per_K": -6,
+    "ppm_per_V": -6,
+    "ppm": -6,
+    "ps": -12,
+    "mV": -3,
+    "MHz": 6,
+    "V": 0,
+    "K": 0,
+}
+_PER = {"ppm_per_K": "_per_kelvin", "ppm_per_V": "_per_volt"}
+READOUT_ENTRIES: Mapping[str, tuple[str, int]] = {key: _entry(key) for key in ReadoutTable.model_fields}
+"""Keys of ``[readout]`` with the names in `Readout` and the powers of ten of their units."""

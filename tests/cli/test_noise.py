@@ -1,0 +1,116 @@
+"""``coilarray noise`` and ``coilarray board --noise``: the budget, and the emulated board beside it."""
+
+import json
+
+import numpy as np
+import pytest
+from support.command_line import runner, successes
+from support.quick_recordings import stream_file
+
+from coilarray import load_design, noise_budget, response_map
+from coilarray.localize.forward import forward_model
+from coilarray.localize.identifiability import identifiability
+
+pytestmark = pytest.mark.slow
+
+budget_run, budget_refused = runner("noise")
+run, refused = runner("board")
+good, budget_of = successes("noise")
+shown, measured = successes("board")
+
+
+def test_the_budget_is_that_of_the_design_in_words_and_numbers(capsys):
+    reported = budget_of(capsys, "starter")
+    expected = noise_budget(load_design("starter"))
+    assert reported["states"] == ["coil1", "coil2", "coil3"]
+    assert reported["sigma"] == pytest.approx(expected.sigma.tolist())
+    assert [cause["cause"] for cause in reported["causes"]] == [cause.name for cause in expected.causes]
+    assert all(cause["source"] for cause in reported["causes"])
+    text = good(capsys, "starter")
+    assert "assumed, not verified on a board: resolution of the converter" in text
+    assert "plain counting would resolve 9.5e-07 of f" in text
+
+
+def test_a_reference_coil_takes_the_drift_out_of_the_budget(capsys):
+    alone, less = budget_of(capsys, "starter"), budget_of(capsys, "starter", "--reference", "coil3")
+    assert less["states"] == ["coil1", "coil2"]
+    assert max(less["drift_per_K"]) < 0.1 * min(alone["drift_per_K"])
+    assert less["scan_noise"] == pytest.approx(np.sqrt(2) * np.array(alone["scan_noise"][:2]), rel=0.01)
+    assert "a reference coil must be one of" in budget_refused(capsys, "starter", "--reference", "coil9")
+
+
+def test_the_emulated_board_has_the_noise_of_its_budget(capsys, tmp_path):
+    """400 scans tell a standard deviation to 4 %, of three coils the outermost to 10 %."""
+    picture = tmp_path / "noise.svg"
+    out = measured(capsys, "starter", "--noise", "60", "--emulate", "seed=3", "--plot", picture)
+    assert out["emulated"] is True
+    for row in out["stability"]:
+        assert row["scan_noise"] == pytest.approx(row["expected"], rel=0.1)
+        assert row["low"] < row["scan_noise"] < row["high"]
+        assert abs(row["drift_1_per_s"]) < 1e-8
+    assert picture.read_text().startswith("<?xml")
+    first = [row for row in out["allan"] if row["state"] == "coil1"]
+    taus = [row["tau_s"] for row in first]
+    assert taus == pytest.approx(taus[0] * 2.0 ** np.arange(len(taus)))
+    assert first[4]["deviation"] == pytest.approx(first[0]["deviation"] / 4, rel=0.4)  # white
+
+
+def test_drift_of_clock_and_board_is_the_budgets_and_goes_with_a_reference_coil(capsys):
+    """36 K/h; the emulator's clock and copper drift, nothing else. Its network is solved anew at every temperature."""
+    warming = ("starter", "--noise", "40", "--emulate", "drift=0.01", "--emulate", "noise=1e-9")
+    causes = {cause["cause"]: cause["drift_per_K"] for cause in budget_of(capsys, "starter")["causes"]}
+    expected = [
+        0.01 * (clock + copper)
+        for clock, copper in zip(causes["clock with temperature"], causes["resistance of the copper"], strict=True)
+    ]
+    alone = measured(capsys, *warming)["stability"]
+    # the budget's copper alone leaves out the neighbours' part of the losses, a tenth of its 6 ppm/K
+    assert [row["drift_1_per_s"] for row in alone] == pytest.approx(expected, rel=0.05)
+    less = measured(capsys, *warming, "--reference", "coil3")["stability"]
+    assert [row["state"] for row in less] == ["coil1", "coil2"]
+    assert max(abs(row["drift_1_per_s"]) for row in less) < 0.05 * abs(expected[0])
+
+
+def test_a_recording_is_read_instead(capsys, tmp_path):
+    run = stream_file(tmp_path / "run.sqlite", 60, noise=5e-7)
+    out = measured(capsys, "--noise", run)
+    assert (out["source"], out["scans"], out["design"]) == (str(run), 60, "two_coils")
+    # twice that of the frequency; 60 scans tell it to 11 %
+    assert [row["scan_noise"] for row in out["stability"]] == pytest.approx([1e-6, 1e-6], rel=0.35)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--noise", "0"], "--noise must be a recording, or a time above 0"),
+        (["--noise", "nan"], "--noise must be a recording, or a time above 0"),
+        (["--noise", "no_such.sqlite"], "no_such.sqlite"),
+        (["--noise", "10", "--self-test"], "--noise cannot be given with --self-test"),
+        (["--reference", "coil1"], "--reference and --plot are for --noise"),
+        (["starter", "--noise", "1"], "at least 8 scans at rest"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(capsys, arguments, message):
+    assert message in refused(capsys, *arguments)
+
+
+def test_every_consumer_has_the_same_number(capsys, tmp_path):
+    """The response carries it, the model takes it, the bound is proportional to it, `locate` says it."""
+    design = load_design("starter")
+    budget = noise_budget(design)
+    grid = np.linspace(-15e-3, 15e-3, 5)
+    response = response_map(design, depths=[0.2e-3, 0.4e-3], x=grid, y=grid)
+    assert response.attrs["noise"] == pytest.approx(budget.largest)
+    model = forward_model(response)
+    own, tenfold = identifiability(model, 0.3e-3), identifiability(model, 0.3e-3, noise=10 * model.noise)
+    assert own.attrs["noise"] == [model.noise] * 3
+    known = np.isfinite(own.sigma_x.values)
+    assert (tenfold.sigma_x.values / own.sigma_x.values)[known] == pytest.approx(10.0)
+    map_file = tmp_path / "map.nc"
+    response.to_netcdf(map_file, engine="h5netcdf")
+    locate, _ = runner("locate")
+    reading = ",".join(f"{name}={value}" for name, value in zip(model.states, model.delta([0, 0, 0.3e-3]), strict=True))
+    _, out, _ = locate(capsys, "--model", map_file, reading, "--json")
+    assert json.loads(out)["noise"] == pytest.approx(budget.largest)
+    _, out, _ = locate(capsys, "--model", map_file, reading)
+    assert f"noise of δ {budget.largest:.2g} by the noise budget" in out
