@@ -91,9 +91,10 @@ def locate(
     if depth is not None and not ellipse:
         raise LocalizeError("--depth-mm is for --ellipse; the depth is found otherwise.")
     given = [] if stream else [one for text in readings for one in read_readings(text)]
+    assumed: tuple[float | None, str] = (None, "")  # noise of δ, and where it is from
     if ellipse:
         ellipses, origin = _ellipse_model(model, depth, allow_violations)
-        solve, assumed = _with_ellipses(ellipses, origin, coil, addition_mm * 1e-3), (None, "")
+        solve = _with_ellipses(ellipses, origin, coil, addition_mm * 1e-3)
     else:
         solve, assumed = _with_all_coils(_response(model, table, allow_violations), coil, noise, given, readings)
     if stream:
