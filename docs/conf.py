@@ -7,6 +7,7 @@ from pathlib import Path
 
 import matplotlib
 import pyvista
+from sphinx.application import Sphinx
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "extensions"))
@@ -81,3 +82,19 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "default_thumb_file": str(HERE / "board.png"),
 }
+
+# files outside of docs/ that are pages here too
+_ELSEWHERE = {"firmware": "hardware/firmware/README.md", "protocol": "hardware/firmware/PROTOCOL.md"}
+
+
+def _link(app: Sphinx, page: str, source: list[str]) -> None:
+    """Take a page from the file that it names, and point links to such files to their pages."""
+    if page in _ELSEWHERE:
+        source[0] = (HERE.parent / _ELSEWHERE[page]).read_text(encoding="utf-8").replace("](../../docs/", "](/")
+    for own, path in _ELSEWHERE.items():
+        source[0] = source[0].replace(f"](../../{path})", f"](/{own}.md)")
+
+
+def setup(app: Sphinx) -> None:
+    """Add the hook."""
+    app.connect("source-read", _link)

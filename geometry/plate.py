@@ -183,7 +183,7 @@ class FinitePlate:
     thickness : float
         Thickness in m.
     material : Material
-        What it is made of; not magnetic.
+        What it is made of.
     tilt : float
         Angle in rad by which it rises towards `tilt_direction`, less than a right angle.
     tilt_direction : float
@@ -210,11 +210,6 @@ class FinitePlate:
         if not abs(self.tilt) < math.pi / 2:
             raise GeometryError(
                 f"tilt of plate {self.name!r} must be less than 90 degrees; got {math.degrees(self.tilt):g}."
-            )
-        if self.material.relative_permeability != 1:
-            raise GeometryError(
-                f"{self.name!r} has an outline and must not be magnetic, as a wide plate or a sphere may be; "
-                f"got a relative permeability of {self.material.relative_permeability:g}."
             )
 
     @property

@@ -35,8 +35,9 @@ LONGEST = (
     "studies/test_tolerance_analysis", "hardware/test_emulator_world", "cli/test_compare", "test_examples",
     "cli/test_calibrate_board", "response/test_near_response", "localize/test_distortion", "localize/test_comparison",
     "circuit/test_volumes", "cli/test_response", "cli/test_export", "elastomer/test_contact", "cli/test_sweep",
-    "studies/test_optimize_kill", "cli/test_cli", "hardware/test_campaign", "hardware/test_board_safety",
-    "cli/test_view", "viz/test_window", "viz/test_studio_server", "cli/test_indent", "cli/test_tolerance",
+    "studies/test_optimize_kill", "cli/test_cli", "hardware/test_guides", "hardware/test_campaign",
+    "hardware/test_board_safety", "cli/test_view", "viz/test_window", "viz/test_studio_server", "cli/test_indent",
+    "cli/test_tolerance",
 )  # fmt: skip
 
 

@@ -257,28 +257,28 @@ def _close_together(low: float, high: float) -> FloatArray:
     return np.geomspace(low, high, math.ceil(math.log(high / low) / _STEP) + 1)
 
 
-def swept_circuit(design: Design, frequencies: FloatArray) -> Network:
+def swept_circuit(design: Design, frequencies: FloatArray, accuracy: Accuracy = "full") -> Network:
     """Return the network of `design_circuit` with its resistance matrix at given frequencies (f,) in Hz, rising.
 
     Between them it is linear, beyond them constant.
     """
     R = _circuit_resistance(design, frequencies).resistance.values
-    plates = design_plates(design)
+    plates = design_plates(design, accuracy=accuracy)
     if plates is not None:
-        plates = _plates_at(design, plates, frequencies)
-    return _sampled(design_circuit(design), frequencies, R, plates)
+        plates = _plates_at(design, plates, frequencies, accuracy)
+    return _sampled(design_circuit(design, accuracy=accuracy), frequencies, R, plates)
 
 
-def _plates_at(design: Design, plates: Plates, frequencies: FloatArray) -> Plates:
+def _plates_at(design: Design, plates: Plates, frequencies: FloatArray, accuracy: Accuracy = "full") -> Plates:
     """Return what plates do at rising frequencies (f,) in Hz and at the working one."""
     low, high = (extreme(*frequencies[[0, -1]].tolist(), plates.working) for extreme in (min, max))
-    return replace(plates, effect=plate_effect(design, low, high))
+    return replace(plates, effect=plate_effect(design, low, high, accuracy))
 
 
-def widened(design: Design, network: Network, low: float, high: float) -> Network:
+def widened(design: Design, network: Network, low: float, high: float, accuracy: Accuracy = "full") -> Network:
     """Return a network of a design with more samples, from a frequency `low` to one `high` in Hz; its own remain.
 
-    An ideal network without plates is the same at all frequencies.
+    An ideal network without plates is the same at all frequencies. The `accuracy` is that of the network's inductance.
     """
     own = network.resistance
     if not isinstance(own, SampledMatrix) or len(own.frequencies) == 1:
@@ -293,8 +293,8 @@ def widened(design: Design, network: Network, low: float, high: float) -> Networ
         R = np.diag(dc_resistance(design.array.conductors(), design.circuit.resistivity))[None]
     else:
         R = _circuit_resistance(design, more).resistance.values
-    plates = design_plates(design)
-    resistance, dispersion = _samples(more, R, None if plates is None else _plates_at(design, plates, more))
+    plates = design_plates(design, accuracy=accuracy)
+    resistance, dispersion = _samples(more, R, None if plates is None else _plates_at(design, plates, more, accuracy))
     if dispersion is not None and network.dispersion is not None:
         dispersion = _joined(network.dispersion, dispersion)
     return replace(network, resistance=_joined(own, resistance), dispersion=dispersion)

@@ -13,6 +13,8 @@ import xarray as xr
 
 from coilarray.circuit.coupling import circuit_parts, permittivity_above, provenance, swept_circuit
 from coilarray.circuit.network import (
+    Network,
+    StateResult,
     impedances,
     loaded_quality,
     resonate,
@@ -33,6 +35,8 @@ from coilarray.errors import GeometryError
 
 CLOSE_CHANNELS = 0.03
 """Relative distance of two frequencies below which simultaneous channels would pull each other."""
+# resonances without the tank beside plates are looked for among samples so far around the last guess, and how often
+_AROUND, _SAMPLES, _ROUNDS = 0.15, 5, 4
 _BYTES_A_RESISTANCE = 24.0  # an entry at a frequency: as computed, interpolated, and a copy on the way
 
 
@@ -117,7 +121,7 @@ def scan_design(
         ("quality_factor", states, [r.quality_factor for r in results], "1", "quality factor of the coil"),
         ("loaded_quality_factor", states, [loaded_quality(network, r) for r in results], "1",
          "quality factor with the tank"),
-        ("state_self_resonance", states, [self_resonance_of(network, r) for r in results], "Hz",
+        ("state_self_resonance", states, _self_resonances(design, network, results, accuracy), "Hz",
          "self-resonance without the tank"),
         ("parallel_resistance", states, [r.parallel_resistance for r in results], "ohm", "parallel resistance"),
         ("resistance_ratio", states, [r.effective_resistance / d for r, d in zip(results, direct, strict=True)], "1",
@@ -154,6 +158,23 @@ def scan_design(
     )
     tell(steps)
     return scan
+
+
+def _self_resonances(
+    design: Design, network: Network, results: Sequence[StateResult], accuracy: Accuracy
+) -> list[float]:
+    """Self-resonances in Hz of the states, with what plates and copper do there and not where the states oscillate."""
+    found = [self_resonance_of(network, one) for one in results]
+    for _ in range(_ROUNDS if design.plates else 0):
+        finite = [one for one in found if math.isfinite(one)]
+        if not finite:
+            break
+        low, high = (1 - _AROUND) * min(finite), (1 + _AROUND) * max(finite)
+        there = swept_circuit(design, np.geomspace(low, high, _SAMPLES), accuracy)
+        found = [self_resonance_of(there, one) for one in results]
+        if all(low <= one <= high for one in found if math.isfinite(one)):
+            break
+    return found
 
 
 def sweep_design(design: Design, frequencies: npt.ArrayLike, *, progress: Progress | None = None) -> xr.Dataset:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from coilarray.cli.board_noise import show_noise
-from coilarray.cli.board_options import BoardOptions, board_command, opened_board, print_marked
+from coilarray.cli.board_options import BoardOptions, board_command, is_emulator, opened_board, print_marked
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from coilarray.design.model import Design
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.board.drive_codes import FoundDrive
+    from coilarray.hardware.board.first_conversions import FirstConversions
     from coilarray.hardware.board.self_test import CoilCheck, SelfTest
 
 _KINDS = {"serial": "serial ports", "linux": "buses of this computer", "ftdi": "adapters"}
@@ -37,7 +38,7 @@ _CHAIN = {
 _MOST_LINES = 6  # symptoms and faults shown; all of them with --json
 
 
-@board_command(without=("rate", "coils"))
+@board_command(without=("rate", "coils", "temperature"))
 def board(
     design: DesignArgument = None,
     self_test: Annotated[
@@ -67,12 +68,17 @@ def board(
     """Show the ports of this computer and the board at one of them; test its switches and coils.
 
     Run the self-test once with every new board: until it has passed, the order of the switches' bits is an assumption.
+    It also compares the first conversions after sleep with later ones and says whether to throw some away (--discard).
     It detects stuck switches, broken and shorted coils and a wrong map of the switches from what oscillates and from
     the coupling of neighbouring coils.
 
     Options of a port follow a question mark: i2c:1?mode=2&speed=500000&order=lsb&readback=yes for the switches, and
     with ftdi://... also address=0x2B&clock=0&data=1&sync=2&back=3 (pins C0 to C7). A serial port has baud=9600, or
     baud=any where the rate is not known.
+
+    Without switches, coils are wired to the channels of the converter: i2c:1?channels=0,1&chip=LDC1612&clock=40MHz
+    (clock at the pin CLKIN, internal by default), or a known board: i2c:1?board=grove-ldc1612, btt-eddy, cartographer,
+    mellow-fly or ldc1614evm, none of them verified on a device. The self-test then tells which coils oscillate.
 
     With --noise nothing may touch the board: the noise of single scans, averages over longer times and the drift are
     shown with their confidence intervals, beside the budget that `coilarray noise` explains.
@@ -92,22 +98,31 @@ def board(
     if reference or plot is not None:
         raise HardwareError("--reference and --plot are for --noise.")
     from coilarray.hardware.board.connect import open_board, wiring_of_board
+    from coilarray.hardware.board.first_conversions import DISCARDS
     from coilarray.hardware.wire.ports import parse_port
 
     place = parse_port(options.port)
     opened = open_design(design, allow_violations=allow_violations)
     if self_test or find_drives:
-        drives, result, record, line = _tried(options, opened, self_test=self_test, find_drives=find_drives)
+        drives, first, result, record, line = _tried(options, opened, self_test=self_test, find_drives=find_drives)
     else:
-        wired = wiring_of_board(place, opened, options.wiring)
+        # the ports can be looked at without a design; that of an emulator decides on its coils
+        named = opened if design is not None or is_emulator(options.port) else None
+        wired = wiring_of_board(place, named, options.wiring, options.coils_of_channels)
         with open_board(options.port, design=opened, wiring=wired, **options.emulation) as one:
-            drives, result, record, line = None, None, _record(one), one.line
-    data, parts = record | {"drives": None, "self_test": None}, [_ports_text(record["ports"]), line]
+            drives, first, result, record, line = None, None, None, _record(one), one.line
+    nothing = {"drives": None, "first_conversions": None, "self_test": None}
+    data, parts = record | nothing, [_ports_text(record["ports"]), line]
+    if "board" in record["assumed"]:
+        parts.append(f"board: {record['assumed']['board']}")
     if record["chain"] is not None:
         parts.append(f"end of the chain of switches: {_CHAIN[record['chain']]}")
     if drives is not None:
         data["drives"] = {name: asdict(drive) for name, drive in drives.items()}
         parts.append(_drives_text(drives))
+    if first is not None:
+        data["first_conversions"] = {"discards": DISCARDS, **asdict(first)}
+        parts.append(_first_text(first))
     if result is not None:
         data["self_test"] = {"passed": result.passed, **asdict(result)}
         parts.append(_test_text(result))
@@ -118,25 +133,29 @@ def board(
 
 def _tried(
     options: BoardOptions, design: Design, *, self_test: bool, find_drives: bool
-) -> tuple[Mapping[str, FoundDrive] | None, SelfTest | None, dict[str, Any], str]:
+) -> tuple[Mapping[str, FoundDrive] | None, FirstConversions | None, SelfTest | None, dict[str, Any], str]:
     from dataclasses import replace
 
     from coilarray.hardware.board.drive_codes import find_drives as find
+    from coilarray.hardware.board.first_conversions import first_conversions
     from coilarray.hardware.board.self_test import self_test as test
 
-    drives = result = None
+    drives = first = result = None
     with (
         progress_bar("self-test") as progress,
         opened_board(options, design, real_time=False) as (one, settings),
     ):
-        states = settings.states
+        trying = settings
         if find_drives:
             drives = find(one.reader, settings)
-            states = tuple(replace(state, drive=drives[state.name].code) for state in states)
+            states = tuple(replace(state, drive=drives[state.name].code) for state in settings.states)
+            trying = replace(trying, states=states)
         chain = one.check_chain() if self_test else None
         if self_test:
-            result = test(one.reader, one.wiring, replace(settings, states=states), progress=progress)
-        return drives, result, _record(one, chain), one.line
+            first = first_conversions(one.reader, trying)
+            trying = replace(trying, discard=max(trying.discard, first.recommended))
+            result = test(one.reader, one.wiring, trying, progress=progress)
+        return drives, first, result, _record(one, chain), one.line
 
 
 def _record(one: Board, chain: str | None = None) -> dict[str, Any]:
@@ -161,6 +180,31 @@ def _drives_text(drives: Mapping[str, FoundDrive]) -> str:
     rows = [(name, str(drive.code), str(drive.proposed), ", ".join(drive.reasons)) for name, drive in drives.items()]
     options = " ".join(f"--drive {name}={drive.code}" for name, drive in drives.items())
     return f"{table_text(('coil', 'IDRIVE', 'proposed', 'not good'), rows)}\n{options}"
+
+
+def _first_text(first: FirstConversions) -> str:
+    from coilarray.hardware.board.first_conversions import DISCARDS
+
+    if not first.offsets:
+        return "first conversions could not be compared: no coil has a result in every scan"
+    headers = ("coil", *(f"{discard} thrown away" for discard in DISCARDS[:-1]), "scan reversed")
+    rows = [
+        (name, *(f"{one * 1e6:.1f}" for one in offsets[:-1]), f"{first.backwards[name] * 1e6:.1f}")
+        for name, offsets in first.offsets.items()
+    ]
+    limit = f"{first.noticeable * 1e6:.1f}e-6"
+    parts = [table_text(headers, rows, f"offset of f in 1e-6 against that with {DISCARDS[-1]} conversions thrown away")]
+    if not first.recommended:
+        parts.append(f"first conversions after sleep agree with later ones to {limit}: nothing has to be thrown away")
+    elif first.settled:
+        parts.append(f"first conversions after sleep are off by more than {limit}; throw some away:")
+        parts.append(f"--discard {first.recommended}")
+    else:
+        parts.append(f"first conversions after sleep are off by more than {limit}, and {DISCARDS[-1]} may be too few:")
+        parts.append(f"--discard {first.recommended}")
+    if first.order_matters:
+        parts.append(f"f changes by more than {limit} where the scan runs backwards: a state feels the one before it")
+    return "\n".join(parts)
 
 
 def _test_text(result: SelfTest) -> str:

@@ -6,8 +6,8 @@ import csv
 import inspect
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, fields, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
@@ -51,22 +51,50 @@ class BoardOptions:
         str,
         typer.Option(
             help="Board: /dev/ttyACM0, COM5 or usb:SERIALNUMBER (microcontroller), "
-            "i2c:1[:0x2A][,spi:0.0][?rate=400000] (Linux; the rate is the clock of the I²C bus in Hz), ftdi://...; "
-            "the emulator by default. /dev/ttyACM0?baud=any tries every rate."
+            "i2c:1[:0x2A][,spi:0.0][?rate=400000] (Linux; the rate is the clock of the I²C bus in Hz), ftdi://...; the "
+            "emulator by default. /dev/ttyACM0?baud=any tries every rate. Coils at the channels of a converter, no "
+            "switches: i2c:1?channels=0,1&chip=LDC1612&clock=40MHz or i2c:1?board=grove-ldc1612; also after ftdi://... "
+            "and emulator. TI's LDC1614EVM by its own firmware, not verified: evm:/dev/ttyACM0?channels=0,1."
         ),
     ] = EMULATOR
     wiring: WiringName = None
+    wired_coils: Annotated[
+        str | None,
+        typer.Option(
+            "--coils",
+            help="Coils at the channels of the port, in their order, as coil3,coil1; the design's first by default.",
+        ),
+    ] = None
     rate: Annotated[
         float | None,
         typer.Option(help="Scans per second, estimated with the I²C clock of the port; full resolution by default."),
     ] = None
     clock_MHz: Annotated[  # noqa: N815 - as the option
         float | None,
-        typer.Option("--clock-MHz", help="Clock of the converter; by default 43.4, typical of its own oscillator."),
+        typer.Option(
+            "--clock-MHz",
+            help="Measured or external clock of the converter; by default that of the port, or 43.4, typical of its "
+            "own oscillator. As that may be 35, a scan with an unknown clock waits a quarter longer.",
+        ),
     ] = None
     external_clock: Annotated[
         bool, typer.Option("--external-clock", help="The clock comes from the pin CLKIN; needs --clock-MHz.")
     ] = False
+    undivided: Annotated[
+        bool,
+        typer.Option(
+            "--undivided",
+            help="Count with the whole clock where one channel alone needs half of it: the converter briefly scans a "
+            "second channel too. Full resolution takes half the time. Not verified; not with a microcontroller.",
+        ),
+    ] = False
+    discard: Annotated[
+        int,
+        typer.Option(
+            help="Conversions of each state to throw away after the converter wakes, 0 to 15; "
+            "`coilarray board --self-test` finds how many."
+        ),
+    ] = 0
     drive: Annotated[
         list[str] | None,
         typer.Option(
@@ -77,28 +105,47 @@ class BoardOptions:
         list[str] | None,
         typer.Option("--coil", help="Measure only this state of the scan; may be repeated. All by default."),
     ] = None
+    temperature: Annotated[
+        Path | None,
+        typer.Option(
+            help="File of a thermometer, read once a second for a column of temperatures: hwmon, a thermal zone or the "
+            "1-wire bus of Linux (0.001 °C), or a number with a decimal point (°C). The emulator has its own."
+        ),
+    ] = None
     emulate: Annotated[
         list[str] | None,
         typer.Option(
             help="Behaviour of the emulator; may be repeated: seed=1, noise=1e-7 (relative, of a frequency), "
-            "drift=0.01 (K/s), press=X,Y,DEPTH (mm on the board; in live after the baseline), "
-            "path=FILE.csv (columns time_s, x_mm, "
-            "y_mm, depth_mm), switches=counted (with the capacitances of the wiring's parts: typical, not verified)."
+            "drift=0.01 (K/s), clock_MHz=36 (of its oscillator), first_offset=40000 (codes by which the first "
+            "conversion after sleep is off, as users of the FDC2214 report; not verified), press=X,Y,DEPTH (mm on the "
+            "board; in live after the baseline), path=FILE.csv (columns time_s, x_mm, y_mm, depth_mm), "
+            "switches=counted (with the capacitances of the wiring's parts: typical, not verified)."
         ),
     ] = None
     emulation: dict[str, Any] = field(init=False)
     drives: dict[str, int] | int | None = field(init=False)
 
     def __post_init__(self) -> None:
+        from coilarray.hardware.chips.ldc1614 import MOST_DISCARDED
+
         for option, value in (("--rate", self.rate), ("--clock-MHz", self.clock_MHz)):
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise HardwareError(f"{option} must be positive and finite; got {value:g}.")
         if self.external_clock and self.clock_MHz is None:
             raise HardwareError("--external-clock needs --clock-MHz.")
-        if self.emulate and self.port != EMULATOR:
+        if not 0 <= self.discard <= MOST_DISCARDED:
+            raise HardwareError(f"--discard must be 0 to {MOST_DISCARDED}; got {self.discard}.")
+        if self.emulate and not is_emulator(self.port):
             raise HardwareError(f"--emulate is for the emulator; the board at {self.port} is a real one.")
+        if self.temperature is not None and is_emulator(self.port):
+            raise HardwareError("--temperature is for a real board; the emulator has a temperature of its own.")
         object.__setattr__(self, "emulation", _emulation(self.emulate or ()))
         object.__setattr__(self, "drives", _drives(self.drive or ()))
+
+    @property
+    def coils_of_channels(self) -> list[str] | None:
+        """Names of the coils at the channels of the port, where they are given."""
+        return None if self.wired_coils is None else [name.strip() for name in self.wired_coils.split(",")]
 
     def path_of(self, design: Design) -> list[tuple[float, float, float, float]] | None:
         """Return the path of an emulated finger, time in s and x, y and depth in m, counted from the map's origin."""
@@ -107,6 +154,11 @@ class BoardOptions:
             return None
         at_x, at_y = (0.0, 0.0) if design.indentation is None else design.indentation.origin_point
         return [(time, x - at_x, y - at_y, depth) for time, x, y, depth in path]
+
+
+def is_emulator(port: str) -> bool:
+    """Whether the name of a port is that of an emulated board."""
+    return port.partition("?")[0].strip() == EMULATOR
 
 
 def board_command(*, without: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -149,9 +201,10 @@ def opened_board(
     be opened or configured.
     """
     from coilarray.hardware.board.connect import open_board, wiring_of_board
+    from coilarray.hardware.record.thermometer import thermometer
     from coilarray.hardware.scan.design_settings import design_settings
     from coilarray.hardware.wire.buses import ComputerClock
-    from coilarray.hardware.wire.ports import bus_rate, parse_port
+    from coilarray.hardware.wire.ports import board_of, bus_rate, parse_port
 
     port = parse_port(options.port)
     bus_clock = bus_rate(port)
@@ -161,29 +214,40 @@ def opened_board(
             "State another as ?rate=400000 after the port.",
             err=True,
         )
-    wiring = wiring_of_board(port, design, options.wiring)
+    wiring = wiring_of_board(port, design, options.wiring, options.coils_of_channels)
+    channels = board_of(port)
+    clock = None if channels is None else channels.clock
     settings = design_settings(
         design,
         wiring,
         states=options.coils,
         rate=options.rate,
-        clock=None if options.clock_MHz is None else options.clock_MHz * 1e6,
-        external_clock=options.external_clock,
+        clock=clock if options.clock_MHz is None else options.clock_MHz * 1e6,
+        external_clock=options.external_clock or clock is not None,
+        undivided=options.undivided,
+        family="LDC" if channels is None else channels.converter.family,
         drives=options.drives,
+        discard=options.discard,
         bus_rate=bus_clock.hertz,
     )
     emulation = dict(options.emulation)
     path = options.path_of(design)
     if path is not None:
         emulation["path"] = path
-    if options.port == EMULATOR and real_time:
-        clock = emulation["clock"] = ComputerClock()
-        start = clock.now()
+    if is_emulator(options.port) and real_time:
+        emulation["clock"] = ComputerClock()
+        start = emulation["clock"].now()
         if path is not None:
             emulation["path"] = [(start + time, *place) for time, *place in path]
-    if options.port == EMULATOR and progress is not None:
+        if "drift" in emulation:  # the board has room temperature now, not when the computer was started
+            drift = emulation["drift"]
+            emulation["drift"] = replace(drift, start=drift.start - drift.rate * start)
+    if is_emulator(options.port) and progress is not None:
         emulation["progress"] = progress
-    with open_board(options.port, design=design, wiring=wiring, **emulation) as board:
+    with ExitStack() as opened:
+        read = None if options.temperature is None else opened.enter_context(thermometer(options.temperature))
+        board = opened.enter_context(open_board(options.port, design=design, wiring=wiring, **emulation))
+        board.thermometer = read or board.thermometer
         board.reader.configure(settings)
         yield board, settings
 
@@ -263,6 +327,22 @@ def _drift(text: str) -> tuple[str, object]:
     return "drift", Drift(rate=rate)
 
 
+def _clock(text: str) -> tuple[str, object]:
+    from coilarray.hardware.chips.ldc1614 import INTERNAL_CLOCK_RANGE
+    from coilarray.hardware.emulator import Oscillator
+
+    (clock,) = _numbers("clock_MHz", text, 1)
+    low, high = INTERNAL_CLOCK_RANGE
+    if not low <= clock * 1e6 <= high:
+        raise HardwareError(f"--emulate clock_MHz must be {low / 1e6:g} to {high / 1e6:g}; got {text!r}.")
+    return "oscillator", Oscillator(clock * 1e6)
+
+
+def _first_offset(text: str) -> tuple[str, object]:
+    (codes,) = _numbers("first_offset", text, 1)
+    return "first_offset", codes
+
+
 def _press(text: str) -> tuple[str, object]:
     x, y, depth = _numbers("press", text, 3)
     if depth < 0:
@@ -294,7 +374,10 @@ def _switches(text: str) -> tuple[str, object]:
     return "count_parts", True
 
 
-_EMULATED = {"switches": _switches, "seed": _seed, "noise": _noise, "drift": _drift, "press": _press, "path": _path}
+_EMULATED = {
+    "switches": _switches, "seed": _seed, "noise": _noise, "drift": _drift, "clock_MHz": _clock,
+    "first_offset": _first_offset, "press": _press, "path": _path,
+}  # fmt: skip
 
 
 def _numbers(key: str, text: str, count: int) -> list[float]:

@@ -148,6 +148,8 @@ def _data(result: BoardCalibration) -> dict[str, Any]:
 def _text(result: BoardCalibration, expected: Switches | None) -> list[str]:
     error = "" if result.clock_error is None else f" ± {result.clock_error:.3g} Hz"
     parts = [f"clock {result.clock:.8g} Hz{error}, from the {result.clock_from}"]
+    if result.clock_error is not None:
+        parts.append(f"with --clock-MHz {result.clock * 1e-6:.4f} scans wait for this clock, not for the slowest")
     if result.channels:
         parts.append(table_text(("state", "L (µH)", "C (pF)", "±"), [_channel_row(one) for one in result.channels]))
     if expected is not None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.board_options import EMULATOR, BoardOptions, board_command, marked, opened_board
+from coilarray.cli.board_options import BoardOptions, board_command, is_emulator, marked, opened_board
 from coilarray.cli.measure import RUN, print_recording, recorded_session
 from coilarray.cli.scan_info import FORMATS, write_response
 from coilarray.cli.shared import (
@@ -117,7 +117,7 @@ def campaign(
     if plan:
         _print_plan(grid, as_json=as_json)
         return
-    asked = options.port != EMULATOR and stage in (None, _PERSON)
+    asked = not is_emulator(options.port) and stage in (None, _PERSON)
     with (
         open_recorder(out, resume=resume) as recorder,
         _positions_in_lines() if asked else progress_bar("positions") as progress,
@@ -200,7 +200,7 @@ def _stage_maker(
     kind, _, stage_port = (stage or _PERSON).partition(":")
     if stage not in (None, _PERSON) and not (kind in _DIALECTS and stage_port):
         raise HardwareError(f"--stage must be {_PERSON}, grbl:PORT or marlin:PORT; got {stage!r}.")
-    if stage is not None and port == EMULATOR:
+    if stage is not None and is_emulator(port):
         raise HardwareError("--stage is for a real board; the emulator has its own.")
     if (kind in _DIALECTS) != (reach_mm is not None):
         raise HardwareError("--reach-mm must be given with a stage of G-code, and with no other.")

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from coilarray.cli import shared
 from coilarray.cli.replacing import remember, require_own
+from coilarray.design.export_formats import SUFFIXES, Format
 from coilarray.errors import OutputError
-
-Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]  # not imported: help must stay quick
 
 
 def export(
@@ -82,8 +81,6 @@ def _check(target: Path, to: Format, *, force: bool) -> None:
         if to == "kicad":
             _check_project_folder(target)
         else:
-            from coilarray.design.export import SUFFIXES
-
             shared.check_file("--out", target, SUFFIXES[to])
         folder = target if target.is_dir() else target.parent
         if not os.access(folder, os.W_OK | os.X_OK):

@@ -4,19 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
 
+from coilarray.design.export_formats import SUFFIXES, Format
 from coilarray.design.model import Design
 from coilarray.errors import OutputError, RuleViolationError
-
-Format = Literal["kicad", "gerber", "dxf", "svg", "step", "stl", "glb"]
-"""Format of an exported board."""
-
-SUFFIXES: dict[str, tuple[str, ...]] = {
-    "gerber": (".zip",), "dxf": (".dxf",), "svg": (".svg",), "step": (".step", ".stp"), "stl": (".stl",),
-    "glb": (".glb",),
-}  # fmt: skip
-"""Suffixes of the files of each format; KiCad's files lie in a folder."""
 
 _SHOWN_FAULTS = 3
 
@@ -108,11 +99,10 @@ def export(
 
 
 def _format_of(path: Path) -> Format:
-    suffix = path.suffix.lower()
-    for kind in get_args(Format):
-        if suffix in SUFFIXES.get(kind, ("",)):
-            return kind  # type: ignore[no-any-return]
-    *most, last = (suffix for suffixes in SUFFIXES.values() for suffix in suffixes)
+    for kind, suffixes in SUFFIXES.items():
+        if path.suffix.lower() in suffixes:
+            return kind
+    *most, last = (suffix for suffixes in SUFFIXES.values() for suffix in suffixes if suffix)
     raise OutputError(f"cannot write {path}: the suffix must be {', '.join(most)} or {last}.")
 
 

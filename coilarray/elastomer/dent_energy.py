@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, ranges
 from coilarray.elastomer.dent import Dent, Motion
 from coilarray.elastomer.scattering import LayerMesh, Scattering, wavenumber_rule
-from coilarray.electromagnetics.coil_spectrum import Segments, harmonics_about, segment_centres, segment_spectra
+from coilarray.electromagnetics.coil_spectrum import (
+    Segments,
+    harmonics_about,
+    mirrored_segments,
+    segment_centres,
+    segment_spectra,
+)
+from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.errors import ElastomerError
 
 Solver = Callable[[Dent, FloatArray, FloatArray, float], Scattering]
@@ -29,12 +37,14 @@ def dent_energies(
     solve: Solver,
     mesh: LayerMesh,
     *,
+    backing: Backing | None = None,
     progress: Progress | None = None,
-) -> FloatArray:
+) -> FloatArray | ComplexArray:
     """Change of the energy between the fields of all coils by dents in the same sheets.
 
     The axis of the indenter is at `positions` (positions, 2) in m. The result, shape (dents, positions, coils, coils),
-    is ∫ Δμ ∇U_i·∇U_j dV with relative material constants, symmetric: times μ0 an inductance, times ε0 a capacitance.
+    is ∫ Δμ ∇U_i·∇U_j dV with relative material constants, symmetric: times μ0 an inductance, times ε0 a capacitance. It
+    is complex over a `backing` below the coils.
     ElastomerError for positions that are not finite, dents of different sheets, or in plane strain.
     """
     points = np.asarray(positions, dtype=np.float64)
@@ -50,7 +60,9 @@ def dent_energies(
         f"{len(dents)} dents at {len(points)} positions with {len(centres)} coils",
         "compute them in pieces",
     )
-    change = np.zeros((len(dents), len(points), len(centres), len(centres)))
+    change: npt.NDArray[Any] = np.zeros(
+        (len(dents), len(points), len(centres), len(centres)), dtype=np.float64 if backing is None else np.complex128
+    )
     moving = [index for index, dent in enumerate(dents) if np.isfinite(dent.clearance)]
     if not moving or not len(points):
         return change
@@ -69,16 +81,19 @@ def dent_energies(
         shape = dents[index].shape
         if shape not in shapes:
             shapes[shape] = solve(dents[index], wavenumbers, weights, deepest)
-        solved.append(shapes[shape])
+        solved.append(shapes[shape] if backing is None else shapes[shape].over(backing, dents[index]))
         report(len(solved), total)
     motions: dict[Motion, list[tuple[int, Scattering]]] = {
         motion: [] for motion in dict.fromkeys(dents[index].motion for index in moving)
     }
     for index, one in zip(moving, solved, strict=True):
         motions[dents[index].motion].append((index, one))
+    seen = [coils, *([] if backing is None else [mirrored_segments(coils, backing.face)])]
     spectra = {
-        slope: segment_spectra(coils, wavenumbers, slope) for slope in dict.fromkeys(one.slope for one in motions)
+        slope: [segment_spectra(those, wavenumbers, slope) for those in seen]
+        for slope in dict.fromkeys(one.slope for one in motions)
     }
+    k = np.tile(wavenumbers, len(seen))[:, None, None]
     factors = 2 * np.pi * np.array([1.0, *[2.0] * mesh.harmonics])
     for done, (start, stop) in enumerate(blocks, start=1):
         at = points[start:stop]
@@ -87,10 +102,10 @@ def dent_energies(
             if turned != (motion.slope, motion.pivot):
                 turned = motion.slope, motion.pivot
                 axis = at + np.array(motion.slope) * motion.pivot
-                waves = harmonics_about(spectra[motion.slope], axis, mesh.harmonics)
-                level = np.moveaxis(waves, -1, 0) * (wavenumbers[:, None, None] / (2 * np.pi))
+                waves = np.concatenate([harmonics_about(one, axis, mesh.harmonics) for one in spectra[motion.slope]])
+                level: npt.NDArray[Any] = np.moveaxis(waves, -1, 0) * (k / (2 * np.pi))
             up = motion.lift + (centres - at[:, None]) @ motion.slope
-            incident = np.ascontiguousarray(level * np.exp(-wavenumbers[:, None, None] * up))
+            incident: npt.NDArray[Any] = np.ascontiguousarray(level * np.exp(-k * up))
             for index, one in those:
                 change[index, start:stop] = one.change(incident, factors)
         report(len(moving) + done, total)

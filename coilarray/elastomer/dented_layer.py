@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal, TypeAlias, get_args
 
+import numpy as np
 import numpy.typing as npt
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
 from coilarray.elastomer.dent import Dent
@@ -15,6 +16,7 @@ from coilarray.elastomer.dent_energy import dent_energies
 from coilarray.elastomer.scattering import LayerMesh, Scattering, scatter
 from coilarray.elastomer.shortcuts import born, first_order
 from coilarray.electromagnetics.coil_spectrum import coil_segments
+from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import ElastomerError
 
@@ -80,16 +82,81 @@ def dent_inductance(
     """
     if model not in get_args(Model):
         raise ElastomerError(f"model must be one of {', '.join(get_args(Model))}; got {model!r}.")
+    return _changes(source, dents, positions, mesh or LayerMesh(), model, None, progress).real
+
+
+def dent_inductance_over(
+    backing: Backing,
+    source: Source,
+    dents: Sequence[Dent],
+    positions: npt.ArrayLike,
+    mesh: LayerMesh | None = None,
+    *,
+    progress: Progress | None = None,
+) -> ComplexArray:
+    """Change of the impedance matrix by dents in the magnetic sheets over conducting or magnetic layers.
+
+    Parameters
+    ----------
+    backing : Backing
+        Layers below the coils, at one frequency.
+    source, dents, positions, mesh, progress
+        As for `dent_inductance`.
+
+    Returns
+    -------
+    ndarray of complex, shape (dents, positions, coils, coils)
+        ΔL − jΔR/ω in H, dented minus flat; symmetric.
+
+    Raises
+    ------
+    ElastomerError
+        As `dent_inductance`.
+
+    Notes
+    -----
+    What the layers send back of the field of the coils and of the dent is all in it, see
+    `coilarray.elastomer.scattering`: the dent's own part is 0.3 % of the change in the sheets of gast2020 on a board of
+    1.6 mm, 2 % where it comes within 1.4 mm of a plate. Under sheets that have turned, `Dent.motion`, each wave turns
+    like that of a mirrored coil.
+
+    Examples
+    --------
+    Aluminium 2 mm below the loop takes two thirds of what the dent does without it.
+
+    >>> import numpy as np
+    >>> from coilarray.electromagnetics.flat_stack import Layer
+    >>> r = np.linspace(0, 20e-3, 41)
+    >>> shape = -0.5e-3 * np.exp(-((r / 4e-3) ** 2))
+    >>> dent = Dent((4e-3, 2e-3), (1.0, 3.0), r, np.column_stack((0 * r, 0.6 * shape, shape)))
+    >>> angle = np.linspace(0, 2 * np.pi, 25)
+    >>> loop = np.column_stack((8e-3 * np.cos(angle), 8e-3 * np.sin(angle), 0 * angle))
+    >>> plate = Backing(-2e-3, (Layer(1e-3, 1.0, 3.5e7),), 1e6)
+    >>> np.round(dent_inductance_over(plate, [loop], [dent], [[0, 0]])[0, 0, 0, 0] * 1e12, 2)
+    np.complex128(8.09-0.22j)
+    """
+    return np.asarray(_changes(source, dents, positions, mesh or LayerMesh(), "full", backing, progress))
+
+
+def _changes(
+    source: Source,
+    dents: Sequence[Dent],
+    positions: npt.ArrayLike,
+    mesh: LayerMesh,
+    model: Model,
+    backing: Backing | None,
+    progress: Progress | None,
+) -> FloatArray | ComplexArray:
+    """Compute the changes in H, dented minus flat, with every choice."""
     paths = as_conductors(source)
     highest = max(float(path.vertices[:, 2].max()) for path in paths)
     if highest > 0:
         raise ElastomerError(f"coils must lie at z <= 0, below the sheets; one reaches z = {highest:.4g} m.")
-    accuracy = LayerMesh() if mesh is None else mesh
 
     def solve(dent: Dent, wavenumbers: FloatArray, weights: FloatArray, deepest: float) -> Scattering:
         if model == "full":
-            return scatter(dent, wavenumbers, weights, accuracy, deepest)
+            return scatter(dent, wavenumbers, weights, mesh, deepest)
         shortcut = {"first order": first_order, "Born": born}[model]
-        return shortcut(dent, wavenumbers, weights, accuracy.harmonics)
+        return shortcut(dent, wavenumbers, weights, mesh.harmonics)
 
-    return MU_0 * dent_energies(dents, positions, coil_segments(paths), solve, accuracy, progress=progress)
+    return MU_0 * dent_energies(dents, positions, coil_segments(paths), solve, mesh, backing=backing, progress=progress)

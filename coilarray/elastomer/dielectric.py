@@ -90,7 +90,7 @@ def dent_capacitance(
         lambda dent, k, weights, deepest: scatter(dent, k, weights, accuracy, deepest, "grounded"),
         accuracy,
     )
-    return EPSILON_0 * np.diagonal(energies, axis1=2, axis2=3)
+    return EPSILON_0 * np.diagonal(energies.real, axis1=2, axis2=3)
 
 
 def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0.5) -> Segments:

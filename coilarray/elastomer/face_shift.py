@@ -22,8 +22,14 @@ from coilarray.constants import MU_0
 from coilarray.elastomer.box import Axis
 from coilarray.elastomer.finite_sample import SampleCorrection
 from coilarray.elastomer.scattering import LayerMesh, wavenumber_rule
-from coilarray.electromagnetics.coil_spectrum import coil_segments, gradients_on_grid, segment_centres, segment_spectra
-from coilarray.electromagnetics.flat_stack import flat_profile
+from coilarray.electromagnetics.coil_spectrum import (
+    coil_segments,
+    gradients_on_grid,
+    mirrored_segments,
+    segment_centres,
+    segment_spectra,
+)
+from coilarray.electromagnetics.flat_stack import Backing, flat_profile
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.geometry import Sheet
 
@@ -40,16 +46,17 @@ def shift_inductance(
     places: FloatArray,
     origin: tuple[float, float],
     mesh: LayerMesh,
-) -> FloatArray:
+    backing: Backing | None = None,
+) -> ComplexArray:
     """Change of the inductance matrix in H by the shifts of a finite sample, shape (depths, places, coils, coils).
 
-    The arguments are those of `shift_energy`.
+    ΔL − jΔR/ω, where the loss is that in a backing. The arguments are those of `shift_energy`.
     """
     count = len(as_conductors(source))
     pairs = np.triu_indices(count)
     own, other = (np.eye(count, dtype=np.complex128)[numbers] for numbers in pairs)
-    change = shift_energy(source, sheets, correction, places, origin, mesh, own, other).real
-    full = np.zeros((*change.shape[:2], count, count))
+    change = shift_energy(source, sheets, correction, places, origin, mesh, own, other, backing)
+    full = np.zeros((*change.shape[:2], count, count), dtype=np.complex128)
     full[..., pairs[0], pairs[1]] = full[..., pairs[1], pairs[0]] = change
     return full
 
@@ -63,12 +70,13 @@ def shift_energy(
     mesh: LayerMesh,
     own: ComplexArray,
     other: ComplexArray,
+    backing: Backing | None = None,
 ) -> ComplexArray:
     """iᵀ ΔL j in H for currents i and j in the coils, (n, coils) each, by the shifts of a finite sample.
 
     Shape (depths, places, n). The `places`, shape (places, 2) in m, count from the map's origin, which is at `origin`
-    on the board. Outside the sample the shift takes the displacement of the wide sample back. Coils are as for
-    `coilarray.elastomer.dented_layer.dent_inductance`.
+    on the board. Outside the sample the shift takes the displacement of the wide sample back. Coils and what lies below
+    them are as for `coilarray.elastomer.dented_layer.dent_inductance`.
     """
     depths, count, levels = correction.moved.shape[:3]
     mu = (1.0, *(sheet.relative_permeability for sheet in sheets), 1.0)
@@ -89,8 +97,20 @@ def shift_energy(
     wavenumbers, weights = wavenumber_rule(float(heights[0]), extent, mesh.coarser())
     step = _STEP / wavenumbers[-1]
     at, above = (flat_profile(wavenumbers, heights + up, thicknesses, mu[1:-1]) for up in (0.0, step))
-    spectra = segment_spectra(coils, wavenumbers)
-    fields = gradients_on_grid(spectra, x + origin[0], y + origin[1], weights, at, (above - at) / step)
+    on_grid = x + origin[0], y + origin[1], weights
+    fields: FloatArray | ComplexArray
+    if backing is None:
+        fields = gradients_on_grid(segment_spectra(coils, wavenumbers), *on_grid, at, (above - at) / step)
+    else:
+        often, _ = backing.between(wavenumbers, thicknesses, mu[1:-1])
+        fields = np.zeros((len(coils), 3, len(faces), len(x), len(y)), dtype=np.complex128)
+        of_mirrored = often * backing.reflection(wavenumbers)
+        for those, arriving in ((coils, often), (mirrored_segments(coils, backing.face), of_mirrored)):
+            profiles, slopes = (
+                np.concatenate((values * arriving.real, values * arriving.imag)) for values in (at, (above - at) / step)
+            )
+            both = gradients_on_grid(segment_spectra(those, wavenumbers), *on_grid, profiles, slopes)
+            fields += both[:, :, : len(faces)] + 1j * both[:, :, len(faces) :]
 
     shapes_x, shapes_y = correction.x.basis(x[inside_x]), correction.y.basis(y[inside_y])
     outside = ~(inside_x[:, None] & inside_y)

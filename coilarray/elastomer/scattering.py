@@ -11,6 +11,12 @@ dented space is mapped to the flat one by moving heights only, z = Z + w(r, Z); 
 coefficients that vanish where nothing moves, and U_f is known in closed form, so no small difference of large numbers
 is ever taken and the air far away does not matter.
 
+Layers below the coils send the field of coils and dent back up. With the energies Γ of the dent over air, amplitudes a
+of the potential make the wave D(k) = −½ Γ a below the sheets (by reciprocity with a coil there). The layers return −w D
+for it, and with the amplitudes a_f of the coils between these layers and the flat sheets
+
+    a = a_f − w D = (1 − ½ w Γ)⁻¹ a_f:  the change is that with Γ (1 − ½ w Γ)⁻¹ and a_f.
+
 The dent is symmetric about its axis: each harmonic e^{imθ} of the field is a problem of its own in (r, Z). In plane
 strain the even and the odd part in x take the place of the harmonics.
 """
@@ -31,7 +37,7 @@ from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.tensor_grid import TensorGrid, energies
-from coilarray.electromagnetics.flat_stack import Base, flat_profile
+from coilarray.electromagnetics.flat_stack import Backing, Base, flat_profile
 from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
 from coilarray.errors import ElastomerError
 
@@ -91,10 +97,26 @@ class Scattering:
 
     wavenumbers: FloatArray
     weights: FloatArray
-    patterns: tuple[FloatArray, ...]
-    energies: tuple[FloatArray, ...]
+    patterns: tuple[FloatArray | ComplexArray, ...]
+    energies: tuple[FloatArray | ComplexArray, ...]
 
-    def change(self, incident: ComplexArray, factors: FloatArray) -> FloatArray:
+    def over(self, backing: Backing, dent: Dent) -> Scattering:
+        """Put layers below the coils of a dent: complex patterns for direct waves, then for those of mirrored coils."""
+        often, again = backing.between(self.wavenumbers, dent.thicknesses, dent.permeabilities, dent.motion.lift)
+        to_and_fro = self.weights * again / 2
+        arriving = np.concatenate((often, often * backing.reflection(self.wavenumbers)))
+
+        def energies(patterns: FloatArray | ComplexArray, own: FloatArray | ComplexArray) -> ComplexArray:
+            return np.asarray(np.linalg.solve(np.eye(len(own)) - own @ (patterns * to_and_fro) @ patterns.T, own + 0j))
+
+        return Scattering(
+            np.tile(self.wavenumbers, 2),
+            np.tile(self.weights, 2),
+            tuple(np.tile(patterns, 2) * arriving for patterns in self.patterns),
+            tuple(map(energies, self.patterns, self.energies)),
+        )
+
+    def change(self, incident: ComplexArray, factors: FloatArray) -> FloatArray | ComplexArray:
         """Change of the energy between all coils, (positions, coils, coils), symmetric; times μ0 an inductance.
 
         `incident`, shape (harmonics, k, positions, coils), is the amplitude of every coil's potential per wavenumber;
@@ -102,7 +124,7 @@ class Scattering:
         """
         orders, wavenumbers, positions, coils = incident.shape
 
-        def of(m: int) -> FloatArray:
+        def of(m: int) -> FloatArray | ComplexArray:
             waves = incident[m].reshape(wavenumbers, -1).view(np.float64)
             b = (self.patterns[m] * self.weights) @ waves  # real and imaginary parts are columns of their own
             one, two = (

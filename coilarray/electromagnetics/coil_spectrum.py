@@ -68,6 +68,12 @@ def coil_segments(source: Source) -> list[Segments]:
     return [Segments(v, np.roll(v, -1, axis=0), np.ones(len(v))) for v in vertices]
 
 
+def mirrored_segments(coils: Sequence[Segments], height: float) -> list[Segments]:
+    """Mirror the segments of coils, with their currents, at a height in m."""
+    flip, lift = np.array([1.0, 1.0, -1.0]), np.array([0.0, 0.0, 2 * height])
+    return [replace(coil, start=coil.start * flip + lift, stop=coil.stop * flip + lift) for coil in coils]
+
+
 def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
     """Centres of the coils' bounding rectangles, shape (coils, 2), and the largest radius about them, both in m."""
     plane = [np.concatenate((coil.start, coil.stop))[:, :2] for coil in coils]

@@ -133,10 +133,10 @@ def layer_waves(layers: Sequence[Layer], wavenumbers: FloatArray, omega: FloatAr
 
     Examples
     --------
-    Iron of the permeability 3 draws half of the flux in; a perfect conductor sends all back.
+    A thick layer of the permeability 3 draws half of the flux in; a perfect conductor sends all back.
 
     >>> k = np.array([100.0])
-    >>> layer_waves([Layer(math.inf, 3.0)], k).reflection.real
+    >>> layer_waves([Layer(1.0, 3.0)], k).reflection.real
     array([0.5])
     >>> layer_waves([Layer(1e-3, 1.0, math.inf)], k, 1.0).reflection.real
     array([-1.])
@@ -180,6 +180,45 @@ def _joined(
     face = (k**2 * (mu_b**2 - mu_a**2) + eddies) / (of_a + of_b) ** 2
     both = 1 + face * r
     return np.asarray((face + r) / both), np.asarray(2 * of_b / (of_a + of_b) * passed / both)
+
+
+@dataclass(frozen=True)
+class Backing:
+    """What lies below the coils and sends their field back up: flat layers at one frequency.
+
+    Parameters
+    ----------
+    face : float
+        Height of its upper face in m, below all coils.
+    layers : tuple of Layer
+        From there downwards.
+    frequency : float
+        In Hz.
+    """
+
+    face: float
+    layers: tuple[Layer, ...]
+    frequency: float
+
+    def reflection(self, wavenumbers: FloatArray) -> ComplexArray:
+        """ρ of b at its face for positive wavenumbers (k,) in 1/m, which waves from mirrored coils have."""
+        return layer_waves(self.layers, wavenumbers, 2 * math.pi * self.frequency).reflection
+
+    def between(
+        self,
+        wavenumbers: FloatArray,
+        thicknesses: Sequence[float],
+        permeabilities: Sequence[float],
+        lift: float = 0.0,
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Waves that go to and fro between the backing and flat sheets from z = `lift` in m upwards.
+
+        Returns how often each arrives at the sheets, 1/(1 − ρ_u ρ e^{−2kD}), and ρ e^{−2kD} times that: what arrives
+        for one that leaves z = `lift` downwards. Shape (k,) both.
+        """
+        back = self.reflection(wavenumbers) * np.exp(-2 * wavenumbers * (lift - self.face))
+        often = 1 / (1 + reflection(wavenumbers, thicknesses, permeabilities) * back)
+        return often, often * back
 
 
 def flat_profile(

@@ -222,9 +222,12 @@ class _Maps:
         return respond(self._design, base, inductance_change=self._change(base, level))
 
     def of_materials(self, base: xr.Dataset) -> dict[str, xr.Dataset]:
-        """Put indenters of metal and ferrite into a map, by their material; none where the indenter is no such ball."""
+        """Put indenters of metal and ferrite into a map, by their material.
+
+        None where the indenter is no such ball, or beside plates.
+        """
         setup = indentation_of(self._design)
-        if setup.material is not None or not isinstance(setup.indenter, Hemisphere):
+        if setup.material is not None or not isinstance(setup.indenter, Hemisphere) or self._design.plates:
             return {}
         return {
             name: with_material(self._design, base, MATERIALS[name], imperfections=self._imperfections)

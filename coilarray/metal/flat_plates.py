@@ -22,12 +22,12 @@ from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.flat_layer import mirrored, require_below
-from coilarray.electromagnetics.flat_stack import Layer, layer_waves, with_gaps
+from coilarray.electromagnetics.flat_stack import Backing, Layer, layer_waves, with_gaps
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
 from coilarray.electromagnetics.plane_waves import Board, board_below, reflected_inductance, top_of, wavenumbers
 from coilarray.electromagnetics.source import Source, as_conductors
-from coilarray.errors import GeometryError
-from coilarray.geometry import Conductor, Plate, Sheet
+from coilarray.errors import GeometryError, MetalError
+from coilarray.geometry import Conductor, FinitePlate, Plate, Sheet
 from coilarray.metal.frequencies import checked_frequencies
 
 # −ln of the error of the rules over the spectrum, and the largest one of the images' sum against the reflection
@@ -261,6 +261,27 @@ def _around(
     faces = (min(above.face for above, _ in stacks), max(below.face for _, below in stacks))
     sides = tuple(side for side, face in enumerate(faces) if math.isfinite(face))
     return _Around(stacks, alone, faces, sides, top, bottom, 2 * min(gaps), omega)
+
+
+def backing_of(plates: Sequence[Plate | FinitePlate], frequency: float) -> Backing | None:
+    """Return what plates below the coils send back up at a frequency in Hz; None where they do nothing.
+
+    MetalError for a plate with an outline, or above the coils, where no indenter would reach the sheets.
+    """
+    wide = []
+    for k, plate in enumerate(plates):
+        if not isinstance(plate, Plate):
+            raise MetalError(
+                f"an indentation is computed beside infinite plates; plate.{k} {plate.name!r} has an outline."
+            )
+        if plate.z >= 0:
+            raise MetalError(
+                f"an indentation is computed beside plates below the coils; plate.{k} {plate.name!r} lies above the "
+                "sheets, in the way of the indenter."
+            )
+        wide.append(plate)
+    stack = _below(wide, 0.0)
+    return Backing(stack.face, stack.layers, frequency) if stack.layers else None
 
 
 def _require_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> None:

@@ -110,14 +110,46 @@ class EddyBody:
         return sp.csr_array(sp.coo_array((values.ravel(), (rows, self.mesh.triangles.ravel())), shape=shape))
 
     @cached_property
+    def integrals(self) -> tuple[FloatArray, FloatArray]:
+        """∫∫ 1/r in m³ of all pairs of triangles, and of each with the mirror image of each."""
+        corners = self.mesh.corners
+        image = pair_integrals(corners, np.ascontiguousarray(corners * _MIRROR), mirrored=True)
+        return pair_integrals(corners), image
+
+    @cached_property
+    def inductances(self) -> tuple[FloatArray, FloatArray]:
+        """M in H of the nodes' currents, and of these with their mirror images, shape (n, n)."""
+        own, image = self.integrals
+        return inductance(self.currents, own, np.ones(3)), inductance(self.currents, image, _MIRROR)
+
+    @cached_property
+    def gradients(self) -> list[sp.csr_array]:
+        """∇ψ = n × K in 1/m of every triangle for ψ = 1 at each node, component by component, each of shape (k, n)."""
+        normals, K = self._area_vectors / self.areas[:, None], self.currents
+        after = [(1, 2), (2, 0), (0, 1)]
+        return [
+            sp.csr_array(sp.diags_array(normals[:, one]) @ K[other] - sp.diags_array(normals[:, other]) @ K[one])
+            for one, other in after
+        ]
+
+    def linked_to(self, B: FloatArray, sign: int) -> tuple[FloatArray, FloatArray]:
+        """∫ ψ B·n and ∫ ∇ψ·B over the whole body for potentials that are even (sign 1) or odd about the mid-plane.
+
+        In Wb and T·m, each of shape (nodes, fields), for fields B (fields, points, 3) in T at `points`.
+        """
+        n, nodes = self.fluxes[0].shape[1], len(self.mesh.nodes)
+        field = B[:, :n] + sign * _MIRROR * B[:, n : 2 * n]
+        through = sum(N @ field[..., axis].T for axis, N in enumerate(self.fluxes))
+        middles = field[:, nodes:][:, self._edges[1]].mean(axis=2) * self.areas[:, None]
+        along = sum(G.T @ middles[..., axis].T for axis, G in enumerate(self.gradients))
+        return np.asarray(through), np.asarray(along)
+
+    @cached_property
     def parities(self) -> tuple[Parity, Parity]:
         """The even and the odd problem."""
         k, n = len(self.mesh.triangles), len(self.mesh.nodes)
         require_memory(8.0 * (2 * k * k + 6 * n * n), f"the eddy currents on {k} triangles", "use a coarser mesh")
-        own = pair_integrals(self.mesh.corners)
-        image = pair_integrals(self.mesh.corners, np.ascontiguousarray(self.mesh.corners * _MIRROR), mirrored=True)
-        K = self.currents
-        M = [inductance(K, integrals, signs) for integrals, signs in ((own, np.ones(3)), (image, _MIRROR))]
+        K, M = self.currents, self.inductances
         mid = np.concatenate((self.mesh.ring, *self.mesh.hole_rings))
         free = np.setdiff1d(np.arange(n), mid)
         ones = [sp.csr_array((np.ones(len(ring)), (ring, np.zeros(len(ring), int))), (n, 1)) for ring in

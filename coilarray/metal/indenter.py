@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
 from coilarray.compute.threads import Progress
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dent_sphere import sphere_in_dent
@@ -19,15 +19,15 @@ from coilarray.metal.ball import Multipoles, answer_of, ball_inductance, multipo
 def indenter_inductance(
     source: Source,
     ball: Ball,
-    dent: Dent,
+    dents: Sequence[Dent],
     places: FloatArray,
     frequency: float,
-    distance: float = 0.0,
+    distances: Sequence[float] | None = None,
     *,
     mesh: LayerMesh | None = None,
     progress: Progress | None = None,
 ) -> ComplexArray:
-    """Change of the impedance matrix by a ball in its dent, or over sheets that it does not touch, as an inductance.
+    """Change of the impedance matrix by a ball in its dents, or over sheets that it does not touch, as an inductance.
 
     Parameters
     ----------
@@ -35,14 +35,15 @@ def indenter_inductance(
         Coils at z ≤ 0.
     ball : Ball
         The indenter.
-    dent : Dent
-        Sheets as the ball dents them.
+    dents : sequence of Dent
+        The same sheets as the ball dents them, for example one for each depth.
     places : ndarray, shape (places, 2)
         Positions of its axis in m.
     frequency : float
         Frequency in Hz.
-    distance : float
-        Height in m of its lowest point over sheets that are not dented; inf for none of it.
+    distances : sequence of float, optional
+        Height in m of its lowest point over the sheets of each dent, above zero where they are not dented; inf for none
+        of it. 0 by default.
     mesh : LayerMesh, optional
         Accuracy of the dented sheets.
     progress : callable, optional
@@ -50,7 +51,7 @@ def indenter_inductance(
 
     Returns
     -------
-    ndarray, shape (places, coils, coils)
+    ndarray, shape (dents, places, coils, coils)
         ΔL − jΔR/ω in H against the dented sheets without the ball.
 
     Raises
@@ -65,19 +66,27 @@ def indenter_inductance(
     they are under the tip would make the effect of aluminium 9 % too large and that of ferrite 0.5 to 2 % too small at
     0.5 mm; those of a tip that just touches would be 8 to 25 % too small.
     """
-    if math.isinf(distance):
-        return np.zeros((len(places), *(len(as_conductors(source)),) * 2), dtype=np.complex128)
-    height = float(dent.heights[-1] + dent.displacement[0, -1]) + distance + ball.radius
-    centres = np.column_stack((places, np.full(len(places), height)))
-    if not np.isfinite(dent.clearance):  # the magnetic faces are flat
+    coils = len(as_conductors(source))
+    change = np.zeros((len(dents), len(places), coils, coils), dtype=np.complex128)
+    lowest = np.array([dent.heights[-1] + dent.displacement[0, -1] for dent in dents])
+    heights = lowest + (0.0 if distances is None else np.array(distances)) + ball.radius
+    level = np.array([not np.isfinite(dent.clearance) for dent in dents])  # the magnetic faces are flat
+    flat, pressed = (np.flatnonzero(np.isfinite(heights) & kind) for kind in (level, ~level))
+
+    def centres(numbers: IntArray) -> FloatArray:
+        return np.column_stack((np.tile(places, (len(numbers), 1)), np.repeat(heights[numbers], len(places))))
+
+    if len(flat):
+        first = dents[flat[0]]
         sheets = [
             Sheet(f"sheet {k + 1}", thickness, mu)
-            for k, (thickness, mu) in enumerate(zip(dent.thicknesses, dent.permeabilities, strict=True))
+            for k, (thickness, mu) in enumerate(zip(first.thicknesses, first.permeabilities, strict=True))
         ]
-        return ball_inductance(source, ball, centres, [frequency], sheets, progress=progress)[:, 0]
+        found = ball_inductance(source, ball, centres(flat), [frequency], sheets, progress=progress)
+        change[flat] = found.reshape(len(flat), *change.shape[1:])
 
     def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
-        orders = alpha.shape[1]
+        dent, orders = dents[pressed[np.abs(heights[pressed] - height).argmin()]], alpha.shape[1]
         seen = sphere_in_dent(dent, ball.radius, height, wavenumbers, orders, mesh or LayerMesh())
         fields, answers = [], []
         for field, returned in zip(seen.fields, seen.returned, strict=True):
@@ -87,4 +96,7 @@ def indenter_inductance(
             answers.append(answer_of(alpha[:, order[0] - 1 :], 2 * ball.radius * np.outer(scale, scale) * returned))
         return Multipoles(fields, answers)
 
-    return multipole_inductance(source, ball, centres, [frequency], answer, progress=progress)[:, 0]
+    if len(pressed):
+        found = multipole_inductance(source, ball, centres(pressed), [frequency], answer, progress=progress)
+        change[pressed] = found.reshape(len(pressed), *change.shape[1:])
+    return change

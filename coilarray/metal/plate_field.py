@@ -16,7 +16,13 @@ import numpy.typing as npt
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
-from coilarray.electromagnetics.coil_spectrum import Segments, coil_segments, gradients_on_grid, segment_spectra
+from coilarray.electromagnetics.coil_spectrum import (
+    Segments,
+    coil_segments,
+    gradients_on_grid,
+    mirrored_segments,
+    segment_spectra,
+)
 from coilarray.electromagnetics.flat_stack import Layer, LayerWaves, layer_waves, with_gaps
 from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
 from coilarray.electromagnetics.source import Source
@@ -199,15 +205,9 @@ def _waves(
     up, down = _layers(plates, sheets, lowest)
     amount = np.asarray(currents, dtype=np.complex128)
     carrying = [one for one, current in zip(segments, amount.tolist(), strict=True) if current]
-    mirrored = [_mirrored(one, lowest) for one in carrying]
+    mirrored = mirrored_segments(carrying, lowest / 2)
     above, below = (layer_waves(side, k, 2 * np.pi * frequency) for side in (up, down))
     return _Waves(above, below, (carrying, mirrored), amount[amount != 0], np.exp(k * lowest))
-
-
-def _mirrored(coil: Segments, lowest: float) -> Segments:
-    """Turn a coil upside down: the same currents, seen from below."""
-    flip, lift = np.array([1.0, 1.0, -1.0]), np.array([0.0, 0.0, lowest])
-    return Segments(coil.start * flip + lift, coil.stop * flip + lift, coil.weights)
 
 
 def _on_grid(

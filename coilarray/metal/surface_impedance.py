@@ -27,11 +27,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from coilarray.constants import MU_0
+from coilarray.electromagnetics.flat_stack import Layer, layer_waves
 from coilarray.geometry.material import Material
 
 _TERMS = 4096  # of F, whose rest falls as their number squared, or in thick plates by itself
 _STIFF = 1e-6  # of the thickness: least |F|, beyond which the rim's current along it is none to double precision
 _WEAK = 1e-6  # |k²| by κ² + 4/t², below which differences are taken by the derivative
+_AT_EDGES = 0.3  # of the skin depth by the thickness: measured in ΔL − jΔR/ω of magnetic discs by finite elements
 _DEEP = 20.0  # of the real part of γt/2, where tanh is 1
 
 
@@ -89,10 +91,19 @@ class ModelError:
 def model_error(material: Material, thickness: float, frequency: float, radius: float, kappa: float) -> ModelError:
     """Errors of the reflection of a plate without end, by the λ of a radius, at κ in 1/m.
 
-    With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 + 2κλ/(µ0 (1 ± e))): each face lies in the field of both.
+    With e = e^{−κt}, R = −½ Σ± (1 ± e)/(1 + 2κλ/(µ0 (1 ± e))): each face lies in the field of both. Of a magnetic plate
+    R = (κℓ − 1)/(κℓ + 1) by `coilarray.metal.magnetic_plates`, and its errors are those of |R|,
+    besides what its edges err.
     """
     if math.isinf(material.conductivity):
         return ModelError()
+    if material.relative_permeability != 1:
+        way = kappa * material.relative_permeability * material.skin_depth(frequency) * (1 - 1j) / 2
+        layer = Layer(thickness, material.relative_permeability, material.conductivity)
+        wave = complex(layer_waves([layer], np.array([kappa]), 2 * np.pi * frequency).reflection[0])
+        depth = material.skin_depth(frequency)
+        error = abs((way - 1) / (way + 1) - wave) / abs(wave) + _AT_EDGES * depth / thickness
+        return ModelError(error, error, error)
     e = math.exp(-kappa * thickness)
     taken, exact = (
         sum(part / (1 + 2 * kappa * value / (MU_0 * part)) for part, value in zip((1 + e, 1 - e), values, strict=True))

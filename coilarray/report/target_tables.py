@@ -8,10 +8,8 @@ import xarray as xr
 from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
-_NAMES = (
-    "distance", "state", "x", "y", "delta", "effective_inductance", "frequency", "effective_resistance",
-    "quality_factor", "parallel_resistance", "distance_deviation",
-)  # fmt: skip
+_CIRCUIT = ("effective_inductance", "frequency", "effective_resistance", "quality_factor", "parallel_resistance")
+_DELTAS = ("delta", "delta_error")  # the latter of a target with a mesh
 _LARGE, _LARGE_DELTA = 0.01, DisplayUnit("%", 100.0, significant=True)  # |δ| from which its column is in %
 _MICROMETRES = DisplayUnit("µm", 1e6, 3, significant=True)
 
@@ -19,7 +17,8 @@ _MICROMETRES = DisplayUnit("µm", 1e6, 3, significant=True)
 def target_table(response: xr.Dataset) -> Table:
     """Return one row for each distance and state, at the place where the target moves that state the most.
 
-    The last column is the standard deviation of a distance that one reading gives.
+    The last column is the standard deviation of a distance that one reading gives, by its noise; that of a mesh has a
+    column of its own.
     """
     states = []
     for state in response.state.values:
@@ -29,9 +28,11 @@ def target_table(response: xr.Dataset) -> Table:
         states.append(at.drop_vars(["x", "y"]).assign(x=x, y=y))
     best = xr.concat(states, "state", data_vars="all", coords="minimal", compat="override", join="outer")
     large = float(np.abs(best.delta).max()) >= _LARGE
-    shown = {"delta": _LARGE_DELTA if large else PER_MILLION, "distance_deviation": _MICROMETRES}
-    shown |= {"parallel_resistance": KILOHM}
-    return dataset_table("target", "Target", best, _NAMES, shown)
+    shown = {"delta": _LARGE_DELTA if large else PER_MILLION, "delta_error": PER_MILLION}
+    shown |= {"distance_deviation": _MICROMETRES, "parallel_resistance": KILOHM}
+    deltas = (name for name in _DELTAS if name in best)
+    names = ("distance", "state", "x", "y", *deltas, *_CIRCUIT, "distance_deviation")
+    return dataset_table("target", "Target", best, names, shown)
 
 
 def range_table(response: xr.Dataset) -> Table:
@@ -80,5 +81,5 @@ def target_coupling_table(response: xr.Dataset) -> Table:
 
 def values_table(response: xr.Dataset) -> Table:
     """Return one row for each distance, place and state: every value of a target's map."""
-    names = ("distance", "y", "x", "state", "delta", *_NAMES[5:10])
+    names = ("distance", "y", "x", "state", *(name for name in _DELTAS if name in response), *_CIRCUIT)
     return dataset_table("target_values", "Target", response, names)

@@ -21,13 +21,15 @@ from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
-from coilarray.elastomer.dented_layer import dent_inductance
+from coilarray.elastomer.dented_layer import dent_inductance, dent_inductance_over
 from coilarray.elastomer.dielectric import dent_capacitance
 from coilarray.elastomer.face_shift import shift_energy, shift_inductance
 from coilarray.elastomer.scattering import LayerMesh
+from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, NetworkError
 from coilarray.geometry import Conductor, Material
+from coilarray.metal.flat_plates import backing_of
 from coilarray.response.coordinates import origin_attributes
 from coilarray.response.metal_share import Variable, check_metal, metal_attributes, metal_share, metal_variables
 from coilarray.response.near import near_response
@@ -61,7 +63,7 @@ Reach = float | Literal["auto"] | None
 _POSITIONS = 1000  # in a part of a resumable map, which is of one depth
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances that the circuit takes, and a copy on the way
-_BYTES_OF_METAL = 80.0  # more with an indenter of metal: complex changes, their copies, and two variables
+_BYTES_OF_METAL = 80.0  # more with plates or an indenter of metal: complex changes, their copies, and two variables
 _CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _ERRORS = (1e-4, 0.1)  # of the peak; being linear leaves out up to 4e-5 (tests/response/test_near_response.py)
 _AUTO_VALUES = 5_000_000  # of the inductance changes; above, "auto" leaves far coils out
@@ -141,9 +143,11 @@ def response_map(
         x, coil) in F, zero without `dielectric`. Where the indenter's material counts, both parts are in ``delta`` and
         ``inductance_change``, and the share of the material is ``metal_delta``, ``metal_inductance_change`` in H and
         ``metal_resistance_change`` in Ω, against the indenter at rest; the attributes ``indenter_material``,
-        ``metal_frequency_Hz`` and ``rest_m`` say of what it is. With only near coils, ``delta`` is 0 for the states
-        beyond the attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out. The
-        attribute ``error_of_peak`` is the error allowed by `reach`, 0 for every coil; ``noise`` is the standard
+        ``metal_frequency_Hz`` and ``rest_m`` say of what it is. Beside plates ``resistance_change`` (depth, y, x, coil,
+        other) in Ω is what the dent adds to the loss in them; it and the inductance's change are those at the mean
+        frequency of the states, the attribute ``plate_frequency_Hz``. With only near coils, ``delta`` is 0 for the
+        states beyond the attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out.
+        The attribute ``error_of_peak`` is the error allowed by `reach`, 0 for every coil; ``noise`` is the standard
         deviation of δ of a reading by the noise budget of the design, which is not in ``delta``.
 
     Raises
@@ -153,7 +157,8 @@ def response_map(
         lost on a tilted one, a `reach` outside its limits or together with `dielectric` or a material, and what
         `indent` and `dent_inductance` refuse.
     MetalError
-        A `rest` below 0, a design with plates, and what `ball_inductance` refuses.
+        A `rest` below 0; plates with an outline or above the sheets, or together with an indenter's material; and what
+        `ball_inductance` refuses.
     NetworkError
         A state without a resonance; with `reach` also a network with stray capacitances, and states and switches that
         `coilarray.circuit.state_sensitivity` does not treat.
@@ -171,6 +176,9 @@ def response_map(
     (tests/response/test_near_response.py), and by 9e-4 for 16 × 16, where 38 states and 110 coils are near
     (benchmarks/large_response.py).
 
+    Beside plates below the coils, the field of coils and dent that these send back is in every position. Their losses
+    count in the resonance.
+
     Examples
     --------
     >>> from coilarray import load_design
@@ -181,9 +189,10 @@ def response_map(
     true, mesh = imperfections or Imperfections(), mesh or LayerMesh()
     axes, coils = map_axes(design, depths, x, y), len(design.array.names)
     ball = indentation_of(design).ball if metal else None
-    error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=ball is not None)
-    _require_room(axes, coils, len(design.plan), error, metal=ball is not None)
-    check_metal(axes, ball, rest)
+    beside_metal = ball is not None or bool(design.plates)
+    error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=beside_metal)
+    _require_room(axes, coils, len(design.plan), error, metal=beside_metal)
+    check_metal(design, axes, ball, rest)
     pressed = experiment(design, axes, true)
 
     def flat_network() -> Network:
@@ -191,8 +200,8 @@ def response_map(
         L0 = L0 + wedge_inductance(pressed.design, true.tilt)
         return replace(design_circuit(pressed.design, ideal=ideal) if network is None else network, inductance=L0)
 
-    flat = flat_network() if error else None
-    states = None if flat is None else _sensitivity(flat, design.plan, required=reach != "auto")
+    flat = flat_network() if error or design.plates else None
+    states = None if flat is None or not error else _sensitivity(flat, design.plan, required=reach != "auto")
     if flat is not None and states is not None:
         base = states.base_inductance
         noise = _noise_of_states(pressed.design, flat, states)
@@ -205,13 +214,23 @@ def response_map(
     else:
         _require_room(axes, coils, len(design.plan), 0.0)
         permittivity = design.circuit.elastomer_permittivity if dielectric else None
-        change, capacitance_change = _changes(pressed, permittivity, mesh, parts, progress)
+        backing = None if flat is None else backing_of(design.plates, _mean_frequency(flat, design.plan))
+        change, loss, capacitance_change = _changes(pressed, permittivity, mesh, backing, parts, progress)
         flat = flat or flat_network()
         flats = [resonate(flat, state) for state in design.plan]
-        delta = _through_circuit(flat, flats, change, capacitance_change)
         changes, left_out = {}, {"error_of_peak": 0.0}
+        lossy: FloatArray | ComplexArray = change
+        if backing is not None:
+            lossy = change - 1j * loss
+            left_out["plate_frequency_Hz"] = backing.frequency
+            changes["resistance_change"] = (
+                ("depth", "y", "x", "coil", "other"),
+                2 * np.pi * backing.frequency * loss.reshape(*axes.shape, coils, coils),
+                {"units": "ohm", "long_name": "change of the eddy-current loss in the plates, dented minus flat"},
+            )
+        delta = _through_circuit(flat, flats, lossy, capacitance_change)
         if ball is not None:
-            frequency = float(np.mean([one.frequency for one in flats]))
+            frequency = _mean_frequency(flat, design.plan)
             share = metal_share(pressed, design.array, ball, frequency, rest, mesh)
             both = _through_circuit(flat, flats, change + share, capacitance_change)
             changes = metal_variables(axes, both - delta, share, frequency)
@@ -286,9 +305,10 @@ def respond(
     network = replace(design_circuit(design, ideal=ideal), inductance=response.inductance.values)
     flats = [resonate(network, state) for state in states]
     lossy: FloatArray | ComplexArray = flat
-    if "metal_resistance_change" in response:
-        loss = response.metal_resistance_change.values.reshape(flat.shape)
-        lossy = flat - 1j * loss / (2 * np.pi * response.attrs["metal_frequency_Hz"])
+    for kind, of in (("", "plate"), ("metal_", "metal")):
+        if f"{kind}resistance_change" in response:
+            loss = response[f"{kind}resistance_change"].values.reshape(flat.shape)
+            lossy = lossy - 1j * loss / (2 * np.pi * response.attrs[f"{of}_frequency_Hz"])
     delta = _through_circuit(network, flats, lossy, capacitance_change)
     base = np.array([_converted(network, one) for one in flats])
     others = response.drop_dims("state")  # a share in δ of a material too
@@ -338,7 +358,7 @@ def with_material(
     solid = replace(design, indentation=replace(indentation_of(design), material=material))
     axes = map_axes(design, response.depth, response.x, response.y)
     ball = indentation_of(solid).ball
-    check_metal(axes, ball, rest)
+    check_metal(solid, axes, ball, rest)
     assert ball is not None  # it has the material
     capacitance = design.circuit.switches.tank_capacitance
     frequency = float((1 / np.sqrt(response.base_inductance * capacitance)).mean()) / (2 * np.pi)
@@ -369,16 +389,19 @@ def inductance_changes(
 
     In H, dented minus flat, shape (depth, y, x, paths, paths); the paths are the design's coils by default. With a
     `frequency` in Hz the material of the indenter counts, against the indenter just touching the sheets; without one it
-    does not. Errors for a design, axes or a contact as `response_map`.
+    does not. Plates count at the mean frequency of the states. Errors for a design, axes or a contact as
+    `response_map`.
     """
     ball = None if frequency is None else indentation_of(design).ball
-    check_metal(axes, ball, 0.0)
+    check_metal(design, axes, ball, 0.0)
     source = design.array.conductors() if paths is None else paths
     pressed = experiment(design, axes, imperfections)
     change = np.zeros((len(pressed.axes.depth), len(pressed.points), len(source), len(source)))
+    working = _mean_frequency(design_circuit(design), design.plan) if design.plates else 0.0
+    backing = backing_of(design.plates, working)
     for levels in together(pressed.levels):
-        change += _dented(source, levels, pressed.points, LayerMesh(), progress)
-    change += _shift(pressed, source, LayerMesh())
+        change += _dented(source, levels, pressed.points, LayerMesh(), backing, progress).real
+    change += _shift(pressed, source, LayerMesh(), backing).real
     if ball is not None and frequency is not None:
         change += metal_share(pressed, source, ball, frequency, 0.0, LayerMesh()).real
     return change.reshape(*axes.shape, len(source), len(source))
@@ -457,7 +480,8 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool,
         raise ElastomerError("the change of capacitance needs every coil: dielectric is for reach=None.")
     if metal:
         raise ElastomerError(
-            "an indenter with a material needs every coil: reach=None, or metal=False to leave it out."
+            "metal in the indenter or beside the coils needs every coil: reach=None, or metal=False to leave out the "
+            "indenter's."
         )
     return reach
 
@@ -480,12 +504,21 @@ def _require_room(axes: MapAxes, coils: int, states: int, error: float, *, metal
 
 
 def _changes(
-    pressed: Experiment, permittivity: float | None, mesh: LayerMesh, parts: Path | None, progress: Progress | None
-) -> tuple[FloatArray, FloatArray]:
-    """Inductance and capacitance changes of all coils, (depths, places, coils, coils) in H and (…, coils) in F."""
+    pressed: Experiment,
+    permittivity: float | None,
+    mesh: LayerMesh,
+    backing: Backing | None,
+    parts: Path | None,
+    progress: Progress | None,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compute ΔL and ΔR/ω of all coils, (depths, places, coils, coils) in H, and ΔC of each, (…, coils) in F.
+
+    The loss is that in plates; without them it is a single zero.
+    """
     design, levels, points = pressed.design, pressed.levels, pressed.points
     depths, coils = len(pressed.axes.depth), len(design.array.names)
     change, capacitance_change = np.zeros((depths, len(points), coils, coils)), np.zeros((depths, len(points), coils))
+    loss = np.zeros(()) if backing is None else np.zeros_like(change)
     paths = [conductor.vertices for conductor in design.array.conductors()]
     groups = len(together(levels))
     steps = _Steps(progress, depths * len(ranges(len(points), _POSITIONS)) * groups)
@@ -498,27 +531,38 @@ def _changes(
             on_board = points[start:stop]
             # everything that decides the numbers of a part
             parts_of = [(level.shares, level.dents[0], level.coarse) for level in block]
-            key = content_key(permittivity, mesh, on_board, parts_of, paths)
+            key = content_key(permittivity, mesh, on_board, parts_of, paths, *([] if backing is None else [backing]))
             part = None if parts is None else Store(parts).get_dataset(key)
             if part is not None:
                 for _ in range(groups):
                     steps.next()
             else:
-                part = _compute_part(design, block, on_board, permittivity, mesh, steps)
+                part = _compute_part(design, block, on_board, permittivity, mesh, backing, steps)
                 if parts is not None:
                     Store(parts).put_dataset(key, part)
             change[k, start:stop] = part.change.values
+            if backing is not None:
+                loss[k, start:stop] = part.loss.values
             capacitance_change[k, start:stop] = part.capacitance_change.values
-    change += _shift(pressed, design.array, mesh)
-    return change, capacitance_change
+    shift = _shift(pressed, design.array, mesh, backing)
+    change += shift.real
+    if backing is not None:
+        loss -= shift.imag
+    return change, loss, capacitance_change
 
 
-def _shift(pressed: Experiment, source: Source, mesh: LayerMesh) -> FloatArray | float:
-    """Inductance changes in H that the sides and the seat of a finite sample add to its dents; 0 for a wide one."""
+def _mean_frequency(network: Network, plan: Sequence[ScanState]) -> float:
+    """Mean in Hz of the frequencies at which the states of a scan oscillate."""
+    return float(np.mean([resonate(network, state).frequency for state in plan]))
+
+
+def _shift(pressed: Experiment, source: Source, mesh: LayerMesh, backing: Backing | None) -> ComplexArray | complex:
+    """Inductance changes ΔL − jΔR/ω in H by the sides and the seat of a finite sample; 0 for a wide one."""
     if pressed.correction is None:
-        return 0.0
+        return 0j
     origin = indentation_of(pressed.design).origin_point
-    return shift_inductance(source, pressed.design.sheets, pressed.correction, pressed.points - origin, origin, mesh)
+    places = pressed.points - origin
+    return shift_inductance(source, pressed.design.sheets, pressed.correction, places, origin, mesh, backing)
 
 
 def _shift_of_states(pressed: Experiment, states: StateSensitivity, mesh: LayerMesh) -> FloatArray | float:
@@ -591,13 +635,17 @@ def _compute_part(
     points: FloatArray,
     permittivity: float | None,
     mesh: LayerMesh,
+    backing: Backing | None,
     steps: _Steps,
 ) -> xr.Dataset:
-    """Inductance and capacitance changes of one depth at some places."""
+    """Inductance and capacitance changes of one depth at some places, and beside plates ΔR/ω in H as ``loss``."""
     coils = len(design.array.names)
     change, capacitance_change = np.zeros((len(points), coils, coils)), np.zeros((len(points), coils))
+    loss = np.zeros_like(change)
     for group in together(levels):
-        change += _dented(design.array, group, points, mesh, steps.within)[0]
+        dented = _dented(design.array, group, points, mesh, backing, steps.within)[0]
+        change += dented.real
+        loss -= dented.imag
         if permittivity is not None:
             dents = [level.dents[0] for level in group]
             parts = dent_capacitance(design.array, dents, points, permittivity, mesh)
@@ -606,16 +654,26 @@ def _compute_part(
     if not (np.isfinite(change).all() and np.isfinite(capacitance_change).all()):
         raise ElastomerError("the dented sheets gave numbers that are not finite; please report the design.")
     dims = ("place", "coil", "other")
-    return xr.Dataset({"change": (dims, change), "capacitance_change": (dims[:2], capacitance_change)})
+    part = xr.Dataset({"change": (dims, change), "capacitance_change": (dims[:2], capacitance_change)})
+    return part if backing is None else part.assign(loss=(dims, loss))
 
 
 def _dented(
-    source: Source, levels: Sequence[Level], points: FloatArray, mesh: LayerMesh, progress: Progress | None
-) -> FloatArray:
+    source: Source,
+    levels: Sequence[Level],
+    points: FloatArray,
+    mesh: LayerMesh,
+    backing: Backing | None,
+    progress: Progress | None,
+) -> FloatArray | ComplexArray:
     """Inductance changes in H by level samples of the same sheets at some places, (depths, places, coils, coils)."""
     dents = [dent for level in levels for dent in level.dents]
     accuracy = mesh.coarser() if levels[0].coarse else mesh
-    change = dent_inductance(source, dents, points, accuracy, progress=progress)
+    change: FloatArray | ComplexArray
+    if backing is None:
+        change = dent_inductance(source, dents, points, accuracy, progress=progress)
+    else:
+        change = dent_inductance_over(backing, source, dents, points, accuracy, progress=progress)
     parts = change.reshape(len(levels), -1, *change.shape[1:])
     return np.asarray(np.einsum("ldp,ldpij->dpij", [level.shares for level in levels], parts))
 

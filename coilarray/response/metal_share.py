@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
+from coilarray.design.model import Design
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, MetalError
@@ -19,8 +20,13 @@ Variable = tuple[tuple[str, ...], FloatArray, Mapping[str, str]]
 """A variable of a dataset: dimensions, values and attributes."""
 
 
-def check_metal(axes: MapAxes, ball: Ball | None, rest: float) -> None:
+def check_metal(design: Design, axes: MapAxes, ball: Ball | None, rest: float) -> None:
     """Refuse an indenter of metal where it is not computed, and depths that only such a one has."""
+    if ball is not None and design.plates:
+        raise MetalError(
+            f"an indenter of {ball.material.name} is not computed beside plates, and {design.name} has "
+            f"{design.plates[0].name!r}; leave its material out with metal=False (--no-metal)."
+        )
     if not rest >= 0:
         raise MetalError(f"rest must be at least 0; got {rest} m.")
     if ball is None and axes.depth[0] < 0:
@@ -42,11 +48,10 @@ def metal_share(
     for level in (level for level in pressed.levels if not level.coarse):
         first = level.dents[0]
         flat = replace(first, displacement=np.zeros_like(first.displacement))
-        at_rest = indenter_inductance(source, ball, flat, pressed.points, frequency, rest)
-        parts = [
-            indenter_inductance(source, ball, dent, pressed.points, frequency, above, mesh=mesh) - at_rest
-            for dent, above in zip(level.dents, pressed.above.tolist(), strict=True)
-        ]
+        found = indenter_inductance(
+            source, ball, [*level.dents, flat], pressed.points, frequency, [*pressed.above.tolist(), rest], mesh=mesh
+        )
+        parts = found[:-1] - found[-1]
         total = total + np.einsum("dp,dpij->dpij", level.shares, parts)
     return np.asarray(total)
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from coilarray.circuit.coupling import design_plates
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.store import kept_dataset
 from coilarray.design.model import Design, Indentation
@@ -19,9 +20,10 @@ from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.elastomer.dent import Dent, Motion, dent_of
 from coilarray.elastomer.finite_sample import Sample, SampleCorrection, sample_correction
 from coilarray.electromagnetics.flat_layer import layer_inductance, magnetic_slab
-from coilarray.errors import CoilarrayError, ElastomerError, MetalError
-from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Sheet
+from coilarray.errors import CoilarrayError, ElastomerError
+from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Plate, Sheet
 from coilarray.geometry.sheet import Base, Strain
+from coilarray.metal.flat_plates import backing_of, plate_inductance
 
 _FARTHEST = 1.0  # m
 _STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
@@ -163,11 +165,10 @@ def map_axes(
     """Return the axes of a map; those of the design where None is given.
 
     ElastomerError for a design without an indentation, or values that are not finite and rising, or beyond 1 m;
-    MetalError for one with plates.
+    MetalError for plates beside which no indentation is computed, see `coilarray.metal.flat_plates.backing_of`.
     """
     setup = indentation_of(design)
-    if design.plates:
-        raise MetalError("the response to an indentation is not computed beside a [[plate]]; leave one of them out.")
+    backing_of(design.plates, 0.0)
     given = (("depths", depths, setup.depths), ("x", x, setup.x), ("y", y, setup.y))
     return MapAxes(*(checked_axis(name, default if values is None else values) for name, values, default in given))
 
@@ -388,9 +389,18 @@ def wedge_inductance(design: Design, tilt: tuple[float, float]) -> FloatArray:
     if not middle.any():
         return np.zeros_like(middle)
     heights = _nodes(float(min(middle.min(), 0.0)), float(max(middle.max(), 0.0)))
-    level = np.array([layer_inductance(design.array, _raised(design.sheets, height)) for height in heights.tolist()])
+    plates = design_plates(design)
+    frequencies = [] if plates is None else [plates.working]
+
+    def level(height: float) -> FloatArray:
+        sheets = _raised(design.sheets, height)
+        beside = [plate for plate in design.plates if isinstance(plate, Plate)]
+        by_plates = (plate_inductance(design.array, beside, [f], sheets)[0].real for f in frequencies)
+        return np.asarray(layer_inductance(design.array, sheets) + sum(by_plates))
+
     shares = _lagrange(heights, middle.ravel()).reshape(*middle.shape, -1)
-    return np.asarray(np.einsum("ijh,hij->ij", shares, level) - layer_inductance(design.array, design.sheets))
+    raised = np.array([level(height) for height in heights.tolist()])
+    return np.asarray(np.einsum("ijh,hij->ij", shares, raised) - level(0.0))
 
 
 def _nodes(low: float, high: float) -> FloatArray:

@@ -63,6 +63,7 @@ def target_map(
     network: Network | None = None,
     ideal: bool = False,
     fineness: float = 1.0,
+    accuracy: Accuracy = "full",
     parts: Path | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
@@ -85,6 +86,9 @@ def target_map(
         Where no network is given: leave out alternating-current resistance of the copper and all strays.
     fineness : float
         Fineness of the mesh of a plate with an outline: 1 errs by some 0.2 % in ΔL; 2 takes eight times as long.
+    accuracy : {"full", "screen"}
+        Accuracy of the target's changes and of the network, which is that of a given one, see
+        `coilarray.inductance_matrix`.
     parts : Path, optional
         Folder where finished distances are kept, so that an interrupted map goes on from there: one by one for a plate
         with an outline over magnetic sheets or beside plates, else all at once.
@@ -138,7 +142,7 @@ def target_map(
     coils, cases = len(design.array.names), int(np.prod(axes.shape))
     what = f"{len(axes.depth)} distances at {len(axes.x) * len(axes.y)} places with {coils} coils"
     require_memory(_BYTES_A_VALUE * cases * _MOST_NODES * coils**2, f"a target map of {what}", "compute it in pieces")
-    network = design_circuit(design, ideal=ideal) if network is None else network
+    network = design_circuit(design, ideal=ideal, accuracy=accuracy) if network is None else network
     alone = [resonate(network, state) for state in design.plan]
     resonances = np.array([one.frequency for one in alone])
     middle = float(np.exp(np.log(resonances).mean()))
@@ -150,9 +154,9 @@ def target_map(
     moved = np.array([_through_circuit(network, one, guess, nearest)["frequency"] for one in alone])
     for _ in range(2):  # the guess is of one frequency
         band = _around(np.append(moved, resonances))
-        changes = _changes(design, axes, band.nodes, parts, progress, fineness)
+        changes = _changes(design, axes, band.nodes, parts, progress, fineness, accuracy)
         _require_passive(network, changes, axes)
-        near, network = _Change(band, changes), widened(design, network, band.low, band.high)
+        near, network = _Change(band, changes), widened(design, network, band.low, band.high, accuracy)
         solved = [_through_circuit(network, one, near, axes) for one in alone]
         by_state = {name: np.stack([one[name] for one in solved], axis=-1) for name, _, _ in _QUANTITIES}
         moved = by_state["frequency"]
@@ -175,7 +179,7 @@ def target_map(
         other = [_through_circuit(network, one, coarse, axes)["effective_inductance"] for one in alone]
         of_L = np.abs(by_state["effective_inductance"] - np.stack(other, axis=-1)) * _OF_DIFFERENCE
         values = (of_L / base["effective_inductance"]).reshape(*axes.shape, -1)
-        row = ("delta_error", ("distance", "y", "x", "state"), values, "1", "error of δ by the mesh (estimated)")
+        row = ("delta_error", ("distance", "y", "x", "state"), values, "1", "± δ by the mesh")
         result = result.assign(variables(row))
         matrices, others = near(mean).real, coarse(mean).real
         mesh = _OF_DIFFERENCE * float(np.linalg.norm(matrices - others) / np.linalg.norm(matrices))

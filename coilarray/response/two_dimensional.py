@@ -11,7 +11,7 @@ import xarray as xr
 from coilarray.design.model import Design
 from coilarray.elastomer.line_model import cross_section, line_dent_inductance, line_inductance
 from coilarray.elastomer.scattering import LayerMesh
-from coilarray.errors import ElastomerError
+from coilarray.errors import ElastomerError, MetalError
 from coilarray.geometry import CylinderEdge, Hemisphere, Paraboloid
 from coilarray.response.map import response_dataset
 from coilarray.response.setup import contact_at, dents_of, indentation_of, map_axes
@@ -51,6 +51,8 @@ def line_response(
     ------
     ElastomerError
         A design that says nothing of an indentation, a coil that is not there, or an indenter that is not round.
+    MetalError
+        A design with plates.
 
     Notes
     -----
@@ -67,6 +69,8 @@ def line_response(
     setup = indentation_of(design)
     if not isinstance(setup.indenter, Hemisphere | Paraboloid | CylinderEdge):
         raise ElastomerError(f"the two-dimensional model needs a round indenter; got a {setup.indenter.name}.")
+    if design.plates:
+        raise MetalError(f"the two-dimensional model has no plates; {design.name} has {design.plates[0].name!r}.")
     names = design.array.names
     name = names[0] if coil is None else coil
     if name not in names:

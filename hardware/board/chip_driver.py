@@ -6,30 +6,36 @@ It keeps what is known of the chips: whether the converter sleeps, and which wor
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.ldc1614 import CHANNELS
 from coilarray.hardware.chips.ldc1614_registers import ASLEEP, DEVICE, MANUFACTURER, register, registers
 from coilarray.hardware.scan.reader import RawSample, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import Clock, RegisterBus, SwitchChain
-from coilarray.hardware.wire.faults import BusFault
+from coilarray.hardware.wire.faults import BusFault, BusTimeout
 
 ATTEMPTS = 3
 """Number of attempts at a step that must not fail."""
 BUS_FAULTS = (SampleFault.NOT_ACKNOWLEDGED, SampleFault.BUS_TIMEOUT)
 """Faults of a sample that come from the bus to the converter."""
 _ADDRESS = {name: found.address for name, found in registers().items()}
-_CONFIGURED = ("RCOUNT0", "OFFSET0", "SETTLECOUNT0", "CLOCK_DIVIDERS0", "ERROR_CONFIG", "CONFIG", "MUX_CONFIG")
-_DATA_MSB, _DATA_LSB = _ADDRESS["DATA0_MSB"], _ADDRESS["DATA0_LSB"]
-_CLOCK_DIVIDERS, _STATUS, _CONFIG = _ADDRESS["CLOCK_DIVIDERS0"], _ADDRESS["STATUS"], _ADDRESS["CONFIG"]
-_DRIVE_CURRENT, _RESET_DEV = _ADDRESS["DRIVE_CURRENT0"], _ADDRESS["RESET_DEV"]
+_OF_ALL = ("ERROR_CONFIG", "CONFIG", "MUX_CONFIG")
+_OF_A_CHANNEL = ("RCOUNT", "SETTLECOUNT", "CLOCK_DIVIDERS")
+_DATA_MSB, _DATA_LSB = ([_ADDRESS[f"DATA{channel}_{half}"] for channel in range(CHANNELS)] for half in ("MSB", "LSB"))
+_STATUS, _CONFIG, _RESET_DEV = _ADDRESS["STATUS"], _ADDRESS["CONFIG"], _ADDRESS["RESET_DEV"]
+_CLOCK_DIVIDERS, _DRIVE_CURRENTS = (
+    [_ADDRESS[f"{name}{channel}"] for channel in range(CHANNELS)] for name in ("CLOCK_DIVIDERS", "DRIVE_CURRENT")
+)
 _DRIVE_MASK = register("DRIVE_CURRENT0").field("IDRIVE0").mask  # the chip writes what it likes into the bits below
-_DATA_READY, _ERRORS = 0x0040, 0xFF00  # bits of STATUS
+_DATA_READY, _ERRORS, _ERROR_FLAGS = 0x0040, 0xFF00, 0x3F00  # bits of STATUS
 _FIXED_DRIVE = register("CONFIG").field("RP_OVERRIDE_EN").mask
 _RESET = 0x8000
 _RESET_TIME = 2e-3  # s; the data sheet says it of the pin SD and nothing of the register
-_LOOK_AGAIN = 1e-3  # s between two looks at STATUS
+LOOK_AGAIN = 1e-3
+"""Time in s between two looks at STATUS."""
 
 
 @dataclass(frozen=True)
@@ -37,34 +43,41 @@ class ChipSettings:
     """Settings of a scan as register values and words of the switches; the times are those of `ScanSettings`."""
 
     names: tuple[str, ...]
+    channels: tuple[int, ...]  # of the states
+    scanning: bool  # whether the converter scans several channels
     words: tuple[bytes, ...]  # of the switches in each state
-    drives: tuple[int, ...]  # register DRIVE_CURRENT0 in each state
+    drives: tuple[int, ...]  # register DRIVE_CURRENT0 in each state; none where coils are wired to channels
     asleep: tuple[tuple[int, int], ...]  # addresses and values of the registers while the converter sleeps
     active: int  # register CONFIG while the converter is awake
     wait: float  # s, until the first look at STATUS
     timeout: float  # s, until giving up
     discard: int  # conversions to throw away
     again: float  # s, from one that is thrown away until the next look
+    turn: float  # s, from result to result of a converter that stays awake, with its nominal clock
     hash: int
 
     @staticmethod
     def of(settings: ScanSettings) -> ChipSettings:
-        """Encode settings; HardwareError for other registers than the seven of the protocol, or CONFIG asleep."""
+        """Encode settings; HardwareError for registers that are missing, or CONFIG asleep."""
         given = dict(settings.registers)
-        if sorted(address for address, _ in settings.registers) != sorted(_ADDRESS[name] for name in _CONFIGURED):
-            raise HardwareError(f"the settings must have the registers {', '.join(_CONFIGURED)}, each once.")
+        needed = [*_OF_ALL, *(f"{name}{channel}" for name in _OF_A_CHANNEL for channel in settings.channels)]
+        if len(given) < len(settings.registers) or not {_ADDRESS[name] for name in needed} <= given.keys():
+            raise HardwareError(f"the settings must have the registers {', '.join(needed)}, each once.")
         if given[_CONFIG] & ASLEEP:
             raise HardwareError("the settings must have CONFIG as it is while the converter is awake.")
         return ChipSettings(
             names=tuple(state.name for state in settings.states),
+            channels=tuple(state.channel for state in settings.states),
+            scanning=settings.scanned > 1,
             words=tuple(state.words for state in settings.states),
-            drives=tuple(settings.drive_register(state) for state in settings.states),
+            drives=() if settings.wired else tuple(settings.drive_register(state) for state in settings.states),
             asleep=tuple(sorted((given | {_CONFIG: given[_CONFIG] | ASLEEP}).items())),
             active=given[_CONFIG],
             wait=settings.wait_us * 1e-6,
             timeout=settings.timeout_us * 1e-6,
             discard=settings.discard,
             again=settings.again_us * 1e-6,
+            turn=settings.again_us * 1e-6 * settings.slowest_reference / settings.reference,
             hash=settings.hash,
         )
 
@@ -79,6 +92,8 @@ class ChipDriver:
         self._sleep_word = register("CONFIG").reset
         self.asleep = False
         """Whether the converter was put to sleep and not woken since."""
+        self.ready_at = 0.0
+        """When results were seen to be ready last, in s by the clock."""
 
     def identity(self) -> tuple[int, int]:
         """Read the registers MANUFACTURER_ID and DEVICE_ID."""
@@ -99,41 +114,65 @@ class ChipDriver:
                 self.asleep = True
                 return
 
-    def wake(self, settings: ChipSettings, drive: int) -> None:
-        """Set the drive current and start converting."""
-        self.bus.write(_DRIVE_CURRENT, drive)
+    def wake(self, settings: ChipSettings, drive: int | None = None) -> None:
+        """Start converting, with this drive current of channel 0 where it is not always the same."""
+        if drive is not None:
+            self.bus.write(_DRIVE_CURRENTS[0], drive)
         self.asleep = False  # first: the write may be cut off after it was done
         self.bus.write(_CONFIG, settings.active)
 
-    def result(self, settings: ChipSettings) -> RawSample:
-        """Wait for the conversions of a converter that was just woken, and read the result of the last.
+    def results(self, settings: ChipSettings, wait: float | None = None) -> tuple[RawSample, ...]:
+        """Wait for the next results of all channels and read them, each once where states share a channel.
 
-        Where the converter chose its own drive current, that is read too, before sleep can clear it.
+        The first look at STATUS comes after `wait` in s; without it the converter was just woken, and its first
+        conversions are thrown away as the settings say. Where nothing is read, the samples have a fault. Where the
+        converter chose its own drive current, that is read too, before sleep can clear it.
         """
-        status = self._ready(settings.wait, settings.timeout)
-        for _ in range(settings.discard):
-            if status is not None:
-                self.bus.read(_DATA_MSB)  # clears its flags
-                status = self._ready(settings.again, settings.timeout)
-        if status is None:
-            return no_sample(SampleFault.NO_RESULT)
-        msb, lsb = self.bus.read(_DATA_MSB), self.bus.read(_DATA_LSB)
-        drive = None if settings.active & _FIXED_DRIVE else self.bus.read(_DRIVE_CURRENT)
-        return RawSample(msb, lsb, status, drive=drive)
+        channels = tuple(dict.fromkeys(settings.channels))
+        looks = self._ready(settings.wait if wait is None else wait, settings.timeout)
+        for _ in range(settings.discard if wait is None else 0):
+            if looks is not None:
+                for channel in channels:
+                    self.bus.read(_DATA_MSB[channel])  # clears its flags
+                looks = self._ready(settings.again, settings.timeout)
+        if looks is None:
+            return (no_sample(SampleFault.NO_RESULT),) * len(channels)
+        return tuple(self._sample(settings, channel, looks) for channel in channels)
 
-    def _ready(self, wait: float, timeout: float) -> int | None:
-        """Wait for a result and return STATUS with all errors that it has shown; None where there is no result."""
-        start, errors = self.clock.now(), 0
+    def _ready(self, wait: float, timeout: float) -> list[int] | None:
+        """Wait until results are ready; return every STATUS that was read, or None if none were ready in time."""
+        start, looks = self.clock.now(), []
         self.clock.sleep(wait)
         while True:
             passed = self.clock.now() - start  # before the look: a pause of the computer after it says nothing
-            status = self.bus.read(_STATUS)
-            errors |= status & _ERRORS  # reading clears them
-            if status & _DATA_READY:
-                return status | errors
+            looks.append(self.bus.read(_STATUS))
+            if looks[-1] & _DATA_READY:
+                self.ready_at = start + passed
+                return looks
             if passed >= timeout:
                 return None
-            self.clock.sleep(_LOOK_AGAIN)
+            self.clock.sleep(LOOK_AGAIN)
+
+    def _sample(self, settings: ChipSettings, channel: int, looks: Sequence[int]) -> RawSample:
+        """Read the result of a channel; reading STATUS clears its errors, so that all looks count."""
+        try:
+            msb, lsb = self.bus.read(_DATA_MSB[channel]), self.bus.read(_DATA_LSB[channel])
+            drive = None if settings.active & _FIXED_DRIVE else self.bus.read(_DRIVE_CURRENTS[channel])
+        except BusFault as fault:
+            if not settings.scanning:
+                raise
+            return no_sample(fault_of(fault))
+        if not settings.scanning:
+            errors = 0
+            for look in looks:
+                errors |= look & _ERRORS
+            return RawSample(msb, lsb, looks[-1] | errors, drive=drive)
+        # the bits of unread results freeze with an error of any channel; DRDY says that all channels have a new one
+        status = _DATA_READY | 1 << CHANNELS - 1 - channel
+        for look in looks:
+            if look & _ERROR_FLAGS and look >> 14 == channel:
+                status |= look & _ERRORS
+        return RawSample(msb, lsb, status, drive=drive)
 
     def switch(self, words: bytes) -> bool:
         """Send the switches their words; False if the chain returns other words than it was sent before."""
@@ -159,8 +198,8 @@ class ChipDriver:
 
     def hold(self, settings: ChipSettings, *, thoroughly: bool) -> bool:
         """Whether the converter still has its settings: one shows a reset, all of them a corrupted transfer."""
-        looked_at = [pair for pair in settings.asleep if thoroughly or pair[0] == _CLOCK_DIVIDERS]
-        return all(self.bus.read(address) == value for address, value in looked_at)
+        pairs = settings.asleep if thoroughly else [pair for pair in settings.asleep if pair[0] in _CLOCK_DIVIDERS][:1]
+        return all((self.bus.read(address) ^ value) & _mask(address) == 0 for address, value in pairs)
 
     def close(self) -> None:
         """Close both buses. Never raises."""
@@ -172,19 +211,21 @@ class ChipDriver:
         found = self.identity()
         if found != (MANUFACTURER, DEVICE):
             raise BusFault(
-                f"the chip must be an LDC1614, {MANUFACTURER:04X}/{DEVICE:04X}; got {found[0]:04X}/{found[1]:04X}."
+                f"the chip must be an LDC1614 or one of its kind, {MANUFACTURER:04X}/{DEVICE:04X}; "
+                f"got {found[0]:04X}/{found[1]:04X}."
             )
         for address, value in settings.asleep:
             self.bus.write(address, value)
         self._sleep_word = settings.active | ASLEEP
-        self.bus.write(_DRIVE_CURRENT, settings.drives[0])
-        for address, value in settings.asleep:
-            self._require(address, value, 0xFFFF)
-        self._require(_DRIVE_CURRENT, settings.drives[0], _DRIVE_MASK)
+        drives = [(_DRIVE_CURRENTS[0], drive) for drive in settings.drives[:1]]
+        for address, value in drives:
+            self.bus.write(address, value)
+        for address, value in (*settings.asleep, *drives):
+            self._require(address, value)
 
-    def _require(self, address: int, value: int, mask: int) -> None:
+    def _require(self, address: int, value: int) -> None:
         found = self.bus.read(address)
-        if (found ^ value) & mask:
+        if (found ^ value) & _mask(address):
             raise BusFault(f"register {register(address).name} must read {value:#06x} as written; got {found:#06x}.")
 
     def _reset(self) -> None:
@@ -195,6 +236,16 @@ class ChipDriver:
             self.clock.sleep(_RESET_TIME)
             self._sleep_word = register("CONFIG").reset
             self.sleep()
+
+
+def _mask(address: int) -> int:
+    """Return the bits of a register that must read as they were written."""
+    return _DRIVE_MASK if address in _DRIVE_CURRENTS else 0xFFFF
+
+
+def fault_of(fault: BusFault) -> SampleFault:
+    """Return the fault of a sample whose transfer has failed."""
+    return SampleFault.BUS_TIMEOUT if isinstance(fault, BusTimeout) else SampleFault.NOT_ACKNOWLEDGED
 
 
 def no_sample(fault: SampleFault) -> RawSample:

@@ -3,18 +3,33 @@
 from __future__ import annotations
 
 import atexit
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from coilarray.errors import HardwareError
+from coilarray.hardware.board.autoscan import AutoscanReader
 from coilarray.hardware.board.direct import DirectReader
 from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
 from coilarray.hardware.scan.reader import Identity, Reader
-from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil
+from coilarray.hardware.scan.wiring import Wiring, load_wiring, one_device_a_coil, wired_to_channels
 from coilarray.hardware.wire.buses import ComputerClock, RegisterBus, SwitchChain
-from coilarray.hardware.wire.ft232h import open_ft232h
+from coilarray.hardware.wire.converter_boards import ChannelBoard
+from coilarray.hardware.wire.evm import open_evm
+from coilarray.hardware.wire.ft232h import open_ft232h, open_ft232h_bus
 from coilarray.hardware.wire.linux_host import LinuxRegisterBus, SpiSwitchChain
-from coilarray.hardware.wire.ports import EMULATOR, EmulatorPort, FtdiPort, LinuxPort, Port, SerialPort, parse_port
+from coilarray.hardware.wire.ports import (
+    EMULATOR,
+    EmulatorPort,
+    EvmPort,
+    FtdiPort,
+    LinuxPort,
+    Port,
+    SerialPort,
+    board_of,
+    parse_port,
+)
 from coilarray.hardware.wire.signals import held_signals, orderly_termination
 
 if TYPE_CHECKING:
@@ -40,10 +55,17 @@ class Board:
         Wiring of the switches.
     emulator : EmulatedBoard, optional
         The emulated board behind the reader; None for real hardware.
+
+    Attributes
+    ----------
+    thermometer : callable or None
+        Returns the temperature in °C, None where it is not known just now: that of the emulator, or one that the user
+        of the board sets.
     """
 
     def __init__(self, reader: Reader, port: str, wiring: Wiring, emulator: EmulatedBoard | None = None) -> None:
         self.reader, self.port, self.wiring, self.emulator = reader, port, wiring, emulator
+        self.thermometer: Callable[[], float | None] | None = None if emulator is None else emulator.temperature
         self._ways_out = ExitStack()
         atexit.register(self.close)
 
@@ -62,8 +84,9 @@ class Board:
         """One line that describes the board and its converter."""
         identity = self.identity
         ids = f"{identity.manufacturer:04X}/{identity.device:04X}"
+        named = board_of(parse_port(self.port))
         if (identity.manufacturer, identity.device) == (MANUFACTURER, DEVICE):
-            converter = f"LDC1614 ({ids})"
+            converter = f"LDC1614 ({ids})" if named is None else f"{named.text} ({ids})"
         elif (identity.manufacturer, identity.device) == (0, 0):
             converter = "no converter answers"
         else:
@@ -119,7 +142,7 @@ def open_board(
     design : Design, optional
         Design of the emulated coils; the reference design by default.
     wiring : Wiring, optional
-        Wiring of the switches; by default that of `wiring_of_board`.
+        Wiring of the switches, or of coils to channels; by default that of `wiring_of_board`.
     times : LinkTimes, optional
         Time limits for a microcontroller.
     **emulation
@@ -145,39 +168,93 @@ def open_board(
     """
     place = parse_port(port)
     wired = wiring or wiring_of_board(place, design)
+    _require_kind(port, board_of(place), wired)
     emulator = None
     reader: Reader
     match place:
         case EmulatorPort():
-            emulator = _emulator(design, wired, emulation)
-            reader = DirectReader(
-                emulator.bus, emulator.switches, emulator.clock, wired.safe_words, kind=EMULATOR, emulated=True
-            )
+            emulator = _emulator(design, wired, place.board, emulation)
+            if place.board is None:
+                reader = DirectReader(
+                    emulator.bus, emulator.switches, emulator.clock, wired.safe_words, kind=EMULATOR, emulated=True
+                )
+            else:
+                reader = AutoscanReader(emulator.bus, emulator.clock, kind=EMULATOR, emulated=True)
         case SerialPort(name, bauds):
             from coilarray.hardware.board.microcontroller import open_microcontroller
 
             reader = open_microcontroller(name, bauds=bauds, times=times)
         case LinuxPort() | FtdiPort():
             reader = _direct_reader(place, wired)
+        case EvmPort():
+            module = open_evm(place.name, place.address)
+            seal = "with" if module.sealed else "without"
+            kind = f"LDC1614EVM by {module.commands.title}, answers {seal} checksums, not verified"
+            reader = AutoscanReader(module, ComputerClock(), kind=kind)
     return Board(reader, port, wired, emulator)
 
 
-def wiring_of_board(port: Port, design: Design | None = None, name: str | None = None) -> Wiring:
-    """Return the wiring of the board at a port; HardwareError where it cannot be read or the design has too many coils.
+def wiring_of_board(
+    port: Port, design: Design | None = None, name: str | None = None, coils: Sequence[str] | None = None
+) -> Wiring:
+    """Return the wiring of the board at a port.
 
-    Without the name of a wiring, as `load_wiring` takes it, that is six coils with one device each; for the emulator
-    one device for each coil of the design.
+    Parameters
+    ----------
+    port : Port
+        Port, as `coilarray.hardware.wire.ports.parse_port` returns it.
+    design : Design, optional
+        Design of the coils.
+    name : str, optional
+        Name of a wiring, as `load_wiring` takes it; by default the coils of the design at the channels of the port in
+        their order, or with switches six coils with one device each, or of the emulator one device for each coil.
+    coils : sequence of str, optional
+        Coils at the channels of the port, in their order, where they are not the first ones of the design.
+
+    Raises
+    ------
+    HardwareError
+        A wiring that cannot be read or is of the other kind, with or without switches, more coils than there are
+        channels, or a coil that the design does not have.
     """
-    bundled = load_wiring(name)
-    if name is not None or design is None or not isinstance(port, EmulatorPort):
-        return bundled
-    return bundled if set(design.array.names) == set(bundled.coils) else one_device_a_coil(design.array.names)
+    board = board_of(port)
+    if coils is not None and (board is None or name is not None):
+        raise HardwareError("coils are named for the channels of a port without switches, and without a wiring file.")
+    if board is None or name is not None:
+        wiring = load_wiring(name)
+        _require_kind(str(name), board, wiring)
+        if name is not None or design is None or not isinstance(port, EmulatorPort):
+            return wiring
+        return wiring if set(design.array.names) == set(wiring.coils) else one_device_a_coil(design.array.names)
+    known = [f"coil{channel + 1}" for channel in board.channels] if design is None else design.array.names
+    if coils is not None and (missing := [coil for coil in coils if design is not None and coil not in known]):
+        raise HardwareError(f"there is no coil {missing[0]!r} among {', '.join(known)}.")
+    return wired_to_channels(known if coils is None else coils, board.channels, source=board.source)
 
 
-def _emulator(design: Design | None, wiring: Wiring, emulation: dict[str, Any]) -> EmulatedBoard:
+def _require_kind(where: str, board: ChannelBoard | None, wiring: Wiring) -> None:
+    """Refuse a wiring of switches for a port without, and the reverse, and a channel that the converter lacks."""
+    if board is None and wiring.channels:
+        raise HardwareError(
+            f"{where}: wiring {wiring.name} has coils at channels; give a port without switches, as i2c:1?channels=0,1."
+        )
+    if board is not None and not wiring.channels:
+        raise HardwareError(f"{where}: wiring {wiring.name} has switches; a port with channels has none.")
+    if board is not None and not set(wiring.channels) <= set(board.channels):
+        raise HardwareError(
+            f"{where}: wiring {wiring.name} has a coil at channel {max(set(wiring.channels) - set(board.channels))}; "
+            f"the port has {', '.join(map(str, board.channels))}."
+        )
+
+
+def _emulator(
+    design: Design | None, wiring: Wiring, board: ChannelBoard | None, emulation: dict[str, Any]
+) -> EmulatedBoard:
     from coilarray.design.model import load_design
     from coilarray.hardware.emulator import emulated_board
 
+    if board is not None:
+        emulation = {"converter": board.converter, "clkin": board.clock, **emulation}
     return emulated_board(design or load_design(), wiring, **emulation)
 
 
@@ -185,16 +262,24 @@ def _direct_reader(port: LinuxPort | FtdiPort, wiring: Wiring) -> DirectReader:
     bus: RegisterBus
     switches: SwitchChain
     with ExitStack() as opened:
-        if isinstance(port, LinuxPort):
-            bus = LinuxRegisterBus(port.bus, port.address)
+        if port.board is not None:
+            if isinstance(port, LinuxPort):
+                bus, kind = LinuxRegisterBus(port.bus, port.address), f"I²C bus {port.bus} of this computer"
+            else:
+                bus, kind = open_ft232h_bus(port.url, port.address), "FTDI adapter"
             opened.callback(bus.close)
-            switches = SpiSwitchChain(port.spi_bus, port.spi_device, port.shift)
-            opened.callback(switches.close)
-            kind = f"I²C bus {port.bus} and SPI {port.spi_bus}.{port.spi_device} of this computer"
+            reader: DirectReader = AutoscanReader(bus, ComputerClock(), kind=kind)
         else:
-            bus, switches = open_ft232h(port.url, port.address, pins=port.pins, settings=port.shift)
-            opened.callback(bus.close)
-            kind = "FT232H"
-        reader = DirectReader(bus, switches, ComputerClock(), wiring.safe_words, kind=kind)
+            if isinstance(port, LinuxPort):
+                bus = LinuxRegisterBus(port.bus, port.address)
+                opened.callback(bus.close)
+                switches = SpiSwitchChain(port.spi_bus, port.spi_device, port.shift)
+                opened.callback(switches.close)
+                kind = f"I²C bus {port.bus} and SPI {port.spi_bus}.{port.spi_device} of this computer"
+            else:
+                bus, switches = open_ft232h(port.url, port.address, pins=port.pins, settings=port.shift)
+                opened.callback(bus.close)
+                kind = "FT232H"
+            reader = DirectReader(bus, switches, ComputerClock(), wiring.safe_words, kind=kind)
         opened.pop_all()
     return reader

@@ -15,12 +15,12 @@ from collections.abc import Generator, Iterator, Sequence
 from dataclasses import replace
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.board.chip_driver import ATTEMPTS, BUS_FAULTS, ChipDriver, ChipSettings, no_sample
+from coilarray.hardware.board.chip_driver import ATTEMPTS, BUS_FAULTS, ChipDriver, ChipSettings, fault_of, no_sample
 from coilarray.hardware.chips.ldc1614_registers import DEVICE, MANUFACTURER
 from coilarray.hardware.scan.reader import Identity, RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.buses import Clock, RegisterBus, SwitchChain
-from coilarray.hardware.wire.faults import BoardRestarted, BusFault, BusTimeout, SwitchFault
+from coilarray.hardware.wire.faults import BoardRestarted, BusFault, SwitchFault
 from coilarray.hardware.wire.signals import held_signals
 
 _FAULTY_SCANS = 3  # running, with the same kind of fault in the same state, before the stream ends
@@ -140,7 +140,7 @@ class DirectReader:
         start, sequence, turn = self._clock.now(), 0, 0
         try:
             while True:
-                yield self._scan(sequence)
+                yield self._scan(sequence, running=interval == 0)
                 sequence += 1
                 if interval > 0:
                     passed = self._clock.now() - start
@@ -151,17 +151,22 @@ class DirectReader:
                 self.rest()
             raise
 
-    def _scan(self, sequence: int) -> RawScan:
+    def _scan(self, sequence: int, *, running: bool = False) -> RawScan:
+        """Measure all states; `running` where the next scan follows without a pause."""
         if self._failure is not None:
             raise self._failure
         chip_settings = self._chip_settings
         if chip_settings is None:
             raise HardwareError("the board must be open and configured before a scan.")
-        start = self._clock.now()
         with self._resting_on_failure():
-            samples = [self._sample(chip_settings, k) for k in range(len(chip_settings.words))]
+            start, samples = self._measured(chip_settings, running=running)
             samples = self._verified(chip_settings, samples)
         return RawScan(sequence, start, time.time(), chip_settings.hash, self._identity.boot, tuple(samples))
+
+    def _measured(self, chip_settings: ChipSettings, *, running: bool) -> tuple[float, list[RawSample]]:
+        """Measure all states; return when that began, in s, and the samples. The converter sleeps between two scans."""
+        start = self._clock.now()
+        return start, [self._sample(chip_settings, k) for k in range(len(chip_settings.words))]
 
     def _sample(self, chip_settings: ChipSettings, k: int) -> RawSample:
         """Measure a state; asleep and grounded before and, whatever the converter does, after."""
@@ -172,12 +177,10 @@ class DirectReader:
             same &= chips.switch(bytes(len(chip_settings.words[k])))
             same &= chips.switch(chip_settings.words[k])
             chips.wake(chip_settings, chip_settings.drives[k])
-            sample = chips.result(chip_settings)
+            (sample,) = chips.results(chip_settings)
             chips.sleep(attempts=1)
-        except BusTimeout:
-            sample = no_sample(SampleFault.BUS_TIMEOUT)
-        except BusFault:
-            sample = no_sample(SampleFault.NOT_ACKNOWLEDGED)
+        except BusFault as fault:
+            sample = no_sample(fault_of(fault))
         if not chips.asleep:
             with contextlib.suppress(BusFault):  # the next state tries again before it closes a switch
                 chips.sleep()

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.converters import FAMILIES
 from coilarray.hardware.chips.ldc1614_registers import register
 from coilarray.hardware.scan.reader import Reader
 from coilarray.hardware.scan.readings import Reason, judge
-from coilarray.hardware.scan.settings import ScanSettings, StateSettings
+from coilarray.hardware.scan.settings import ScanSettings, StateSettings, error_config
 
 _CONFIG, _DRIVE_CURRENT = register("CONFIG"), register("DRIVE_CURRENT0")
 _BY_ITSELF = _CONFIG.field("RP_OVERRIDE_EN").mask | _CONFIG.field("AUTO_AMP_DIS").mask
@@ -61,7 +62,9 @@ def _find(reader: Reader, settings: ScanSettings, state: StateSettings) -> Found
 
 
 def _proposal(reader: Reader, settings: ScanSettings, state: StateSettings) -> int:
-    """Let the converter find the current; 0 where it gave no result."""
+    """Let the converter find the current; 0 where it gave no result, and that of the settings where it finds none."""
+    if not FAMILIES[settings.family].finds_drive:
+        return state.drive
     given = {field.name: getattr(settings, field.name) for field in fields(ScanSettings)}
     reader.configure(_OwnAmplitude(**(given | {"states": (replace(state, drive=0),), "rcount": _RCOUNT})))
     return ((reader.scan().samples[0].drive or 0) & _INIT.mask) >> _INIT.lsb
@@ -70,7 +73,12 @@ def _proposal(reader: Reader, settings: ScanSettings, state: StateSettings) -> i
 def _reasons(reader: Reader, settings: ScanSettings, state: StateSettings, code: int) -> tuple[Reason, ...]:
     """Reasons not to trust a result with a fixed current."""
     reader.configure(replace(settings, states=(replace(state, drive=code),), rcount=_RCOUNT))
-    return judge(reader.scan().samples[0], offset=settings.offset)[1]
+    return judge(
+        reader.scan().samples[0],
+        offset=settings.offset,
+        error_config=error_config(settings.family),
+        channel=state.channel,
+    )[1]
 
 
 class _OwnAmplitude(ScanSettings):

@@ -173,6 +173,11 @@ class MicrocontrollerReader:
         then it has no settings.
         """
         settings.check_switching()
+        if settings.wired or settings.scanned > 1:
+            raise HardwareError(
+                "the firmware converts channel 0 alone; settings of several channels, as with --undivided, are for a "
+                "converter at a bus of this computer."
+            )
         greeting = self._session.greeting
         for what, count, most in (
             ("states", len(settings.states), greeting.most_states),

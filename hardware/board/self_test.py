@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from coilarray.compute.threads import Progress
 from coilarray.hardware.board.chip_driver import BUS_FAULTS
 from coilarray.hardware.board.fault_model import Fault, Prediction, Trial, single_faults, trials
-from coilarray.hardware.scan.reader import Reader, SampleFault
+from coilarray.hardware.scan.reader import RawScan, Reader, SampleFault
 from coilarray.hardware.scan.readings import read_scan
 from coilarray.hardware.scan.settings import ScanSettings, StateSettings
 from coilarray.hardware.scan.wiring import Wiring
@@ -104,8 +104,11 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     Notes
     -----
     Six coils take 110 states, about 2 s. A single fault is named; several at once only give symptoms. Neighbouring
-    coils must be coupled at least so that one shorted raises the frequency of the other by `NOTICEABLE`.
+    coils must be coupled at least so that one shorted raises the frequency of the other by `NOTICEABLE`. Without
+    switches only whether the coil at every channel oscillates can be tested.
     """
+    if wiring.channels:
+        return _of_channels(reader, settings)
     groups = [part for group in trials(wiring) for part in _parts(group)]
     seen: list[_Seen] = []
     for k, group in enumerate(groups):
@@ -115,6 +118,36 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     reader.rest()
     checks = tuple(_check(coil, seen) for coil in wiring.coils)
     return _judged(checks, seen, single_faults(wiring))
+
+
+def _of_channels(reader: Reader, settings: ScanSettings) -> SelfTest:
+    """Test whether the coil at every channel oscillates: one scan."""
+    trying = replace(settings, rcount=RCOUNT)
+    reader.configure(trying)
+    readings = read_scan(_answered(reader), trying, _ANY_CAPACITANCE).states
+    reader.rest()
+    dead = [(state, one) for state, one in zip(settings.states, readings, strict=True) if one.frequency is None]
+    return SelfTest(
+        coils=tuple(CoilCheck(one.name, one.frequency, None, None, {}) for one in readings),
+        symptoms=tuple(
+            f"{one.name} at channel {state.channel} does not oscillate: {', '.join(one.reasons)}" for state, one in dead
+        ),
+        findings=tuple(
+            f"{one.name} or a lead of it is broken or shorted, its capacitor is missing, or its drive is too weak"
+            for _, one in dead[:1]
+            if len(dead) == 1
+        ),
+        untested=("coils at exchanged channels",) if len(readings) > 1 else (),
+    )
+
+
+def _answered(reader: Reader) -> RawScan:
+    """Return a scan in which the converter has answered; BusFault where it does not."""
+    for _ in range(_ATTEMPTS):
+        scan = reader.scan()
+        if not any(sample.fault in BUS_FAULTS for sample in scan.samples):
+            return scan
+    raise BusFault(f"the converter did not answer in {_ATTEMPTS} scans; nothing could be tried.")
 
 
 def _parts(group: Sequence[Trial]) -> list[tuple[Trial, ...]]:
@@ -132,12 +165,7 @@ def _measured(reader: Reader, settings: ScanSettings, group: Sequence[Trial]) ->
     )
     trying = replace(settings, states=states, rcount=RCOUNT)
     reader.configure(trying)
-    for _ in range(_ATTEMPTS):
-        scan = reader.scan()
-        if not any(sample.fault in BUS_FAULTS for sample in scan.samples):
-            break
-    else:
-        raise BusFault(f"the converter did not answer in {_ATTEMPTS} scans; no switch could be tried.")
+    scan = _answered(reader)
     if any(sample.fault == SampleFault.SWITCHES_DIFFER for sample in scan.samples):
         raise SwitchFault("the chain of switches returns other words than it was sent; no switch could be tried.")
     frequencies = [state.frequency for state in read_scan(scan, trying, _ANY_CAPACITANCE).states]

@@ -25,9 +25,11 @@ CLOCK_TOLERANCE = 5e-3
 between −40 and 125 °C and over the supply, 43.32 to 43.41 MHz."""
 EXTERNAL_CLOCK_RANGE = (2e6, 40e6)
 """Smallest and largest frequency at the pin CLKIN in Hz."""
-BUS_RATE = 400e3
-"""Fastest clock of the I²C bus in Hz; `coilarray.hardware.wire.ports.bus_rate` returns that of a board."""
+SLOWEST_BUS_RATE, BUS_RATE = 10e3, 400e3
+"""Slowest and fastest clock of the I²C bus in Hz; `coilarray.hardware.wire.ports.bus_rate` returns that of a board."""
 SMALLEST_RCOUNT, LARGEST_RCOUNT = 5, 0xFFFF
+CHANNELS = 4
+"""Number of channels of an LDC1614."""
 WAKE_CYCLES = 16384
 """Cycles of the internal oscillator from leaving sleep to starting the sensor."""
 SWITCH_TIME, SWITCH_CYCLES = 692e-9, 5

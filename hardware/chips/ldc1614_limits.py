@@ -1,6 +1,7 @@
 """Limits of the LDC1614: which coils it can drive, and on which clocks it runs.
 
-Texas Instruments SNOSCY9A: table 42 (drive current), table 43 (clocks, counts), section 8.1.5 (amplitude, equation 12).
+Texas Instruments SNOSCY9A: electrical characteristics (R_p), table 42 (drive current), table 43 (clocks, counts),
+section 8.1.5 (amplitude, equation 12).
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 from coilarray.compute.display_units import DisplayUnit, display_unit
+from coilarray.hardware.chips.converters import FAMILIES, Family
 from coilarray.hardware.chips.ldc1614 import (
     EXTERNAL_CLOCK_RANGE,
     INTERNAL_CLOCK,
@@ -23,12 +25,17 @@ AMPLITUDE = AMPLITUDE_LOW, AMPLITUDE_HIGH = (1.2, 1.8)
 """Allowed peak voltage of the sensor in V: below it measures poorly, above it the input clamps act."""
 _SHOWN = {"Ω": DisplayUnit("kΩ", 1e-3)}
 DRIVE_WINDOW = "R_p (Ω)"
-"""Name of the limit of `check_channel` that holds the parallel resistance to the window of table 42."""
+"""Name of the limit of `check_channel` that holds the parallel resistance to `RESISTANCE`."""
+RESISTANCE = (1e3, 100e3)
+"""Allowed parallel resistance of a sensor in Ω, of the electrical characteristics; the rows of table 42 are for 0.6 to
+90 kΩ."""
 SENSOR_FREQUENCY = (1e3, 10e6)
 """Allowed frequency of a sensor in Hz."""
 _AMPLITUDE_ROUNDING = 0.01  # the rows of the table are rounded to three digits
 LARGEST_REFERENCE = 35e6
 """Largest reference frequency with one channel in Hz."""
+_LARGEST_SCANNING, _LARGEST_SCANNING_EXTERNAL = 55e6, 40e6  # Hz, with several channels
+_LEAST_SCANNING_RCOUNT, LEAST_SCANNING_SETTLE_COUNT = 9, 4
 DEGLITCH = {1: 1e6, 4: 3.3e6, 5: 10e6, 7: 33e6}
 """Cut-off frequencies of the input filter in Hz by code; the application table prints 0b011 for the last."""
 DIVIDED_FROM = 8.75e6
@@ -96,8 +103,8 @@ class Limit:
     def words(self) -> str:
         """Name, value and allowed range for people, in customary units.
 
-        >>> Limit("quality factor", 5.0, 10.0, math.inf).words, Limit(DRIVE_WINDOW, 99e3, 1e3, 90e3).words
-        ('quality factor is 5; it must be at least 10', 'R_p is 99 kΩ; it must be 1 kΩ to 90 kΩ')
+        >>> Limit("quality factor", 5.0, 10.0, math.inf).words, Limit(DRIVE_WINDOW, 101e3, 1e3, 100e3).words
+        ('quality factor is 5; it must be at least 10', 'R_p is 101 kΩ; it must be 1 kΩ to 100 kΩ')
         """
         name, _, unit = self.name.removesuffix(")").partition(" (")
         shown = _SHOWN.get(unit) or display_unit(unit)
@@ -181,8 +188,9 @@ def check_channel(
     Returns
     -------
     tuple of Limit
-        All limits, kept or not. That of R_p is for the drive currents of table 42; channel 0 alone can be driven
-        harder, down to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated internal oscillator may be a fifth below `reference`.
+        All limits, kept or not. An R_p that is allowed but too large for every row of table 42 breaks the limit of the
+        amplitude that the smallest drive current makes. Channel 0 alone can be driven harder than `DRIVE_WINDOW` says,
+        down to 250 Ω (HIGH_CURRENT_DRV). An uncalibrated internal oscillator may be a fifth below `reference`.
 
     Raises
     ------
@@ -207,7 +215,7 @@ def check_channel(
         Limit("sensor frequency (Hz)", frequency, *SENSOR_FREQUENCY),
         Limit("sensor frequency by divider over reference", share, 0, _LARGEST_SHARE_OF_REFERENCE),
         Limit("frequency over self-resonance", frequency / self_resonance, 0, _LARGEST_SHARE_OF_SELF_RESONANCE),
-        Limit(DRIVE_WINDOW, parallel_resistance, _DRIVE[-1][1] * 1e3, _DRIVE[0][2] * 1e3),
+        Limit(DRIVE_WINDOW, parallel_resistance, *RESISTANCE),
         Limit("quality factor", quality_factor, _SMALLEST_QUALITY, math.inf),
         Limit("reference frequency (Hz)", reference, 0, LARGEST_REFERENCE),
         Limit("FIN_DIVIDER", divider, 2 if frequency >= DIVIDED_FROM else 1, _LARGEST_INPUT_DIVIDER),
@@ -215,6 +223,9 @@ def check_channel(
     if drive is not None:
         low, high = AMPLITUDE_LOW * (1 - _AMPLITUDE_ROUNDING), AMPLITUDE_HIGH * (1 + 2 * _AMPLITUDE_ROUNDING)
         limits.append(Limit("amplitude (V peak)", drive.amplitude, low, high))
+    elif RESISTANCE[0] <= parallel_resistance <= RESISTANCE[1]:
+        smallest = drive_of(0, parallel_resistance).amplitude
+        limits.append(Limit("amplitude with the smallest drive current (V peak)", smallest, 0, AMPLITUDE_HIGH))
     return tuple(limits)
 
 
@@ -235,16 +246,45 @@ def settle_count(frequency: float, quality_factor: float, reference: float = REF
     14
     """
     _require_positive(frequency=frequency, quality_factor=quality_factor, reference=reference)
-    return max(4, math.ceil(quality_factor * reference / (16 * frequency)))
+    return max(LEAST_SCANNING_SETTLE_COUNT, math.ceil(quality_factor * reference / (16 * frequency)))
+
+
+def largest_reference(*, external: bool = False, channels: int = 1) -> float:
+    """Return the largest reference frequency in Hz of a converter that scans a number of channels.
+
+    The clock is its own oscillator or, where it is `external`, at the pin CLKIN.
+
+    >>> largest_reference(), largest_reference(channels=2), largest_reference(external=True, channels=2)
+    (35000000.0, 55000000.0, 40000000.0)
+    """
+    if channels == 1:
+        return LARGEST_REFERENCE
+    return _LARGEST_SCANNING_EXTERNAL if external else _LARGEST_SCANNING
+
+
+def smallest_rcount(channels: int = 1, family: Family = "LDC") -> int:
+    """Return the least RCOUNT of a converter that scans a number of channels.
+
+    >>> smallest_rcount(), smallest_rcount(2), smallest_rcount(2, "FDC")
+    (5, 9, 256)
+    """
+    return max(FAMILIES[family].smallest_rcount, SMALLEST_RCOUNT if channels == 1 else _LEAST_SCANNING_RCOUNT)
 
 
 def check_clock(
-    clock: float, divider: int, *, external: bool = False, rcount: int = 0xFFFF, settle_count: int = 0xFFFF
+    clock: float,
+    divider: int,
+    *,
+    external: bool = False,
+    rcount: int = 0xFFFF,
+    settle_count: int = 0xFFFF,
+    channels: int = 1,
+    family: Family = "LDC",
 ) -> tuple[Limit, ...]:
-    """Check the limits of clock (in Hz) and counts of a converter that uses one of its channels, as our boards do.
+    """Check the limits of clock (in Hz) and counts of a converter that scans a number of channels.
 
-    All limits are returned, kept or not; ValueError for a clock or divider that is not positive. With the internal
-    oscillator (not `external`, the pin CLKIN) FREF_DIVIDER must be at least 2 at any frequency.
+    All limits are returned, kept or not; ValueError for a clock or divider that is not positive. With one channel and
+    the internal oscillator (not `external`, the pin CLKIN) FREF_DIVIDER must be at least 2 at any frequency.
 
     >>> [limit.name for limit in check_clock(40e6, 1, external=True) if not limit.kept]
     ['reference frequency (Hz)']
@@ -252,21 +292,28 @@ def check_clock(
     _require_positive(clock=clock, divider=divider)
     return (
         Limit("clock (Hz)", clock, *(EXTERNAL_CLOCK_RANGE if external else INTERNAL_CLOCK_RANGE)),
-        Limit("FREF_DIVIDER", divider, 1 if external else 2, 0x3FF),
-        Limit("reference frequency (Hz)", clock / divider, 0, LARGEST_REFERENCE),
-        Limit("RCOUNT", rcount, SMALLEST_RCOUNT, LARGEST_RCOUNT),
-        Limit("SETTLECOUNT", settle_count, 0, 0xFFFF),
+        Limit("FREF_DIVIDER", divider, _least_reference_divider(external, channels), 0x3FF),
+        Limit("reference frequency (Hz)", clock / divider, 0, largest_reference(external=external, channels=channels)),
+        Limit("RCOUNT", rcount, smallest_rcount(channels, family), LARGEST_RCOUNT),
+        Limit("SETTLECOUNT", settle_count, 0 if channels == 1 else LEAST_SCANNING_SETTLE_COUNT, 0xFFFF),
     )
 
 
-def reference_divider(clock: float, *, external: bool = False) -> int:
-    """Return the least FREF_DIVIDER of a clock in Hz with one channel: the largest reference gives the best resolution.
+def reference_divider(clock: float, *, external: bool = False, channels: int = 1) -> int:
+    """Return the least FREF_DIVIDER of a clock in Hz: the largest reference gives the best resolution.
 
-    >>> reference_divider(43.4e6), reference_divider(32e6, external=True)
-    (2, 1)
+    `channels` is the number of channels that the converter scans.
+
+    >>> reference_divider(43.4e6), reference_divider(32e6, external=True), reference_divider(43.4e6, channels=2)
+    (2, 1, 1)
     """
     _require_positive(clock=clock)
-    return max(1 if external else 2, math.ceil(clock / LARGEST_REFERENCE))
+    most = largest_reference(external=external, channels=channels)
+    return max(_least_reference_divider(external, channels), math.ceil(clock / most))
+
+
+def _least_reference_divider(external: bool, channels: int) -> int:
+    return 1 if external or channels > 1 else 2  # an oscillator of 55 MHz must stay below the limit of one channel
 
 
 def input_divider(frequency: float, reference: float) -> int:

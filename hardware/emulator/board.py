@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Protocol
 
-from coilarray.design.scan_states import Switches
+from coilarray.design.scan_states import ScanState, Switches
+from coilarray.hardware.chips.converters import CONVERTERS, Converter
 from coilarray.hardware.emulator.conditions import Conditions
 from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.indenter import Indenter, Place
-from coilarray.hardware.emulator.ldc1614_chip import CHANNELS, EmulatedBus, Ldc1614, Misuse, OpenPoints
+from coilarray.hardware.emulator.ldc1614_chip import EmulatedBus, Ldc1614, Misuse, OpenPoints
 from coilarray.hardware.emulator.switches import EmulatedChain, EmulatedSwitches
 from coilarray.hardware.emulator.world import World
 from coilarray.hardware.scan.closure import Drains, Seen, switch_table, what_is_seen
@@ -25,6 +26,10 @@ class Netlist(Protocol):
     @property
     def coils(self) -> tuple[str, ...]:
         """Names of the coils."""
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Channels of the coils where there are no switches; else empty."""
 
     def encode(self) -> bytes:
         """Return eight bytes per device, as `coilarray.hardware.scan.closure.switch_table` reads them."""
@@ -45,15 +50,18 @@ class EmulatedBoard:
     coils : sequence of str
         Names of the coils by their number in the netlist.
     wiring : bytes
-        Wiring of the switches, as `switch_table` reads it.
+        Wiring of the switches, as `switch_table` reads it; empty without switches.
     world : World
         Physics of the coils.
     clock : Clock
         Clock of the board, real or virtual.
     conditions : Conditions, optional
         Oscillator, temperature and noise of the converter.
-    channels : int
-        Number of channels of the converter, 4 or 2.
+    wired : sequence of int
+        Without switches the channel of each coil. Those of other channels are grounded while one is converted; other
+        coils of the world are open.
+    converter : Converter
+        Type of the converter.
     drains : sequence of Drains, optional
         Bits that share a common pin, of every device in the order of the words; none by default.
     open_points : OpenPoints, optional
@@ -79,7 +87,8 @@ class EmulatedBoard:
         *,
         clock: Clock,
         conditions: Conditions | None = None,
-        channels: int = CHANNELS,
+        wired: Sequence[int] = (),
+        converter: Converter = CONVERTERS["LDC1614"],
         drains: Sequence[Drains] | None = None,
         open_points: OpenPoints | None = None,
         strict: bool = False,
@@ -93,9 +102,15 @@ class EmulatedBoard:
         self.misuse = Misuse(strict)
         self._seen = Seen("open")
         self._solve = lru_cache(maxsize=_CIRCUITS)(lambda closed: what_is_seen(closed, self.coils))
-        self.chip = Ldc1614(clock, self, channels=channels, open_points=open_points, misuse=self.misuse, seed=seed)
+        self._at_channel = {
+            channel: ScanState(
+                coil, ((coil, 1),), others="open", exceptions={one: "ground" for one in self.coils if one != coil}
+            )
+            for channel, coil in zip(wired, self.coils, strict=False)
+        }
+        self.chip = Ldc1614(clock, self, converter=converter, open_points=open_points, misuse=self.misuse, seed=seed)
         self.chain = EmulatedChain(
-            switch_table(wiring),
+            switch_table(wiring) if wiring else (),
             before_change=self.chip.advance, after_change=self._switched, drains=drains, readback=readback,
         )  # fmt: skip
         self.indenter = Indenter(self.chip.advance, world.check)
@@ -123,10 +138,11 @@ class EmulatedBoard:
         return self.conditions.clkin
 
     def sensor(self, channel: int, time: float) -> Resonator | None:
-        """Return the tank at a channel of the converter: only the first is wired."""
-        if channel != 0 or self._seen.state is None:
+        """Return the tank at a channel of the converter; switches join coils to the first only."""
+        state = self._at_channel.get(channel) if self._at_channel else self._seen.state if channel == 0 else None
+        if state is None:
             return None
-        return self.world.resonator(self._seen.state, self.indenter.at(time), self.conditions.drift.at(time))
+        return self.world.resonator(state, self.indenter.at(time), self.conditions.drift.at(time))
 
     # ------------------------------------------------------------------ for tests
 
@@ -134,9 +150,13 @@ class EmulatedBoard:
         """Return the circuit that the converter sees through the switches."""
         return self._seen
 
-    def true_tank(self) -> Resonator | None:
-        """Return the tank as it is now, without noise."""
-        return self.sensor(0, self.clock.now())
+    def true_tank(self, channel: int = 0) -> Resonator | None:
+        """Return the tank at a channel as it is now, without noise."""
+        return self.sensor(channel, self.clock.now())
+
+    def temperature(self) -> float:
+        """Return the temperature of the board in °C now."""
+        return self.conditions.drift.at(self.clock.now())
 
     def place(self) -> Place:
         """Return where the indenter is now."""

@@ -27,14 +27,13 @@ from coilarray.hardware.chips.ldc1614_limits import (
     DEGLITCH,
     DIVIDED_FROM,
     DRIVE_CURRENTS,
-    LARGEST_REFERENCE,
     SENSOR_FREQUENCY,
+    largest_reference,
 )
 
 AMPLITUDE_STOPS = 0.6
 """Peak voltage in V below which the oscillation stops."""
 _SEQUENCES = {0b00: 2, 0b01: 3, 0b10: 4, 0b11: 2}  # channels of RR_SEQUENCE
-_LARGEST_REFERENCE_SCAN, _LARGEST_EXTERNAL_SCAN = 55e6, 40e6  # Hz, with several channels
 WATCHDOG = 5.2e-3
 """Time in s without oscillation after which the chip gives up and starts the sensor again."""
 # assumed size of an effect that the data sheet only mentions: clamps pull the frequency, a small amplitude is noisier
@@ -112,12 +111,12 @@ class Setting:
         """Decode the registers of a chip with the given number of channels."""
         config, mux = registers[0x1A], registers[0x1B]
         scan = bool(mux >> 15)
-        sequence = tuple(range(min(_SEQUENCES[mux >> 13 & 0b11], channels))) if scan else (config >> 14,)
+        sequence = tuple(range(_SEQUENCES[mux >> 13 & 0b11])) if scan else (config >> 14,)
         return Setting(
             channels=tuple(
                 ChannelSetting(
                     registers[0x08 + k],
-                    registers[0x0C + k],
+                    registers.get(0x0C + k, 0),
                     registers[0x10 + k],
                     registers[0x14 + k] >> 12,
                     registers[0x14 + k] & 0x3FF,
@@ -166,9 +165,7 @@ class Setting:
         if clock is None:
             return
         reference = clock / one.fref_divider
-        largest = LARGEST_REFERENCE
-        if self.scan:
-            largest = _LARGEST_EXTERNAL_SCAN if self.external else _LARGEST_REFERENCE_SCAN
+        largest = largest_reference(external=self.external, channels=len(self.sequence))
         if reference > largest:
             yield f"the reference of channel {channel} is {reference:.4g} Hz; at most {largest:.4g} Hz are allowed."
 

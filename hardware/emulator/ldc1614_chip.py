@@ -10,20 +10,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coilarray.hardware.chips.ldc1614 import BUS_RATE, READ_BITS, WRITE_BITS
+from coilarray.hardware.chips.converters import CONVERTERS, Converter
+from coilarray.hardware.chips.ldc1614 import BUS_RATE, CHANNELS, READ_BITS, SLOWEST_BUS_RATE, WRITE_BITS
 from coilarray.hardware.chips.ldc1614_registers import Register, registers
 from coilarray.hardware.emulator.conversion import Result, Run, Setting, Surroundings
 from coilarray.hardware.wire.buses import Clock
 from coilarray.hardware.wire.faults import BusFault, BusTimeout
 
-CHANNELS = 4
-"""Number of channels of an LDC1614."""
 ADDRESS = 0x2A
 """I²C address with the pin ADDR low."""
 _BUS_TIMEOUT = 25e-3  # s until a master gives up a bus that is held down
 _MSB, _LSB = (0x00, 0x02, 0x04, 0x06), (0x01, 0x03, 0x05, 0x07)
 _DIVIDERS, _DRIVE = 0x14, 0x1E
 _STATUS, _ERROR_CONFIG, _CONFIG, _MUX, _RESET = 0x18, 0x19, 0x1A, 0x1B, 0x1C
+_OFFSETS = (0x0C, 0x0D, 0x0E, 0x0F)
+_CAPACITIVE_ERRORS, _CAPACITIVE_RCOUNT = 0x3821, 0x100
 _SLEEP, _INTB_DIS, _DRDY = 1 << 13, 1 << 7, 1 << 6
 _INIT_DRIVE = 0x1F << 6
 _RESET_BIT = 1 << 15
@@ -92,8 +93,8 @@ class Ldc1614:
         Clock of the board.
     surroundings : Surroundings
         Coils, clocks and temperature.
-    channels : int
-        Number of channels: 4, or 2 for an LDC1612, which has the same identity.
+    converter : Converter
+        Type of the converter: it decides on the number of channels. All have the same identity.
     open_points, misuse
         Behaviour where the sources disagree; collects undocumented use.
     seed : int
@@ -105,18 +106,20 @@ class Ldc1614:
         clock: Clock,
         surroundings: Surroundings,
         *,
-        channels: int = CHANNELS,
+        converter: Converter = CONVERTERS["LDC1614"],
         open_points: OpenPoints | None = None,
         misuse: Misuse | None = None,
         seed: int = 0,
     ) -> None:
-        self.clock, self.channels, self.surroundings = clock, channels, surroundings
+        self.clock, self.channels, self.surroundings = clock, converter.channels, surroundings
+        self._capacitive = converter.family == "FDC"
         self.open_points = open_points or OpenPoints()
         self.misuse = misuse or Misuse(strict=True)
         self.table = {
             register.address: register
             for register in registers().values()
-            if channels == CHANNELS or not register.four_channels
+            if (converter.channels == CHANNELS or not register.four_channels)
+            and not (self._capacitive and register.address in _OFFSETS)
         }
         self.resets = 0
         self._excused = False
@@ -262,6 +265,8 @@ class Ldc1614:
                 f"{register.name} was written with {value:#06x}: reserved bits {wrong:#06x} must be "
                 f"{register.reset & wrong:#06x}."
             )
+        if self._capacitive:
+            self._check_capacitive(register, value)
         if self.asleep or register.address == _RESET:
             return
         if register.address == _CONFIG:
@@ -269,6 +274,18 @@ class Ldc1614:
                 self._note(f"CONFIG was changed to {value:#06x} while the chip was active.")
         else:
             self._note(f"{register.name} was written while the chip was active.")
+
+    def _check_capacitive(self, register: Register, value: int) -> None:
+        """Note what an FDC2212 or FDC2214 does not have (SNOSCZ5B, sections 7.6.10 to 7.6.31)."""
+        name = register.name
+        if register.address == _ERROR_CONFIG and value & ~_CAPACITIVE_ERRORS:
+            self._note(
+                f"{name} was written with {value:#06x}; the bits outside {_CAPACITIVE_ERRORS:#06x} are reserved."
+            )
+        if name.startswith("RCOUNT") and value < _CAPACITIVE_RCOUNT:
+            self._note(f"{name} was written with {value:#06x}; from {_CAPACITIVE_RCOUNT:#06x} on it is allowed.")
+        if name.startswith("CLOCK_DIVIDERS") and value >> 12 not in (1, 2):
+            self._note(f"{name} was written with {value:#06x}; its FIN_SEL must be 1 or 2.")
 
     def _take(self, result: Result) -> None:
         """Store the result of a conversion."""
@@ -279,7 +296,7 @@ class Ldc1614:
         self._flags[channel] = shown[0] << 3 | shown[1] << 2 | shown[2] << 1 | (shown[3] or shown[4])
         self._unread[channel] = True
         self._drdy = self._drdy or result.last
-        if result.drive is not None:
+        if result.drive is not None and not self._capacitive:
             kept = self._registers[_DRIVE + channel] & ~_INIT_DRIVE
             self._registers[_DRIVE + channel] = kept | result.drive << 6
         happened = [*raised, result.no_edges]
@@ -384,6 +401,8 @@ class EmulatedBus:
 
     def _pass(self, bits: int, register: int) -> None:
         self.transactions += 1
+        if not SLOWEST_BUS_RATE <= self.speed <= BUS_RATE:
+            self.chip.misuse.note(f"the bus runs at {self.speed:.4g} Hz; 10 to 400 kHz are allowed.")
         if self._held:
             self.clock.sleep(_BUS_TIMEOUT)
             raise BusTimeout(f"the bus is held down; register {register:#04x} was not reached.")

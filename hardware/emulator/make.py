@@ -12,6 +12,7 @@ import numpy as np
 from coilarray.compute.store import open_store
 from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.converters import CONVERTERS, Converter
 from coilarray.hardware.chips.ldc1614 import LARGEST_RCOUNT
 from coilarray.hardware.emulator.board import EmulatedBoard, Netlist
 from coilarray.hardware.emulator.conditions import Conditions, Drift, Oscillator, VirtualClock
@@ -38,6 +39,8 @@ def emulated_board(
     capacitor: float = 0.0,
     count_parts: bool = False,
     clock: Clock | None = None,
+    converter: Converter | None = None,
+    clkin: float | None = None,
     strict: bool = False,
     folder: Path | None = None,
     progress: Progress | None = None,
@@ -49,7 +52,7 @@ def emulated_board(
     design : Design
         Design with all the coils of the wiring.
     wiring : Netlist
-        Wiring of the switches, as `coilarray.hardware.scan.wiring.load_wiring` returns it.
+        Wiring of the switches, or of coils to channels, as `coilarray.hardware.scan.wiring.load_wiring` returns it.
     path : sequence of (float, float, float, float), optional
         Path of the indenter: time in s, x, y and depth in m. Lifted by default.
     seed : int
@@ -69,6 +72,10 @@ def emulated_board(
         of those of the design.
     clock : Clock, optional
         Clock of the board; a new `VirtualClock` by default.
+    converter : Converter, optional
+        Type of the converter; an LDC1614 by default.
+    clkin : float, optional
+        Frequency at its pin CLKIN in Hz; the pin is grounded by default.
     strict : bool
         Whether undocumented use of the converter raises UndocumentedUse; it is noted in any case.
     folder : Path, optional
@@ -118,9 +125,9 @@ def emulated_board(
     )  # fmt: skip
     if noise is None:
         noise = replace(design.readout, rcount=LARGEST_RCOUNT).frequency_noise
-    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise, first_offset=first_offset)
+    conditions = Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin, first_offset)
     board = EmulatedBoard(
-        wiring.coils, wiring.encode(), world,
+        wiring.coils, wiring.encode(), world, wired=wiring.channels, converter=converter or CONVERTERS["LDC1614"],
         clock=clock or VirtualClock(), conditions=conditions, drains=wiring.drains, strict=strict, seed=seed,
     )  # fmt: skip
     if path is not None:

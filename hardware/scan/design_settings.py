@@ -11,6 +11,7 @@ from coilarray.design.model import Design
 from coilarray.design.readout import Readout
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.converters import Family
 from coilarray.hardware.chips.ldc1614 import BUS_RATE
 from coilarray.hardware.chips.ldc1614_limits import drive_for
 from coilarray.hardware.scan.board_network import board_network
@@ -44,6 +45,8 @@ def design_settings(
     states: Sequence[str] | None = None,
     rate: float | None = None,
     bus_rate: float = BUS_RATE,
+    undivided: bool = False,
+    family: Family = "LDC",
     clock: float | None = None,
     external_clock: bool = False,
     drives: Mapping[str, int] | int | None = None,
@@ -56,13 +59,16 @@ def design_settings(
     design : Design
         Design whose coils are among those of the wiring.
     wiring : Wiring
-        Wiring of the board's switches.
+        Wiring of the board's switches, or of coils to the channels of the converter: a coil of the design that it does
+        not have counts as open.
     states : sequence of str, optional
-        Names of states of the design's scan plan; all by default.
+        Names of states of the design's scan plan; by default all, or without switches all of wired coils.
     rate : float, optional
         Scans per second; full resolution by default.
     bus_rate : float
         Clock of the I²C bus in Hz.
+    undivided, family
+        As of `scan_settings`.
     clock : float, optional
         Measured or external clock of the converter in Hz; that of its own typical oscillator by default.
     external_clock : bool
@@ -84,18 +90,24 @@ def design_settings(
     NetworkError
         A state without a resonance.
     """
-    unknown = [name for name in design.array.names if name not in wiring.coils]
+    names = design.array.names
+    unknown = [name for name in wiring.coils if name not in names] if wiring.channels else []
     if unknown:
+        raise HardwareError(
+            f"the design {design.name} has no coil {unknown[0]!r} of the wiring {wiring.name}; "
+            f"there are {', '.join(names)}."
+        )
+    unknown = [name for name in names if name not in wiring.coils]
+    if unknown and not wiring.channels:
         raise HardwareError(
             f"wiring {wiring.name} has no coil {unknown[0]!r} of the design {design.name}; "
             f"there are {', '.join(wiring.coils)}: give the wiring of this board."
         )
     plan = design_plan(design, states)
+    if unknown:
+        plan = _of_wired(plan, wiring, unknown, chosen=bool(states))
     network = board_network(design, open_store())
     results = [resonate(network, state) for state in plan]
-    highest = max(result.frequency for result in results)
-    # the settling rule counts periods of the sensor: the slowest one decides
-    quality = max(loaded_quality(network, result) * highest / result.frequency for result in results)
     if not isinstance(drives, int):
         known = dict(drives or {})
         for coil in known:
@@ -108,16 +120,36 @@ def design_settings(
         drives = known
     return scan_settings(
         wiring,
-        plan,
+        [_among(state, wiring.coils) for state in plan],
         rate=rate,
         bus_rate=bus_rate,
         clock=clock,
         external_clock=external_clock,
-        frequency=highest,
-        quality=_MARGIN * quality,
+        undivided=undivided,
+        family=family,
+        frequency={result.state.name: result.frequency for result in results},
+        quality={result.state.name: _MARGIN * loaded_quality(network, result) for result in results},
         drives=drives,
         discard=discard,
     )
+
+
+def _of_wired(
+    plan: Sequence[ScanState], wiring: Wiring, others: Sequence[str], *, chosen: bool
+) -> tuple[ScanState, ...]:
+    """Return the states of wired coils, in which the `others` are open; all states where the user has `chosen` them."""
+    kept = [state for state in plan if chosen or {coil for coil, _ in state.measured} <= set(wiring.coils)]
+    for state in kept:
+        for coil, _ in state.measured:
+            wiring.channel(coil)  # refuses a coil that is not wired
+    if not kept:
+        raise HardwareError(f"no state of the scan measures {' or '.join(wiring.coils)} alone.")
+    return tuple(replace(state, exceptions={**state.exceptions, **dict.fromkeys(others, "open")}) for state in kept)
+
+
+def _among(state: ScanState, coils: Sequence[str]) -> ScanState:
+    """Return a state without its exceptions of other coils."""
+    return replace(state, exceptions={coil: state.exceptions[coil] for coil in state.exceptions if coil in coils})
 
 
 def _drive(coil: str, parallel_resistance: float) -> int:

@@ -13,17 +13,17 @@ from enum import StrEnum
 from typing import Literal
 
 from coilarray.errors import HardwareError
-from coilarray.hardware.chips.ldc1614 import CODE_BITS, code_to_frequency, inductance_from_frequency
+from coilarray.hardware.chips.ldc1614 import CHANNELS, CODE_BITS, code_to_frequency, inductance_from_frequency
 from coilarray.hardware.chips.ldc1614_limits import SENSOR_FREQUENCY
 from coilarray.hardware.chips.ldc1614_registers import decode
 from coilarray.hardware.scan.reader import RawSample, RawScan, SampleFault
-from coilarray.hardware.scan.settings import ScanSettings
+from coilarray.hardware.scan.settings import ScanSettings, StateSettings, error_config
 
 Verdict = Literal["good", "doubtful", "bad"]
 """Quality of a result: good; doubtful, outside what the data sheet promises; bad, no measurement."""
 
 READY = 0x0048
-"""STATUS of a result without an error: DRDY and UNREADCONV0."""
+"""STATUS of a result of channel 0 without an error: DRDY and UNREADCONV0."""
 ALL_FLAGS = 0xF8FD
 """ERROR_CONFIG that enables every flag in the result and in STATUS."""
 LARGEST_CODE = (1 << CODE_BITS) - 1
@@ -31,6 +31,7 @@ QUARTER = 1 << (CODE_BITS - 2)
 """Code of a quarter of the reference frequency, with no offset; the input must stay below."""
 
 _WORD = 0xFFFF
+_DATA_READY, _UNREAD = 0x0040, 0x000F
 _LEAST_QUALITY = 2.0  # from here the lossy form has a root at every frequency of the converter
 _OFFSET_STEP = 1 << (CODE_BITS - 16)
 
@@ -70,15 +71,16 @@ _STATUS = {
     Reason.AMPLITUDE_HIGH: ("ERR_AHE",),
     Reason.AMPLITUDE_LOW: ("ERR_ALE",),
     Reason.ZERO_COUNT: ("ERR_ZC",),
-    Reason.ANOTHER_CHANNEL: ("ERR_CHAN", "UNREADCONV1", "UNREADCONV2", "UNREADCONV3"),
 }
 
 
-def judge(sample: RawSample, *, offset: int = 0, error_config: int = ALL_FLAGS) -> tuple[Verdict, tuple[Reason, ...]]:
-    """Judge whether a sample of channel 0, the only one in use, is a measurement; the reasons are empty if it is good.
+def judge(
+    sample: RawSample, *, offset: int = 0, error_config: int = ALL_FLAGS, channel: int = 0
+) -> tuple[Verdict, tuple[Reason, ...]]:
+    """Judge whether a sample of a channel is a measurement; the reasons are empty if it is good.
 
     It is doubtful for an amplitude outside its range or an input above a quarter of the reference, bad for all else.
-    `offset` and `error_config` are the registers OFFSET0 and ERROR_CONFIG: the converter cannot have set a flag that
+    `offset` and `error_config` are the registers OFFSET and ERROR_CONFIG: the converter cannot have set a flag that
     the latter does not enable. HardwareError for a word beyond 16 bits.
 
     >>> judge(RawSample(0x0179, 0x82F3, 0x0048))
@@ -88,7 +90,7 @@ def judge(sample: RawSample, *, offset: int = 0, error_config: int = ALL_FLAGS) 
     """
     if sample.fault is not SampleFault.NONE:
         return "bad", (_FAULTS[sample.fault],)
-    reasons = _of_result(sample, offset) | _of_status(sample.status)
+    reasons = _of_result(sample, offset) | _of_status(sample.status, channel)
     if sample.msb & ~_shown(error_config) & 0xF000:
         reasons.add(Reason.IMPOSSIBLE)
     if reasons & {Reason.AMPLITUDE_HIGH, Reason.AMPLITUDE_LOW}:
@@ -117,8 +119,18 @@ def _of_result(sample: RawSample, offset: int) -> set[Reason]:
     return reasons
 
 
-def _of_status(status: int) -> set[Reason]:
-    if status == READY:  # nearly always
+def ready_status(channel: int) -> int:
+    """Return STATUS of a result of a channel without an error: DRDY, and UNREADCONV of the channel.
+
+    >>> hex(ready_status(1))
+    '0x44'
+    """
+    return _DATA_READY | 1 << CHANNELS - 1 - channel
+
+
+def _of_status(status: int, channel: int) -> set[Reason]:
+    ready = ready_status(channel)
+    if status == ready:  # nearly always
         return set()
     if not 0 <= status <= _WORD:
         raise HardwareError(f"status must be 0 to 0xFFFF; got {status:#x}.")
@@ -127,7 +139,9 @@ def _of_status(status: int) -> set[Reason]:
     except HardwareError:  # a reserved bit is set
         return {Reason.IMPOSSIBLE}
     reasons = {reason for reason, names in _STATUS.items() if any(fields[name] for name in names)}
-    return reasons if fields["DRDY"] and fields["UNREADCONV0"] else reasons | {Reason.NOT_READY}
+    if status & _UNREAD & ~ready or (fields["ERR_CHAN"] != channel and (reasons or fields["ERR_CHAN"])):
+        reasons.add(Reason.ANOTHER_CHANNEL)
+    return reasons if status & ready == ready else reasons | {Reason.NOT_READY}
 
 
 def _shown(error_config: int) -> int:
@@ -158,6 +172,7 @@ class ScanReading:
     received: float
     boot: int
     states: tuple[StateReading, ...]
+    temperature: float | None = None  # of the board in °C, where it is known
 
     @property
     def verdict(self) -> Verdict:
@@ -178,6 +193,7 @@ def read_scan(
     *,
     qualities: Mapping[str, float] | float = math.inf,
     clock: float | None = None,
+    temperature: float | None = None,
 ) -> ScanReading:
     """Convert the words of a scan to frequencies and inductances.
 
@@ -193,6 +209,8 @@ def read_scan(
         Quality factor of the tank likewise, at least 2; by default no losses, as in the simulated responses.
     clock : float, optional
         Clock of the converter in Hz, if it is known better than when the settings were made.
+    temperature : float, optional
+        Temperature of the board in °C, which stands in the result and changes nothing else.
 
     Returns
     -------
@@ -235,17 +253,25 @@ def read_scan(
             raise HardwareError(f"the capacitance of {state.name} must be positive and finite; got {capacitance} F.")
         if not quality >= _LEAST_QUALITY:
             raise HardwareError(f"the quality factor of {state.name} must be at least 2; got {quality}.")
-        states.append(_read(state.name, sample, settings, reference, capacitance, quality))
-    return ScanReading(scan.sequence, scan.time, scan.received, scan.boot, tuple(states))
+        states.append(_read(state, sample, settings, reference, capacitance, quality))
+    return ScanReading(scan.sequence, scan.time, scan.received, scan.boot, tuple(states), temperature)
 
 
 def _read(
-    name: str, sample: RawSample, settings: ScanSettings, reference: float, capacitance: float, quality: float
+    state: StateSettings,
+    sample: RawSample,
+    settings: ScanSettings,
+    reference: float,
+    capacitance: float,
+    quality: float,
 ) -> StateReading:
-    verdict, reasons = judge(sample, offset=settings.offset)
+    name, divider = state.name, settings.input_divider(state)
+    verdict, reasons = judge(
+        sample, offset=settings.offset, error_config=error_config(settings.family), channel=state.channel
+    )
     if verdict == "bad":
         return StateReading(name, None, None, verdict, reasons)
-    frequency = code_to_frequency(_code(sample), reference, divider=settings.fin_divider, offset=settings.offset)
+    frequency = code_to_frequency(_code(sample), reference, divider=divider, offset=settings.offset)
     low, high = SENSOR_FREQUENCY
     if not low <= frequency <= high:
         return StateReading(name, None, None, "bad", (*reasons, Reason.NO_SENSOR))

@@ -7,45 +7,46 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
-from typing import Annotated
-
-from pydantic import Field, ValidationError
+from functools import cache, cached_property
 
 from coilarray.design.scan_states import ScanState, paper_plan
-from coilarray.design.toml_file import first_error
-from coilarray.design.units import Table
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.converters import FAMILIES, Family
 from coilarray.hardware.chips.ldc1614 import (
     BUS_RATE,
-    EXTERNAL_CLOCK_RANGE,
+    CHANNELS,
     INTERNAL_CLOCK,
     INTERNAL_CLOCK_RANGE,
     LARGEST_RCOUNT,
     MOST_DISCARDED,
-    SMALLEST_RCOUNT,
     StateTime,
     bus_time,
     conversion_time,
     internal_clock_range,
     next_conversion_time,
     rcount_for,
+    settle_time,
     state_time,
 )
-from coilarray.hardware.chips.ldc1614_limits import check_clock, deglitch_for, input_divider, reference_divider
+from coilarray.hardware.chips.ldc1614_limits import (
+    check_clock,
+    deglitch_for,
+    input_divider,
+    reference_divider,
+    smallest_rcount,
+)
 from coilarray.hardware.chips.ldc1614_limits import settle_count as settle_count_of
 from coilarray.hardware.chips.ldc1614_registers import check_value, encode
 from coilarray.hardware.scan.closure import check_switching
+from coilarray.hardware.scan.settings_file import MOST_STATES, SCHEMA, settings_values
 from coilarray.hardware.scan.wiring import Wiring, first_repeated
 
 FULL_RESOLUTION = LARGEST_RCOUNT
 """RCOUNT of the longest conversion."""
 REFERENCE_DRIVE = 6
 """IDRIVE for about 33 kΩ, which the coils of the reference board have with 120 pF."""
-_SCHEMA = 2  # of the settings in JSON; 1 waited for the nominal clock
 _LARGEST_DRIVE = 31
-_PREFIX = b"coilarray1"
-_MOST_STATES = 255
+_PREFIX, _SCANNING_PREFIX = b"coilarray1", b"coilarray-channels1"
 _MARGIN = 1.1  # of the time-out on the slowest clock
 _RESTART = 6e-3  # s; the watchdog's restart of a sensor takes 5.2 ms
 
@@ -54,12 +55,17 @@ _RESTART = 6e-3  # s; the watchdog's restart of a sensor takes 5.2 ms
 class StateSettings:
     """One state of the scan, by default with the name of the coil that is measured, and its IDRIVE code, 0 to 31.
 
-    `words` has the byte of each device while it is measured; the first one goes to the far end of the chain.
+    `words` has the byte of each device while it is measured; the first one goes to the far end of the chain. Without
+    switches it is empty, and the coil is at a `channel` of the converter, 0 to 3, which may have its own settling time
+    and input divider; None where they are those of the scan.
     """
 
     name: str
     words: bytes
     drive: int
+    channel: int = 0
+    settle_count: int | None = None
+    fin_divider: int | None = None
 
 
 @dataclass(frozen=True)
@@ -71,7 +77,7 @@ class ScanSettings:
     states : tuple of StateSettings
         States in the order in which they are measured.
     safe_words : bytes
-        Words that ground every end of every coil.
+        Words that ground every end of every coil; empty for a board without switches.
     wiring : bytes
         Encoded wiring of the switches, as `coilarray.hardware.scan.closure.switch_table` reads it.
     clock : float
@@ -79,11 +85,16 @@ class ScanSettings:
     external_clock : bool
         Whether the clock comes from the pin CLKIN.
     rcount, settle_count, fin_divider, fref_divider, offset, deglitch : int
-        Fields of the registers RCOUNT0, SETTLECOUNT0, CLOCK_DIVIDERS0, OFFSET0 and MUX_CONFIG.
+        Fields of the registers RCOUNT, SETTLECOUNT, CLOCK_DIVIDERS, OFFSET of the channels in use, and of MUX_CONFIG.
     slowest_clock : float
         Slowest frequency in Hz that the converter's internal oscillator may have: every wait is long enough for it.
     discard : int
         Number of conversions of each state that are thrown away after waking.
+    scanned : int
+        Number of channels that the converter scans by itself, from channel 0 on; 1 for a single one, all the time. A
+        scanned channel that no state measures is converted as shortly as the converter allows.
+    family : {"LDC", "FDC"}
+        Family of the converter.
     """
 
     states: tuple[StateSettings, ...]
@@ -99,6 +110,8 @@ class ScanSettings:
     deglitch: int
     slowest_clock: float = INTERNAL_CLOCK_RANGE[0]
     discard: int = 0
+    scanned: int = 1
+    family: Family = "LDC"
 
     def __post_init__(self) -> None:
         devices = len(self.safe_words)
@@ -107,6 +120,27 @@ class ScanSettings:
             raise HardwareError(f"a state must have {devices} words, as the safe words do; got {min(lengths)}.")
         if len(self.wiring) != 8 * devices:
             raise HardwareError(f"the wiring of {devices} devices must have 8 bytes each; got {len(self.wiring)}.")
+        if not 1 <= self.scanned <= CHANNELS:
+            raise HardwareError(f"a converter scans 1 to {CHANNELS} channels; got {self.scanned}.")
+        measured = [state.channel for state in self.states]
+        if not (devices or measured):
+            raise HardwareError("a scan must have at least one state; got none.")
+        if devices and any(measured):
+            raise HardwareError(f"switches join coils to channel 0; got channel {max(measured)}.")
+        if not devices and (again := first_repeated(measured)) is not None:
+            raise HardwareError(f"a channel measures one coil; channel {again} has more.")
+        if any(channel not in self.channels for channel in measured):
+            raise HardwareError(f"channel {max(measured)} must be among those that are scanned, {self.scanned}.")
+
+    @property
+    def wired(self) -> bool:
+        """Whether coils are wired straight to the channels of the converter, without switches."""
+        return not self.safe_words
+
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Channels that the converter converts."""
+        return tuple(range(self.scanned)) if self.scanned > 1 else (self.states[0].channel,)
 
     @property
     def reference(self) -> float:
@@ -124,24 +158,35 @@ class ScanSettings:
 
         HardwareError for a field that its register does not take.
         """
-        dividers = {"FIN_DIVIDER0": self.fin_divider, "FREF_DIVIDER0": self.fref_divider}
-        return (
-            (0x08, encode("RCOUNT0", {"RCOUNT0": self.rcount})),
-            (0x0C, encode("OFFSET0", {"OFFSET0": self.offset})),
-            (0x10, encode("SETTLECOUNT0", {"SETTLECOUNT0": self.settle_count})),
-            (0x14, encode("CLOCK_DIVIDERS0", dividers)),
-            (0x19, encode("ERROR_CONFIG", dict.fromkeys(_REPORTED, 1))),
-            (0x1A, encode("CONFIG", {**_ACTIVE, "REF_CLK_SRC": int(self.external_clock)})),
-            (0x1B, encode("MUX_CONFIG", {"DEGLITCH": self.deglitch})),
-        )
+        active = _ACTIVE | {"REF_CLK_SRC": int(self.external_clock)}
+        mux = {"DEGLITCH": self.deglitch}
+        if self.scanned > 1:
+            mux |= {"AUTOSCAN_EN": 1, "RR_SEQUENCE": self.scanned - 2}
+        else:
+            active |= {"ACTIVE_CHAN": self.channels[0]}
+        values = [
+            (0x19, error_config(self.family)),
+            (0x1A, encode("CONFIG", active)),
+            (0x1B, encode("MUX_CONFIG", mux)),
+        ]
+        for channel in self.channels:
+            values += self._channel_registers(channel)
+        return tuple(sorted(values))
 
     def drive_register(self, state: StateSettings) -> int:
-        """Return register DRIVE_CURRENT0 of a state."""
-        return encode("DRIVE_CURRENT0", {"IDRIVE0": state.drive})
+        """Return register DRIVE_CURRENT of the channel of a state."""
+        return encode(f"DRIVE_CURRENT{state.channel}", {f"IDRIVE{state.channel}": state.drive})
+
+    def input_divider(self, state: StateSettings) -> int:
+        """Return FIN_DIVIDER of the channel of a state."""
+        return self.fin_divider if state.fin_divider is None else state.fin_divider
 
     @property
     def state_time(self) -> StateTime:
-        """Times of the steps of one state with the slowest clock that is possible, on an I²C bus of 400 kHz."""
+        """Times of the steps of one state with the slowest clock that is possible, on an I²C bus of 400 kHz.
+
+        Without switches they are those of all states together.
+        """
         return self._state_time(BUS_RATE)
 
     @property
@@ -151,8 +196,11 @@ class ScanSettings:
 
     def period_on(self, bus_rate: float) -> float:
         """Shortest time from scan to scan in s on an I²C bus whose clock is `bus_rate` in Hz, positive and finite."""
+        time = self._state_time(bus_rate)
+        if self.wired:  # the converter goes on while its results are read
+            return max(self.again_us * 1e-6, time.result + time.control)
         # once a scan a register is read back, which tells whether the converter was reset
-        return len(self.states) * self._state_time(bus_rate).total + bus_time(reads=1, rate=bus_rate)
+        return len(self.states) * time.total + bus_time(reads=1, rate=bus_rate)
 
     @property
     def wait_us(self) -> int:
@@ -162,7 +210,11 @@ class ScanSettings:
     @property
     def again_us(self) -> int:
         """Time from reading a result that is thrown away to the next look at STATUS in µs."""
-        return math.ceil(next_conversion_time(self.rcount, self.slowest_reference) * 1e6)
+        reference, counts = self.slowest_reference, [self._counts(channel) for channel in self.channels]
+        again = sum(next_conversion_time(rcount, reference) for rcount, _ in counts)
+        if self.scanned > 1:  # every channel starts its sensor anew
+            again += sum(settle_time(settle, reference) for _, settle in counts)
+        return math.ceil(again * 1e6)
 
     @property
     def timeout_us(self) -> int:
@@ -177,6 +229,8 @@ class ScanSettings:
 
     def check_switching(self) -> None:
         """Refuse words that could join what must not be joined."""
+        if self.wired:
+            return
         check_switching(self.wiring, self.safe_words, [(state.name, state.words) for state in self.states])
 
     @cached_property  # it is compared with that of every scan
@@ -188,6 +242,8 @@ class ScanSettings:
     def canonical(self) -> bytes:
         """Bytes of which the hash is taken."""
         parts = [_PREFIX, bytes([len(self.safe_words)]), self.wiring, self.safe_words]
+        if self.wired or self.scanned > 1:  # no microcontroller has such settings
+            parts = [_SCANNING_PREFIX, *parts[1:], bytes([self.scanned, *(state.channel for state in self.states)])]
         parts += [bytes([address]) + value.to_bytes(2, "big") for address, value in self.registers]
         parts += [time.to_bytes(4, "big") for time in (self.wait_us, self.timeout_us)]
         if self.discard:
@@ -197,14 +253,63 @@ class ScanSettings:
         return b"".join(parts)
 
     def _state_time(self, bus_rate: float) -> StateTime:
-        return state_time(
+        time = state_time(
             self.rcount, self.settle_count, self.slowest_reference,
             internal_clock=self.slowest_clock, bus_rate=bus_rate, discard=self.discard,
         )  # fmt: skip
+        if not self.wired and self.scanned == 1:
+            return time
+        reference, counts = self.slowest_reference, [self._counts(channel) for channel in self.channels]
+        measured = {state.channel for state in self.states}
+        time = replace(
+            time,
+            settle=sum(settle_time(settle, reference) for _, settle in counts),
+            conversion=sum(next_conversion_time(rcount, reference) for rcount, _ in counts),
+            discarded=self.discard * (self.again_us * 1e-6 + bus_time(reads=1 + len(measured), rate=bus_rate)),
+        )
+        if not self.wired:
+            return time
+        return replace(
+            time,
+            result=bus_time(reads=2 * len(self.states), rate=bus_rate),
+            control=bus_time(reads=2, rate=bus_rate),  # STATUS, and the register that tells of a reset
+        )
+
+    def _measured(self, channel: int) -> StateSettings | None:
+        """Return the state that a channel measures, the first of those that switches join to it; None for no state."""
+        return next((state for state in self.states if state.channel == channel), None)
+
+    def _counts(self, channel: int) -> tuple[int, int]:
+        """Return RCOUNT and SETTLECOUNT of a channel."""
+        state = self._measured(channel)
+        if state is None:
+            return smallest_rcount(self.scanned, self.family), self.settle_count
+        return self.rcount, self.settle_count if state.settle_count is None else state.settle_count
+
+    def _channel_registers(self, channel: int) -> list[tuple[int, int]]:
+        """Return addresses and values of a channel; its drive current only where it is the same all the time."""
+        rcount, settle_count = self._counts(channel)
+        state = self._measured(channel)
+        dividers = {
+            f"FIN_DIVIDER{channel}": self.fin_divider if state is None else self.input_divider(state),
+            f"FREF_DIVIDER{channel}": self.fref_divider,
+        }
+        values = [
+            (0x08 + channel, encode(f"RCOUNT{channel}", {f"RCOUNT{channel}": rcount})),
+            (0x10 + channel, encode(f"SETTLECOUNT{channel}", {f"SETTLECOUNT{channel}": settle_count})),
+            (0x14 + channel, encode(f"CLOCK_DIVIDERS{channel}", dividers)),
+        ]
+        if FAMILIES[self.family].has_offset:
+            values.append((0x0C + channel, encode(f"OFFSET{channel}", {f"OFFSET{channel}": self.offset})))
+        if state is None:
+            values.append((0x1E + channel, 0))
+        elif self.wired:
+            values.append((0x1E + channel, self.drive_register(state)))
+        return values
 
     def to_json(self) -> str:
         """Return the settings as JSON in one line, with their hash; `from_json` reads it."""
-        document = {"schema": _SCHEMA, "hash": f"{self.hash:04X}", **asdict(self)}
+        document = {"schema": SCHEMA, "hash": f"{self.hash:04X}", **asdict(self)}
         return json.dumps(document, ensure_ascii=False, default=bytes.hex)
 
     @classmethod
@@ -223,20 +328,25 @@ class ScanSettings:
         >>> ScanSettings.from_json(settings.to_json()) == settings
         True
         """
-        try:
-            document = json.loads(text)
-            return _File.model_validate(document).build()
-        except ValidationError as error:  # which is a ValueError too
-            raise HardwareError(f"scan settings: {first_error(error, document)}") from None
-        except (ValueError, RecursionError) as error:
-            raise HardwareError(f"scan settings: not valid JSON: {error}.") from None
+        given, digest = settings_values(text)
+        states = tuple(StateSettings(**state) for state in given.pop("states"))
+        settings = ScanSettings(states=states, **given)
+        if f"{settings.hash:04X}" != digest:
+            raise HardwareError(f"scan settings have the hash {settings.hash:04X}, not {digest} as the file says.")
+        return settings
 
 
-_REPORTED = (
-    "UR_ERR2OUT", "OR_ERR2OUT", "WD_ERR2OUT", "AH_ERR2OUT", "AL_ERR2OUT",
-    "UR_ERR2INT", "OR_ERR2INT", "WD_ERR2INT", "AH_ERR2INT", "AL_ERR2INT", "ZC_ERR2INT", "DRDY_2INT",
-)  # fmt: skip
-# awake, channel 0, programmed drive current, full current to start, no correction of the amplitude
+@cache  # every result is judged by it
+def error_config(family: Family) -> int:
+    """Return register ERROR_CONFIG of a family of converters: every error is reported.
+
+    >>> hex(error_config("LDC")), hex(error_config("FDC"))
+    ('0xf8fd', '0x3821')
+    """
+    return encode("ERROR_CONFIG", dict.fromkeys(FAMILIES[family].reported, 1))
+
+
+# awake, programmed drive current, full current to start, no correction of the amplitude
 _ACTIVE = {"SLEEP_MODE_EN": 0, "RP_OVERRIDE_EN": 1, "SENSOR_ACTIVATE_SEL": 0, "AUTO_AMP_DIS": 1}
 
 
@@ -249,8 +359,10 @@ def scan_settings(
     bus_rate: float = BUS_RATE,
     clock: float | None = None,
     external_clock: bool = False,
-    frequency: float = 2e6,
-    quality: float = 60.0,
+    undivided: bool = False,
+    family: Family = "LDC",
+    frequency: Mapping[str, float] | float = 2e6,
+    quality: Mapping[str, float] | float = 60.0,
     drives: Mapping[str, int] | int = REFERENCE_DRIVE,
     settle_count: int | None = None,
     fin_divider: int | None = None,
@@ -264,7 +376,7 @@ def scan_settings(
     Parameters
     ----------
     wiring : Wiring
-        Wiring of the board's switches.
+        Wiring of the board's switches, or of its coils to the channels of the converter.
     plan : sequence of ScanState, optional
         States in which one coil is measured; each coil in turn with all others grounded by default.
     rate : float, optional
@@ -280,10 +392,17 @@ def scan_settings(
         43.4 MHz; as any converter may have 35 to 55 MHz, every wait is then for 35 MHz, a quarter longer.
     external_clock : bool
         Whether the clock comes from the pin CLKIN.
-    frequency : float
-        Frequency of the sensors in Hz.
-    quality : float
-        Largest quality factor of the sensors, for the settling rule; a quarter above the reference board's by default.
+    undivided : bool
+        Whether the reference is the clock itself where one channel alone would need a divider: the converter then scans
+        a second channel too, briefly, with which the data sheet allows a reference of 55 MHz, or 40 MHz from CLKIN,
+        instead of 35 MHz. A conversion of the same resolution takes half as long. Not verified on a device.
+    family : {"LDC", "FDC"}
+        Family of the converter.
+    frequency : mapping of str to float, or float
+        Frequency of the sensors in Hz, by state or of all.
+    quality : mapping of str to float, or float
+        Largest quality factor of the sensors likewise, for the settling rule; a quarter above the reference board's by
+        default.
     drives : mapping of str to int, or int
         IDRIVE of each measured coil, or of all.
     settle_count, fin_divider, fref_divider, deglitch : int, optional
@@ -313,60 +432,99 @@ def scan_settings(
     ['08=FFFF', '0C=0000', '10=0034', '14=1002', '19=F8FD', '1A=1401', '1B=020C']
     """
     states = tuple(paper_plan(wiring.coils) if plan is None else plan)
-    if not 1 <= len(states) <= _MOST_STATES:
-        raise HardwareError(f"a scan must have 1 to {_MOST_STATES} states; got {len(states)}.")
+    if not 1 <= len(states) <= MOST_STATES:
+        raise HardwareError(f"a scan must have 1 to {MOST_STATES} states; got {len(states)}.")
     if (twice := first_repeated([state.name for state in states])) is not None:
         raise HardwareError(f"the states of a scan must have different names; got {twice!r} twice.")
     if rate is not None and rcount is not None:
         raise HardwareError(f"give rate or rcount, not both; got {rate} and {rcount}.")
+    names = [state.name for state in states]
+    frequencies, qualities = _of_each("frequency", frequency, names), _of_each("quality", quality, names)
     if external_clock and clock is None:
         raise HardwareError("an external clock needs its frequency.")
-    for name, value in (("bus_rate", bus_rate), ("clock", clock), ("frequency", frequency), ("quality", quality)):
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise HardwareError(f"{name} must be positive and finite; got {value}.")
+    for name, value in (("bus_rate", bus_rate), ("clock", INTERNAL_CLOCK if clock is None else clock)):
+        _require_positive(name, value)
     if isinstance(discard, bool) or not isinstance(discard, int) or not 0 <= discard <= MOST_DISCARDED:
         raise HardwareError(f"discard must be an integer from 0 to {MOST_DISCARDED}; got {discard!r}.")
+    channels = [wiring.channel(state.measured[0][0]) for state in states]
     slowest_clock, fastest_clock = internal_clock_range(None if external_clock else clock)
     clock = INTERNAL_CLOCK if clock is None else clock
     try:
+        scanned = _scanned(channels, undivided=undivided and reference_divider(clock, external=external_clock) > 1)
         if fref_divider is None:
-            fref_divider = reference_divider(clock, external=external_clock)
+            fref_divider = reference_divider(clock, external=external_clock, channels=scanned)
         if fref_divider < 1:
             raise HardwareError(f"fref_divider must be 1 to 1023; got {fref_divider}.")
         slowest, fastest = (
             (clock if external_clock else oscillator) / fref_divider for oscillator in (slowest_clock, fastest_clock)
         )
-        fin_divider = _at_least("fin_divider", fin_divider, input_divider(frequency, slowest))
-        deglitch = _at_least("deglitch", deglitch, deglitch_for(frequency))
-        settle_count = _at_least("settle_count", settle_count, settle_count_of(frequency, quality, fastest))
+        dividers = [_at_least("fin_divider", fin_divider, input_divider(one, slowest)) for one in frequencies]
+        deglitch = _at_least("deglitch", deglitch, max(deglitch_for(one) for one in frequencies))
+        settle_counts = [
+            _at_least("settle_count", settle_count, settle_count_of(one, factor, fastest))
+            for one, factor in zip(frequencies, qualities, strict=True)
+        ]
     except ValueError as error:
         raise HardwareError(str(error)) from None
-    if not 0 <= offset / (1 << 16) < frequency / fin_divider / fastest:
+    if offset and not FAMILIES[family].has_offset:
+        raise HardwareError(f"offset must be 0, for which an FDC has no register; got {offset}.")
+    least = min(one / divider for one, divider in zip(frequencies, dividers, strict=True)) / fastest
+    if not 0 <= offset / (1 << 16) < least:
         raise HardwareError(
-            f"offset must be 0 to less than {frequency / fin_divider / fastest * (1 << 16):.0f}, "
-            f"which is the sensor itself; got {offset}."
+            f"offset must be 0 to less than {least * (1 << 16):.0f}, which is the sensor itself; got {offset}."
         )
     settings = ScanSettings(
         states=tuple(
-            StateSettings(state.name, wiring.words(state), _drive(drives, state.measured[0][0])) for state in states
+            StateSettings(
+                state.name,
+                wiring.words(state),
+                _drive(drives, state.measured[0][0]),
+                channel,
+                # of a channel of its own only: with switches all states share the registers of channel 0
+                settle if wiring.channels and settle != max(settle_counts) else None,
+                divider if wiring.channels and divider != max(dividers) else None,
+            )
+            for state, channel, settle, divider in zip(states, channels, settle_counts, dividers, strict=True)
         ),
         safe_words=wiring.safe_words,
         wiring=wiring.encode(),
         clock=float(clock),
         external_clock=external_clock,
         rcount=FULL_RESOLUTION if rcount is None else rcount,
-        settle_count=settle_count,
-        fin_divider=fin_divider,
+        settle_count=max(settle_counts),
+        fin_divider=max(dividers),
         fref_divider=fref_divider,
         offset=offset,
         deglitch=deglitch,
         slowest_clock=slowest_clock,
         discard=discard,
+        scanned=scanned,
+        family=family,
     )
     if rate is not None:
         settings = replace(settings, rcount=_rcount_of_rate(settings, rate, bus_rate))
     _check_limits(settings)
     return settings
+
+
+def _of_each(name: str, values: Mapping[str, float] | float, states: Sequence[str]) -> list[float]:
+    """Return a value for each state, all positive and finite."""
+    if isinstance(values, Mapping) and (missing := [state for state in states if state not in values]):
+        raise HardwareError(f"the {name} of {missing[0]} must be given; there is none.")
+    each = [values[state] if isinstance(values, Mapping) else values for state in states]
+    for value in each:
+        _require_positive(name, value)
+    return each
+
+
+def _require_positive(name: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0):
+        raise HardwareError(f"{name} must be positive and finite; got {value}.")
+
+
+def _scanned(channels: Sequence[int], *, undivided: bool) -> int:
+    """Return how many channels the converter scans, for states at these channels."""
+    return max(*channels, 1) + 1 if undivided or len(set(channels)) > 1 else 1
 
 
 def _at_least(name: str, value: int | None, least: int) -> int:
@@ -390,68 +548,30 @@ def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int
     if not (math.isfinite(rate) and rate > 0):
         raise HardwareError(f"rate must be positive and finite; got {rate} scans/s.")
     count = len(settings.states)
-    fastest = 1 / replace(settings, rcount=SMALLEST_RCOUNT).period_on(bus_rate)
+    least = smallest_rcount(settings.scanned, settings.family)
+    fastest = 1 / replace(settings, rcount=least).period_on(bus_rate)
     if rate > fastest:
         raise HardwareError(
             f"rate must be at most {fastest:.4g} scans/s of {count} states on an I²C bus of {bus_rate * 1e-3:g} kHz; "
             f"got {rate:g}."
         )
-    conversions, reference = 1 + settings.discard, settings.slowest_reference
+    # at full resolution no transfers between two scans take longer than the conversions; a stream without switches
+    # throws conversions away at its start only
+    conversions, reference = 1 if settings.wired else 1 + settings.discard, settings.slowest_reference
     overhead = settings.period_on(bus_rate) / count - conversions * conversion_time(settings.rcount, reference)
-    return max(rcount_for((1 / (rate * count) - overhead) / conversions, reference), SMALLEST_RCOUNT)
+    return max(rcount_for((1 / (rate * count) - overhead) / conversions, reference), least)
 
 
 def _check_limits(settings: ScanSettings) -> None:
     limits = check_clock(
         settings.clock, settings.fref_divider, external=settings.external_clock, rcount=settings.rcount,
-        settle_count=settings.settle_count,
+        settle_count=settings.settle_count, channels=settings.scanned, family=settings.family,
     )  # fmt: skip
     for limit in limits:
         if not limit.kept:
             raise HardwareError(f"{limit.name} must be {limit.low:g} to {limit.high:g}; got {limit.value:g}.")
     for address, value in settings.registers:
         check_value(address, value)
-
-
-_Code = Annotated[int, Field(ge=0, le=0xFFFF)]
-_Words = Annotated[str, Field(pattern=r"^([0-9a-f]{2})+$", max_length=4096)]
-
-
-class _StateTable(Table):
-    """One state in JSON."""
-
-    name: str
-    words: _Words
-    drive: Annotated[int, Field(ge=0, le=31)]
-
-
-class _File(Table):
-    """Settings in JSON."""
-
-    schema_: Annotated[int, Field(ge=1, le=_SCHEMA)] = Field(alias="schema")
-    hash: Annotated[str, Field(pattern=r"^[0-9A-F]{4}$")]
-    states: Annotated[list[_StateTable], Field(min_length=1, max_length=_MOST_STATES)]
-    safe_words: _Words
-    wiring: _Words
-    clock: Annotated[float, Field(ge=EXTERNAL_CLOCK_RANGE[0], le=INTERNAL_CLOCK_RANGE[1])]
-    external_clock: bool
-    rcount: _Code
-    settle_count: _Code
-    fin_divider: _Code
-    fref_divider: Annotated[int, Field(ge=1, le=0x3FF)]
-    offset: _Code
-    deglitch: _Code
-    slowest_clock: Annotated[float, Field(gt=0, le=INTERNAL_CLOCK_RANGE[1])] | None = None
-    discard: Annotated[int, Field(ge=0, le=MOST_DISCARDED)] = 0
-
-    def build(self) -> ScanSettings:
-        """Return the settings."""
-        own = self.model_dump(exclude={"schema_", "hash", "states"})
-        if self.slowest_clock is None:
-            own["slowest_clock"] = INTERNAL_CLOCK if self.external_clock else self.clock
-        own |= {name: bytes.fromhex(own[name]) for name in ("safe_words", "wiring")}
-        states = tuple(StateSettings(state.name, bytes.fromhex(state.words), state.drive) for state in self.states)
-        settings = ScanSettings(states=states, **own)
-        if f"{settings.hash:04X}" != self.hash:
-            raise HardwareError(f"scan settings have the hash {settings.hash:04X}, not {self.hash} as the file says.")
-        return settings
+    most = FAMILIES[settings.family].largest_input_divider
+    if settings.fin_divider > most:
+        raise HardwareError(f"fin_divider must be 1 to {most}; got {settings.fin_divider}.")

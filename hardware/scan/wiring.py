@@ -15,6 +15,7 @@ from coilarray.design.scan_states import Passive, ScanState, Switches, check_sta
 from coilarray.design.switch_parts import CONVERTER_PIN, switch_part
 from coilarray.design.units import Name, Table
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.ldc1614 import CHANNELS
 from coilarray.hardware.chips.switch_words import chain_bytes, check_bits, switch_word
 from coilarray.hardware.scan import wirings
 from coilarray.hardware.scan.closure import UNUSED, Drains, Net, WiredSwitch, check_drains, switch_table
@@ -71,7 +72,9 @@ class Device:
 
 @dataclass(frozen=True)
 class Wiring:
-    """Wiring of the switches of a board. Words are those of the whole chain, in the order in which they are sent.
+    """Wiring of a board: of its switches, or without any, of its coils to the channels of the converter.
+
+    Words are those of the whole chain of switches, in the order in which they are sent; empty without switches.
 
     Parameters
     ----------
@@ -83,15 +86,19 @@ class Wiring:
         Names of the coils.
     devices : tuple of Device
         Devices in the order in which data passes them: the first is next to the computer. The first byte that is sent
-        goes to the last one.
+        goes to the last one. None where coils are wired to channels.
     assumed : tuple of (str, str)
         Keys of the wiring that are not verified, each with the reason.
+    channels : tuple of int
+        Channel of the converter of each coil, 0 to 3, where the coils are wired to them; else empty. A coil whose turn
+        it is not has both ends grounded, inside the converter.
 
     Raises
     ------
     HardwareError
-        A wiring that cannot ground every end of every coil or not measure every coil, an end with two switches to the
-        same net, an unknown part or coil, switches that cannot share their common pin, or names that are used twice.
+        A channel that does not exist or has two coils. A wiring of switches that cannot ground every end of every coil
+        or not measure every coil, an end with two switches to the same net, an unknown part or coil, switches that
+        cannot share their common pin, or names that are used twice.
     """
 
     name: str
@@ -99,8 +106,12 @@ class Wiring:
     coils: tuple[str, ...]
     devices: tuple[Device, ...]
     assumed: tuple[tuple[str, str], ...] = ()
+    channels: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.channels:
+            self._check_channels()
+            return
         if not 1 <= len(self.coils) <= _MOST_COILS or not 1 <= len(self.devices) <= _MOST_DEVICES:
             raise HardwareError(
                 f"wiring {self.name} must have 1 to {_MOST_COILS} coils and 1 to {_MOST_DEVICES} devices; "
@@ -131,12 +142,20 @@ class Wiring:
     @property
     def safe_words(self) -> bytes:
         """Words that ground every end of every coil and close nothing else."""
+        if self.channels:
+            return b""
         return self._close({(terminal, "ground") for terminal in self.terminals})
 
     @property
     def open_words(self) -> bytes:
         """Words that open every switch."""
         return bytes(len(self.devices))
+
+    def channel(self, coil: str) -> int:
+        """Return the channel of the converter that measures a coil; switches join all coils to channel 0."""
+        if coil not in self.coils:
+            raise HardwareError(f"wiring {self.name} has no coil {coil!r}; there are {', '.join(self.coils)}.")
+        return self.channels[self.coils.index(coil)] if self.channels else 0
 
     def words(self, state: ScanState) -> bytes:
         """Return the words of a state in which one coil is measured.
@@ -163,6 +182,9 @@ class Wiring:
             joined = ", ".join(name for name, _ in state.measured)
             raise HardwareError(f"state {state.name} must measure one coil, as one bus can; got {joined}.")
         ((measured, sense),) = state.measured
+        if self.channels:
+            self._check_switchless(state, measured, sense)
+            return b""
         joins: set[tuple[Terminal, Net]] = {
             (Terminal(measured, "a"), "INA" if sense > 0 else "INB"),
             (Terminal(measured, "b"), "INB" if sense > 0 else "INA"),
@@ -195,7 +217,8 @@ class Wiring:
     def capacitances(self, switches: Switches) -> Switches:
         """Return switches with the capacitances of this wiring's parts in place of their own: typical ones.
 
-        Traces are not counted. A common pin is the end of a coil where its switches have only one, and a net otherwise.
+        Traces are not counted; without switches there are only the pins of the converter. A common pin is the end of a
+        coil where its switches have only one, and a net otherwise.
         The ends of the coils, and the two sides of the bus, get their mean.
 
         Parameters
@@ -214,6 +237,8 @@ class Wiring:
         >>> round(counted.bus_capacitance * 1e12), round(counted.terminal_capacitance * 1e12)
         (81, 26)
         """
+        if self.channels:
+            return replace(switches, off_capacitance=0.0, terminal_capacitance=0.0, bus_capacitance=CONVERTER_PIN)
         at: defaultdict[Terminal | Net, float] = defaultdict(float)
         of_bus = []
         for device in self.devices:
@@ -243,6 +268,31 @@ class Wiring:
             terminal, net = min(left)
             raise HardwareError(f"wiring {self.name} has no switch from {terminal} to {net}.")
         return chain_bytes(words)
+
+    def _check_switchless(self, state: ScanState, measured: str, sense: int) -> None:
+        """Refuse a state that needs switches: a converter grounds both ends of the coils of its other channels."""
+        why = f"wiring {self.name} has no switches"
+        if sense < 0:
+            raise HardwareError(f"state {state.name}: {why} that turn {measured} round.")
+        for coil in self.coils:
+            passive = state.exceptions.get(coil, state.others)
+            if coil != measured and passive != "ground":
+                raise HardwareError(f"state {state.name}: {why} that make {coil} {passive!r}; it is grounded.")
+
+    def _check_channels(self) -> None:
+        if self.devices:
+            raise HardwareError(f"wiring {self.name} must have channels or devices; got both.")
+        if len(self.channels) != len(self.coils):
+            raise HardwareError(
+                f"wiring {self.name} must have a channel for each coil; got {len(self.channels)} channels and "
+                f"{len(self.coils)} coils."
+            )
+        for kind, values in (("coil", self.coils), ("channel", self.channels)):
+            if (twice := first_repeated(values)) is not None:
+                raise HardwareError(f"wiring {self.name} names the {kind} {twice!r} twice.")
+        for channel in self.channels:
+            if not 0 <= channel < CHANNELS:
+                raise HardwareError(f"wiring {self.name}: a channel must be 0 to {CHANNELS - 1}; got {channel}.")
 
     def _check_device(self, device: Device) -> None:
         try:
@@ -310,6 +360,26 @@ def one_device_a_coil(coils: Sequence[str]) -> Wiring:
     return Wiring("one_device_a_coil", "One ADG739 a coil", tuple(coils), devices, assumed)
 
 
+def wired_to_channels(coils: Sequence[str], channels: Sequence[int], *, source: str = "") -> Wiring:
+    """Return the wiring of a board without switches: the coils, in order, at these channels of the converter.
+
+    Channels beyond the number of coils stay free; HardwareError for more coils than channels. `source` says where the
+    values of the board come from, which are not verified on a device.
+
+    >>> wired_to_channels(["left", "right"], [0, 1, 2]).channel("right")
+    1
+    """
+    if len(coils) > len(channels):
+        raise HardwareError(
+            f"there are {len(channels)} channels ({', '.join(map(str, channels))}) for {len(coils)} coils; "
+            f"none is left for {coils[len(channels)]}: name the coils that are wired, as --coils "
+            f"{','.join(coils[: len(channels)])}."
+        )
+    used = tuple(channels[: len(coils)])
+    assumed = (("board", f"{source}; not verified on a device"),) if source else ()
+    return Wiring("channels", "Coils at the channels of the converter", tuple(coils), (), assumed, used)
+
+
 def parse_wiring(text: str, origin: str = "wiring") -> Wiring:
     """Read a wiring from the text of a TOML file, as `load_wiring`; `origin` names the file in messages."""
     file = wirings.WIRINGS.check(_File, wirings.WIRINGS.parse(text, origin), origin)
@@ -346,13 +416,16 @@ class _WiringTable(Table):
     """``[wiring]``."""
 
     title: str
-    coils: Annotated[list[Name], Field(min_length=1, max_length=_MOST_COILS)]
+    coils: Annotated[list[Name] | None, Field(min_length=1, max_length=_MOST_COILS)] = None
+    channels: dict[Name, int] = Field(default_factory=dict)
     assumed: str | None = None
     part: dict[Name, _PartTable] = Field(default_factory=dict)
-    device: Annotated[list[_DeviceTable], Field(min_length=1, max_length=_MOST_DEVICES)]
+    device: Annotated[list[_DeviceTable], Field(max_length=_MOST_DEVICES)] = Field(default_factory=list)
 
     def build(self, name: str) -> Wiring:
         """Return the wiring."""
+        if self.channels and self.coils:
+            raise HardwareError(f"wiring {name} must have coils with devices, or channels of coils; got both.")
         parts = {name: switch_part(name) for name in (*self.part, *(device.part for device in self.device))}
         bits = {name: self.part[name].bits if name in self.part else part.bits for name, part in parts.items()}
         reasons = {"wiring": self.assumed}
@@ -362,7 +435,8 @@ class _WiringTable(Table):
         return Wiring(
             name=name,
             title=self.title,
-            coils=tuple(self.coils),
+            coils=tuple(self.channels or self.coils or ()),
+            channels=tuple(self.channels.values()),
             devices=tuple(
                 Device(
                     device.name,

@@ -19,12 +19,12 @@ from coilarray.hardware.wire.buses import Clock, ComputerClock
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, NoAnswer, NotABoard
 from coilarray.hardware.wire.serial_ports import BytePort, choose_serial_port, open_serial_port
 
-EVM_CLOCK = 40e6
-"""Clock of the module at the converter's pin CLKIN in Hz."""
 EVM_USB = (0x2047, 0x08F8)
 """USB vendor and product of the module; TI's examples for the MSP430 have them too."""
 EVM_BUS_RATE = 15e3
 """Clock in Hz of a bus that would read a register in the time that the two steps of the module may take, about 3 ms."""
+EVM_SOURCE = "clock and protocol: TI's forum and public drivers"
+"""Where the module's values come from."""
 REPLY_LENGTH = 32
 """Bytes of every answer, and of every block of a stream."""
 _HEAD, _TAIL = 0x4C, 0x01
@@ -38,11 +38,12 @@ _SHOWN = 8  # bytes of an answer in a message
 
 @dataclass(frozen=True)
 class EvmCommands:
-    """Numbers of the commands of a firmware; `select` is None where `read` names the register itself.
+    """Title, and numbers of the commands, of a firmware; `select` is None where `read` names the register itself.
 
     `stop` ends a stream and has the payload `stop_payload`.
     """
 
+    title: str
     write: int
     read: int
     select: int | None
@@ -55,9 +56,9 @@ class EvmCommands:
         return _PAYLOAD + 1 + (self.select is None)
 
 
-FAQ_COMMANDS = EvmCommands(write=0x15, read=0x14, select=0x15, stop=0x06, stop_payload=b"\x01")
+FAQ_COMMANDS = EvmCommands("TI's FAQ commands", write=0x15, read=0x14, select=0x15, stop=0x06, stop_payload=b"\x01")
 """Commands of TI's FAQ."""
-ONE_STEP_COMMANDS = EvmCommands(write=0x13, read=0x12, select=None, stop=0x07, stop_payload=b"")
+ONE_STEP_COMMANDS = EvmCommands("one-step commands", write=0x13, read=0x12, select=None, stop=0x07, stop_payload=b"")
 """Commands of the driver FDC2x14EVM."""
 _KNOWN = (FAQ_COMMANDS, ONE_STEP_COMMANDS)
 
@@ -107,9 +108,6 @@ class EvmRegisterBus:
         self.sealed = False
         """Whether the answers have a CRC-8."""
         try:
-            for commands in _KNOWN:
-                self._port.write(frame(commands.stop, commands.stop_payload))
-            self._drain()
             self.commands = self._known_commands()
         except BaseException:
             self.close()
@@ -133,13 +131,17 @@ class EvmRegisterBus:
             self._port.close()
 
     def _known_commands(self) -> EvmCommands:
-        """Find out which commands the firmware takes, and whether its answers are sealed."""
+        """End a stream, and find out which commands the firmware takes and whether its answers are sealed."""
         identity = register("MANUFACTURER_ID").address
-        heard, silent_converter = b"", None
-        for commands in _KNOWN:
+        heard, silent_converter, flood = b"", None, None
+        for commands in _KNOWN:  # the second ones are sent only to firmware that does not take those of the maker
             try:
+                self._port.write(frame(commands.stop, commands.stop_payload))
+                self._drain()
                 # three answers: by one of them that happens to fit or was damaged nothing is decided
                 found = [self._value(commands, identity) for _ in range(3)]
+            except NotABoard as error:
+                flood = error
             except _Refused as refused:
                 heard = heard or refused.heard
             except BusFault:  # its answer reports an error: of the converter, or it does not know the command
@@ -149,10 +151,10 @@ class EvmRegisterBus:
                 return commands
         if silent_converter is not None:
             return silent_converter
+        if flood is not None:
+            raise flood
         if not heard:
-            raise NoAnswer(
-                f"no evaluation module answers at {self._port.name}; another device, or firmware that hangs."
-            )
+            raise NoAnswer(f"no evaluation module answers at {self._port.name}: another device, or hanging firmware.")
         if heard.startswith(_REFUSAL):
             raise NotABoard(
                 f"the firmware of the evaluation module at {self._port.name} answers FF 00 4C and takes neither of the "

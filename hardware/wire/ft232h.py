@@ -68,7 +68,7 @@ def open_ft232h(
 ) -> tuple[Ft232hRegisterBus, Ft232hSwitchChain]:
     """Open the adapter of a pyftdi URL, ``ftdi://ftdi:232h:SERIALNUMBER/1``, for the converter at an I²C address.
 
-    The clock of its bus is `speed` in Hz.
+    The clock of its bus is `speed` in Hz. Without switches, `open_ft232h_bus`.
 
     Raises
     ------
@@ -78,25 +78,43 @@ def open_ft232h(
         pyftdi is not installed.
     """
     pins, settings = pins or SwitchPins(), settings or ShiftSettings()
-    library, usb = _library("pyftdi.i2c"), _library("pyftdi.usbtools")
-    controller = library.I2cController()
     idle = pins.levels(clock=settings.idle_high, data=False, sync=True)
-    try:
-        driven, initial = pins.driven << _SECOND_PORT, idle << _SECOND_PORT
-        controller.configure(url, frequency=speed, direction=driven, initial=initial)
+    driven, initial = pins.driven << _SECOND_PORT, idle << _SECOND_PORT
+    with _opened(url, speed, direction=driven, initial=initial) as controller:
         if controller.width <= _SECOND_PORT:
             raise HardwareError(f"{url} has no pins C0 to C7 for the switches; an FT232H or FT2232H has them.")
+        controller.ftdi.write_data(bytes([_SET_HIGH, idle, pins.driven]))  # pyftdi drives only pins that begin high
+        return _register_bus(controller, url, address), Ft232hSwitchChain(controller, url, pins, settings)
+
+
+def open_ft232h_bus(url: str, address: int, *, speed: float = I2C_SPEED) -> Ft232hRegisterBus:
+    """Open the adapter of a pyftdi URL for the converter alone: any adapter with a serial engine, as the FT4232H.
+
+    HardwareError and MissingDependencyError as of `open_ft232h`.
+    """
+    with _opened(url, speed) as controller:
+        return _register_bus(controller, url, address)
+
+
+@contextlib.contextmanager
+def _opened(url: str, speed: float, **pins: int) -> Iterator[Any]:
+    """Open an adapter; it is closed again where the block fails."""
+    controller, usb = _library("pyftdi.i2c").I2cController(), _library("pyftdi.usbtools")
+    try:
+        controller.configure(url, frequency=speed, **pins)
         controller.set_retry_count(1)  # a transfer that failed is ours to judge
         controller.ftdi.timeouts = (_USB_TIMEOUT, _USB_TIMEOUT)
-        controller.ftdi.write_data(bytes([_SET_HIGH, idle, pins.driven]))  # pyftdi drives only pins that begin high
-        bus = Ft232hRegisterBus(controller, url, address, library.I2cNackError)
+        yield controller
     except (OSError, ValueError, usb.UsbToolsError) as error:
         _close(controller)
         raise HardwareError(f"{url} cannot be opened: {_one_line(error)}.") from None
     except BaseException:
         _close(controller)
         raise
-    return bus, Ft232hSwitchChain(controller, url, pins, settings)
+
+
+def _register_bus(controller: Any, url: str, address: int) -> Ft232hRegisterBus:
+    return Ft232hRegisterBus(controller, url, address, _library("pyftdi.i2c").I2cNackError)
 
 
 def ft232h_adapters() -> tuple[str, ...]:

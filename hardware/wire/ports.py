@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlsplit
 
 from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware.chips.ldc1614 import BUS_RATE
 from coilarray.hardware.wire.buses import ShiftSettings
+from coilarray.hardware.wire.converter_boards import ChannelBoard, channel_board
+from coilarray.hardware.wire.evm import EVM_BUS_RATE, EVM_SOURCE, EVM_USB
 from coilarray.hardware.wire.ft232h import I2C_SPEED, SwitchPins, ft232h_adapters
 from coilarray.hardware.wire.linux_host import i2c_clock, linux_buses
 from coilarray.hardware.wire.serial_ports import BAUD, PROBED_BAUDS
@@ -26,16 +28,20 @@ _LONGEST = 200  # characters shown of a port's name
 _MOST_OPTIONS = 20
 _LARGEST_BAUD = 10_000_000
 _ALLOWED = (
-    "emulator, a serial port (/dev/ttyACM0, COM5 or usb:SERIALNUMBER), i2c:BUS[:ADDRESS][,spi:BUS.DEVICE] or ftdi://…/1"
+    "emulator, a serial port (/dev/ttyACM0, COM5 or usb:SERIALNUMBER), i2c:BUS[:ADDRESS][,spi:BUS.DEVICE], ftdi://…/1 "
+    "or evm:/dev/ttyACM0"
 )
 _SERIAL = re.compile(r"/dev/\S+|COM\d{1,3}|usb:\S+", re.IGNORECASE)
+_EVM = re.compile(rf"evm:({_SERIAL.pattern})", re.IGNORECASE)
 _LINUX = re.compile(r"i2c:(\d{1,3})(?::(0x[0-9a-f]{1,2}|\d{1,3}))?(?:,spi:(\d{1,3})\.(\d{1,3}))?", re.IGNORECASE)
 _FTDI_PATH = re.compile(r"/[1-4]")
 
 
 @dataclass(frozen=True)
 class EmulatorPort:
-    """The emulator."""
+    """The emulator: of coils behind switches, or at the channels of a converter."""
+
+    board: ChannelBoard | None = None
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,10 @@ class SerialPort:
 
 @dataclass(frozen=True)
 class LinuxPort:
-    """Buses of this computer, by their numbers, with the converter's I²C address and the transfers to the switches."""
+    """Buses of this computer, by their numbers, with the converter's I²C address and the transfers to the switches.
+
+    With a `board` there are no switches.
+    """
 
     bus: int
     address: int = ADDRESSES[0]
@@ -56,19 +65,33 @@ class LinuxPort:
     spi_device: int = 0
     shift: ShiftSettings = field(default_factory=ShiftSettings)
     rate: float | None = None  # clock of the I²C bus in Hz, where the user states it
+    board: ChannelBoard | None = None
 
 
 @dataclass(frozen=True)
 class FtdiPort:
-    """An FT232H at USB, by its URL for pyftdi, with the converter's I²C address and the way to the switches."""
+    """An FT232H at USB, by its URL for pyftdi, with the converter's I²C address and the way to the switches.
+
+    With a `board` there are no switches.
+    """
 
     url: str
     address: int = ADDRESSES[0]
     pins: SwitchPins = field(default_factory=SwitchPins)
     shift: ShiftSettings = field(default_factory=ShiftSettings)
+    board: ChannelBoard | None = None
 
 
-Port = EmulatorPort | SerialPort | LinuxPort | FtdiPort
+@dataclass(frozen=True)
+class EvmPort:
+    """TI's evaluation module, read by its own firmware over a serial port. Not verified on a module."""
+
+    name: str  # for `coilarray.hardware.wire.serial_ports.choose_serial_port`
+    address: int = ADDRESSES[0]
+    board: ChannelBoard | None = None
+
+
+Port = EmulatorPort | SerialPort | LinuxPort | FtdiPort | EvmPort
 
 
 def parse_port(text: str) -> Port:
@@ -81,36 +104,39 @@ def parse_port(text: str) -> Port:
     ``i2c`` also ``rate=400000`` (clock of the I²C bus in Hz), and with ``ftdi`` ``address=0x2B``, ``clock=0``,
     ``data=1``, ``sync=2``, ``back=3`` (pins C0 to C7 of the switches).
 
+    Without switches, coils at the channels of the converter, these two and the emulator have instead the options
+    ``channels=0,1``, ``chip=LDC1612`` and ``clock=40MHz`` (at the pin CLKIN), or ``board=grove-ldc1612``, as
+    `coilarray.hardware.wire.converter_boards.channel_board` reads them. TI's evaluation module by its own firmware is
+    ``evm:`` and its serial port, with the same options; coils are at the channels 0 and 1 by default.
+
     >>> parse_port("i2c:1:0x2B").address == 0x2B
     True
+    >>> parse_port("i2c:1?board=grove-ldc1612").board.channels
+    (0, 1)
     """
     name, question_mark, query = text.strip().partition("?")
-    if name == EMULATOR and not question_mark:
-        return EmulatorPort()
     options = _options(query, text) if question_mark else {}
     port: Port
-    if _SERIAL.fullmatch(name):
+    if name == EMULATOR:
+        port = EmulatorPort(_board(options, text))
+    elif _SERIAL.fullmatch(name):
         port = SerialPort(name, _bauds(options, text))
+    elif module := _EVM.fullmatch(name):
+        port = _evm_port(module[1], options, text)
     elif linux := _LINUX.fullmatch(name):
-        bus, address, spi_bus, spi_device = linux.groups()
-        shift = _shift(options, text)
-        where = int(bus), _address(address, text), int(spi_bus or 0), int(spi_device or 0)
-        port = LinuxPort(*where, shift, _stated_rate(options, text))
+        port = _linux_port(linux, options, text)
     elif name.lower().startswith("ftdi://"):
-        try:
-            parts = urlsplit(name)
-        except ValueError as error:  # as of ftdi://[
-            raise _refused(text, f"{error}") from None
-        if not parts.netloc or not _FTDI_PATH.fullmatch(parts.path):
-            raise _refused(text, "an adapter is named as ftdi://ftdi:232h/1 or ftdi://ftdi:232h:SERIALNUMBER/1")
-        address = _address(options.pop("address", None), text)
-        pins = {key: _number(options, key, text) for key in ("clock", "data", "sync", "back") if key in options}
-        port = FtdiPort(name, address, SwitchPins(**pins), _shift(options, text))
+        port = _ftdi_port(name, options, text)
     else:
         raise _refused(text, f"it must be {_ALLOWED}")
     if options:  # what is left of them
         raise _refused(text, f"there is no option {next(iter(options))!r}")
     return port
+
+
+def board_of(port: Port) -> ChannelBoard | None:
+    """Return the converter whose channels the coils of a port are wired to; None where there are switches."""
+    return None if isinstance(port, SerialPort) else port.board
 
 
 class BusRate(NamedTuple):
@@ -123,7 +149,8 @@ class BusRate(NamedTuple):
 def bus_rate(port: Port) -> BusRate:
     """Return the clock of the I²C bus of a board at a port.
 
-    It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, 400 kHz with the emulator, and what
+    It is 150 kHz with the firmware of `hardware/firmware`, 100 kHz with an FT232H, 400 kHz with the emulator, 15 kHz of
+    a bus as slow as the commands of TI's evaluation module may be (an estimate, not verified), and what
     the system has set for a bus of this computer; 100 kHz, which is then not known, where the system does not say.
 
     >>> bus_rate(parse_port("COM5"))
@@ -134,6 +161,8 @@ def bus_rate(port: Port) -> BusRate:
             return BusRate(_FIRMWARE_BUS_RATE)
         case FtdiPort():
             return BusRate(I2C_SPEED)
+        case EvmPort():
+            return BusRate(EVM_BUS_RATE)
         case LinuxPort():
             clock = port.rate or i2c_clock(port.bus)
             return BusRate(_LINUX_BUS_RATE, known=False) if clock is None else BusRate(clock)
@@ -149,9 +178,52 @@ def _serial_ports() -> tuple[str, ...]:
     from coilarray.hardware.wire.serial_ports import list_serial_ports
 
     try:
-        return tuple(str(port) for port in list_serial_ports())
+        return tuple(
+            f"evm:{port}" if (port.vendor, port.product) == EVM_USB else str(port) for port in list_serial_ports()
+        )
     except MissingDependencyError:
         return ()
+
+
+def _linux_port(match: re.Match[str], options: dict[str, str], text: str) -> LinuxPort:
+    bus, address, spi_bus, spi_device = match.groups()
+    board, rate = _board(options, text), _stated_rate(options, text)
+    if board is None:
+        where = int(bus), _address(address, text), int(spi_bus or 0), int(spi_device or 0)
+        return LinuxPort(*where, _shift(options, text), rate)
+    if spi_bus is not None:
+        raise _refused(text, "coils at the channels of a converter have no switches, and no spi")
+    return LinuxPort(int(bus), _address(address, text, board.address), rate=rate, board=board)
+
+
+def _ftdi_port(name: str, options: dict[str, str], text: str) -> FtdiPort:
+    try:
+        parts = urlsplit(name)
+    except ValueError as error:  # as of ftdi://[
+        raise _refused(text, f"{error}") from None
+    if not parts.netloc or not _FTDI_PATH.fullmatch(parts.path):
+        raise _refused(text, "an adapter is named as ftdi://ftdi:232h/1 or ftdi://ftdi:232h:SERIALNUMBER/1")
+    board = _board(options, text)
+    address = _address(options.pop("address", None), text, ADDRESSES[0] if board is None else board.address)
+    if board is not None:
+        return FtdiPort(name, address, board=board)
+    pins = {key: _number(options, key, text) for key in ("clock", "data", "sync", "back") if key in options}
+    return FtdiPort(name, address, SwitchPins(**pins), _shift(options, text))
+
+
+def _evm_port(name: str, options: dict[str, str], text: str) -> EvmPort:
+    options.setdefault("board", "ldc1614evm")
+    options.setdefault("channels", "0,1")
+    board, address = _board(options, text), _address(options.pop("address", None), text)
+    return EvmPort(name, address, board and replace(board, source=EVM_SOURCE))
+
+
+def _board(options: dict[str, str], text: str) -> ChannelBoard | None:
+    """Take the options of a board without switches; `coilarray.hardware.wire.converter_boards` says which."""
+    try:
+        return channel_board(options)
+    except HardwareError as error:
+        raise _refused(text, str(error).rstrip(".")) from None
 
 
 def _options(query: str, text: str) -> dict[str, str]:
@@ -198,8 +270,8 @@ def _stated_rate(options: dict[str, str], text: str) -> float | None:
     return float(rate)
 
 
-def _address(given: str | None, text: str) -> int:
-    address = ADDRESSES[0] if given is None else _integer(given, "address", text)
+def _address(given: str | None, text: str, default: int = ADDRESSES[0]) -> int:
+    address = default if given is None else _integer(given, "address", text)
     if address not in ADDRESSES:
         raise _refused(text, f"the address of the converter must be {' or '.join(map(hex, ADDRESSES))}")
     return address

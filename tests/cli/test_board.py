@@ -61,7 +61,7 @@ def test_the_same_as_json(capsys):
     assert (reported["identity"]["manufacturer"], reported["identity"]["device"]) == (0x5449, 0x3055)
     assert reported["ports"]["linux"] == ["i2c:1", "spi:0.0"]
     assert set(reported["assumed"]) >= {"wiring", "ADG739.bits", "ADG739.drain_capacitance"}
-    assert (reported["drives"], reported["self_test"]) == (None, None)
+    assert {reported[key] for key in ("drives", "first_conversions", "self_test")} == {None}
 
 
 def test_the_emulator_has_the_coils_of_any_design(capsys):
@@ -79,6 +79,18 @@ def test_a_good_board_passes_its_self_test(capsys):
     rows = {line.split()[1]: line.split()[2:] for line in out.splitlines() if line.startswith("[emulator] coil")}
     assert float(rows["coil1"][0]) == pytest.approx(1.4004, abs=1e-4)  # coilarray impedance: 1.4004 MHz
     assert rows["coil1"][2] == "coil2"
+
+
+def test_first_conversions_that_are_off_are_told_with_the_option_that_helps(capsys):
+    out = good(capsys, "--self-test", "--emulate", "first_offset=40000")
+    assert "[emulator] first conversions after sleep are off by more than 2.0e-6; throw some away:\n" in out
+    assert "[emulator] --discard 8\n" in out
+    assert "self-test passed" in out
+    row = next(line.split()[2:] for line in out.splitlines() if line.startswith("[emulator] coil1"))
+    # 40 000 codes of 1.4 MHz/21.7 MHz·2²⁸
+    assert float(row[0]) == pytest.approx(2309, rel=0.01)
+    reported = answer(capsys, "--self-test", "--clock-MHz", "36", "--emulate", "clock_MHz=36")["first_conversions"]
+    assert (reported["recommended"], reported["discards"]) == (0, [0, 1, 2, 4, 8, 15])
 
 
 def test_a_switch_that_is_stuck_is_named_and_the_exit_code_is_2(capsys, broken):
@@ -113,6 +125,10 @@ test_wrong_arguments_are_one_line = mistakes(
     (("--port", "nowhere"), "port 'nowhere' is not valid: it must be emulator, a serial port"),
     (("--port", "/dev/ttyACM99"), "port /dev/ttyACM99 does not exist."),
     (("--port", "i2c:99"), "there is no /dev/i2c-99"),
+    (("--discard", "16", "--self-test"), "--discard must be 0 to 15; got 16"),
+    (("--discard", "-1"), "--discard must be 0 to 15; got -1"),
+    (("--emulate", "clock_MHz=60"), "--emulate clock_MHz must be 35 to 55; got '60'"),
+    (("--emulate", "first_offset=x"), "--emulate first_offset must be 1 finite numbers"),
     (("--drive", "32", "--self-test"), "--drive must be 0 to 31"),
     (("--emulate", "seed=1", "--port", "/dev/ttyACM99"), "--emulate is for the emulator"),
     (("--external-clock", "--self-test"), "--external-clock needs --clock-MHz"),

@@ -91,10 +91,6 @@ BAD = {
     "no material": (SHIELD.replace('material = "aluminium"\n', "z_mm = 9.0\n"), "plate.0 needs a material, or conduct"),
     "unknown material": (SHIELD.replace("aluminium", "tin") + "z_mm = 9.0", "plate.0 needs a material of copper"),
     "misspelt material": (SHIELD.replace("aluminium", "aluminum") + "z_mm = 9.0", "did you mean aluminium"),
-    "magnetic disc": (
-        DISC.replace("conductivity_MS_per_m = 10.0", 'material = "steel"') + "z_mm = 9.0",
-        "plate.0: 'disc' has an outline and must not be magnetic, .* got a relative permeability of 200",
-    ),
     "inner above outer": (
         DISC.replace('"disc"\nd', '"ring"\ninner_diameter_mm = 30.0\nd') + "z_mm = 9.0",
         r"plate.0 needs inner_diameter_mm below its diameter_mm of \d+; got 30",

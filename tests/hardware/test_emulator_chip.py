@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from support.quick_coils import series_tank
 
 from coilarray.errors import HardwareError
+from coilarray.hardware.chips.converters import CONVERTERS
 from coilarray.hardware.emulator import Drift, Ldc1614, OpenPoints, Oscillator, UndocumentedUse, VirtualClock
 from coilarray.hardware.emulator.conversion import WATCHDOG, Resonator
 from coilarray.hardware.emulator.ldc1614_chip import EmulatedBus, Misuse
@@ -61,11 +62,11 @@ class Bench:
 class Chip:
     """A chip on a bench, with the registers that most tests need."""
 
-    def __init__(self, *, strict=True, channels=4, open_points=None, seed=0, **bench):
+    def __init__(self, *, strict=True, converter="LDC1614", open_points=None, seed=0, **bench):
         self.clock = VirtualClock()
         self.bench = Bench(**bench)
         self.misuse = Misuse(strict)
-        options = {"channels": channels, "open_points": open_points, "misuse": self.misuse, "seed": seed}
+        options = {"converter": CONVERTERS[converter], "open_points": open_points, "misuse": self.misuse, "seed": seed}
         self.chip = Ldc1614(self.clock, self.bench, **options)
         self.read, self.write, self.wait = self.chip.read, self.chip.write, self.clock.sleep
 
@@ -172,12 +173,12 @@ def test_the_shutdown_pin_keeps_the_chip_off_the_bus_for_two_milliseconds_more()
 
 
 def test_an_ldc1612_has_the_same_identity_half_of_the_registers_and_no_channel_2():
-    chip = Chip(channels=2)
+    chip = Chip(converter="LDC1612")
     assert (chip.read(0x7E), chip.read(0x7F)) == (0x5449, 0x3055)
     for address in (0x04, 0x0A, 0x0E, 0x12, 0x16, 0x20):
         with pytest.raises(UndocumentedUse):
             chip.read(address)
-    chip = Chip(channels=2, strict=False).wake(AWAKE | 0x8000, wait=1)
+    chip = Chip(converter="LDC1612", strict=False).wake(AWAKE | 0x8000, wait=1)
     assert chip.read(0x18) == 0
     assert "channel 2" in chip.misuse.notes[0]
 

@@ -18,11 +18,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.emulated_reader import plain
+from support.quick_coils import plain_board
 from support.refusals import refused
 
+from coilarray.errors import HardwareError
+from coilarray.hardware.board.autoscan import AutoscanReader
 from coilarray.hardware.emulator.evm import EmulatedEvm
+from coilarray.hardware.scan.readings import read_scan
+from coilarray.hardware.scan.settings import scan_settings
+from coilarray.hardware.scan.wiring import wired_to_channels
+from coilarray.hardware.wire import serial_ports
 from coilarray.hardware.wire.buses import ComputerClock
 from coilarray.hardware.wire.evm import (
+    EVM_USB,
     FAQ_COMMANDS,
     ONE_STEP_COMMANDS,
     REPLY_LENGTH,
@@ -32,6 +40,8 @@ from coilarray.hardware.wire.evm import (
     open_evm,
 )
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, NoAnswer, NotABoard
+from coilarray.hardware.wire.ports import found_ports, parse_port
+from coilarray.hardware.wire.serial_ports import PortInfo
 
 COMMANDS = {"FAQ": FAQ_COMMANDS, "one step": ONE_STEP_COMMANDS}
 BLOCK = bytes.fromhex("4C3001 00092A 015142CB 01505FFF 1C" + 16 * "00" + "1C")
@@ -119,7 +129,7 @@ def test_a_module_that_is_unplugged_is_lost():
 
 
 def test_an_answer_that_comes_too_late_is_not_taken_for_the_next():
-    evm, bus = module()
+    evm, bus = module(commands=ONE_STEP_COMMANDS)  # whose answers say nothing of which reading they answer
     late = []
     evm._to_computer = lambda answer: late.append(answer) or b""
     refused(BusTimeout, "did not answer in 0.25 s", bus.read, 0x7F)
@@ -146,10 +156,19 @@ DAMAGE = st.tuples(
 
 
 @settings(max_examples=60)  # each with sixteen answers; the CRC-8 misses no single byte
-@given(st.lists(DAMAGE, min_size=16, max_size=16))
-def test_no_damage_to_one_place_of_an_answer_makes_a_wrong_value(damages):
+@given(st.lists(DAMAGE, min_size=16, max_size=16), st.integers(1, 40))
+def test_no_damage_to_one_place_of_an_answer_makes_a_wrong_value(damages, piece):
     evm, bus = module()
-    coming = iter(damages)
+    coming, whole, waiting = iter(damages), evm.read, bytearray()
+
+    def read(seconds):
+        """At most this many bytes at a time, as USB may split them."""
+        waiting.extend(b"" if waiting else whole(seconds))
+        taken = bytes(waiting[:piece])
+        del waiting[:piece]
+        return taken
+
+    evm.read = read
     evm._to_computer = lambda answer: _damaged(answer, *next(coming, ("none", 0, 1)))
     for _ in range(8):
         with contextlib.suppress(BusFault):
@@ -198,3 +217,41 @@ def test_a_real_port_is_opened_used_and_lost():
         bus.read(0x7E)
     refused(DeviceLost, "is gone", bus.read, 0x7E)
     bus.close()
+
+
+def test_its_port_has_the_two_coils_and_the_clock_of_the_module():
+    port = parse_port("evm:/dev/ttyACM0")
+    assert (port.name, port.address) == ("/dev/ttyACM0", 0x2A)
+    assert (port.board.channels, port.board.clock, port.board.converter.name) == ((0, 1), 40e6, "LDC1614")
+    assert "protocol" in port.board.source
+    other = parse_port("evm:usb:1234?channels=3&clock=internal&address=0x2B")
+    assert (other.name, other.address, other.board.channels, other.board.clock) == ("usb:1234", 0x2B, (3,), None)
+    for wrong in ("evm:", "evm:i2c:1", "evm:/dev/ttyACM0?baud=9600", "evm:/dev/ttyACM0?channels=4"):
+        refused(HardwareError, "is not valid", parse_port, wrong)
+
+
+def test_a_module_among_the_ports_has_the_name_that_opens_it(monkeypatch):
+    listed = PortInfo("/dev/ttyACM1", *EVM_USB, "A1B2", "MSP430-USB Example")
+    monkeypatch.setattr(serial_ports, "list_serial_ports", lambda: (listed,))
+    (name,) = found_ports()["serial"]
+    assert parse_port(name.split()[0]).name == "/dev/ttyACM1"
+
+
+@pytest.mark.parametrize("sealed", [True, False])
+@pytest.mark.parametrize("commands", COMMANDS)
+def test_two_coils_are_scanned_through_the_module_as_without_it(commands, sealed):
+    """The words are those that the chip gives by I²C: the module adds time, no noise and no fault."""
+    wiring = wired_to_channels(("coil1", "coil2"), (0, 1))
+    board = plain_board(wiring, noise=0.0, strict=True)
+    settings = scan_settings(wiring, rcount=200, drives=7)
+    through = EvmRegisterBus(
+        EmulatedEvm(board.bus, board.clock, commands=COMMANDS[commands], sealed=sealed), 0x2A, board.clock
+    )
+    for bus in (through, board.bus):
+        reader = AutoscanReader(bus, board.clock, kind="tested")
+        reader.configure(settings)
+        reading = read_scan(reader.scan(), settings, 120e-12)
+        assert [state.verdict for state in reading.states] == ["good", "good"]
+        assert list(reading.inductances.values()) == pytest.approx([50e-6, 51e-6], rel=2e-3)  # of losses: 1/Q²
+        reader.rest()
+    assert not board.misuse.notes

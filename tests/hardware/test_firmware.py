@@ -621,6 +621,31 @@ def test_converter_that_was_reset(board, streaming):
     assert scan_words(board.ask("SCAN")) == [WORDS] * 6
 
 
+@pytest.mark.parametrize("fault", [None, BusFault("cut off"), BusTimeout("cut off")])
+def test_after_a_transfer_that_was_cut_off_every_register_is_verified(board, fault):
+    """It may have changed any of them; the converter's data sheet says so of a stop that comes early."""
+    count, sound = itertools.count(), dict(board.converter.registers)
+
+    def cut_off(verb, register):
+        if (verb, register) == ("read", 0x00) and next(count) == 2:
+            board.converter.registers[0x0C] = 0x0100
+            if fault:
+                raise fault
+
+    board.converter.fault = cut_off
+    words = scan_words(board.ask("SCAN"))
+    assert words == (["!4"] * 6 if fault else [WORDS] * 6)
+    assert board.mode == ("u" if fault else "i")
+    board.converter.registers = sound
+    board.configure()
+    count = itertools.count()
+    board.converter.fault = raising(BusFault("once"), "read", 0x01)
+    assert scan_words(board.ask("SCAN")) == ["!1"] * 6  # nothing was changed: no reset
+    assert {("read", address) for address in (0x08, 0x0C, 0x10, 0x14, 0x19, 0x1A, 0x1B)} <= {
+        step[:2] for step in board.converter.log[-20:]
+    }
+
+
 def test_switches_that_differ_end_the_stream():
     board = configured(wired_back=True)
     board.start()

@@ -271,6 +271,10 @@ def test_an_adapter_without_a_second_port_is_refused_and_closed_and_so_are_pins_
     with pytest.raises(HardwareError, match="has no pins C0 to C7 for the switches"):
         opened(bench)
     assert bench.closed
+    # without switches, any adapter will do, and its other pins stay as they are
+    with open_board(f"{URL}?channels=0") as board:
+        assert (board.wiring.channels, board.identity.device) == ((0,), 0x3055)
+    assert not bench.latched
     for pins in ({"clock": 8}, {"data": -1}, {"clock": 2}, {"back": 0}):
         with pytest.raises(HardwareError, match="must be four different ones of C0 to C7"):
             SwitchPins(**pins)

@@ -5,6 +5,7 @@ are played: I²C, SPI and FT232H by the emulated chips themselves, a serial port
 """
 
 import csv
+import functools
 import re
 import shlex
 import textwrap
@@ -19,7 +20,9 @@ from support.firmware_host import COMPILER, FirmwareHost
 from coilarray import load_design
 from coilarray.hardware.board import connect, microcontroller
 from coilarray.hardware.emulator import emulated_board
-from coilarray.hardware.scan.wiring import load_wiring
+from coilarray.hardware.emulator.evm import EmulatedEvm
+from coilarray.hardware.scan.wiring import load_wiring, wired_to_channels
+from coilarray.hardware.wire.evm import EvmRegisterBus
 from coilarray.hardware.wire.ports import parse_port
 
 pytestmark = pytest.mark.slow
@@ -51,13 +54,31 @@ def _pattern(shown):
     return "".join(lines)
 
 
+@functools.cache
+def _said():
+    """The sources of drivers and commands, with the literals of a message joined."""
+    files = [path for folder in ("hardware", "coilarray/cli") for path in (ROOT / folder).rglob("*.py")]
+    return re.sub(r'"\s*\n\s*f?"', "", "".join(path.read_text("utf-8") for path in files))
+
+
+@functools.cache
+def _said():
+    """The sources of drivers and commands, with the parts of a message joined."""
+    files = [path for folder in ("hardware", "coilarray/cli") for path in (ROOT / folder).rglob("*.py")]
+    return re.sub(r'"\s*\n\s*f?"', "", "".join(path.read_text("utf-8") for path in files))
+
+
 @pytest.fixture
 def ports(monkeypatch):
-    """Let every port but the emulator's lead to one emulated board."""
+    """Let every port but the emulator's lead to an emulated board, with switches or an evaluation module without."""
     board = emulated_board(load_design("gast2020"), load_wiring())
+    pair = wired_to_channels(("coil1", "coil2"), (0, 1))
+    module = emulated_board(load_design("starter"), pair, clkin=40e6, clock=board.clock)
+    evm = EvmRegisterBus(EmulatedEvm(module.bus, module.clock), 0x2A, module.clock)
     monkeypatch.setattr(connect, "LinuxRegisterBus", lambda *_: board.bus)
     monkeypatch.setattr(connect, "SpiSwitchChain", lambda *_: board.switches)
     monkeypatch.setattr(connect, "open_ft232h", lambda *_, **__: (board.bus, board.switches))
+    monkeypatch.setattr(connect, "open_evm", lambda *_: evm)
     monkeypatch.setattr(connect, "ComputerClock", lambda: board.clock)
     with ExitStack() as hosts:
 
@@ -85,22 +106,19 @@ def test_every_command_prints_what_the_page_shows(page, tmp_path, monkeypatch, c
 @pytest.mark.parametrize("page", PAGES)
 def test_every_port_link_and_message_of_a_page_exists(page):
     text = (DOCS / page).read_text("utf-8")
-    for port in re.findall(r'--port ("[^"]+"|[^\s`"]+)', text):
-        if port not in ("PORT", '"PORT'):
-            parse_port(port.strip('"'))
+    named = re.findall(r"`((?:i2c:|ftdi:|evm:|usb:|emulator\?)[^` ]+|/dev/tty[^` ]+|COM5)`", text)
+    for port in [port.strip('"') for port in re.findall(r'--port ("[^"]+"|[^\s`"]+)', text)] + named:
+        if port != "PORT":
+            parse_port(port)
     for target, anchor in re.findall(r"\]\((?!http)([^)#]*)(?:#([^)]*))?\)", text):
         there = DOCS / (target or page)
         assert there.exists(), target
         heads = re.findall(r"^#+ (.*)$", there.read_text("utf-8"), re.MULTILINE) if anchor else []
         assert not anchor or anchor in {re.sub(r"[^\w -]", "", head).lower().replace(" ", "-") for head in heads}
-    code = "".join(
-        path.read_text("utf-8") for folder in ("hardware", "coilarray/cli") for path in (ROOT / folder).rglob("*.py")
-    )
-    said = re.sub(r'"\s*\n\s*f?"', "", code)
-    for row in re.findall(r"^\| (`.*?) \|", text, re.MULTILINE):
+    for row in re.findall(r"^\| (`.*?) \|", text, re.MULTILINE):  # "what you see"
         for message in re.findall(r"`([^`]+)`", row):
-            if message.count(" ") > 0 and "=" not in message:
-                assert all(piece.strip() in said for piece in message.split("…")), message
+            if " " in message and "=" not in message:
+                assert all(piece.strip() in _said() for piece in message.split("…")), message
 
 
 @pytest.mark.filterwarnings("default")  # whatever the framework has

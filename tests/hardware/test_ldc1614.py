@@ -96,7 +96,7 @@ def test_drive_table():
     # equation 12: I = π V/(4 R_p)
     assert math.pi * drive_of(18, 5.7e3).amplitude / (4 * 5.7e3) == pytest.approx(212e-6, rel=1e-12)
     (window,) = (limit for limit in check_channel(1.93e6, 33e3, 48) if limit.name == DRIVE_WINDOW)
-    assert (window.value, window.low, window.high) == (33e3, 600, 90e3)
+    assert (window.value, window.low, window.high) == (33e3, 1e3, 100e3)  # the electrical characteristics
 
 
 @pytest.mark.parametrize(("clock", "divider", "given", "broken"), [
@@ -147,7 +147,13 @@ def test_limits():
     }
     assert broken(9e6, 5e3, 20, reference=40e6, divider=1) == {"reference frequency (Hz)", "FIN_DIVIDER"}
     assert broken(500.0, 33e3, 48) == {"sensor frequency (Hz)"}
-    assert broken(1.9e6, 600.0, 48) | broken(1.9e6, 90e3, 48) == set()  # both ends of the drive table
+    # the window of the electrical characteristics, and above 90 kΩ no row of table 42: 16 µA make more than 1.8 V
+    assert broken(1.9e6, 1e3, 48) | broken(1.9e6, 90e3, 48) == set()
+    assert broken(1.9e6, 999.0, 48) == broken(1.9e6, 600.0, 48) == broken(1.9e6, 100.1e3, 48) == {"R_p (Ω)"}
+    weakest = "amplitude with the smallest drive current"
+    assert broken(1.9e6, 90.1e3, 48) == broken(1.9e6, 100e3, 48) == {f"{weakest} (V peak)"}
+    (said,) = (limit.words for limit in check_channel(1.9e6, 95e3, 48) if not limit.kept)
+    assert said == f"{weakest} is 1.935 V peak; it must be at most 1.8 V peak"
     assert broken(6e6, 33e3, 48) == set()  # a divider of two, the least that will do, lets 6 MHz pass
 
 

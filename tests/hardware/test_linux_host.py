@@ -252,3 +252,13 @@ def test_a_missing_library_names_its_extra(kernel, spi, monkeypatch, module):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(MissingDependencyError, match=rf"boards on this computer's own buses need {module}"):
         open_board("i2c:1")
+
+
+def test_a_board_without_switches_needs_the_i2c_bus_alone(kernel, monkeypatch):
+    monkeypatch.setitem(sys.modules, "spidev", None)
+    with open_board("i2c:1?channels=0,1&chip=LDC1612&clock=40MHz") as board:
+        assert board.line.startswith(
+            "i2c:1?channels=0,1&chip=LDC1612&clock=40MHz: I²C bus 1 of this computer; LDC1612, "
+        )
+        assert board.wiring.channels == (0, 1)
+        assert kernel.transfers[0] == [(0x2A, 0, b"\x1a\x28\x01")]  # to sleep, before anything else

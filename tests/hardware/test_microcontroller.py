@@ -16,6 +16,7 @@ from contextlib import closing
 from dataclasses import replace
 
 import pytest
+from support.emulated_reader import quick_settings
 from support.refusals import refused
 from support.scripted_board import (
     REPLY,
@@ -33,7 +34,7 @@ from support.scripted_board import (
 from coilarray.errors import HardwareError
 from coilarray.hardware.scan.reader import SampleFault
 from coilarray.hardware.scan.settings import scan_settings
-from coilarray.hardware.scan.wiring import load_wiring
+from coilarray.hardware.scan.wiring import load_wiring, wired_to_channels
 from coilarray.hardware.wire import faults
 
 
@@ -350,3 +351,13 @@ def test_old_scans_between_new_ones_are_left_out(board, reader):
     board.spoil = lambda line: line
     assert [scan.sequence for scan in scans] == list(range(20))
     assert reader.counts.scans.stale > 10
+
+
+@pytest.mark.parametrize("settings", [
+    quick_settings(undivided=True), quick_settings(wired_to_channels(["left", "right"], [0, 1])),
+])  # fmt: skip
+def test_settings_of_several_channels_are_refused_by_name(board, settings):
+    reader = opened(board)
+    with pytest.raises(HardwareError, match=r"the firmware converts channel 0 alone; .* --undivided"):
+        reader.configure(settings)
+    assert "BEGIN" not in verbs(board)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from support.axial_field import loop_inductance
 from support.coil_paths import loop
+from support.eddy_bodies import sphere_body
 
 from coilarray import inductance_matrix
 from coilarray.constants import MU_0
@@ -73,15 +74,8 @@ def test_order_of_convergence():
 @pytest.mark.slow
 def test_sphere_in_a_uniform_field():
     """A shell with E = Z K: K = −½jωaB/(Z + ⅓jωµ0 a) sin θ, of the moment 4πa³K/3; both parities carry it."""
-    a, face = 5e-3, plate_mesh(Disc(1.0), 1.0, 0.8)
-    top = face.triangles[~face.rim]
-    nodes = face.nodes[: top.max() + 1, :2]
-    radius = np.hypot(*nodes.T)
-    angle = np.pi / 2 * np.minimum(radius / radius[face.triangles[face.rim, 0].min() : len(face.ring)].mean(), 1.0)
-    turned = nodes * (np.sin(angle) / np.maximum(radius, 1e-12))[:, None]
-    edge = np.flatnonzero(angle > np.pi / 2 * (1 - 1e-9))
-    points = a * np.column_stack((turned, np.where(angle > np.pi / 2 * (1 - 1e-9), 0.0, np.cos(angle))))
-    sphere = EddyBody(replace(face, nodes=points, triangles=top, rim=np.zeros(len(top), bool), ring=edge))
+    a = 5e-3
+    sphere = sphere_body(a, 0.8)
     skin = MU_0 * 0.3e-3 * (0.5 - 0.5j)
     for impedance, share in ((PERFECT, 0.0), (SurfaceImpedance(skin, skin, skin, skin), skin)):
         exact = -2 * np.pi * a**3 / (3 * (share / a + MU_0 / 3))
@@ -94,9 +88,9 @@ def test_sphere_in_a_uniform_field():
 def test_a_wide_plate_is_one_without_end(sheets):
     loops, f = [loop(5e-3), loop(4e-3, -0.5e-3, centre=(2e-3, 0.0))], [2e3, 2e5]
     plate = FinitePlate("wide", Disc(30e-3), (0.0, 0.0, 3.5e-3), 1e-3, ALUMINIUM)
-    finite = moving_plate(loops, plate, [plate.centre], f, sheets)[0]
+    finite = moving_plate(loops, plate, [plate.centre], f, sheets, fineness=0.6)[0]
     without_end = plate_inductance(loops, [Plate("wide", 3e-3, 1e-3, ALUMINIUM)], f, sheets)
-    np.testing.assert_allclose(finite.real, without_end.real, rtol=1.5e-2)
+    np.testing.assert_allclose(finite.real, without_end.real, rtol=3e-2)  # the rim, and a coarse mesh
     np.testing.assert_allclose(finite.imag, without_end.imag, rtol=4e-2)
 
 
@@ -128,8 +122,8 @@ def test_axisymmetric_finite_elements(frequency):
     np.testing.assert_allclose(change.diagonal().imag, reference.imag, rtol=5e-2)
     error = moving_plate_error([loop(*each) for each in loops], plate, [plate.centre], [frequency])
     assert error.inductance == pytest.approx(0.063 if frequency < 1e4 else 0.002, rel=0.05)
-    mesh = 2e-3
-    assert (np.abs(change.diagonal().real / reference.real - 1) < error.inductance + mesh).all()
+    rim = 1e-2
+    assert (np.abs(change.diagonal().real / reference.real - 1) < error.inductance + rim).all()
 
 
 @pytest.mark.slow

@@ -55,7 +55,7 @@ def test_ball_in_a_dent_agrees_with_finite_elements(material, frequency):
         )
         for with_ball in (True, False)
     )
-    change = indenter_inductance(COILS, Ball(RADIUS, material), dent, np.zeros((1, 2)), frequency)[0].diagonal()
+    change = indenter_inductance(COILS, Ball(RADIUS, material), [dent], np.zeros((1, 2)), frequency)[0, 0].diagonal()
     # finite elements of 0.1 mm, as beside flat sheets (test_ball.py)
     assert filled - empty == pytest.approx(change, rel=5e-3)
 
@@ -67,7 +67,7 @@ def test_shallow_dents_become_flat_sheets():
     r = np.linspace(0, 20e-3, 101)
     top = -1e-6 * np.exp(-((r / 2e-3) ** 2))
     dent = Dent((6e-3, 2e-3), (1.0, MU), r, np.column_stack((0 * r, 0.6 * top, top)))
-    dented = indenter_inductance(coils, ball, dent, places, 1e6)
+    dented = indenter_inductance(coils, ball, [dent], places, 1e6)[0]
     sheets = (Sheet("base", 6e-3), Sheet("magnetic", 2e-3, MU))
     flat = ball_inductance(coils, ball, [[*place, 8e-3 + RADIUS] for place in places], [1e6], sheets)[:, 0]
     # the elements under the ball, which is 1 µm lower

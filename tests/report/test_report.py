@@ -397,8 +397,7 @@ distances_mm = [2, 4, 8]
 
 
 def test_metal_has_a_section_with_its_numbers(tmp_path):
-    few = re.sub(r"\[indenter\].*?(?=\n\[circuit\])", "", FEW, flags=re.DOTALL)
-    made = drawn_report(parse_design(few + METAL), tmp_path)
+    made = drawn_report(parse_design(FEW + METAL), tmp_path)
     page = made.page.read_text(encoding="utf-8")
     assert ">Metal</h2>" in page
     assert "with the plate backplane of aluminium and a copper plate as target;" in page
@@ -417,7 +416,10 @@ def test_metal_has_a_section_with_its_numbers(tmp_path):
     assert deltas == sorted(deltas)  # the nearer, the less inductance
     assert deltas[-1] < 0
     assert "target.nc" in {path.name for path in made.folder.iterdir()}
-    assert made.data["target_problem"] == made.data["field_problem"] == ""
+    assert made.data["target_problem"] == made.data["field_problem"] == made.data["indentation_problem"] == ""
+    with xr.open_dataset(made.folder / "response.nc") as response:
+        assert response.attrs["plate_frequency_Hz"] == pytest.approx(f, rel=0.05)
+        assert float(response.delta.max()) > 1e-5
     summary = {row["quantity"]: row for row in table(made, "summary")}
     assert float(summary["change of the effective inductance by the plates"]["most"]) < -0.01
     assert float(summary["δ of the target, 2 mm away"]["least"]) == pytest.approx(min(

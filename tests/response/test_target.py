@@ -224,6 +224,12 @@ def test_a_distance_is_located_where_the_place_is_known():
     assert (at.verdict, model.free) == ("found", [2])
     assert at.best.depth == pytest.approx(2.3e-3, abs=5e-6)
     assert at.best.known_deviations[:2] == (None, None)
+    # what the table itself errs adds to the noise
+    errs = forward_model(found.assign(delta_error=1e-3 * abs(found.delta)))
+    size = 0.1 * math.exp(-2.3 / 2)
+    (deviation,) = locate(errs, [-size], noise=1e-5).best.deviations
+    assert deviation == pytest.approx(math.hypot(1e-5, 1e-3 * size) / (size / 2e-3), rel=1e-2)  # slope of the cubic
+    assert errs.select(["a"]).errors == errs.errors
     assert "no target is noticed" in locate(model, [1e-7], noise=1e-6).reason
     refused(LocalizeError, "distance of a point must be in the table", model.delta, [0.0, 0.0, 0.5])
     refused(LocalizeError, "more than one position or depth", forward_model, found.isel(distance=[0]))

@@ -51,6 +51,7 @@ def plain_board(
     drift=None,
     oscillator=None,
     clock=None,
+    clkin=None,
     first_offset=0.0,
     **options,
 ):
@@ -61,6 +62,7 @@ def plain_board(
         wiring.encode(),
         FixedCoils(L, capacitance, resistance),
         clock=clock or VirtualClock(),
-        conditions=Conditions(oscillator or Oscillator(), drift or Drift(), noise, first_offset=first_offset),
+        conditions=Conditions(oscillator or Oscillator(), drift or Drift(), noise, clkin, first_offset=first_offset),
+        wired=wiring.channels,
         **options,
     )

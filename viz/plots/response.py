@@ -30,6 +30,7 @@ MOST_MAPS = 16
 _BANDS, _TICKS = 20, 9  # largest numbers of bands of colour, and of ticks beside them
 _STEPS = (1, 2, 5, 10)
 _FELT = 0.05  # share of the largest |δ| on a line below which a state has no curve
+_NAME_AT = 0.2  # of the way from the lower end of a coil to its centre
 _MOST_NAMES = 9  # coils with their names on every map; the title of a map is its own
 _NOTHING = 0.01  # share of the largest δ below which a map is white and has no zero line
 _GRID_SHAPE = 1.4  # width over height of all maps together
@@ -325,9 +326,18 @@ def _draw_map(ax: Axes, response: xr.Dataset, delta: xr.DataArray, look: _Look) 
     names, centres = response.coil.values.tolist(), (MM.of(response.coil_x), MM.of(response.coil_y))
     for name, at, across in zip(names, *centres, strict=True):
         if len(names) <= _MOST_NAMES and x.min() < at < x.max():
-            style.write_name(ax, at, across, name, fontsize=8)
+            low = _lower_end(look.outlines, at, across)
+            # its peak is in the middle of the coil
+            style.write_name(ax, at, look.y[0] if low is None else low + _NAME_AT * (across - low), name, fontsize=8)
     ax.set(xlim=look.x, ylim=look.y, aspect="equal")
     return bands
+
+
+def _lower_end(outlines: Sequence[npt.ArrayLike], x: float, y: float) -> float | None:
+    """Lowest y in mm of the outline in m that lies about a place in mm; None without outlines."""
+    shapes = [MM.of(outline) for outline in outlines]
+    own = min(shapes, key=lambda shape: float(np.hypot(*(shape.mean(axis=0) - (x, y)))), default=None)
+    return None if own is None else float(own[:, 1].min())
 
 
 def _look(response: xr.Dataset, delta: xr.DataArray, outlines: Sequence[npt.ArrayLike]) -> _Look:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coilarray.design.export import Format
+from coilarray.design.export_formats import Format
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.viz.studio.entries import Entry, entries_of, text_of
 from coilarray.viz.studio.job import with_progress

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from coilarray.compute.threads import Progress
-from coilarray.design.export import Format, export
+from coilarray.design.export import export
+from coilarray.design.export_formats import Format
 from coilarray.design.model import build_design, build_design_file
 from coilarray.viz.studio.services import Document
 

@@ -3,6 +3,10 @@
 ∫∫ dA dA'/|x − x'|: near pairs by the closed form of the inner integral (Wilton et al., IEEE Trans. Antennas Propag. 32,
 276 (1984)) at the nodes of a rule over the outer triangle; far ones by the moments of both up to the second order,
 A A' (1/R + ½ (S + S'):∇∇(1/R)), R between the centroids and A S = ∫ (x − c)(x − c)ᵀ dA.
+
+Double layers of linear functions λ: ∫ dA ∫ dA' λ(x') n'·(x − x')/|x − x'|³, with the inner integral λ(x) Ω −
+d ∇λ·Σ m ∫ dl/|x − x'| over the edges, Ω the solid angle, d the height of x over the plane and m the edges' outward
+normals in it.
 """
 
 from __future__ import annotations
@@ -11,7 +15,7 @@ import math
 
 import numpy as np
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.electromagnetics.kernels.compiled import inner_kernel, kernel
 
 _NEAR = 2.5  # sums of both radii; beyond, the moments err by some 1e-4 of one pair
@@ -132,3 +136,81 @@ def _potential(t: FloatArray, x: float, y: float, z: float) -> float:
         if d > 0.0:
             total -= d * (math.atan2(p * stop, away2 + d * rb) - math.atan2(p * start, away2 + d * ra))
     return total
+
+
+@kernel
+def double_layers(
+    corners: FloatArray, other: FloatArray, nodes: IntArray, factor: float, integrals: FloatArray
+) -> None:
+    """Add `factor` times the integrals in m² over triangles `corners` (k, 3, 3) of layers on `other` ones, (k, n).
+
+    `nodes` (l, 3) are the numbers of the other triangles' corners, at one of which each linear function is 1; normals
+    point to where the corners are seen anticlockwise.
+    """
+    radii = np.empty(other.shape[0])
+    centres = np.empty((other.shape[0], 3))
+    moments = np.empty(10)
+    for j in range(other.shape[0]):
+        _moments(other[j], moments)
+        centres[j], radii[j] = moments[:3], moments[9]
+    part = np.empty(3)
+    for i in range(corners.shape[0]):
+        t = corners[i]
+        _moments(t, moments)
+        area = factor * _area(t)
+        for j in range(other.shape[0]):
+            dx, dy, dz = moments[0] - centres[j, 0], moments[1] - centres[j, 1], moments[2] - centres[j, 2]
+            near = _NEAR * (moments[9] + radii[j])
+            far = dx * dx + dy * dy + dz * dz > near * near
+            for q in range(1 if far else _RULE.shape[0]):  # the first node of the rule is the centroid
+                a, b, c = _RULE[q, 0], _RULE[q, 1], _RULE[q, 2]
+                x = a * t[0, 0] + b * t[1, 0] + c * t[2, 0]
+                y = a * t[0, 1] + b * t[1, 1] + c * t[2, 1]
+                z = a * t[0, 2] + b * t[1, 2] + c * t[2, 2]
+                _layer(other[j], x, y, z, part)
+                share = area if far else area * _RULE[q, 3]
+                for corner in range(3):
+                    integrals[i, nodes[j, corner]] += share * part[corner]
+
+
+@inner_kernel
+def _layer(t: FloatArray, x: float, y: float, z: float, out: FloatArray) -> None:
+    """∫ λ_c n·(x − x')/|x − x'|³ dA' of the three linear functions of one triangle; 0 in its plane."""
+    ux, uy, uz = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
+    vx, vy, vz = t[2, 0] - t[0, 0], t[2, 1] - t[0, 1], t[2, 2] - t[0, 2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    double = math.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = nx / double, ny / double, nz / double
+    d = (x - t[0, 0]) * nx + (y - t[0, 1]) * ny + (z - t[0, 2]) * nz
+    out[0] = out[1] = out[2] = 0.0
+    if abs(d) < 1e-9 * math.sqrt(double):
+        return
+    angle, sx_, sy_, sz_ = 0.0, 0.0, 0.0, 0.0  # solid angle, and Σ m ∫ dl/|x − x'|
+    for k in range(3):
+        m = (k + 1) % 3
+        ax, ay, az = t[k, 0] - x, t[k, 1] - y, t[k, 2] - z
+        bx, by, bz = t[m, 0] - x, t[m, 1] - y, t[m, 2] - z
+        sx, sy, sz = bx - ax, by - ay, bz - az
+        length = math.sqrt(sx * sx + sy * sy + sz * sz)
+        sx, sy, sz = sx / length, sy / length, sz / length
+        start, stop = ax * sx + ay * sy + az * sz, bx * sx + by * sy + bz * sz
+        mx, my, mz = sy * nz - sz * ny, sz * nx - sx * nz, sx * ny - sy * nx
+        p = ax * mx + ay * my + az * mz
+        ra, rb = math.sqrt(ax * ax + ay * ay + az * az), math.sqrt(bx * bx + by * by + bz * bz)
+        away2 = p * p + d * d
+        if start > 0.0:
+            logarithm = math.log((rb + stop) / (ra + start))
+        elif stop < 0.0:
+            logarithm = math.log((ra - start) / (rb - stop))
+        else:
+            logarithm = math.log((rb + stop) * (ra - start) / away2)
+        sx_, sy_, sz_ = sx_ + mx * logarithm, sy_ + my * logarithm, sz_ + mz * logarithm
+        h = abs(d)
+        angle += math.atan2(p * stop, away2 + h * rb) - math.atan2(p * start, away2 + h * ra)
+    angle = angle if d > 0.0 else -angle
+    for k in range(3):
+        m, o = (k + 1) % 3, (k + 2) % 3  # the opposite side
+        ex, ey, ez = t[o, 0] - t[m, 0], t[o, 1] - t[m, 1], t[o, 2] - t[m, 2]
+        gx, gy, gz = (ny * ez - nz * ey) / double, (nz * ex - nx * ez) / double, (nx * ey - ny * ex) / double
+        at = gx * (x - t[m, 0]) + gy * (y - t[m, 1]) + gz * (z - t[m, 2])  # λ at the foot of x in the plane
+        out[k] = at * angle - d * (gx * sx_ + gy * sy_ + gz * sz_)

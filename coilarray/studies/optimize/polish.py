@@ -88,7 +88,7 @@ class _Local:
         self._free = [axis for axis in axes if axis.continuous]
         self.begin = np.array([axis.part(best.changes[axis.entry]) for axis in self._free])
         self._tried = 0
-        self._seen: dict[bytes, Trial] = {self.begin.tobytes(): best} if goal.search.accuracy == "full" else {}
+        self._seen = {_text(best.changes): best} if goal.search.accuracy == "full" else {}
         stored = [stored_trial(goal, axes, frozen) for frozen in self._store.trials()]
         self._stored = {_text(trial.changes): trial for trial in stored if trial.kind == "polish"}
         self._objective = goal.objectives[0]
@@ -111,20 +111,21 @@ class _Local:
 
     def _at(self, point: FloatArray) -> Trial:
         """Return the trial at a point of the unit box; the solver asks for its cost and its violations separately."""
-        key = point.tobytes()
-        if key in self._seen:
+        changes = dict(self._best.changes)
+        parts = zip(self._free, point.tolist(), strict=True)
+        changes |= {axis.entry: axis.value(axis.at(part)) for axis, part in parts}
+        key = _text(changes)
+        if key in self._seen:  # points closer than what can be made are one
             return self._seen[key]
         if self._tried >= self._goal.polish:
             raise _EnoughError
-        changes = dict(self._best.changes)
-        changes |= {axis.entry: axis.at(part) for axis, part in zip(self._free, point.tolist(), strict=True)}
-        trial = self._stored.get(_text(changes))
+        trial = self._stored.get(key)
         if trial is None:
             ((_, outcome),) = self._evaluate([changes], "full")
             trial = trial_of(self._goal, "polish", len(self._stored), changes, outcome)
             parameters = {axis.entry: axis.parameter(changes[axis.entry]) for axis in self._axes}
             self._store.add(frozen_trial(self._axes, parameters, trial))
-            self._stored[_text(changes)] = trial
+            self._stored[key] = trial
         self._tried += 1
         self._report(trial)
         self._seen[key] = trial

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
 
 _DIGITS = 15
+_DECIMALS = {"mm": 3, "um": 0}  # of a length that a board house can make: 1 µm
+_LEAST_STEPS = 10  # between bounds: closer ones are meant to be searched finer
 _ON_GRID = 1e-9  # of a step: how near to a step a value must be to stand on it
 
 
@@ -51,6 +53,13 @@ class Axis:
     def continuous(self) -> bool:
         """True for a number that may take any value between its bounds."""
         return not self.choices and not self.whole and self.step is None
+
+    @property
+    def _decimals(self) -> int | None:
+        """Decimals of a length in mm or µm between bounds that are further apart; None for any other number."""
+        names = [part for part in self.entry.split(".") if not part.isdecimal()]
+        decimals = _DECIMALS.get(names[-1].rpartition("_")[2])
+        return decimals if decimals is not None and self.high - self.low > _LEAST_STEPS * 10.0**-decimals else None
 
     @property
     def _count(self) -> int:
@@ -85,12 +94,14 @@ class Axis:
         return float(value)
 
     def value(self, parameter: Any) -> Any:
-        """Return what the entry says for a parameter."""
+        """Return what the entry says for a parameter: lengths but the design's own to 1 µm, which can be made."""
         if self.choices:
             return json.loads(parameter)
         if self.step is not None and not self.whole:
             number = float(f"{self.low + parameter * self.step:.{_DIGITS}g}")  # 11.3, not 11.299999999999999
             return min(max(number, self.low), self.high)
+        if not self.whole and parameter != self.start and (decimals := self._decimals) is not None:
+            return min(max(round(parameter, decimals), self.low), self.high)
         return parameter
 
     def at(self, part: float) -> Any:

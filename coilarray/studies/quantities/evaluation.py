@@ -106,7 +106,9 @@ class Evaluation:
         key = (tuple(distances), (x,), (y,), ("target",))
         if key not in self._maps:
             network = design_circuit(self.design, accuracy=self.accuracy)
-            self._maps[key] = target_map(self.design, distances=list(distances), x=[x], y=[y], network=network)
+            self._maps[key] = target_map(
+                self.design, distances=list(distances), x=[x], y=[y], network=network, accuracy=self.accuracy
+            )
         return self._maps[key]
 
     def coil(self, name: str) -> int:

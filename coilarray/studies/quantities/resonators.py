@@ -59,7 +59,7 @@ def _self_resonance_margin(evaluation: Evaluation, options: Mapping[str, Any]) -
 
 @quantity(
     "drive_margin", "1", "circuit",
-    "relative distance of R_p to the nearer end of the LDC1614's drive window, worst state; negative outside",
+    "relative distance of R_p to the nearer end of the LDC1614's window of 1 to 100 kΩ, worst state; negative outside",
 )  # fmt: skip
 def _drive_margin(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
     names = ("frequency", "parallel_resistance", "loaded_quality_factor", "state_self_resonance")

@@ -8,7 +8,7 @@
 
 namespace coilarray {
 
-constexpr uint8_t kDataMsb = 0x00, kDataLsb = 0x01, kClockDividers = 0x14, kStatus = 0x18, kConfig = 0x1A;
+constexpr uint8_t kDataMsb = 0x00, kDataLsb = 0x01, kStatus = 0x18, kConfig = 0x1A;
 constexpr uint8_t kResetDevice = 0x1C, kDriveCurrent = 0x1E, kManufacturerId = 0x7E, kDeviceId = 0x7F;
 constexpr uint16_t kManufacturer = 0x5449, kDevice = 0x3055;
 constexpr uint16_t kDataReady = 0x0040;       // of STATUS

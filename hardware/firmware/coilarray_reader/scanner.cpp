@@ -120,13 +120,18 @@ void Scanner::next_state() {
     if (index_ == plan_->states) {
         index_ = 0;
         phase_ = Phase::kVerify;
+        register_ = met_bus_fault() ? 0 : kDividersIndex;
     }
 }
 
 void Scanner::verify() {
-    uint16_t dividers = 0;
-    const Transfer result = converter_.read(kClockDividers, dividers);
-    const bool reset = result == Transfer::kDone && dividers != plan_->registers[kDividersIndex];
+    uint16_t found = 0;
+    const Transfer result = converter_.read(kRegisterAddresses[register_], found);
+    const uint16_t differing = static_cast<uint16_t>(found ^ plan_->registers[register_]);
+    const bool reset = result == Transfer::kDone && (register_ == kConfigIndex ? differing & ~kAsleep : differing) != 0;
+    if (result == Transfer::kDone && !reset && met_bus_fault() && ++register_ < kRegisters) {
+        return;  // a transfer that was cut off may have changed any of them
+    }
     for (index_ = 0; index_ < plan_->states; ++index_) {
         if (reset) {
             samples_[index_].fault = Fault::kConverterReset;
@@ -140,6 +145,15 @@ void Scanner::verify() {
         outcome_ = Outcome::kConverterReset;
     }
     phase_ = Phase::kDone;
+}
+
+bool Scanner::met_bus_fault() const {
+    for (uint8_t i = 0; i < plan_->states; ++i) {
+        if (samples_[i].fault == Fault::kNotAcknowledged || samples_[i].fault == Fault::kBusTimeout) {
+            return true;
+        }
+    }
+    return false;
 }
 
 void Scanner::judge() {

@@ -58,6 +58,7 @@ class Scanner {
     void take_or_discard();
     void next_state();
     void verify();
+    bool met_bus_fault() const;
     void judge();
     // Goes on to the next phase, or, where the transfer failed, to the end of the state.
     void proceed(Transfer result, Phase next);
@@ -74,6 +75,7 @@ class Scanner {
     Phase phase_ = Phase::kIdle;
     Outcome outcome_ = Outcome::kGood;
     uint8_t index_ = 0;
+    uint8_t register_ = 0;  // of the plan, that is verified next
     uint32_t started_ = 0, woken_ = 0;
     uint32_t next_look_ = 0;  // microseconds after waking, or after the last conversion that was thrown away
     uint8_t discarded_ = 0;   // conversions of this state

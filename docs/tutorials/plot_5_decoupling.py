@@ -1,0 +1,51 @@
+"""
+Decoupling by overlap, and why
+==============================
+
+Two coils on different layers, one moved over the other.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import coilarray as ca
+from coilarray.viz import plot_field_map
+
+board = ca.Stackup.uniform(("L1", "L2", "L3", "L4"))
+spiral = ca.Spiral(sides=6, outer_apothem=10e-3, turns=12, trace_width=0.2e-3, gap=0.2e-3, first_corner=np.pi / 2)
+coil = ca.spiral_coil(spiral, 2, ca.PlatedHole(drill=0.25e-3, pad=0.5e-3))
+
+
+def pair(pitch):
+    """Return two coils at a distance."""
+    return ca.lattice_array(board, coil, ca.Lattice("linear", pitch, columns=2, layers=(("L1", "L2"), ("L3", "L4"))))
+
+
+pitches = np.linspace(8e-3, 26e-3, 19)
+k = [ca.coupling_matrix(ca.inductance_matrix(pair(pitch).conductors()))[0, 1] for pitch in pitches]
+zero = float(np.interp(0.0, -np.array(k[:12]), pitches[:12]))
+figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
+ax.axhline(0, color="grey", linewidth=0.8)
+ax.axvline(zero * 1e3, color="grey", linestyle=":")
+ax.plot(pitches * 1e3, k, "o-")
+ax.set(xlabel="pitch (mm)", ylabel="coupling coefficient k", title=f"zero at {zero * 1e3:.2f} mm")
+
+# %%
+# The flux of the first coil goes up inside of it and comes down outside. A second coil far away links the flux that
+# comes down: k is negative. On top of the first it links the flux that goes up: k is positive. In between both parts
+# cancel.
+
+design = ca.Design(pair(zero))
+coupling = ca.couple_design(design, ideal=True)
+x_min, y_min, x_max, y_max = design.array.bounds
+field = ca.operating_field(
+    design, coupling, "coil1", np.linspace(x_min, x_max, 140), np.linspace(y_min, y_max, 90), 0.5e-3, terminated=False
+)
+plot_field_map(field, outlines=[place.to_board(place.coil.outline) for place in design.array.placements])
+
+# %%
+# Beyond that pitch k has a minimum, and falls off with the third power of the distance: the field of a dipole.
+
+far = np.array([40e-3, 80e-3, 160e-3])
+values = [ca.coupling_matrix(ca.inductance_matrix(pair(pitch).conductors()))[0, 1] for pitch in far]
+print("k halves by doubling the distance to the power", np.round(np.diff(np.log2(np.abs(values))), 2))

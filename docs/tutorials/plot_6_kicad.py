@@ -1,0 +1,41 @@
+"""
+To KiCad and back
+=================
+
+A design becomes a board for KiCad, and a board that exists becomes a design.
+"""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import coilarray as ca
+from coilarray.cli.main import main
+from coilarray.viz import plot_copper
+
+# %%
+# ``coilarray export starter --to kicad`` writes the board with nets, vias, terminals, stack-up and a project whose
+# design rules are those of the design:
+
+folder = Path(tempfile.mkdtemp())
+design = ca.load_design("starter")
+exported = ca.export(design, folder / "board", "kicad")
+for path in exported.files:
+    print(path.relative_to(folder))
+
+# %%
+# The copper can be changed in KiCad. ``coilarray import`` reads tracks, arcs and vias of named nets back, layer by
+# layer:
+
+board = next(folder.rglob("*.kicad_pcb"))
+nets = ",".join(design.array.names)
+main(["import", str(board), "--nets", nets, "--out", str(folder / "back.toml")])
+
+# %%
+# The result is a design as any other. Its coils are those of before:
+
+back = ca.load_design(folder / "back.toml")
+before, after = (ca.inductance_matrix(one.array.conductors()) for one in (design, back))
+print(f"largest difference of the inductances {np.abs(after / before - 1).max():.1e}")
+plot_copper(back.array, back.array.stackup.names[0])

@@ -1,0 +1,83 @@
+"""The converters with 28-bit results of the LDC1614's family: how many channels each has, and what it does not have.
+
+All answer with the same numbers, so that a program cannot tell them apart: Texas Instruments SNOSCY9A for the LDC1612
+and LDC1614, SNOSCZ5B for the FDC2212 and FDC2214. The latter two convert capacitances, with the same core, register
+addresses, drive and timing; that they measure coils as well is not verified.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+from coilarray.errors import HardwareError
+
+Family = Literal["LDC", "FDC"]
+"""Converters of inductance, or of capacitance."""
+
+
+@dataclass(frozen=True)
+class Converter:
+    """A type of converter: its name, the number of its channels, and its family."""
+
+    name: str
+    channels: int
+    family: Family = "LDC"
+
+
+@dataclass(frozen=True)
+class FamilyLimits:
+    """Differences between the two families.
+
+    Parameters
+    ----------
+    smallest_rcount : int
+        Least RCOUNT.
+    largest_input_divider : int
+        Largest FIN_DIVIDER; called FIN_SEL in the FDC.
+    has_offset : bool
+        Whether there are registers OFFSET.
+    finds_drive : bool
+        Whether the converter finds a drive current by itself and shows it in INIT_IDRIVE.
+    reported : tuple of str
+        Fields of ERROR_CONFIG that exist: the errors that can be reported.
+    """
+
+    smallest_rcount: int
+    largest_input_divider: int
+    has_offset: bool
+    finds_drive: bool
+    reported: tuple[str, ...]
+
+
+FAMILIES = MappingProxyType({
+    "LDC": FamilyLimits(5, 15, True, True, (
+        "UR_ERR2OUT", "OR_ERR2OUT", "WD_ERR2OUT", "AH_ERR2OUT", "AL_ERR2OUT",
+        "UR_ERR2INT", "OR_ERR2INT", "WD_ERR2INT", "AH_ERR2INT", "AL_ERR2INT", "ZC_ERR2INT", "DRDY_2INT",
+    )),
+    "FDC": FamilyLimits(
+        0x100, 2, False, False, ("WD_ERR2OUT", "AH_ERR2OUT", "AL_ERR2OUT", "WD_ERR2INT", "DRDY_2INT")
+    ),
+})  # fmt: skip
+"""Limits of the families by their name."""
+CONVERTERS = MappingProxyType({
+    one.name: one
+    for one in (Converter("LDC1614", 4), Converter("LDC1612", 2), Converter("FDC2214", 4, "FDC"),
+                Converter("FDC2212", 2, "FDC"))
+})  # fmt: skip
+"""Converters by their name."""
+_TWELVE_BITS = ("LDC1314", "LDC1312", "FDC2114", "FDC2112")
+
+
+def converter(name: str) -> Converter:
+    """Return a converter by its name, in any case; HardwareError, which says what is known, for another one.
+
+    >>> converter("ldc1612").channels
+    2
+    """
+    known = CONVERTERS.get(name.upper())
+    if known is not None:
+        return known
+    why = " has results of 12 bits, too coarse for δ" if name.upper() in _TWELVE_BITS else " is not known"
+    raise HardwareError(f"the converter {name[:40]!r}{why}; use {', '.join(CONVERTERS)}.")

@@ -1,0 +1,108 @@
+"""The commands with a board without switches, on emulated ones of two coils: the results are those of the switches."""
+
+import json
+
+import pytest
+from support import recorded_boards
+from support.command_line import runner, successes
+
+from coilarray.cli.main import main
+from coilarray.compute.netcdf import load_part
+
+pytestmark = pytest.mark.slow
+
+board = recorded_boards.board
+GROVE, FOUR = "emulator?board=grove-ldc1612", "emulator?channels=0,1,2,3"
+measure, measure_record = successes("measure")
+_, calibrate_record = successes("calibrate-board")
+_, info_record = successes("scan-info")
+look, look_record = successes("board")
+run_live, _ = runner("live")
+_, measure_refused = runner("measure")
+
+
+@pytest.fixture(scope="module")
+def design(board):
+    """File of the design."""
+    return board[0]
+
+
+def measured(capsys, *arguments):
+    """Inductances in H by coil, without noise, all of them good."""
+    states = measure_record(capsys, *arguments, "--single", "--emulate", "noise=0")["states"]
+    assert {state["verdict"] for state in states} == {"good"}
+    return {state["state"]: state["inductance_H"] for state in states}
+
+
+def test_one_line_gives_the_inductances(board, design, capsys):
+    switched = measured(capsys, *board)
+    for port in (
+        GROVE,
+        FOUR,
+        "emulator?channels=1,0&chip=LDC1612",
+        "emulator?board=ldc1614evm",
+        f"{FOUR}&chip=FDC2214",
+    ):
+        # the same circuit, the other coil grounded; a step of the code of any clock is 2e-7 of an inductance at most
+        assert measured(capsys, design, "--port", port) == pytest.approx(switched, rel=4e-7)
+    one = measured(capsys, design, "--port", "emulator?board=btt-eddy", "--coils", "coil2")
+    # the other coil is open here, not grounded: its coupling no longer lowers the inductance
+    assert one["coil2"] > switched["coil2"] * 1.001
+    assert measured(capsys, *board, "--undivided") == pytest.approx(switched, rel=4e-7)
+
+
+def test_a_recording_is_made_shown_calibrated_and_replayed(design, tmp_path, capsys):
+    run, constants = tmp_path / "run.sqlite", tmp_path / "board.toml"
+    recorded = measure_record(capsys, design, "--port", GROVE, "--scans", "12", "--rate", "50", "--out", run)
+    assert recorded["scans"] == 12
+    assert {state["good"] for state in recorded["states"]} == {12}
+    assert info_record(capsys, run)["wiring"] == "channels"
+    found = calibrate_record(capsys, run, "--simulated", "--out", constants)
+    assert (found["clock_Hz"], [channel["state"] for channel in found["channels"]]) == (40e6, ["coil1", "coil2"])
+    code, out, _ = run_live(capsys, "--recording", run, "--speed", "0", "--no-locate", "--json")
+    last = json.loads(out.splitlines()[-1])
+    assert (code, last["baseline_scans_missing"]) == (0, 0)
+    assert all(abs(value) < 1e-4 for value in last["delta"].values())  # δ of a board at rest: noise of 1e-6
+    # going on takes the same kind of board
+    refused = measure_refused(capsys, design, "--port", "emulator?board=btt-eddy", "--coils", "coil1", "--resume",
+                              "--out", run)  # fmt: skip
+    assert "cannot go on" in refused
+
+
+def test_a_campaign_has_the_response_of_the_switched_board(board, design, tmp_path, capsys):
+    switched = [measured(capsys, *board, *press)["coil1"] for press in ((), ("--emulate", "press=-6.64,0,1"))]
+    recording, response = tmp_path / "campaign.sqlite", tmp_path / "campaign.nc"
+    grid = ("--x-mm", "-6.64", "--y-mm", "0", "--depth-mm", "1", "--emulate", "noise=0")
+    line = ["campaign", str(design), "--port", FOUR, *grid, "--out", str(recording), "--response", str(response)]
+    assert main(line) == 0
+    delta = load_part(response).delta.sel(state="coil1").item()
+    assert delta == pytest.approx(switched[1] / switched[0] - 1, abs=1e-6)  # steps of the codes
+    assert delta > 1e-4
+
+
+def test_live_shows_every_scan(design, capsys):
+    code, out, _ = run_live(capsys, design, "--port", GROVE, "--scans", "12", "--rate", "100", "--no-locate",
+                            "--json")  # fmt: skip
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert (code, len(lines), lines[-1]["baseline_scans_missing"]) == (0, 12, 0)
+    assert set(lines[-1]["delta"]) == {"coil1", "coil2"}
+
+
+def test_the_board_is_tested_and_what_is_not_verified_is_told(design, capsys):
+    out = look(capsys, design, "--port", GROVE, "--self-test", "--find-drives")
+    assert "self-test passed" in out
+    assert "Grove 2-channel inductive sensor: LDC1612, channels 0, 1, 40 MHz at CLKIN (5449/3055)" in out
+    assert "not verified on a device" in out
+    assert look_record(capsys, "--port", f"{GROVE}&channels=1", "--coils", "coil3")["wiring"] == "channels"
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (("--port", "emulator?board=btt-eddy"), "1 channels (0) for 2 coils; none is left for coil2"),
+    (("--port", GROVE, "--coils", "coil1,coil9"), "there is no coil 'coil9'"),
+    (("--port", GROVE, "--wiring", "six_coils"), "has switches; a port with channels has none"),
+    (("--port", "emulator?channels=0,1&chip=LDC1312"), "has results of 12 bits"),
+    (("--port", GROVE, "--rate", "10000"), "rate must be at most"),
+    (("--coils", "coil1"), "coils are named for the channels of a port without switches"),
+])  # fmt: skip
+def test_what_cannot_be_is_one_line(design, capsys, arguments, words):
+    assert words in measure_refused(capsys, design, *arguments, "--single")

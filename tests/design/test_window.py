@@ -1,0 +1,21 @@
+"""Positions of a map that a design does not give: over all coils, close enough for the response of one."""
+
+import numpy as np
+import pytest
+from support.boards import LEADS, VIA, many_layers, round_spiral
+
+from coilarray.design.window import array_window
+from coilarray.geometry import Lattice, lattice_array, spiral_coil
+
+LARGE = spiral_coil(round_spiral(20e-3, 6, 0.15e-3, 0.15e-3), 2, VIA, LEADS)
+
+
+@pytest.mark.parametrize(("count", "step"), [(1, 1.5e-3), (3, 3.5e-3)])
+def test_a_coil_has_a_dozen_steps_and_one_alone_twice_as_many(count, step):
+    """40 mm / 24 = 1.67 mm and 40 mm / 12 = 3.33 mm, to half a millimetre."""
+    array = lattice_array(many_layers(2), LARGE, Lattice("linear", 60e-3, count))
+    bounds = np.reshape(array.outline_bounds, (2, 2)).T
+    for places, (low, high) in zip(array_window(array, (0.0, 0.0)), bounds, strict=True):
+        np.testing.assert_allclose(np.diff(places), step, rtol=1e-9)
+        assert low - step < places[0] <= low + 1e-9
+        assert high - 1e-9 <= places[-1] < high + step

@@ -1,0 +1,427 @@
+"""Coils at the channels of a converter: registers by the data sheet, results by channel, faults, freshness and times.
+
+The converter is that of the emulator, in strict mode: any use that the data sheets do not allow raises.
+"""
+
+import dataclasses
+import itertools
+import math
+
+import pytest
+from support.emulated_reader import plain, quick_settings, reader_of
+from support.quick_coils import plain_board
+from support.refusals import refused
+
+from coilarray.design.scan_states import ScanState, paper_plan
+from coilarray.errors import HardwareError
+from coilarray.hardware.board.autoscan import AutoscanReader
+from coilarray.hardware.board.drive_codes import find_drives
+from coilarray.hardware.board.self_test import self_test
+from coilarray.hardware.chips.converters import CONVERTERS, converter
+from coilarray.hardware.chips.ldc1614_limits import check_clock, largest_reference, smallest_rcount
+from coilarray.hardware.emulator import OpenPoints, Oscillator, UndocumentedUse
+from coilarray.hardware.scan.reader import SampleFault
+from coilarray.hardware.scan.readings import Reason, judge, read_scan
+from coilarray.hardware.scan.settings import ScanSettings, scan_settings
+from coilarray.hardware.scan.wiring import load_wiring, parse_wiring, wired_to_channels
+from coilarray.hardware.wire.faults import BoardRestarted, BusFault, BusTimeout
+
+CAPACITANCE = 120e-12  # F, of the quick coils
+NAMES = ("north", "east", "south", "west")
+FOUR = wired_to_channels(NAMES, (0, 1, 2, 3))
+TWO = wired_to_channels(NAMES[:2], (0, 1))
+ONE = wired_to_channels(NAMES[:1], (2,))
+SIX = load_wiring()
+POINTS = (
+    OpenPoints(), OpenPoints(status_clears_unread=True), OpenPoints(status_gated=False, flags_clear_on_read=False),
+)  # fmt: skip
+
+
+def at_channels(wiring, **options):
+    """An emulated board without noise, and its reader."""
+    board = plain_board(wiring, **{"noise": 0.0, "strict": True, **options})
+    return board, AutoscanReader(board.bus, board.clock, kind="emulator", emulated=True)
+
+
+def configured(wiring, *, settings=None, **options):
+    board, reader = at_channels(wiring, **options)
+    settings = settings or quick_settings(wiring)
+    reader.configure(settings)
+    return board, reader, settings
+
+
+def frequencies(scan, settings):
+    """Frequencies in Hz by coil."""
+    readings = read_scan(scan, settings, CAPACITANCE)
+    assert readings.verdict == "good"
+    return {state.name: state.frequency for state in readings.states}
+
+
+def true(board, wiring):
+    """Frequencies of the coils at their channels, to a step of the code: 2⁻²⁸·f_ref is 1e-7 of 2 MHz at most."""
+    tanks = {coil: board.true_tank(channel) for coil, channel in zip(wiring.coils, wiring.channels, strict=True)}
+    return pytest.approx({coil: tank.frequency for coil, tank in tanks.items()}, rel=1e-7)
+
+
+def hexadecimal(settings):
+    return {f"{address:02X}": f"{value:04X}" for address, value in settings.registers}
+
+
+# ------------------------------------------------------------------- registers and limits
+
+
+def test_the_registers_of_two_channels_are_those_of_the_data_sheets_example():
+    # section 8.2: fSENSOR 2.4 MHz, Q 10, 40 MHz at CLKIN by 2, RCOUNT 0x04D6, IDRIVE 18; SETTLECOUNT 6 by its rule
+    settings = scan_settings(
+        TWO, frequency=2.4e6, quality=10.0, clock=40e6, external_clock=True, fref_divider=2, rcount=0x4D6, drives=18
+    )
+    assert hexadecimal(settings) == {
+        **{"08": "04D6", "09": "04D6", "0C": "0000", "0D": "0000", "10": "0006", "11": "0006", "14": "1002"},
+        **{"15": "1002", "19": "F8FD", "1A": "1601", "1B": "820C", "1E": "9000", "1F": "9000"},
+    }
+
+
+def test_every_channel_has_its_own_settling_divider_and_drive():
+    wiring = wired_to_channels(["slow", "fast"], (1, 0))
+    settings = scan_settings(
+        wiring, frequency={"slow": 1e6, "fast": 9e6}, quality={"slow": 40.0, "fast": 20.0},
+        drives={"slow": 3, "fast": 20}, clock=40e6, external_clock=True,
+    )  # fmt: skip
+    # ⌈Q f_ref/(16 f)⌉: 40·40/16 = 100 and 20·40/(16·9) = 5.6; from 8.75 MHz on the input is divided by 2
+    words = hexadecimal(settings)
+    assert (words["10"], words["11"]) == (f"{6:04X}", f"{100:04X}")
+    assert (words["14"], words["15"]) == ("2001", "1001")
+    assert (words["1E"], words["1F"]) == (f"{20 << 11:04X}", f"{3 << 11:04X}")
+
+
+@pytest.mark.parametrize(("channels", "mux", "config"), [
+    ((0,), "020C", "1401"), ((2,), "020C", "9401"), ((0, 1), "820C", "1401"), ((1, 0), "820C", "1401"),
+    ((0, 2), "A20C", "1401"), ((0, 1, 2, 3), "C20C", "1401"), ((3, 1), "C20C", "1401"),
+])  # fmt: skip
+def test_the_sequence_is_the_shortest_that_has_all_channels(channels, mux, config):
+    settings = scan_settings(wired_to_channels(NAMES[: len(channels)], channels))
+    words = hexadecimal(settings)
+    assert (words["1B"], words["1A"]) == (mux, config)
+    for channel in set(settings.channels) - set(channels):  # without a coil: converted as shortly as allowed
+        assert [words[f"{first + channel:02X}"] for first in (0x08, 0x10, 0x1E)] == ["0009", words["10"], "0000"]
+
+
+@pytest.mark.parametrize(("clock", "external", "channels", "divider"), [
+    (43.4e6, False, 1, 2), (43.4e6, False, 2, 1), (55e6, False, 4, 1), (40e6, True, 1, 2), (40e6, True, 2, 1),
+    (12e6, True, 1, 1), (24e6, True, 2, 1),
+])  # fmt: skip
+def test_the_reference_is_the_largest_that_the_mode_allows(clock, external, channels, divider):
+    wiring = wired_to_channels(NAMES[:channels], range(channels))
+    settings = scan_settings(wiring, clock=clock, external_clock=external)
+    assert settings.fref_divider == divider
+    assert settings.reference <= largest_reference(external=external, channels=channels)
+
+
+def test_limits_of_several_channels():
+    for given, broken in (
+        ({"rcount": 8, "settle_count": 4}, "RCOUNT"), ({"rcount": 9, "settle_count": 3}, "SETTLECOUNT"),
+    ):  # fmt: skip
+        assert [one.name for one in check_clock(43.4e6, 1, channels=2, **given) if not one.kept] == [broken]
+        assert all(one.kept for one in check_clock(43.4e6, 2, channels=1, **given))
+    assert [one.kept for one in check_clock(40e6, 1, external=True, channels=2)].count(False) == 0
+    assert (smallest_rcount(), smallest_rcount(2), smallest_rcount(1, "FDC")) == (5, 9, 256)
+    refused(HardwareError, "RCOUNT must be 9 to 65535; got 8", scan_settings, TWO, rcount=8)
+    refused(
+        HardwareError, "settle_count must be at least 4", scan_settings, TWO, settle_count=3, frequency=9e6, quality=1.0
+    )
+
+
+def test_json_and_hash_tell_channels_apart():
+    settings = scan_settings(FOUR, rcount=100)
+    assert ScanSettings.from_json(settings.to_json()) == settings
+    other = scan_settings(wired_to_channels(NAMES, (1, 0, 2, 3)), rcount=100)
+    assert other.hash != settings.hash
+    switched = scan_settings(SIX)
+    assert scan_settings(SIX, undivided=True).hash != switched.hash
+    assert switched.canonical.startswith(b"coilarray1")  # as the firmware has it
+
+
+# ------------------------------------------------------------------- wiring
+
+
+def test_a_wiring_file_may_have_channels():
+    text = 'schema = 1\n[wiring]\ntitle = "mine"\nchannels = { left = 1, right = 0 }\n'
+    wiring = parse_wiring(text, "mine.toml")
+    assert (wiring.coils, wiring.channels, wiring.safe_words) == (("left", "right"), (1, 0), b"")
+    for old, new, message in (
+        ("right = 0", "right = 1", "names the channel 1 twice"),
+        ("right = 0", "right = 4", "a channel must be 0 to 3; got 4"),
+        ('title = "mine"', 'title = "mine"\ncoils = ["left"]', "coils with devices, or channels of coils; got both"),
+    ):
+        refused(HardwareError, message, parse_wiring, text.replace(old, new), "mine.toml")
+
+
+def test_more_coils_than_channels_are_refused_by_name():
+    message = r"2 channels \(0, 1\) for 4 coils; none is left for south: name the coils"
+    refused(HardwareError, message, wired_to_channels, NAMES, (0, 1))
+
+
+@pytest.mark.parametrize(("state", "message"), [
+    (ScanState("s", (("north", -1),)), "no switches that turn north round"),
+    (ScanState("s", (("north", 1),), others="open"), "no switches that make east 'open'; it is grounded"),
+    (ScanState("s", (("north", 1),), exceptions={"west": "load"}), "no switches that make west 'load'"),
+    (ScanState("s", (("north", 1), ("east", 1))), "must measure one coil"),
+])  # fmt: skip
+def test_a_state_that_needs_switches_is_refused(state, message):
+    refused(HardwareError, f"state s.*{message}", FOUR.words, state)
+
+
+# ------------------------------------------------------------------- results
+
+
+@pytest.mark.parametrize("wiring", [
+    ONE, TWO, FOUR, wired_to_channels(NAMES, (3, 1, 0, 2)), wired_to_channels(NAMES[:2], (3, 0)),
+])  # fmt: skip
+@pytest.mark.parametrize("points", POINTS)
+def test_every_coil_is_measured_at_its_channel(wiring, points):
+    board, reader, settings = configured(wiring, open_points=points)
+    assert frequencies(reader.scan(), settings) == true(board, wiring)
+    assert [scan.sequence for scan in itertools.islice(reader.scans(), 4)] == [0, 1, 2, 3]
+    reader.close()
+    assert board.chip.asleep
+    assert board.misuse.notes == []
+
+
+def test_settings_are_written_asleep_and_read_back_and_config_comes_last():
+    board, reader = at_channels(FOUR)
+    board.bus.log = log = []
+    settings = quick_settings(FOUR)
+    reader.configure(settings)
+    reader.scan()
+    writes = [(register, value) for kind, register, value in log if kind == "write"]
+    awake = writes.index((0x1A, 0x1401))
+    assert writes[awake:] == [(0x1A, 0x1401), (0x1A, 0x3401)]
+    read = {register for kind, register, _ in log[: [entry[:2] for entry in log].index(("write", 0x1A)) + 40]}
+    assert {register for register, _ in settings.registers} <= read
+
+
+def test_a_scan_that_is_asked_for_is_of_now_although_the_converter_has_gone_on():
+    # conversions of 7 ms, so long that no new result comes while an old one is read
+    board, reader, settings = configured(TWO, settings=quick_settings(TWO, rcount=20_000))
+    stream = reader.scans()
+    before = [frequencies(next(stream), settings)["north"] for _ in range(3)][-1]
+    board.clock.sleep(1.0)
+    board.chip.advance()
+    board.world.inductances["north"] *= 1.01
+    after = frequencies(reader.scan(), settings)["north"]
+    # a result of before, or one that was half counted then, would be 0.25 % off and more; f ∝ 1/√L but for the losses
+    assert before / after == pytest.approx(math.sqrt(1.01), rel=1e-4)
+    stream.close()
+
+
+@pytest.mark.parametrize("clock", [35e6, 43.4e6, 55e6])
+@pytest.mark.parametrize("wiring", [ONE, TWO, FOUR])
+def test_a_stream_goes_as_fast_as_the_converter(wiring, clock):
+    settings = scan_settings(wiring, rcount=2000, drives=7)
+    board, reader, _ = configured(wiring, settings=settings, oscillator=Oscillator(frequency=clock))
+    scans = list(itertools.islice(reader.scans(), 40))
+    assert all(sample.fault is SampleFault.NONE for scan in scans for sample in scan.samples)
+    clocks = 16 * 2000 + 4 + 5 + (16 * settings.settle_count if settings.scanned > 1 else 0)
+    turn = len(wiring.coils) * (clocks / (clock / settings.fref_divider) + 692e-9)
+    # the first waits are for the nominal clock; then no result is missed, each seen within the millisecond of a look
+    assert (scans[-1].time - scans[10].time) / 29 == pytest.approx(turn, abs=1.2e-3 / 29)
+    assert board.misuse.notes == []
+
+
+def test_a_computer_that_is_late_gets_the_newest_results_and_their_time():
+    board, reader, settings = configured(TWO)
+    stream = reader.scans()
+    list(itertools.islice(stream, 3))
+    board.clock.sleep(5.0)
+    now = board.clock.now()
+    late = next(stream)
+    time = settings.state_time
+    assert now - 3 * (time.settle + time.conversion) < late.time < now
+    assert frequencies(late, settings) == true(board, TWO)
+
+
+def test_a_stream_with_pauses_sleeps_between_its_scans():
+    board, reader, _ = configured(TWO)
+    stream = reader.scans(0.5)
+    times = []
+    for _ in range(3):
+        times.append(next(stream).time)
+        assert board.chip.asleep
+    assert [later - earlier for earlier, later in itertools.pairwise(times)] == pytest.approx([0.5, 0.5], abs=1e-3)
+
+
+@pytest.mark.parametrize("rate", [10.0, 100.0, 500.0])
+def test_the_rate_is_reached(rate):
+    settings = scan_settings(FOUR, rate=rate, drives=7)
+    assert 1 / settings.period >= rate
+    longer = dataclasses.replace(settings, rcount=min(settings.rcount + 1, 0xFFFF))
+    assert settings.rcount == 0xFFFF or 1 / longer.period < rate
+    refused(HardwareError, r"rate must be at most \d+.* scans/s of 4 states", scan_settings, FOUR, rate=5000.0)
+
+
+# ------------------------------------------------------------------- faults
+
+
+def test_errors_belong_to_their_channel():
+    # all have 20 Ω: with 35 µH the amplitude 4·R_p·I/π is 0.85 V, with 1 nH there is no resonance
+    board, reader, settings = configured(FOUR)
+    board.world.inductances.update({"east": 35e-6, "south": 1e-9})
+    for _ in range(3):
+        readings = {state.name: state for state in read_scan(reader.scan(), settings, CAPACITANCE).states}
+        assert [readings[name].verdict for name in NAMES] == ["good", "doubtful", "bad", "good"]
+        assert set(readings["east"].reasons) <= {Reason.AMPLITUDE, Reason.AMPLITUDE_LOW}
+        assert readings["south"].inductance is None
+
+
+@pytest.mark.parametrize("wiring", [ONE, wired_to_channels(NAMES[:1], (0,))])
+def test_a_single_channel_has_a_watchdog(wiring):
+    # conversions of 7 ms, longer than the 5.2 ms of the watchdog
+    board, reader, settings = configured(wiring, settings=quick_settings(wiring, rcount=10_000))
+    board.world.inductances["north"] = 1e-9
+    (state,) = read_scan(reader.scan(), settings, CAPACITANCE).states
+    assert (state.verdict, state.reasons[0]) == ("bad", Reason.WATCHDOG)
+
+
+def test_a_sample_is_judged_by_its_own_channel():
+    _, reader, _ = configured(TWO)
+    first, second = reader.scan().samples
+    assert judge(first)[0] == judge(second, channel=1)[0] == "good"
+    assert Reason.ANOTHER_CHANNEL in judge(second, channel=0)[1]
+
+
+class Flaky:
+    """A bus on which reading some registers fails."""
+
+    def __init__(self, bus, registers, fault):
+        self._bus, self.registers, self._fault = bus, registers, fault
+
+    def __getattr__(self, name):
+        return getattr(self._bus, name)
+
+    def read(self, register):
+        if register in self.registers:
+            raise self._fault("as the test wants")
+        return self._bus.read(register)
+
+
+@pytest.mark.parametrize(("fault", "told"), [
+    (BusFault, SampleFault.NOT_ACKNOWLEDGED), (BusTimeout, SampleFault.BUS_TIMEOUT),
+])  # fmt: skip
+def test_a_transfer_that_fails_costs_the_samples_that_it_was_for_and_three_scans_end_the_stream(fault, told):
+    board = plain_board(TWO, noise=0.0, strict=True)
+    bus = Flaky(board.bus, set(), fault)
+    reader = AutoscanReader(bus, board.clock, kind="emulator", emulated=True)
+    reader.configure(quick_settings(TWO))
+    stream = reader.scans()
+    next(stream)
+    bus.registers = {0x02}  # DATA1_MSB
+    for _ in range(3):
+        assert [sample.fault for sample in next(stream).samples] == [SampleFault.NONE, told]
+    refused(BusFault, "state east: the converter did not answer in 3 consecutive scans", next, stream)
+    bus.registers = {0x18}  # STATUS: nobody knows which results are new
+    reader.configure(quick_settings(TWO))
+    assert [sample.fault for sample in reader.scan().samples] == [told, told]
+    assert board.chip.asleep
+
+
+def test_a_reset_is_found_in_the_scan_in_which_it_happens():
+    board, reader, _ = configured(TWO)
+    stream = reader.scans()
+    next(stream)
+    board.chip.brown_out()
+    assert [sample.fault for sample in next(stream).samples] == [SampleFault.CONVERTER_RESET] * 2
+    refused(BoardRestarted, "lost its settings", next, stream)
+
+
+def test_settings_with_switches_are_for_another_reader():
+    _, reader = at_channels(TWO)
+    refused(HardwareError, "for 6 switches in a chain", reader.configure, quick_settings())
+
+
+# ------------------------------------------------------------------- self-test, drive currents, other converters
+
+
+def test_self_test_and_drive_currents_of_channels():
+    board, reader, settings = configured(FOUR)
+    found = self_test(reader, FOUR, settings)
+    assert (found.passed, [check.coil for check in found.coils]) == (True, list(NAMES))
+    drives = find_drives(reader, settings)
+    assert {name: drive.reasons for name, drive in drives.items()} == dict.fromkeys(NAMES, ())
+    board.world.inductances["south"] = 1e-9
+    found = self_test(reader, FOUR, settings)
+    assert [symptom.partition(":")[0] for symptom in found.symptoms] == ["south at channel 2 does not oscillate"]
+    assert "south or a lead of it is broken" in found.findings[0]
+
+
+def test_a_converter_of_capacitance_gets_what_it_has():
+    fdc = converter("fdc2214")
+    settings = scan_settings(FOUR, rcount=0x200, drives=7, family=fdc.family, discard=2)
+    board, reader, _ = configured(FOUR, settings=settings, converter=fdc)
+    assert frequencies(reader.scan(), settings) == true(board, FOUR)
+    words = hexadecimal(settings)
+    assert words["19"] == "3821"
+    assert not words.keys() & {"0C", "0D", "0E", "0F"}
+    with pytest.raises(UndocumentedUse, match=r"reserved|not documented"):
+        configured(FOUR, settings=quick_settings(FOUR, rcount=0x200), converter=fdc)  # registers of an LDC1614
+    # it has no INIT_IDRIVE; the search begins at the code of the settings
+    found = find_drives(reader, settings)
+    assert {name: (drive.proposed, drive.reasons) for name, drive in found.items()} == dict.fromkeys(NAMES, (7, ()))
+    refused(HardwareError, "RCOUNT must be 256 to", scan_settings, FOUR, rcount=0xFF, family="FDC")
+    refused(HardwareError, "fin_divider must be 1 to 2; got 3", scan_settings, FOUR, fin_divider=3, family="FDC")
+    refused(HardwareError, "offset must be 0", scan_settings, FOUR, offset=3, family="FDC")
+
+
+def test_a_channel_that_the_converter_lacks_is_not_documented():
+    with pytest.raises(UndocumentedUse):
+        configured(FOUR, converter=CONVERTERS["LDC1612"])
+
+
+# ------------------------------------------------------------------- the undivided reference, with switches
+
+
+@pytest.mark.parametrize(
+    "points", [OpenPoints(), OpenPoints(status_clears_unread=True), OpenPoints(status_gated=False)]
+)
+@pytest.mark.parametrize("clock", [35e6, 43.4e6, 55e6])
+def test_undivided_takes_half_the_time_and_measures_the_same(clock, points):
+    board = plain(oscillator=Oscillator(frequency=clock), open_points=points)
+    reader, frequencies, seconds = reader_of(board), [], []
+    for undivided in (False, True):
+        settings = scan_settings(SIX, drives=7, undivided=undivided, clock=clock)
+        reader.configure(settings)
+        start = board.clock.now()
+        reading = read_scan(reader.scan(), settings, CAPACITANCE)
+        seconds.append(board.clock.now() - start)
+        assert reading.verdict == "good"  # nothing of the empty channel 1 is told of the coils
+        frequencies.append([state.frequency for state in reading.states])
+    # conversions of 65535·16 clocks: all but 6 · 1.1 ms of waking and transfers is counting
+    assert seconds[1] / seconds[0] == pytest.approx(0.5, abs=0.02)
+    assert seconds[0] * clock / 43.4e6 == pytest.approx(0.2967, rel=0.02)
+    assert frequencies[1] == pytest.approx(frequencies[0], rel=1e-7)  # one step of the code is 4e-8
+    assert board.misuse.notes == []
+
+
+@pytest.mark.parametrize("wiring", [ONE, wired_to_channels(NAMES[:1], (0,))])
+def test_one_channel_undivided_is_scanned_with_another(wiring):
+    divided, undivided = (scan_settings(wiring, drives=7, clock=43.4e6, undivided=one) for one in (False, True))
+    assert undivided.state_time.until_ready / divided.state_time.until_ready == pytest.approx(0.5, abs=0.01)
+    board, reader, settings = configured(wiring, settings=undivided)
+    assert frequencies(reader.scan(), settings) == true(board, wiring)
+
+
+def test_undivided_changes_nothing_where_one_channel_needs_no_divider():
+    divided, undivided = (
+        scan_settings(SIX, clock=12e6, external_clock=True, undivided=undivided) for undivided in (False, True)
+    )
+    assert divided == undivided
+    refused(HardwareError, "FREF_DIVIDER must be 2", scan_settings, SIX, fref_divider=1)
+
+
+def test_a_coil_error_is_not_lost_beside_the_empty_channel():
+    board = plain()
+    board.world.inductances["coil3"] = 35e-6  # an amplitude of 0.85 V
+    settings = scan_settings(SIX, paper_plan(SIX.coils), rcount=200, drives=7, undivided=True)
+    reader = reader_of(board)
+    reader.configure(settings)
+    verdicts = [state.verdict for state in read_scan(reader.scan(), settings, CAPACITANCE).states]
+    assert verdicts == ["good", "good", "doubtful", "good", "good", "good"]

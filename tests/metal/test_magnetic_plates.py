@@ -1,0 +1,111 @@
+"""Magnetic plates with an outline, where the skin is thin.
+
+Who checks whom: a sphere with Leontovich's condition against its dipole moment; the limit without a skin against the
+perfect conductor of `finite_plates`, which is solved for currents; a steel disc against finite elements.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.axial_field import loop_inductance
+from support.coil_paths import loop
+from support.eddy_bodies import sphere_body
+from support.refusals import refused
+
+from coilarray.constants import MU_0
+from coilarray.errors import MetalError
+from coilarray.geometry import Sheet
+from coilarray.geometry.material import MATERIALS, Material
+from coilarray.geometry.plate import Disc, FinitePlate, Plate, Ring
+from coilarray.metal.finite_plates import eddy_currents, moving_plate, moving_plate_error, outlined_inductance
+from coilarray.metal.magnetic_plates import parity_change
+
+STEEL = Material("steel", 7e6, 50.0)
+COINS = [[0.0, 0.0, 3e-3], [3e-3, 1e-3, 4e-3]]
+
+
+def disc(radius=10e-3, thickness=2e-3, material=STEEL):
+    return FinitePlate("disc", Disc(radius), (0.0, 0.0, 3e-3), thickness, material)
+
+
+@pytest.mark.slow
+def test_a_sphere_in_a_uniform_field():
+    """φ = m cos θ/r² with H_n = −∇·(ℓ H_t): m = a³ H (2ℓ/a − 1)/(2 + 2ℓ/a); the mesh is 2 % too small."""
+    a = 5e-3
+    body = sphere_body(a, 0.5)
+    lengths = np.array([0.0, 0.4e-3 * (1 - 1j), 4e-3 * (1 - 1j), 1.0])
+    moment = 4 * np.pi * a**3 / MU_0 * (2 * lengths / a - 1) / (2 + 2 * lengths / a)
+    for axis, sign in ((2, -1), (0, 1)):
+        B = np.broadcast_to(np.eye(3)[axis], (1, len(body.points), 3))
+        b, t = body.linked_to(B, sign)
+        found = parity_change(body, sign, b[:, None], t[:, None], lengths)[0, :, 0, 0]
+        np.testing.assert_allclose(np.abs(found - moment), 0, atol=3.5e-2 * np.abs(moment).max())
+        other = parity_change(body, -sign, *(part[:, None] for part in body.linked_to(B, -sign)), lengths)
+        np.testing.assert_allclose(other, 0, atol=1e-9 * np.abs(moment).max())
+
+
+@pytest.mark.slow
+def test_without_a_skin_it_is_a_perfect_conductor():
+    """Solved for the potential with single and double layers, and for the currents: two ways, two meshes' errors."""
+    loops = [loop(5e-3), loop(4e-3, -0.5e-3, 6, (2e-3, 0.0))]
+    nearly = disc(6e-3, 1.5e-3, Material("nearly", 1e16, 1.0 + 1e-9))
+    perfect = replace(nearly, material=Material("perfect", math.inf))
+    found, exact = (moving_plate(loops, plate, COINS, [1e6], fineness=0.45) for plate in (nearly, perfect))
+    np.testing.assert_allclose(found.real, exact.real, rtol=2e-2)
+    one, other = (eddy_currents(loops, [plate], 1e6, fineness=0.45)[0] for plate in (nearly, perfect))
+    assert (np.ptp(one.corners - other.corners, axis=1) < 1e-12).all()
+    # both faces carry n × H; the perfect conductor's currents have it as their jump, for there is no field inside
+    size = np.linalg.norm(np.cross(*np.moveaxis(one.corners[:, 1:] - one.corners[:, :1], 1, 0)), axis=1) / 2
+    difference, whole = ((np.abs(K) ** 2).sum(axis=2) @ size for K in (one.density - other.density, other.density))
+    assert (difference < 0.1**2 * whole).all()  # single and double layers at edges, where K is infinite
+
+
+@pytest.mark.slow
+def test_axisymmetric_finite_elements():
+    """A steel disc of 10 skin depths. What its edges err is 3 % of ΔL − jΔR/ω, as the estimate says; the mesh 1 %."""
+    loops, f = [(8e-3, 0.0), (4e-3, 0.0)], 2e4
+
+    def inside(r, z):
+        return (r < 10e-3) & (z > 2e-3) & (z < 4e-3)
+
+    def edges(r, z):
+        near = np.maximum(np.maximum(r - 10e-3, np.abs(z - 3e-3) - 1e-3), 0.0)
+        depth = np.minimum(10e-3 - r, 1e-3 - np.abs(z - 3e-3))
+        return np.where(inside(r, z), np.abs(depth), near)
+
+    def materials(r, z):
+        within = inside(r, z)
+        return np.where(within, STEEL.relative_permeability, 1.0), np.where(within, STEEL.conductivity, 0.0)
+
+    reference = loop_inductance(loops, materials, f, inside, edges, 0.0625e-3)
+    paths = [loop(*each, sides=180) for each in loops]
+    change = moving_plate(paths, disc(), COINS[:1], [f], fineness=0.7)[0, 0]
+    error = moving_plate_error(paths, disc(), COINS[:1], [f]).whole
+    assert 0.02 < error < 0.05
+    assert (np.abs(change.diagonal() - reference) < (error + 1e-2) * np.abs(reference)).all()
+    # ΔL > 0 of iron and ΔR > 0: the sign of neither follows from that of a plain metal
+    assert (change.diagonal().real > 0).all()
+    assert (np.linalg.eigvalsh(-change.imag) > 0).all()
+
+
+def test_refusals():
+    coil = [loop(5e-3)]
+    thin = disc(thickness=0.5e-3)
+    refused(
+        MetalError, "must be at least 3 skin depths thick; 'disc' is 0.5 mm thick and has a skin depth of 0.19 mm",
+        moving_plate, coil, thin, COINS, [2e4],
+    )  # fmt: skip
+    refused(
+        MetalError, "must have no holes; 'disc' has some",
+        moving_plate, coil, replace(disc(), outline=Ring(9e-3, 5e-3)), COINS, [2e4],
+    )  # fmt: skip
+    back = Plate("back", -4e-3, 1e-3, MATERIALS["aluminium"])
+    for beside, sheets, names in (([back], (), "back"), ([], (Sheet("magnetic", 0.5e-3, 2.0),), "magnetic")):
+        line = f"only without other plates and magnetic sheets; beside 'disc' there are {names}"
+        refused(MetalError, line, outlined_inductance, coil, [disc(), *beside], [2e4], sheets)
+    plain = replace(disc(), name="plain", material=MATERIALS["aluminium"], centre=(0.0, 0.0, 9e-3))
+    line = "beside 'disc' there are plain"
+    refused(MetalError, line, moving_plate, coil, plain, [plain.centre], [2e4], (), [disc()])
+    refused(MetalError, line, eddy_currents, coil, [plain, disc()], 2e4)

@@ -1,0 +1,144 @@
+"""The response to an indentation beside plates.
+
+Who checks whom: the dent over layers of tests/elastomer/test_dent_over_layers.py in the resonance of one coil, written
+down by hand; weak sheets over a perfect conductor, which have mirror images, for a finite sample; limits; a map put
+through the circuit again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.contacts import MESH, first_coils, first_coils_design
+from support.refusals import refused
+
+from coilarray import Design
+from coilarray.circuit.coupling import design_circuit
+from coilarray.circuit.network import resonate
+from coilarray.design.model import parse_design
+from coilarray.elastomer.dented_layer import dent_inductance_over
+from coilarray.electromagnetics.flat_stack import Backing, Layer
+from coilarray.errors import ElastomerError, MetalError
+from coilarray.geometry import MATERIALS, Disc, FinitePlate, Material, Plate
+from coilarray.response.map import inductance_changes, respond, response_map
+from coilarray.response.setup import experiment, map_axes, wedge_inductance
+from coilarray.response.two_dimensional import line_response
+
+PAIR = first_coils_design(2)
+X = [-13.28e-3, 2e-3]
+BACK = Plate("backplane", -4e-3, 1e-3, MATERIALS["steel"])
+
+
+def beside(*plates: Plate | FinitePlate, design: Design = PAIR) -> Design:
+    return replace(design, plates=plates)
+
+
+def mapped(design: Design, **changes: Any) -> xr.Dataset:
+    return response_map(design, **{"x": X, "y": [0.0], "ideal": True, "mesh": MESH, **changes})
+
+
+@pytest.fixture(scope="module")
+def over_steel() -> xr.Dataset:
+    return mapped(beside(BACK))
+
+
+@pytest.fixture(scope="module")
+def alone() -> xr.Dataset:
+    return mapped(PAIR)
+
+
+def test_one_coil_answers_with_its_change_of_inductance_and_loss() -> None:
+    design = beside(BACK, design=parse_design(first_coils(1).replace('"coil2"', '"coil1"')))
+    found = mapped(design, x=[0.0])
+    pressed = experiment(design, map_axes(design, x=[0.0], y=[0.0]))
+    backing = Backing(-3e-3, (Layer(1e-3, BACK.material.relative_permeability, BACK.material.conductivity),),
+                      found.attrs["plate_frequency_Hz"])  # fmt: skip
+    (level,) = pressed.levels
+    change = dent_inductance_over(backing, design.array, level.dents, pressed.points, MESH)[0, 0, 0, 0]
+    assert float(found.inductance_change.squeeze()) == pytest.approx(change.real, rel=1e-9)
+    loss = float(found.resistance_change.squeeze())
+    assert loss == pytest.approx(-2 * np.pi * backing.frequency * change.imag, rel=1e-9)
+    network = design_circuit(design, ideal=True)
+    dented = replace(
+        network,
+        inductance=network.inductance + change.real,
+        resistance=lambda f: network.resistance(f) + loss * f / backing.frequency,
+    )
+    flat, pressed_in = (resonate(one, design.plan[0]).frequency for one in (network, dented))
+    # 1e-8: digits of both resonances
+    assert float(found.delta.squeeze()) == pytest.approx((flat / pressed_in) ** 2 - 1, rel=1e-8)
+
+
+def test_iron_raises_the_response_and_a_screen_lowers_it(over_steel: xr.Dataset, alone: xr.Dataset) -> None:
+    screened = mapped(beside(replace(BACK, material=MATERIALS["aluminium"])))
+    iron = mapped(beside(replace(BACK, material=MATERIALS["ferrite"])))
+    at_coil = {"depth": 0, "y": 0, "x": 0, "state": 0}
+    values = [float(one.delta.isel(at_coil)) for one in (screened, alone, iron)]
+    assert values[0] < 0.7 * values[1] < values[1] < values[2]
+    assert values[0] < float(over_steel.delta.isel(at_coil)) < values[2]
+    assert float(np.abs(iron.resistance_change).max()) < 1e-3 * float(np.abs(over_steel.resistance_change).max())
+
+
+def test_a_plate_of_nothing_and_a_far_one_leave_the_map(alone: xr.Dataset) -> None:
+    for plate, error in (
+        (replace(BACK, material=Material("nothing", 1e-9)), 1e-10),  # digits of the resonance
+        (replace(BACK, z=-1.0), 1e-5),  # the cube of the coil's size over the distance
+    ):
+        found = mapped(beside(plate)).delta
+        assert float(np.abs(found - alone.delta).max()) < error * float(np.abs(alone.delta).max())
+
+
+def test_the_map_goes_through_the_circuit_again(over_steel: xr.Dataset) -> None:
+    again = respond(beside(BACK), over_steel, ideal=True)
+    xr.testing.assert_allclose(again.delta, over_steel.delta, rtol=1e-10)
+    lossless = respond(beside(BACK), over_steel.drop_vars("resistance_change"), ideal=True)
+    assert float(np.abs(lossless.delta - over_steel.delta).max()) > 1e-8  # the loss counts
+
+
+def test_changes_alone_are_those_of_the_map() -> None:
+    axes = map_axes(beside(BACK), x=X, y=[0.0])
+    found = response_map(beside(BACK), x=X, y=[0.0])  # with strays and the default mesh, as `inductance_changes`
+    np.testing.assert_allclose(inductance_changes(beside(BACK), axes), found.inductance_change, rtol=1e-9)
+
+
+def test_parts_of_a_map_keep_its_losses(tmp_path: Any, over_steel: xr.Dataset) -> None:
+    for _ in range(2):
+        found = mapped(beside(BACK), parts=tmp_path)
+        xr.testing.assert_identical(found.resistance_change, over_steel.resistance_change)
+
+
+def test_a_tilted_sample_changes_what_plates_see_of_it() -> None:
+    tilt = (0.01, 0.0)
+    with_plate, without = (wedge_inductance(one, tilt) for one in (beside(BACK), PAIR))
+    far = wedge_inductance(beside(replace(BACK, z=-1.0)), tilt)
+    np.testing.assert_allclose(far, without, rtol=1e-3)
+    assert np.abs(with_plate - without).max() > 0.1 * np.abs(without).max()
+
+
+@pytest.mark.slow
+def test_a_finite_sample_over_a_plate_of_nothing_is_one_in_air() -> None:
+    assert PAIR.indentation is not None
+    finite = replace(PAIR, indentation=replace(PAIR.indentation, sample_bounds=(-24e-3, -16e-3, 24e-3, 16e-3)))
+    nothing, none = replace(BACK, material=Material("nothing", 1e-9)), mapped(finite)
+    found = mapped(beside(nothing, design=finite))
+    np.testing.assert_allclose(found.inductance_change, none.inductance_change, rtol=1e-8)
+    over = mapped(beside(BACK, design=finite))
+    wide = mapped(beside(BACK))
+    # the near sides raise the change by some per cent, over steel as without
+    raised = [float((one / other).isel(depth=0, y=0, x=0, coil=0, other=0)) for one, other in (
+        (over.inductance_change, wide.inductance_change), (none.inductance_change, mapped(PAIR).inductance_change)
+    )]  # fmt: skip
+    assert raised[0] - 1 == pytest.approx(raised[1] - 1, rel=0.3)
+
+
+def test_refusals() -> None:
+    disc = FinitePlate("coin", Disc(20e-3), (0.0, 0.0, -5e-3), 1e-3, MATERIALS["copper"])
+    refused(MetalError, "beside infinite plates; plate.0 'coin' has an outline", mapped, beside(disc))
+    lid = Plate("lid", 20e-3, 1e-3, MATERIALS["copper"])
+    refused(MetalError, "plate.1 'lid' lies above the sheets, in the way of the indenter", mapped, beside(BACK, lid))
+    refused(ElastomerError, "needs every coil: reach=None", mapped, beside(BACK), reach=1e-3)
+    refused(MetalError, "the two-dimensional model has no plates", line_response, beside(BACK))
