@@ -94,7 +94,7 @@ def locate(
     if depth is not None and not ellipse:
         raise LocalizeError("--depth-mm is for --ellipse; the depth is found otherwise.")
     given = [] if stream else [one for text in readings for one in read_readings(text)]
-    assumed: tuple[float | None, str] = (None, "")
+    assumed: tuple[float | None, str] = (None, "")  # noise of δ, and where it is from
     if ellipse:
         ellipses, origin = _ellipse_model(model, depth, allow_violations)
         solve = _with_ellipses(ellipses, origin, coil, addition_mm * 1e-3)
