@@ -38,7 +38,7 @@ _CHAIN = {
 _MOST_LINES = 6  # symptoms and faults shown; all of them with --json
 
 
-@board_command(without=("rate", "coils"))
+@board_command(without=("rate", "coils", "temperature"))
 def board(
     design: DesignArgument = None,
     self_test: Annotated[

@@ -6,7 +6,7 @@ import csv
 import inspect
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, fields
 from functools import wraps
 from pathlib import Path
@@ -105,6 +105,13 @@ class BoardOptions:
         list[str] | None,
         typer.Option("--coil", help="Measure only this state of the scan; may be repeated. All by default."),
     ] = None
+    temperature: Annotated[
+        Path | None,
+        typer.Option(
+            help="File of a thermometer, read once a second for a column of temperatures: hwmon, a thermal zone or the "
+            "1-wire bus of Linux (0.001 °C), or a number with a decimal point (°C). The emulator has its own."
+        ),
+    ] = None
     emulate: Annotated[
         list[str] | None,
         typer.Option(
@@ -130,6 +137,8 @@ class BoardOptions:
             raise HardwareError(f"--discard must be 0 to {MOST_DISCARDED}; got {self.discard}.")
         if self.emulate and not is_emulator(self.port):
             raise HardwareError(f"--emulate is for the emulator; the board at {self.port} is a real one.")
+        if self.temperature is not None and is_emulator(self.port):
+            raise HardwareError("--temperature is for a real board; the emulator has a temperature of its own.")
         object.__setattr__(self, "emulation", _emulation(self.emulate or ()))
         object.__setattr__(self, "drives", _drives(self.drive or ()))
 
@@ -192,6 +201,7 @@ def opened_board(
     be opened or configured.
     """
     from coilarray.hardware.board.connect import open_board, wiring_of_board
+    from coilarray.hardware.record.thermometer import thermometer
     from coilarray.hardware.scan.design_settings import design_settings
     from coilarray.hardware.wire.buses import ComputerClock
     from coilarray.hardware.wire.ports import board_of, bus_rate, parse_port
@@ -231,7 +241,10 @@ def opened_board(
             emulation["path"] = [(start + time, *place) for time, *place in path]
     if is_emulator(options.port) and progress is not None:
         emulation["progress"] = progress
-    with open_board(options.port, design=design, wiring=wiring, **emulation) as board:
+    with ExitStack() as opened:
+        read = None if options.temperature is None else opened.enter_context(thermometer(options.temperature))
+        board = opened.enter_context(open_board(options.port, design=design, wiring=wiring, **emulation))
+        board.thermometer = read or board.thermometer
         board.reader.configure(settings)
         yield board, settings
 

@@ -42,6 +42,7 @@ def compare(
     calibration: Annotated[
         Path | None, typer.Option(help="Constants of the measured board, of `coilarray calibrate-board` (.toml).")
     ] = None,
+    reference: shared.References = None,
     largest_shift_mm: Annotated[
         float | None,
         shared.number_option(
@@ -89,6 +90,10 @@ def compare(
     first, outlines = _response(measured, None, largest_shift, calibration, allow_violations)
     second, others = _response(simulated, first, largest_shift, None, allow_violations)
     outlines = outlines or others
+    if reference:
+        from coilarray.hardware.record.reference_coil import response_less_reference
+
+        first, second = (response_less_reference(one, reference) for one in (first, second))
     with shared.progress_bar("comparison") as progress:
         result = compare_responses(first, second, largest_shift=largest_shift, replicates=replicates, progress=progress)
     written = [] if out is None else _write(result, out, (measured, simulated), outlines)

@@ -7,51 +7,36 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, replace
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from coilarray.cli.board_options import EMULATOR, MARK, BoardOptions, board_command, marked, opened_board
+from coilarray.cli.board_options import MARK, BoardOptions, board_command, marked
 from coilarray.cli.keys import pressed_keys
+from coilarray.cli.live_source import LiveOptions, live_readings, live_source
+from coilarray.cli.live_window import show_window
 from coilarray.cli.maps import kept_table
-from coilarray.cli.shared import AllowViolations, check_file, open_design, progress_bar
+from coilarray.cli.shared import AllowViolations, References, check_file, open_design_file, progress_bar
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
-    from coilarray.design.model import Design, Indentation
-    from coilarray.hardware.board.connect import Board
-    from coilarray.hardware.record.live_tracking import LiveReading, LiveState, LiveTracker
-    from coilarray.hardware.scan.readings import ScanReading
+    from coilarray.design.model import Design, DesignFile
+    from coilarray.hardware.record.live_tracking import LiveReading, LiveState
     from coilarray.localize.forward import ForwardModel
     from coilarray.localize.inverse import Mode
+    from coilarray.localize.presses import Press
 
-_MOST_SCANS = 100_000_000
-_FASTEST = 1000.0  # times the recorded speed
-_LONGEST_GAP = 5.0  # s that a replay waits at most from scan to scan
 _REDRAW = 0.1  # s, at least, from picture to picture
-_LOCATE = 0.05  # s, at least, from position to position of a board
 _BAR, _LEAST_SCALE = 40, 1e-4  # characters; δ at the end of a bar, at least
 _FADE = 0.98  # of the scale of the bars from scan to scan
 _BLOCKS = " ▏▎▍▌▋▊▉█"
-_TOUR = 3600.0  # s: duration of the path of the emulated finger
-_STEP = 3.2  # s of the path at one place
-_FIRST = 5  # points of the path until the finger has pressed once
 _LOCATED = ("found", "border")  # verdicts whose positions are shown
 _SHOWN = 2  # positions in a line
-
-
-@dataclass(frozen=True)
-class _Source:
-    """Readings, each with whether the indenter is at rest; `begin` is called once the baseline is complete."""
-
-    readings: Iterator[tuple[ScanReading, bool]]
-    emulated: bool
-    begin: Callable[[], None] = lambda: None
 
 
 @board_command()
@@ -82,6 +67,18 @@ def live(
         ),
     ] = None,
     scans: Annotated[int | None, typer.Option(help="Number of scans after which to end; never by default.")] = None,
+    reference: References = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(help="Log of every scan: .csv, which grows line by line, or .nc, made of such lines at the end."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a log that exists.")] = False,
+    plot: Annotated[
+        bool, typer.Option("--plot", help="Show curves, position and presses in a window: a page of the browser.")
+    ] = False,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="With --plot: open the page, or only print its address.")
+    ] = True,
     *,
     options: BoardOptions,
     as_json: Annotated[bool, typer.Option("--json", help="One line of JSON in SI units for each scan.")] = False,
@@ -90,140 +87,71 @@ def live(
     """Show δ of every coil and where the indentation is, scan by scan.
 
     The first scans, without an indentation, are the baseline; the key z measures it again, q ends. Piped, it prints a
-    line for each scan. Without --port an emulator replaces the board, every line says so, and a finger moves over it
-    unless --emulate says otherwise. Ctrl-C leaves the board at rest: all coils grounded, the converter asleep.
+    line for each scan. A press begins where δ rises above what noise and drift of the baseline can do. Without --port
+    an emulator replaces the board, every line says so, and a finger moves over it unless --emulate says otherwise.
+    Ctrl-C, or closing the window of --plot, leaves the board at rest: all coils grounded, the converter asleep.
 
     Example: coilarray live gast2020 --port /dev/ttyACM0
 
+    Example: coilarray live gast2020 --port /dev/ttyACM0 --plot --log touches.csv --reference coil6
+
     Example: coilarray live --recording run.sqlite --speed 10
     """
-    if recording is not None and (options.port != EMULATOR or options.emulate):
-        raise HardwareError("--recording replays a file; it cannot be given with --port or --emulate.")
-    if scans is not None and not 1 <= scans <= _MOST_SCANS:
-        raise HardwareError(f"--scans must be 1 to {_MOST_SCANS}; got {scans}.")
-    if not 0 <= speed <= _FASTEST:
-        raise HardwareError(f"--speed must be 0 to {_FASTEST:g}; got {speed:g}.")
     check_file("--table", table, (".nc",))
-    from coilarray.hardware.record.live_tracking import LiveTracker
-
-    LiveTracker(
-        None, baseline_scans=baseline, noise=noise
-    )  # refuses invalid options before anything is opened or computed
+    asked = LiveOptions(
+        options,
+        recording=recording,
+        speed=speed,
+        baseline=baseline,
+        noise=noise,
+        reference=tuple(reference or ()),
+        scans=scans,
+        log=log,
+        force=force,
+    )
+    if plot and as_json:
+        raise HardwareError("--plot shows a window; it cannot be given with --json.")
+    file = _design_file(design, recording, allow_violations=allow_violations)
+    if plot:
+        show_window(asked, file, table, locate=locate, browser=browser)
+        return
+    model = _model(file.design, table) if locate else None
     with ExitStack() as opened:
-        if recording is not None:
-            board, source = opened.enter_context(_replay(recording, design, speed))
-            model = _model(board, table) if locate else None
-        else:
-            board = open_design(design, allow_violations=allow_violations)
-            model = _model(board, table) if locate else None
-            source = opened.enter_context(_stream(options, board, quiet=as_json))
+        with progress_bar("emulator") as progress:  # over before the first scan is shown
+            source = opened.enter_context(live_source(asked, file.design, progress))
+        if not as_json and recording is None:
+            typer.echo(source.line)
+        if not as_json and asked.reference:
+            typer.echo(marked(less_text(asked.reference), emulated=source.emulated))
+        record = partial(live_record, emulated=source.emulated, reference=asked.reference)
         if as_json:
-            show = _lines(lambda reading: json.dumps(live_record(reading, emulated=source.emulated), allow_nan=False))
+            show = _lines(lambda reading: json.dumps(record(reading), allow_nan=False))
         elif sys.stdout.isatty():
-            show = opened.enter_context(_screen(source.emulated))
+            show = opened.enter_context(_screen(source.emulated, asked.reference))
         else:
             show = _lines(lambda reading: marked(plain_line(reading), emulated=source.emulated))
         keys = opened.enter_context(pressed_keys())
-        tracker = LiveTracker(model, baseline_scans=baseline, noise=noise)
-        _run(source, tracker, show, keys, scans, limited=recording is None or speed > 0)
+        readings = live_readings(source, asked, file.design, model, lambda: keys().lower())
+        for reading in opened.enter_context(closing(readings)):
+            try:
+                show(reading)
+            except BrokenPipeError:  # the reader of the pipe has ended; Python would raise again on closing the stream
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                return
 
 
-def _run(
-    source: _Source,
-    tracker: LiveTracker,
-    show: Callable[[LiveReading], None],
-    keys: Callable[[], str],
-    scans: int | None,
-    *,
-    limited: bool,
-) -> None:
-    """Show scan after scan; `limited` limits how often a position is computed."""
-    located, begun = -math.inf, False
-    for count, (scan, at_rest) in enumerate(source.readings, start=1):
-        pressed = keys().lower()
-        if "q" in pressed:
-            return
-        if "z" in pressed:
-            tracker.rezero()
-        wanted = not limited or time.monotonic() - located >= _LOCATE
-        reading = tracker.take(scan, at_rest=at_rest, want_location=wanted)
-        if reading.location is not None:
-            located = time.monotonic()
-        if not (begun or reading.waiting):
-            begun = True
-            source.begin()
-        try:
-            show(reading)
-        except BrokenPipeError:  # the reader of the pipe has ended; Python would raise again on closing the stream
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return
-        if count == scans:
-            return
-
-
-@contextmanager
-def _stream(options: BoardOptions, design: Design, *, quiet: bool) -> Iterator[_Source]:
-    """Yield the readings of a board, which rests afterwards."""
-    from coilarray.hardware.scan.readings import read_scan
-
-    lifted = replace(options, emulate=[text for text in options.emulate or () if text not in _held_back(options)])
-    with ExitStack() as opened:
-        with progress_bar("emulator") as progress:  # over before the first scan is shown
-            board, settings = opened.enter_context(opened_board(lifted, design, real_time=True, progress=progress))
-            begin = _finger(board, design, options)
-        if not quiet:
-            typer.echo(marked(board.line, emulated=board.emulated))
-
-        capacitance = design.circuit.switches.tank_capacitance
-        scans = opened.enter_context(closing(board.reader.scans()))
-        yield _Source(((read_scan(scan, settings, capacitance), True) for scan in scans), board.emulated, begin)
-
-
-def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[], None]:
-    """Return what moves the finger of an emulator after the baseline; compute here what that needs."""
-    from coilarray.hardware.emulator.indenter import Place
-
-    emulator, setup = board.emulator, design.indentation
-    if emulator is None:
-        return lambda: None
-    path = options.path_of(design)
-    if path is not None and _held_back(options):
-        ((_, x, y, depth),) = path
-        emulator.world.check(Place(x, y, depth))
-        return lambda: emulator.indenter.press(x, y, depth)
-    if path is not None or setup is None:
-        return lambda: None
-    for _, *place in _tour(setup, 0.0)[:_FIRST]:
-        emulator.world.check(Place(*place))
-    return lambda: emulator.indenter.follow(_tour(setup, emulator.clock.now()))
-
-
-def _held_back(options: BoardOptions) -> list[str]:
-    """Return the options of the emulator that take effect after the baseline: a finger that presses from the start."""
-    return [text for text in options.emulate or () if text.startswith("press=")]
-
-
-@contextmanager
-def _replay(path: Path, design: str | None, speed: float) -> Iterator[tuple[Design, _Source]]:
-    """Yield the design of a recording, and its readings in the recorded order and time."""
+def _design_file(design: str | None, recording: Path | None, *, allow_violations: bool) -> DesignFile:
+    """Return the design that is asked for, or that of the recording."""
+    if recording is None:
+        return open_design_file(design, allow_violations=allow_violations)
+    from coilarray.design.model import build_design_file
     from coilarray.hardware.record.recording import open_recording
-    from coilarray.hardware.scan.readings import read_scan
 
-    with open_recording(path) as recording:
-
-        def readings() -> Generator[tuple[ScanReading, bool]]:
-            session, when = -1, 0.0
-            with closing(recording.scans()) as scans:
-                for one in scans:
-                    if one.session == session and speed > 0:
-                        time.sleep(min(max((one.scan.time - when) / speed, 0.0), _LONGEST_GAP))
-                    session, when = one.session, one.scan.time
-                    own = recording.sessions[session]
-                    yield read_scan(one.scan, own.settings, own.capacitances), not (one.depth or 0.0) > 0
-
-        with closing(readings()) as replayed:
-            opened = recording.design if design is None else open_design(design, allow_violations=True)
-            yield opened, _Source(replayed, recording.emulated)
+    with open_recording(recording) as opened:
+        first = opened.sessions[0]
+        if design is not None:
+            return open_design_file(design, allow_violations=True)
+        return build_design_file(first.design_document, first.design)
 
 
 def _model(design: Design, table: Path | None) -> ForwardModel:
@@ -232,19 +160,6 @@ def _model(design: Design, table: Path | None) -> ForwardModel:
     from coilarray.response.coordinates import on_board
 
     return forward_model(on_board(kept_table(design, table)))
-
-
-def _tour(setup: Indentation, start: float) -> list[tuple[float, float, float, float]]:
-    """Return the path of a finger that presses all over the design's map: time in s, x, y and depth in m."""
-    path = [(start, setup.x[0], setup.y[0], 0.0)]
-    for k in range(int(_TOUR / _STEP)):
-        at = start + k * _STEP
-        # multiples of the golden ratio and √2: places that spread evenly and never repeat
-        x = setup.x[0] + (setup.x[-1] - setup.x[0]) * ((0.5 + k * 0.6180339887498949) % 1)
-        y = setup.y[0] + (setup.y[-1] - setup.y[0]) * ((0.5 + k * 0.4142135623730951) % 1)
-        depth = setup.depths[-1] * (1.0 - 0.4 * (k % 3) / 2)
-        path += [(at + 0.5, x, y, 0.0), (at + 1.0, x, y, depth), (at + 2.7, x, y, depth), (at + 3.0, x, y, 0.0)]
-    return path
 
 
 def _lines(text: Callable[[LiveReading], str]) -> Callable[[LiveReading], None]:
@@ -258,7 +173,7 @@ def _lines(text: Callable[[LiveReading], str]) -> Callable[[LiveReading], None]:
 
 
 @contextmanager
-def _screen(emulated: bool) -> Iterator[Callable[[LiveReading], None]]:
+def _screen(emulated: bool, reference: Sequence[str]) -> Iterator[Callable[[LiveReading], None]]:
     """Draw the latest scan on the terminal, at most ten times a second."""
     from rich.console import Console
     from rich.live import Live
@@ -275,13 +190,13 @@ def _screen(emulated: bool) -> Iterator[Callable[[LiveReading], None]]:
             if now - drawn >= _REDRAW:
                 drawn = now
                 mark = MARK if emulated else ""
-                lines = screen_lines(reading, scale)
+                lines = screen_lines(reading, scale, reference)
                 picture.update(Text("\n".join(f"{mark}{line}" for line in lines), no_wrap=True), refresh=True)
 
         yield show
 
 
-def live_record(reading: LiveReading, *, emulated: bool) -> dict[str, Any]:
+def live_record(reading: LiveReading, *, emulated: bool, reference: Sequence[str] = ()) -> dict[str, Any]:
     """Return a reading as a mapping for JSON, in SI units."""
     from coilarray.report.localize_tables import location_record
 
@@ -294,10 +209,26 @@ def live_record(reading: LiveReading, *, emulated: bool) -> dict[str, Any]:
         "baseline_scans_missing": reading.waiting,
         "noise": reading.noise,
         "delta": {state.name: state.delta for state in reading.states},
+        **({"less_reference": list(reference)} if reference else {}),
         "verdicts": {state.name: state.verdict for state in reading.states},
         "reasons": {state.name: list(state.reasons) for state in reading.states if state.reasons},
         "position": None if reading.location is None else location_record(reading.location),
         "problem": reading.problem or None,
+        "press": None if reading.press is None else press_record(reading.press),
+        **({} if reading.temperature is None else {"temperature_C": reading.temperature}),
+    }
+
+
+def press_record(press: Press) -> dict[str, Any]:
+    """Return a press as a mapping for JSON, in SI units; ``end_s`` is null while it lasts."""
+    from coilarray.report.localize_tables import location_record
+
+    return {
+        "number": press.number,
+        "begin_s": press.begin,
+        "end_s": press.end,
+        "delta": press.delta,
+        "position": None if press.location is None else location_record(press.location),
     }
 
 
@@ -305,10 +236,27 @@ def plain_line(reading: LiveReading) -> str:
     """Return a reading in one line for people."""
     parts = [f"{reading.elapsed:.3f} s"]
     parts += [f"{state.name} {_delta_text(state)}" for state in reading.states]
-    return "  ".join([*parts, _place_text(reading)])
+    return "  ".join([*parts, _place_text(reading), *_beside(reading)])
 
 
-def screen_lines(reading: LiveReading, scale: float) -> list[str]:
+def less_text(reference: Sequence[str]) -> str:
+    """Say that δ is corrected."""
+    return f"δ less that of {' and '.join(reference)}"
+
+
+def _beside(reading: LiveReading) -> list[str]:
+    """Return what else a line says: the press, and the temperature."""
+    texts = []
+    if reading.press is not None:
+        begun = f"press {reading.press.number} since {reading.press.begin:.2f} s"
+        ended = f"press {reading.press.number} ended, δ {reading.press.delta * 1e6:+.1f}".replace("-", "−")
+        texts.append(begun if reading.press.end is None else ended)
+    if reading.temperature is not None:
+        texts.append(f"{reading.temperature:.2f} °C".replace("-", "−"))
+    return texts
+
+
+def screen_lines(reading: LiveReading, scale: float, reference: Sequence[str] = ()) -> list[str]:
     """Return the lines of a picture: a bar for every state, which ends at δ = `scale`, the position, and the rate."""
     width = max((len(state.name) for state in reading.states), default=0)
     lines = [f"δ in 10⁻⁶; bars end at {scale * 1e6:.0f}"]
@@ -319,7 +267,9 @@ def screen_lines(reading: LiveReading, scale: float) -> list[str]:
     lines.append(_place_text(reading))
     rate = "–" if reading.rate is None else f"{reading.rate:.2f}"
     noise = "" if reading.noise is None else f", noise of δ {reading.noise:.1e}"
-    lines.append(f"{rate} scans/s, {reading.lost} lost{noise}; z zero, q quit")
+    less = f", {less_text(reference)}" if reference else ""
+    beside = "".join(f", {text}" for text in _beside(reading))
+    lines.append(f"{rate} scans/s, {reading.lost} lost{noise}{less}{beside}; z zero, q quit")
     return lines
 
 

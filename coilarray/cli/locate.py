@@ -52,6 +52,7 @@ def locate(
         list[str] | None,
         typer.Option(help="Use this coil; may be repeated. All by default; for example without a broken one."),
     ] = None,
+    reference: shared.References = None,
     noise: shared.Noise = None,
     ellipse: Annotated[
         bool, typer.Option("--ellipse", help="Use the ellipse model of Gast & Zimmermann (2020) instead.")
@@ -82,6 +83,8 @@ def locate(
         raise LocalizeError("a stream (-) must be the only READINGS.")
     if not abs(addition_mm) <= _MOST_MM:
         raise LocalizeError(f"--addition-mm must be from {-_MOST_MM:g} to {_MOST_MM:g}; got {addition_mm:g}.")
+    if reference and ellipse:
+        raise LocalizeError("--reference is for the response of all coils, without --ellipse.")
     depth = depth_in_metres(depth_mm)
     json_model = model is not None and model.lower().endswith(".json")
     if (json_model or model == _PUBLISHED) and not ellipse:
@@ -96,7 +99,8 @@ def locate(
         ellipses, origin = _ellipse_model(model, depth, allow_violations)
         solve = _with_ellipses(ellipses, origin, coil, addition_mm * 1e-3)
     else:
-        solve, assumed = _with_all_coils(_response(model, table, allow_violations), coil, noise, given, readings)
+        used = _response(model, table, allow_violations)
+        solve, assumed = _with_all_coils(used, coil, reference or (), noise, given, readings)
     if stream:
         _stream(solve)
         return
@@ -181,6 +185,7 @@ def _none_in(readings: Sequence[str]) -> str:
 def _with_all_coils(
     response: _Response,
     coils: Sequence[str] | None,
+    reference: Sequence[str],
     noise: float | None,
     given: Sequence[Reading | LocalizeError],
     readings: Sequence[str],
@@ -189,6 +194,8 @@ def _with_all_coils(
 
     The readings are `given`, and the texts of the command line from which they are; none of a stream.
     """
+    from coilarray.design.scan_states import referenced_names
+    from coilarray.hardware.record.reference_coil import less_reference
     from coilarray.localize.forward import checked_noise, chosen_states, forward_model, require_states
     from coilarray.localize.inverse import checked_reading, locate_all
     from coilarray.report.localize_tables import location_record
@@ -196,9 +203,13 @@ def _with_all_coils(
 
     every = response.states
     used = chosen_states(every, coils or every)
+    others = used
+    if reference:
+        used = (*used, *(name for name in reference if name not in used))
+        others = referenced_names(used, reference, LocalizeError)
     if noise is not None:
-        checked_noise(used, noise)
-    require_states(used, response.unknowns)
+        checked_noise(others, noise)
+    require_states(others, response.unknowns)
     wrong = []
     for one in given:
         try:
@@ -211,11 +222,22 @@ def _with_all_coils(
         raise LocalizeError(f"{_none_in(readings)}: {wrong[0]}")
     table = on_board(response.compute())
     model = forward_model(table).select(used)
+    model = model.referenced(reference) if reference else model
     locate_all(model, [], noise=noise)  # a model that no reading fits is refused here, not at the first reading
 
     def solve(readings: Sequence[Reading]) -> list[Record]:
         good = [_of_states(one, used, every) for one in readings]
+        if reference:
+            good = [_less(one) for one in good]
         return [location_record(found, model.parameters) for found in locate_all(model, good, noise=noise)]
+
+    def _less(one: Reading) -> Reading:
+        try:
+            values = checked_reading(used, one).tolist()
+        except LocalizeError:  # which the model refuses likewise
+            return [math.nan] * len(others)
+        left = less_reference(dict(zip(used, values, strict=True)), reference)
+        return {name: float(value) for name, value in left.items()}
 
     return solve, (model.noise if noise is None else noise, shared.noise_source(noise, table))
 

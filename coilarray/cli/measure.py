@@ -118,7 +118,7 @@ def recorded_session(
     """Record a session of a board; where the block fails, say how many scans are kept."""
     from coilarray.hardware.record.recorder import begin_session
 
-    recorder.start(begin_session(board, settings, design), plan)
+    recorder.start(begin_session(board, settings, design), plan, board.thermometer)
     if not quiet:
         typer.echo(marked(board.line, emulated=board.emulated))
     try:
@@ -151,7 +151,7 @@ def _single(options: BoardOptions, design: Design, out: Path | None, *, as_json:
     ):
         raw = board.reader.scan()
         if recorder is not None:
-            recorder.start(begin_session(board, settings, design))
+            recorder.start(begin_session(board, settings, design), thermometer=board.thermometer)
             recorder.add(raw, "single")
         scan = read_scan(raw, settings, design.circuit.switches.tank_capacitance)
         line, emulated = board.line, board.emulated

@@ -98,6 +98,14 @@ Goals = Annotated[
         "any design; or minimize QUANTITY, maximize QUANTITY or QUANTITY=VALUE; repeat for several.",
     ),
 ]
+References = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--reference",
+        metavar="COIL",
+        help="Coil that nothing touches: δ of the others is less its δ, without the drift of all; may be repeated.",
+    ),
+]
 Workers = Annotated[
     int | None, typer.Option("--workers", help="Number of local processes of one thread; one for each core by default.")
 ]

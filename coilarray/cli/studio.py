@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import webbrowser
-from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from coilarray.cli.board_options import EMULATOR, WiringName, is_emulator, marked
+from coilarray.cli.board_options import EMULATOR, BoardOptions, WiringName
+from coilarray.cli.live_source import LiveOptions
+from coilarray.cli.live_window import watch_board
 from coilarray.cli.shared import DesignArgument, number_option
 from coilarray.errors import GeometryError, NetworkError, OutputError
 
@@ -20,12 +21,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from coilarray.compute.threads import Progress
-    from coilarray.design.model import Design, Indentation
-    from coilarray.hardware.record.live_tracking import LiveReading
-    from coilarray.viz.studio.services import BoardFrame, BoardRequest, Document, Summary
+    from coilarray.design.model import Design
+    from coilarray.viz.studio.services import Document, Summary
 
 _LONGEST = 86_400.0  # s
-_TOUR, _PERIOD, _STEP = 3600.0, 40.0, 1.0  # s: duration of the emulated finger's tour, one turn, one step
 
 
 def studio(
@@ -38,8 +37,11 @@ def studio(
     folder: Annotated[
         Path | None, typer.Option(help="Folder of designs, reports and runs; by default that of DESIGN.")
     ] = None,
-    board: Annotated[str, typer.Option(help="Board of the tab of that name, as --port of coilarray live.")] = EMULATOR,
+    board: Annotated[str, typer.Option(help="Board of the tab Live, as --port of coilarray live.")] = EMULATOR,
     wiring: WiringName = None,
+    temperature: Annotated[
+        Path | None, typer.Option(help="File of a thermometer, as --temperature of coilarray live.")
+    ] = None,
     linger: Annotated[
         float,
         number_option(("--linger",), 0, _LONGEST, "Seconds before it ends after the last page is closed; 0 for never."),
@@ -56,6 +58,7 @@ def studio(
     Example: coilarray studio better.toml --host 0.0.0.0 --no-browser
     """
     where = _folder(design, folder)
+    live = LiveOptions(BoardOptions(board, wiring, temperature=temperature))
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, check_studio, new_token
 
     address = Address(LOOPBACK if host is None else host, port, "" if host is None else new_token())
@@ -75,7 +78,8 @@ def studio(
     with bind(address) as listening:
         from coilarray.viz.studio.server import serve
 
-        services = Services(kept_response, write_report, watch_board, port=board, wiring=wiring, summarize=summarize)
+        watch = partial(watch_board, live, None, True)
+        services = Services(kept_response, write_report, watch, port=board, summarize=summarize)
         with suppress(KeyboardInterrupt):  # where the loop cannot handle signals
             serve(work, Shelf(where), services, address, listening, linger=linger, ready=ready)
     typer.echo("coilarray: the studio has ended", err=True)
@@ -123,61 +127,3 @@ def kept_response(document: Document, name: str, progress: Progress) -> xr.Datas
     from coilarray.design.model import build_design
 
     return stored_table(build_design(document, name), progress)
-
-
-def watch_board(request: BoardRequest, send: Callable[[BoardFrame], None], stopped: Callable[[], bool]) -> None:
-    """See `coilarray.viz.studio.services.WatchBoard`; a finger moves in circles on an emulated board."""
-    from contextlib import closing
-
-    from coilarray.cli.board_options import BoardOptions, opened_board
-    from coilarray.design.model import build_design
-    from coilarray.hardware.record.live_tracking import LiveTracker
-    from coilarray.hardware.scan.readings import read_scan
-    from coilarray.localize.forward import forward_model
-    from coilarray.response.coordinates import on_board
-    from coilarray.viz.studio.services import BoardFrame
-
-    design = build_design(request.document, request.name)
-    line, emulated = request.port, is_emulator(request.port)
-
-    def wait(done: int, total: int) -> None:
-        part = f" {100 * done / total:.0f} %" if total else ""
-        send(BoardFrame(f"{line}; response of the design{part} …", emulated, 0, {}))
-
-    options = BoardOptions(request.port, request.wiring)
-    with opened_board(options, design, real_time=True, progress=wait) as (board, settings):
-        line = marked(board.line, emulated=board.emulated)
-        model = None
-        if design.indentation is not None:
-            model = forward_model(on_board(kept_response(request.document, request.name, wait)))
-        tracker, going = LiveTracker(model), False
-        capacitance = design.circuit.switches.tank_capacitance
-        with closing(board.reader.scans()) as scans:
-            for scan in scans:
-                if stopped():
-                    return
-                reading = tracker.take(read_scan(scan, settings, capacitance))
-                send(_frame(reading, line, emulated=board.emulated))
-                if board.emulator is not None and design.indentation is not None and not (going or reading.waiting):
-                    going = True
-                    board.emulator.indenter.follow(_round(design.indentation, board.emulator.clock.now()))
-
-
-def _frame(reading: LiveReading, line: str, *, emulated: bool) -> BoardFrame:
-    from coilarray.viz.studio.services import BoardFrame
-
-    deltas = {state.name: state.delta for state in reading.states}
-    doubts = {state.name: f"{state.verdict}: {', '.join(state.reasons)}" for state in reading.states if state.reasons}
-    told = (reading.waiting, reading.location, reading.problem, reading.rate, reading.lost)
-    return BoardFrame(line, emulated, reading.sequence, deltas, doubts, *told)
-
-
-def _round(setup: Indentation, start: float) -> list[tuple[float, float, float, float]]:
-    """Return the path of a finger that moves in circles on the map of a design: time in s, x, y and depth in m."""
-    (x, a), (y, b) = (((axis[0] + axis[-1]) / 2, 0.4 * (axis[-1] - axis[0])) for axis in (setup.x, setup.y))
-    path = [(start, x + a, y, 0.0)]
-    for k in range(int(_TOUR / _STEP)):
-        angle = 2 * math.pi * k * _STEP / _PERIOD
-        at = start + 1.0 + k * _STEP
-        path.append((at, x + a * math.cos(angle), y + b * math.sin(angle), setup.depths[-1]))
-    return path

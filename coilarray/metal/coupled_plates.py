@@ -20,9 +20,9 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import ranges, run_blocks
 from coilarray.geometry import Conductor
 from coilarray.geometry.plate import FinitePlate
-from coilarray.metal.field_at_plate import field_at
+from coilarray.metal.field_at_plate import ALONE, field_at
 from coilarray.metal.half_body import EddyBody, inductance, pair_integrals
-from coilarray.metal.layered_air import Image, LayeredAir
+from coilarray.metal.layered_air import ITSELF, Image, LayeredAir
 from coilarray.metal.surface_impedance import SurfaceImpedance
 
 _POINTS_AT_ONCE = 2**18  # of the field, which bounds the memory
@@ -123,13 +123,14 @@ class PlatesInAir:
         if gap == place[0]:
             images.append(Image(1, 0.0, np.ones(len(self.air.frequencies), dtype=np.complex128)))
         count = sum(parity.unknowns.shape[1] for parity in plate.body.parities)
-        shape = (len(self.air.frequencies), count, len(plate.where), len(self.paths))
-        require_memory(16.0 * math.prod(shape), f"a plate at {len(plate.where)} places", "compute fewer")
-        total = np.zeros(shape, dtype=np.complex128)
-        for image in images:
-            b = np.concatenate(linked_fluxes(plate.body, self.paths, plate.plate, plate.where, image))
-            total += image.shares[:, None, None, None] * b
-        return total
+        frequencies = len(self.air.frequencies)
+        shape = (frequencies, count, len(plate.where), len(self.paths))
+        require_memory(32.0 * math.prod(shape), f"a plate at {len(plate.where)} places", "compute fewer")
+        shares = np.array([image.shares for image in images]).T
+        # fields of sheets alone are the same at all frequencies, and real
+        weights, number = np.unique(np.concatenate((shares.real, shares.imag)), axis=0, return_inverse=True)
+        b = np.concatenate(linked_fluxes(plate.body, self.paths, plate.plate, plate.where, images, weights), axis=1)
+        return np.asarray(b[number[:frequencies]] + 1j * b[number[frequencies:]])
 
     @cached_property
     def _coils(self) -> tuple[float, float]:
@@ -153,34 +154,47 @@ class PlatesInAir:
 
 
 def linked_fluxes(
-    body: EddyBody, paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, image: Image | None = None
+    body: EddyBody,
+    paths: Sequence[Conductor],
+    plate: FinitePlate,
+    where: FloatArray,
+    images: Sequence[Image] = (ITSELF,),
+    weights: FloatArray = ALONE,
 ) -> tuple[FloatArray, FloatArray]:
-    """Fluxes b of the even and the odd unknowns, each of shape (u, positions, paths), in Wb/A, by an image of paths."""
+    """Fluxes b of the even and the odd unknowns, each (sums, u, positions, paths), in Wb/A, by images of paths.
+
+    The sums of the images have `weights` (sums, images).
+    """
     count = sum(parity.unknowns.shape[1] for parity in body.parities)
-    require_memory(8.0 * count * len(where) * len(paths) * 2, f"a plate at {len(where)} places", "compute fewer")
+    values = 2.0 * count * len(where) * len(paths) * len(weights)
+    require_memory(8.0 * values, f"a plate at {len(where)} places", "compute fewer")
     parts = [
-        [b.reshape(len(b), -1, len(paths)) for b in body.linked(fields)]
-        for fields in fields_on(body, paths, plate, where, image)
+        [np.moveaxis(b.reshape(len(b), len(weights), -1, len(paths)), 1, 0) for b in body.linked(fields)]
+        for fields in fields_on(body, paths, plate, where, images, weights)
     ]
     even, odd = zip(*parts, strict=True)
-    return np.concatenate(even, axis=1), np.concatenate(odd, axis=1)
+    return np.concatenate(even, axis=2), np.concatenate(odd, axis=2)
 
 
 def fields_on(
-    body: EddyBody, paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, image: Image | None = None
+    body: EddyBody,
+    paths: Sequence[Conductor],
+    plate: FinitePlate,
+    where: FloatArray,
+    images: Sequence[Image] = (ITSELF,),
+    weights: FloatArray = ALONE,
 ) -> Iterator[FloatArray]:
-    """Yield B in T along a plate's own axes at the points of its body, by an image of 1 A in each of the paths.
+    """Yield B in T along a plate's own axes at the points of its body, by images of 1 A in each of the paths.
 
-    Shape (places · paths, points, 3), for as many of the centres `where` (places, 3) in m at once as memory allows.
+    Shape (sums · places · paths, points, 3), for as many of the centres `where` (places, 3) in m at once as memory
+    allows; `weights` (sums, images) are those of `field_at`.
     """
     offsets = body.points @ plate.axes
-    turned = np.ones(3) if image is None else np.array([image.sign, image.sign, 1.0])
-    for start, stop in ranges(len(where), max(_POINTS_AT_ONCE // len(offsets), 1)):
+    for start, stop in ranges(len(where), max(_POINTS_AT_ONCE // (len(offsets) * len(weights)), 1)):
         points = (where[start:stop, None] + offsets).reshape(-1, 3)
-        # where the image sends its field is where the path sends it, mirrored; B is an axial vector
-        seen = points if image is None else image.back.of(points)
-        B = (field_at(paths, seen) * turned) @ plate.axes.T
-        yield np.moveaxis(B.reshape(len(paths), stop - start, len(offsets), 3), 0, 1).reshape(-1, len(offsets), 3)
+        B = field_at(paths, points, images, weights) @ plate.axes.T
+        B = B.reshape(len(weights), len(paths), stop - start, len(offsets), 3)
+        yield np.moveaxis(B, 1, 2).reshape(-1, len(offsets), 3)
 
 
 def both_parities(body: EddyBody, impedance: SurfaceImpedance) -> ComplexArray:

@@ -135,7 +135,7 @@ def moving_plate(
     if magnetic is not None:
         require_skin(magnetic, f, [plate, *(one for one in beside if one is not magnetic)])
     if not around.air.layers and not others:
-        both = linked_fluxes(body, paths, plate, where)
+        both = [b[0] for b in linked_fluxes(body, paths, plate, where)]
         tasks = [(k, parity) for k in range(len(f)) for parity in (0, 1)]
 
         def solve(task: tuple[int, int]) -> ComplexArray:

@@ -34,7 +34,7 @@ _WAVES = 120  # of a fit
 _TOLERANCE = 2e-4  # of the largest wave
 _RATIOS = (math.inf, 4.0, 2.8, 2.0, 1.6, 1.3)  # of the distances; inf: one image alone
 _SMALLEST = 1e-7  # singular value of a fit
-_LEFT_OUT = 1e-5  # of the largest wave: images so weak at all frequencies
+_LEFT_OUT = 5e-5  # of the largest wave: images so weak at all frequencies
 _TOUCHING = 1e-9  # m
 
 
@@ -57,6 +57,10 @@ class Image:
     def back(self) -> Image:
         """The same image for source and place exchanged."""
         return self if self.sign < 0 else Image(self.sign, -self.offset, self.shares)
+
+
+ITSELF = Image(1, 0.0, np.ones(1, dtype=np.complex128))
+"""The source itself, in air."""
 
 
 @dataclass(frozen=True, eq=False)

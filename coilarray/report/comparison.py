@@ -134,6 +134,8 @@ def comparison_notes(comparison: xr.Dataset) -> list[str]:
     boards = [said.get(f"measured_{key}") for key in ("calibration_board", "board")]
     if boards[0] is not None and boards[0] != boards[1]:
         notes.append(f"The calibration is of the board “{boards[0]}”, the measurement of “{boards[1]}”.")
+    if "measured_reference_coils" in said:
+        notes.append(f"δ of both is less that of {said['measured_reference_coils']}.")
     if said["depths_left_out"]:
         depths = ", ".join(f"{float(value) * 1e3:.4g}" for value in said["depths_left_out"].split(", "))
         notes.append(f"Measured at depths that the simulated response does not reach, not compared: {depths} mm.")

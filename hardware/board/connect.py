@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import atexit
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -55,10 +55,17 @@ class Board:
         Wiring of the switches.
     emulator : EmulatedBoard, optional
         The emulated board behind the reader; None for real hardware.
+
+    Attributes
+    ----------
+    thermometer : callable or None
+        Returns the temperature in °C, None where it is not known just now: that of the emulator, or one that the user
+        of the board sets.
     """
 
     def __init__(self, reader: Reader, port: str, wiring: Wiring, emulator: EmulatedBoard | None = None) -> None:
         self.reader, self.port, self.wiring, self.emulator = reader, port, wiring, emulator
+        self.thermometer: Callable[[], float | None] | None = None if emulator is None else emulator.temperature
         self._ways_out = ExitStack()
         atexit.register(self.close)
 

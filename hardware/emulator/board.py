@@ -154,6 +154,10 @@ class EmulatedBoard:
         """Return the tank at a channel as it is now, without noise."""
         return self.sensor(channel, self.clock.now())
 
+    def temperature(self) -> float:
+        """Return the temperature of the board in °C now."""
+        return self.conditions.drift.at(self.clock.now())
+
     def place(self) -> Place:
         """Return where the indenter is now."""
         return self.indenter.at(self.clock.now())

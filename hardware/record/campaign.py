@@ -267,7 +267,7 @@ class _Run:
             self.reader.configure(session.settings)
         if self.reader.identity.boot != session.identity.boot:
             again = replace(session, identity=self.reader.identity, started=time.time())
-            self.recorder.start(again, self.campaign.to_json())
+            self.recorder.start(again, self.campaign.to_json(), self.recorder.thermometer)
 
 
 def _require_rising(name: str, values: tuple[float, ...], least: float, most: float) -> None:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from coilarray.errors import HardwareError
+from coilarray.hardware.record.reference_coil import less_reference
 from coilarray.hardware.scan.readings import ScanReading, StateReading, Verdict
+from coilarray.localize.presses import Press, PressDetector
 
 if TYPE_CHECKING:
     from coilarray.localize.forward import ForwardModel
@@ -49,52 +51,70 @@ class LiveReading:
     noise: float | None  # standard deviation of δ that the location assumes; None without a baseline
     rate: float | None  # scans per second over the latest scans, by the board's clock
     lost: int  # scans missing so far
+    press: Press | None = None  # during this scan, or that has ended with it
+    received: float | None = None  # arrival in s since the epoch by the computer's clock
+    temperature: float | None = None  # of the board in °C, where it is known
 
 
 class LiveTracker:
     """Turns scans into δ, and into positions where it has the forward model of the board.
 
     `noise` is the standard deviation of δ that a location assumes beside the measured noise of the baseline, by default
-    that of the model. HardwareError for fewer than 2 scans of a baseline, or noise that is not positive and finite.
+    that of the model. δ of `reference` coils, which nothing touches, is taken from that of all others; their own stays
+    as it is, and takes no part in locations and presses. HardwareError for fewer than 2 scans of a baseline, or noise
+    that is not positive and finite.
     """
 
     def __init__(
-        self, model: ForwardModel | None, *, baseline_scans: int = BASELINE_SCANS, noise: float | None = None
+        self,
+        model: ForwardModel | None,
+        *,
+        baseline_scans: int = BASELINE_SCANS,
+        noise: float | None = None,
+        reference: Sequence[str] = (),
     ) -> None:
         if baseline_scans < 2:
             raise HardwareError(f"a baseline must have at least 2 scans; got {baseline_scans}.")
         if noise is not None and not (math.isfinite(noise) and noise > 0):
             raise HardwareError(f"noise must be positive and finite; got {noise}.")
-        self._model, self._scans = model, baseline_scans
-        self._trust = noise or (0.0 if model is None else model.noise)
+        self._model = model.referenced(reference) if model is not None and reference else model
+        self._scans, self._reference = baseline_scans, tuple(reference)
+        self._trust = noise or (0.0 if self._model is None else self._model.noise)
         self._models: dict[tuple[str, ...], ForwardModel] = {}
         self._times: deque[float] = deque(maxlen=_RATE_SCANS)
         self._last: tuple[int, int] | None = None  # session and sequence
         self._start = 0.0
-        self._lost = 0
+        self._lost = self._states = 0
+        self._presses: PressDetector | None = None
         self.rezero()
 
     def rezero(self) -> None:
         """Measure the baseline anew from the next scan on."""
-        self._samples: dict[str, list[float]] = {}
-        self._seen = 0
+        self._rest: list[tuple[float, Mapping[str, float]]] = []  # times in s, and L in H by state
         self._base: dict[str, float] | None = None
         self._noise = math.nan
 
     def take(self, scan: ScanReading, *, at_rest: bool = True, want_location: bool = True) -> LiveReading:
         """Evaluate the next scan; it may enter the baseline only where the indenter is not known to press."""
         self._count(scan)
+        self._states = len(scan.states)
+        elapsed = scan.time - self._start
         if self._base is None and at_rest:
-            self._measure_baseline(scan)
+            self._measure_baseline(elapsed, scan.inductances)
         base = self._base
         states = tuple(self._state(state, base) for state in scan.states)
+        if base is not None and self._reference:
+            states = self._corrected(states)
         location, problem = None, ""
         if base is not None and want_location and self._model is not None:
             location, problem = self._located(self._model, states)
+        press = None
+        if self._presses is not None and base is not None:
+            press = self._presses.take(elapsed, self._touchable(states), location)
         return LiveReading(
             sequence=scan.sequence,
             time=scan.time,
-            elapsed=scan.time - self._start,
+            elapsed=elapsed,
             states=states,
             waiting=0 if base is not None else self._still_needed(),
             location=location,
@@ -102,25 +122,56 @@ class LiveTracker:
             noise=None if base is None else self._noise,
             rate=self._rate(),
             lost=self._lost,
+            press=press,
+            received=scan.received,
+            temperature=scan.temperature,
         )
 
-    def _measure_baseline(self, scan: ScanReading) -> None:
+    def _measure_baseline(self, elapsed: float, values: Mapping[str, float]) -> None:
         """Collect values until every state has enough of them, or a state without values has had enough time."""
-        self._seen += 1
-        for name, value in scan.inductances.items():
-            self._samples.setdefault(name, []).append(value)
-        enough = {name for name, values in self._samples.items() if len(values) >= self._scans}
-        everything = len(enough) == len(scan.states)
-        if not everything and not (enough and self._seen >= _PATIENCE * self._scans):
+        self._rest.append((elapsed, values))
+        enough = {name for name, count in self._counts().items() if count >= self._scans}
+        everything = len(enough) == self._states
+        late = len(self._rest) >= _PATIENCE * self._scans and enough > set(self._reference)
+        if not (everything or late):
             return
-        values = {name: np.array(self._samples[name]) for name in enough}
-        self._base = {name: float(one.mean()) for name, one in values.items()}
-        variances = [float(one.var(ddof=1) / one.mean() ** 2) for one in values.values()]
-        own = float(np.mean(variances)) * (1 + 1 / self._scans)  # of a scan, and of the baseline itself
+        rest = [(time, {name: one[name] for name in enough if name in one}) for time, one in self._rest]
+        self._base = base = {name: float(np.mean([one[name] for _, one in rest if name in one])) for name in enough}
+        deltas = [
+            (time, self._less({name: value / base[name] - 1 for name, value in one.items()})) for time, one in rest
+        ]
+        rows = [[one[name] for _, one in deltas if name in one] for name in enough if name not in self._reference]
+        variances = [float(np.var(row, ddof=1)) for row in rows if len(row) > 1]
+        own = (float(np.mean(variances)) if variances else 0.0) * (1 + 1 / self._scans)  # and of the baseline itself
         self._noise = math.hypot(self._trust, math.sqrt(own))
+        self._rest = []
+        self._presses = PressDetector(deltas, 0 if self._presses is None else self._presses.number)
+
+    def _less(self, delta: Mapping[str, float]) -> dict[str, float]:
+        """Return δ less that of the references, of the other states; none where a reference has none."""
+        if not self._reference:
+            return dict(delta)
+        if not set(self._reference) <= set(delta):
+            return {}
+        return {name: float(value) for name, value in less_reference(delta, self._reference).items()}
+
+    def _corrected(self, states: Sequence[LiveState]) -> tuple[LiveState, ...]:
+        left = self._less({state.name: state.delta for state in states if state.delta is not None})
+        return tuple(
+            state
+            if state.name in self._reference or state.delta is None
+            else replace(state, delta=left[state.name])
+            if state.name in left
+            else replace(state, delta=None, reasons=(*state.reasons, "the reference coil has no value"))
+            for state in states
+        )
+
+    def _counts(self) -> Counter[str]:
+        """Return how many values of each state the baseline has."""
+        return Counter(name for _, one in self._rest for name in one)
 
     def _still_needed(self) -> int:
-        return max(self._scans - min((len(values) for values in self._samples.values()), default=0), 1)
+        return max(self._scans - min(self._counts().values(), default=0), 1)
 
     @staticmethod
     def _state(state: StateReading, base: Mapping[str, float] | None) -> LiveState:
@@ -135,17 +186,21 @@ class LiveTracker:
         """Locate the indentation by all states of the model that have a value."""
         from coilarray.localize.inverse import locate  # a second to load; without a model never needed
 
-        delta = {
-            state.name: state.delta
-            for state in states
-            if state.name in model.states and state.delta is not None and abs(state.delta) < _LARGEST
-        }
+        delta = {name: value for name, value in self._touchable(states).items() if name in model.states}
         if len(delta) < model.unknowns:
             return None, f"{len(delta)} states have a value that the table knows; {model.unknowns} are needed"
         used = tuple(delta)
         if used not in self._models:
             self._models[used] = model if set(used) == set(model.states) else model.select(used)
         return locate(self._models[used], delta, noise=self._noise), ""
+
+    def _touchable(self, states: Sequence[LiveState]) -> dict[str, float]:
+        """Return δ by state where it has a value that a sensor can have, without the reference."""
+        return {
+            state.name: state.delta
+            for state in states
+            if state.delta is not None and abs(state.delta) < _LARGEST and state.name not in self._reference
+        }
 
     def _count(self, scan: ScanReading) -> None:
         """Keep track of time and of missing scans; a new session or a new stream starts again."""

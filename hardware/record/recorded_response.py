@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -132,7 +132,8 @@ def recorded_series(
         bad; ``verdict`` 0 good, 1 doubtful, 2 bad; the raw words ``msb``, ``lsb``, ``status`` and ``fault``.
         Coordinates of a scan: ``time`` in s from the first one, by the board's clock within a session; ``received`` in
         s since the epoch; ``session``, ``sequence``, ``stage``; ``finished``, whether it belongs to a position that was
-        measured to its end; ``depth``, ``y``, ``x`` in m, NaN where unknown.
+        measured to its end; ``depth``, ``y``, ``x`` in m, NaN where unknown; ``temperature`` in °C where the recording
+        has one, likewise.
 
     Raises
     ------
@@ -165,6 +166,7 @@ def recorded_series(
                 name: ("scan", [getattr(row, name) for row in rows], {"units": unit} if unit else {})
                 for name, unit in _WHEN.items()
             },
+            **_temperatures(rows),
             "state": list(recording.states),
         },
         attrs=_provenance(recording),
@@ -179,9 +181,14 @@ def response_csv(response: xr.Dataset) -> str:
 
 
 def series_csv(series: xr.Dataset) -> str:
-    """Return a time series as CSV for ``coilarray locate``: time_s and δ of every state, empty where unknown."""
+    """Return a time series as CSV for ``coilarray locate``: time_s and δ of every state, empty where unknown.
+
+    Where the series has temperatures, ``temperature_C`` follows, nan where unknown.
+    """
     table = series.delta.to_pandas()
     table.index = series.time.to_index().rename("time_s")
+    if "temperature" in series.coords:
+        table["temperature_C"] = [f"{value:.3f}" for value in series.temperature.values]
     return str(table.to_csv(lineterminator="\n"))
 
 
@@ -263,6 +270,7 @@ class _Row(NamedTuple):
     stage: str
     finished: bool
     depth: float
+    temperature: float
     y: float
     x: float
 
@@ -278,8 +286,15 @@ def _row(scan: RecordedScan, reading: ScanReading, finished: Container[int | Non
         np.array([(one.msb, one.lsb, one.status, one.fault) for one in raw.samples], dtype=np.uint16),
         *when,
         _number(scan.depth),
+        _number(scan.temperature),
         *where,
     )
+
+
+def _temperatures(rows: Sequence[_Row]) -> dict[str, Any]:
+    """Return the coordinate of the temperature where any scan has one."""
+    values = np.array([row.temperature for row in rows])
+    return {"temperature": ("scan", values, {"units": "degC"})} if np.isfinite(values).any() else {}
 
 
 def _times(scans: Sequence[_Row]) -> list[float]:

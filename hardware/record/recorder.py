@@ -24,7 +24,13 @@ from coilarray.design.write import design_document
 from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import Board
 from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
-from coilarray.hardware.record.recording_file import create_tables, is_blank, reading, require_recording
+from coilarray.hardware.record.recording_file import (
+    add_temperatures,
+    create_tables,
+    is_blank,
+    reading,
+    require_recording,
+)
 from coilarray.hardware.scan.reader import RawScan, Reader
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.faults import BoardRestarted
@@ -32,6 +38,9 @@ from coilarray.hardware.wire.signals import held_signals
 
 _DURABLE = 1.0  # s
 _T = TypeVar("_T")
+
+Thermometer = Callable[[], float | None]
+"""Returns the temperature in °C; None where it is not known just now."""
 
 
 class Recorder:
@@ -46,6 +55,7 @@ class Recorder:
         self._session: RecordedSession | None = None
         self._number = 0
         self._durable = -math.inf
+        self.thermometer: Thermometer | None = None
 
     @property
     def session(self) -> RecordedSession:
@@ -54,12 +64,14 @@ class Recorder:
             raise ValueError("a recorder must be started first.")
         return self._session
 
-    def start(self, session: RecordedSession, campaign: str | None = None) -> None:
+    def start(
+        self, session: RecordedSession, campaign: str | None = None, thermometer: Thermometer | None = None
+    ) -> None:
         """Begin a session: the first one creates the recording, a later one continues it.
 
-        `campaign` is its plan as JSON. HardwareError for a recording of another design, wiring or campaign, with other
-        settings, or of an emulator where the board is real or vice versa; OutputError for a file that cannot be
-        written.
+        `campaign` is its plan as JSON; `thermometer` returns the temperature in °C of every scan, where it is known.
+        HardwareError for a recording of another design, wiring or campaign, with other settings, or of an emulator
+        where the board is real or vice versa; OutputError for a file that cannot be written.
         """
 
         def write(connection: sqlite3.Connection) -> int:
@@ -67,6 +79,8 @@ class Recorder:
                 create_tables(connection)
                 if campaign is not None:
                     connection.execute("INSERT INTO campaign (plan) VALUES (?)", (campaign,))
+            if thermometer is not None:
+                add_temperatures(connection)
             values = _row(session)
             names, marks = ", ".join(values), ", ".join("?" * len(values))
             row = connection.execute(f"INSERT INTO session ({names}) VALUES ({marks})", list(values.values()))
@@ -78,7 +92,7 @@ class Recorder:
             _require_same(Recording(self.path, self._connection), session, campaign)
             _log_ahead(self.path, self._connection)
         self._number = self._write(write, durable=True)
-        self._session = session
+        self._session, self.thermometer = session, thermometer
 
     def add(self, scan: RawScan, stage: str, *, position: int | None = None, depth: float | None = None) -> None:
         """Write a scan of this session.
@@ -100,6 +114,7 @@ class Recorder:
             A scan with other settings or another number of states, or without a time.
         """
         self._require_ours(scan)
+        temperature = None if self.thermometer is None else self.thermometer()
 
         def write(connection: sqlite3.Connection) -> None:
             row = connection.execute(
@@ -113,6 +128,8 @@ class Recorder:
                     for k, sample in enumerate(scan.samples)
                 ],
             )
+            if temperature is not None:
+                connection.execute("INSERT INTO temperature (scan, celsius) VALUES (?,?)", (row.lastrowid, temperature))
 
         self._write(write, durable=time.monotonic() - self._durable > _DURABLE)
 

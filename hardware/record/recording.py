@@ -16,7 +16,13 @@ from typing import Any
 
 from coilarray.design.model import Design, build_design
 from coilarray.errors import HardwareError
-from coilarray.hardware.record.recording_file import check_pages, connect_to_read, reading, require_recording
+from coilarray.hardware.record.recording_file import (
+    check_pages,
+    connect_to_read,
+    has_temperatures,
+    reading,
+    require_recording,
+)
 from coilarray.hardware.scan.reader import Identity, RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 
@@ -59,6 +65,7 @@ class RecordedScan:
     position: int | None  # number of the attempt at a place; `Recording.positions` holds those that were finished
     place: GridPlace | None
     depth: float | None  # of the indenter in m where it is known; 0 where it does not touch
+    temperature: float | None  # in °C, where a thermometer was given and its reading known
 
 
 @dataclass(frozen=True)
@@ -85,6 +92,8 @@ class Recording:
         Sessions in the order in which they began.
     campaign : str or None
         Plan of the campaign as JSON (`coilarray.hardware.record.campaign.Campaign.from_json`), where there is one.
+    has_temperatures : bool
+        Whether a thermometer was given in any session.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
@@ -96,6 +105,7 @@ class Recording:
             names = [column[0] for column in found.description]
             rows = [dict(zip(names, row, strict=True)) for row in found]
             plan = connection.execute("SELECT plan FROM campaign").fetchone()
+            self.has_temperatures = has_temperatures(connection)
         self._sessions = {int(row["id"]): k for k, row in enumerate(rows)}
         self.sessions = tuple(self._session(row) for row in rows)
         self.campaign: str | None = None if plan is None else str(plan[0])
@@ -147,11 +157,15 @@ class Recording:
             Whether to read only scans of positions that were measured to their end.
         """
         wanted = "AND position.finished IS NOT NULL" if finished else ""
+        celsius, beside = "NULL", ""
+        if self.has_temperatures:
+            celsius, beside = "temperature.celsius", "LEFT JOIN temperature ON temperature.scan = scan.id"
         query = f"""
             SELECT scan.id, scan.session, scan.stage, scan.depth, scan.sequence, scan.time, scan.received,
                    position.id, position.place, position.repeat, position.depth, position.y, position.x,
-                   sample.state, sample.msb, sample.lsb, sample.status, sample.fault
+                   {celsius}, sample.state, sample.msb, sample.lsb, sample.status, sample.fault
             FROM scan JOIN sample ON sample.scan = scan.id LEFT JOIN position ON position.id = scan.position
+                 {beside}
             WHERE scan.id > ? {wanted} ORDER BY scan.id, sample.state
         """
         with reading(self.path), closing(self._connection.execute(query, (after,))) as rows:
@@ -166,21 +180,20 @@ class Recording:
             pass
 
     def _scan(self, rows: list[tuple[Any, ...]]) -> RecordedScan:
-        _, session, stage, depth, sequence, time, received, position, place, repeat, *where = rows[0][:13]
+        _, session, stage, depth, sequence, time, received, position, place, repeat, *where, celsius = rows[0][:14]
         try:
             index = self._sessions[session]
             settings, identity = self.sessions[index].settings, self.sessions[index].identity
-            if [row[13] for row in rows] != list(range(len(settings.states))):
+            if [row[14] for row in rows] != list(range(len(settings.states))):
                 raise ValueError(f"a scan has {len(rows)} samples of {len(settings.states)} states")
             samples = tuple(
                 RawSample(_word(msb), _word(lsb), _word(status), SampleFault(fault))
-                for msb, lsb, status, fault in (row[14:] for row in rows)
+                for msb, lsb, status, fault in (row[15:] for row in rows)
             )
             scan = RawScan(int(sequence), _finite(time), _finite(received), settings.hash, identity.boot, samples)
             at = None if position is None else GridPlace(int(place), int(repeat), *map(_finite, where))
-            return RecordedScan(
-                int(rows[0][0]), scan, index, str(stage), position, at, None if depth is None else _finite(depth)
-            )
+            known = (None if value is None else _finite(value) for value in (depth, celsius))
+            return RecordedScan(int(rows[0][0]), scan, index, str(stage), position, at, *known)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise HardwareError(f"{self.path} is damaged: scan {rows[0][0]}: {error}.") from None
 

@@ -75,6 +75,13 @@ CREATE TABLE sample (
     PRIMARY KEY (scan, state)
 ) WITHOUT ROWID;
 """
+# earlier versions neither make nor miss this table, and so it is no reason for another schema
+_TEMPERATURES = """
+CREATE TABLE IF NOT EXISTS temperature (
+    scan INTEGER PRIMARY KEY REFERENCES scan (id),
+    celsius REAL NOT NULL           -- of the board or beside it, where a thermometer was given
+)
+"""
 _NAMES = {"session", "self_test", "campaign", "position", "scan", "sample"}
 
 
@@ -85,6 +92,17 @@ def create_tables(connection: sqlite3.Connection) -> None:
     for statement in _TABLES.split(";\n"):
         if statement.strip():
             connection.execute(statement)
+
+
+def add_temperatures(connection: sqlite3.Connection) -> None:
+    """Give a recording its table of temperatures where it has none, within the transaction that is open."""
+    connection.execute(_TEMPERATURES)
+
+
+def has_temperatures(connection: sqlite3.Connection) -> bool:
+    """Whether a recording has a table of temperatures."""
+    query = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = 'temperature'"
+    return bool(connection.execute(query).fetchone()[0])
 
 
 def is_blank(connection: sqlite3.Connection) -> bool:

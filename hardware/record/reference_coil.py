@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.scan_states import referenced_names
@@ -52,3 +53,19 @@ def less_reference(delta: Mapping[str, npt.ArrayLike], reference: Sequence[str])
     others = referenced_names(tuple(delta), reference, HardwareError)
     mean = np.mean([np.asarray(delta[name], dtype=np.float64) for name in reference], axis=0)
     return {name: np.asarray(np.asarray(delta[name], dtype=np.float64) - mean) for name in others}
+
+
+def response_less_reference(response: xr.Dataset, reference: Sequence[str]) -> xr.Dataset:
+    """Return a response, measured or simulated, with δ less the mean δ of the reference coils, of the other states.
+
+    ``delta_std``, where there is one, gets the noise of the mean in addition. HardwareError as of `less_reference`.
+    """
+    others = list(referenced_names(tuple(response.state.values.tolist()), reference, HardwareError))
+    mean = response.delta.sel(state=list(reference)).mean("state", skipna=False)
+    left = response.sel(state=others)
+    left["delta"] = (left.delta - mean).assign_attrs(response.delta.attrs)
+    if "delta_std" in left:
+        taken = response.delta_std.sel(state=list(reference))
+        added = (taken**2).sum("state", skipna=False) / len(reference) ** 2
+        left["delta_std"] = np.sqrt(left.delta_std**2 + added).assign_attrs(response.delta_std.attrs)
+    return left.assign_attrs(reference_coils=", ".join(reference))

@@ -172,6 +172,7 @@ class ScanReading:
     received: float
     boot: int
     states: tuple[StateReading, ...]
+    temperature: float | None = None  # of the board in °C, where it is known
 
     @property
     def verdict(self) -> Verdict:
@@ -192,6 +193,7 @@ def read_scan(
     *,
     qualities: Mapping[str, float] | float = math.inf,
     clock: float | None = None,
+    temperature: float | None = None,
 ) -> ScanReading:
     """Convert the words of a scan to frequencies and inductances.
 
@@ -207,6 +209,8 @@ def read_scan(
         Quality factor of the tank likewise, at least 2; by default no losses, as in the simulated responses.
     clock : float, optional
         Clock of the converter in Hz, if it is known better than when the settings were made.
+    temperature : float, optional
+        Temperature of the board in °C, which stands in the result and changes nothing else.
 
     Returns
     -------
@@ -250,7 +254,7 @@ def read_scan(
         if not quality >= _LEAST_QUALITY:
             raise HardwareError(f"the quality factor of {state.name} must be at least 2; got {quality}.")
         states.append(_read(state, sample, settings, reference, capacitance, quality))
-    return ScanReading(scan.sequence, scan.time, scan.received, scan.boot, tuple(states))
+    return ScanReading(scan.sequence, scan.time, scan.received, scan.boot, tuple(states), temperature)
 
 
 def _read(

@@ -1,5 +1,6 @@
 """The command ``live`` against the emulator, recordings, broken boards, a terminal, and a reader that goes away."""
 
+import asyncio
 import contextlib
 import itertools
 import json
@@ -12,6 +13,7 @@ import sys
 import time
 from pathlib import Path
 
+import aiohttp
 import numpy as np
 import pytest
 from support import recorded_boards
@@ -23,10 +25,12 @@ from support.recorded_boards import configured, quick_board
 
 from coilarray import load_design, noise_budget
 from coilarray.cli import live as live_command
+from coilarray.cli import live_source
 from coilarray.cli.board_options import BoardOptions, opened_board
-from coilarray.compute.netcdf import save_dataset
+from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.record.campaign import Campaign
+from coilarray.hardware.record.live_log import read_log
 from coilarray.hardware.record.live_tracking import LiveReading, LiveState
 from coilarray.hardware.wire import buses
 from coilarray.hardware.wire.faults import DeviceLost
@@ -98,6 +102,65 @@ def test_a_campaign_counts_from_its_baselines(capsys, tmp_path):
     assert answers[9]["delta"]["coil1"] == pytest.approx(0.8e-3, rel=3e-3)
 
 
+def test_presses(capsys, recording):
+    answers = answers_of(capsys, "--recording", recording, "--speed", "0", "--no-locate")
+    assert "temperature_C" not in answers[0]  # the recording has none
+    numbers = [answer["press"] and answer["press"]["number"] for answer in answers]
+    first = numbers.index(1)
+    assert numbers == [None] * first + [1] * (60 - first)
+    # the finger moves from 4 s on by the board's clock, which began before the first scan; two scans take 0.2 s
+    assert 3.9 < answers[first]["press"]["begin_s"] < 4.4
+    assert answers[-1]["press"]["end_s"] is None
+    assert answers[-1]["press"]["delta"] == pytest.approx(0.8e-3 * np.exp(-1 / 64), rel=3e-3)
+    lines = ran(capsys, "--recording", recording, "--speed", "0", "--no-locate")
+    assert lines[-1].endswith(f"press 1 since {answers[first]['press']['begin_s']:.2f} s")
+
+
+def test_a_log_and_a_reference(capsys, recording):
+    options = ("--recording", recording, "--speed", "0", "--no-locate", "--reference", "coil2")
+    answers = answers_of(capsys, *options, "--log", "run.csv")
+    assert {tuple(answer["less_reference"]) for answer in answers} == {("coil2",)}
+    log = read_log(Path("run.csv"))
+    assert log.sizes == {"scan": 60, "state": 2}
+    np.testing.assert_array_equal(log.delta[-1], [answers[-1]["delta"][name] for name in ("coil1", "coil2")])
+    np.testing.assert_array_equal(log.press, [(answer["press"] or {"number": 0})["number"] for answer in answers])
+    assert "run.csv exists; name another log" in refused(capsys, *options, "--log", "run.csv")
+    lines = ran(capsys, *options, "--log", "run.csv", "--force", "--scans", "20")
+    assert lines[0] == "[emulator] δ less that of coil2"
+    assert read_log(Path("run.csv")).sizes["scan"] == 20
+    ran(capsys, *options, "--log", "run.nc", "--scans", "20")
+    assert load_part(Path("run.nc")).attrs["reference_coils"] == "coil2"
+
+
+@pytest.mark.slow
+def test_a_window_leaves_the_board_at_rest_when_it_is_closed_or_fails(tmp_path, recording):
+    """The page is read by a program that is no browser: it opens the connection, and closes it."""
+    log = tmp_path / "run.nc"
+    options = ("--recording", recording, "--no-locate", "--plot", "--no-browser", "--log", log)
+    with command("live", *map(str, options)) as process:
+        said = process.stdout.readline()
+        assert said.startswith("live display: http://127.0.0.1:")
+        asyncio.run(watched(said.split()[2], log.with_name("run.nc.csv")))
+        _, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, err) == (0, "")
+    assert 0 < load_part(log).sizes["scan"] < 60  # it ended with the page, not with the recording
+    with command("live", *map(str, options)) as process:  # the log is there
+        assert "exists; name another log" in process.communicate(timeout=PATIENCE)[1]
+    assert process.returncode == 2
+
+
+async def watched(url, lines):
+    """Open the page and its connection until there are lines in the log."""
+    async with aiohttp.ClientSession() as session:
+        async with session.post(f"{url}open/tab") as answer:
+            address = (await answer.json())["sessionURL"].replace("USE_HOST", url.split("/")[2])
+        async with session.ws_connect(address):
+            start = time.monotonic()
+            while not (lines.exists() and len(lines.read_text().splitlines()) > 2):
+                assert time.monotonic() - start < PATIENCE
+                await asyncio.sleep(0.1)
+
+
 @pytest.mark.slow
 def test_a_replay_keeps_the_recorded_time(capsys, recording):
     start = time.monotonic()
@@ -119,7 +182,7 @@ def test_positions_of_a_recording(capsys, recording, board, table):
 @pytest.mark.slow
 def test_the_emulator_is_located(capsys, board, table, monkeypatch):
     way = ((0.0, 4e-3, 2e-3, 0.0), (0.2, 4e-3, 2e-3, 1e-3))
-    monkeypatch.setattr(live_command, "_tour", lambda setup, start: [(start + at, *place) for at, *place in way])
+    monkeypatch.setattr(live_source, "tour", lambda setup, start: [(start + at, *place) for at, *place in way])
     options = ("--rate", "40", "--scans", "60", "--baseline-scans", "5", "--noise", "2e-6")
     answers = answers_of(capsys, *board, "--table", table, *options)
     assert (len(answers), answers[4]["position"]["status"]) == (60, "nothing pressed")
@@ -143,8 +206,8 @@ def test_every_line_of_an_emulator_says_so(capsys, board):
 @pytest.mark.slow
 def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
     monkeypatch.setattr(buses, "ComputerClock", VirtualClock)  # on a busy computer scans may come late
-    begun, tour = [], live_command._tour
-    monkeypatch.setattr(live_command, "_tour", lambda setup, start: begun.append(start) or tour(setup, start))
+    begun, tour = [], live_source.tour
+    monkeypatch.setattr(live_source, "tour", lambda setup, start: begun.append(start) or tour(setup, start))
     answers = answers_of(capsys, *board, "--no-locate", "--rate", "30", "--scans", "75", "--baseline-scans", "3")
     after = [(answer["time_s"] - begun[-1], answer["delta"]["coil1"]) for answer in answers[3:]]
     assert all(abs(delta) < 10e-6 for time, delta in after if time < 0.5)  # the finger comes down from then on
@@ -155,6 +218,7 @@ def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
 def test_a_finger_that_presses_is_not_in_the_baseline(capsys, board):
     options = ("--no-locate", "--rate", "30", "--scans", "15", "--baseline-scans", "5", "--emulate", "press=-6.64,0,1")
     answers = answers_of(capsys, *board, *options)
+    assert {answer["temperature_C"] for answer in answers} == {25.0}
     assert abs(answers[4]["delta"]["coil1"]) < 1e-5  # noise: ten times that of a scan at this rate
     # a conversion may have begun before the finger came
     assert all(answer["delta"]["coil1"] > 3e-4 for answer in answers[7:])
@@ -172,8 +236,10 @@ def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate
             opened.append(one)
             yield one, settings
 
-    monkeypatch.setattr(live_command, "opened_board", remembered)
-    with live_command._stream(options, load_design(str(board[0])), quiet=True):
+    monkeypatch.setattr(live_source, "opened_board", remembered)
+    with live_source.live_source(
+        live_source.LiveOptions(options), load_design(str(board[0])), lambda done, total: None
+    ):
         (one,) = opened
         assert "table" in vars(one.emulator.world)
         assert one.emulator.place().depth == 0
@@ -212,7 +278,7 @@ def test_every_end_leaves_the_board_at_rest(capsys, board, monkeypatch, after, f
             quick.reader.scans = failing_scans
             yield quick, configured(quick)
 
-    monkeypatch.setattr(live_command, "opened_board", opened_board)
+    monkeypatch.setattr(live_source, "opened_board", opened_board)
     ended, out, err = run(capsys, board[0], "--no-locate", *arguments)
     assert (ended, len(out.splitlines()), err) == (code, lines, error)
     assert at_rest(quick.emulator, quick.wiring)
@@ -328,6 +394,10 @@ def test_screen_lines():
         (("--recording", "RUN", "--table", "t.csv"), "--table must end in .nc"),
         (("--scans", "0"), "--scans must be 1 to"),
         (("--baseline-scans", "1"), "at least 2 scans; got 1"),
+        (("--recording", "RUN", "--reference", "coil9"), "a reference coil must be one of coil1, coil2; got 'coil9'"),
+        (("--log", "run.txt"), "--log must end in .csv or .nc"),
+        (("--plot", "--json"), "--plot shows a window; it cannot be given with --json"),
+        (("--temperature", "t"), "the emulator has a temperature of its own"),
         (("--noise", "-1"), "noise must be positive and finite; got -1"),
         (("none.toml",), "none.toml"),
         (("--rate", "1e9", "--no-locate"), "rate must be at most"),

@@ -2,11 +2,16 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from support.localize_boards import FIELD, board
+from support.recorded_boards import QuickWorld, configured, quick_board
 from support.refusals import refused
 
 from coilarray.errors import HardwareError, LocalizeError
-from coilarray.hardware.record.reference_coil import less_reference
+from coilarray.hardware.emulator import Drift
+from coilarray.hardware.record.live_tracking import LiveTracker
+from coilarray.hardware.record.reference_coil import less_reference, response_less_reference
+from coilarray.hardware.scan.readings import read_scan
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
 
@@ -57,3 +62,64 @@ def test_references_that_cannot_be(reference, message):
 
 def test_the_model_refuses_an_unknown_reference():
     refused(LocalizeError, "a reference coil must be one of", MODEL.referenced, ["nowhere"])
+
+
+def live(count, *, reference=(), drift=None, noise=0.0, press_at=None, dead_from=None):
+    """Evaluate scans of the quick board; its second coil is out of reach of the finger."""
+    readings, world = [], QuickWorld()
+    with quick_board(noise=noise, drift=drift, world=world) as opened:
+        settings, tracker = configured(opened), LiveTracker(None, reference=reference)
+        for k, scan in enumerate(opened.reader.scans()):
+            readings.append(tracker.take(read_scan(scan, settings, 120e-12)))
+            if k == press_at:
+                opened.emulator.indenter.press(-10e-3, 0.0, 1e-3)
+            if k == dead_from:
+                world.dead.add("coil2")
+            if k == count - 1:
+                return readings
+
+
+WARMING = Drift(rate=0.01)
+PER_KELVIN = -26e-6  # of L: the internal oscillator falls by 13 ppm/K, which reads as a higher frequency
+
+
+def test_the_live_display_is_corrected():
+    readings, others = (live(60, reference=names, drift=WARMING) for names in ((), ["coil2"]))
+    plain, corrected = readings[-1], others[-1]
+    warmer = 0.01 * (plain.elapsed - np.mean([one.elapsed for one in readings[:10]]))  # K, since the baseline
+    assert plain.states[0].delta == pytest.approx(PER_KELVIN * warmer, rel=0.05)
+    assert corrected.states[0].delta == pytest.approx(0.0, abs=2e-7)  # codes of 8e-8, of both coils
+    assert corrected.states[1].delta == plain.states[1].delta  # its own is shown as it is
+
+
+def test_a_press_is_found_under_the_correction():
+    readings = live(40, reference=["coil2"], drift=WARMING, press_at=20)
+    assert readings[-1].states[0].delta == pytest.approx(0.8e-3 * np.exp(-100 / 64), rel=5e-3)
+    assert readings[-1].press.begin == readings[21].elapsed
+
+
+def test_the_noise_of_the_reference_is_added():
+    spread = [
+        np.std([one.states[0].delta for one in live(400, reference=names, noise=1e-6)[10:]])
+        for names in ((), ["coil2"])
+    ]
+    assert spread[1] / spread[0] == pytest.approx(np.sqrt(2), rel=0.1)  # 390 scans tell each to 3.6 %
+
+
+def test_without_the_reference_the_live_display_has_no_value():
+    last = live(30, reference=["coil2"], dead_from=20)[-1]
+    assert [state.delta for state in last.states] == [None, None]
+    assert last.states[0].reasons == ("the reference coil has no value",)
+
+
+def test_a_response_less_its_reference():
+    delta = np.arange(12.0).reshape(1, 2, 2, 3) * 1e-4
+    coords = {"depth": [1e-3], "y": [0.0, 1e-3], "x": [0.0, 1e-3], "state": ["a", "b", "c"]}
+    dims = ("depth", "y", "x", "state")
+    response = xr.Dataset({"delta": (dims, delta), "delta_std": (dims, np.full_like(delta, 3e-6))}, coords)
+    left = response_less_reference(response, ["b", "c"])
+    assert left.state.values.tolist() == ["a"]
+    np.testing.assert_allclose(left.delta.values[..., 0], delta[..., 0] - delta[..., 1:].mean(axis=-1))
+    np.testing.assert_allclose(left.delta_std, 3e-6 * np.sqrt(1.5))
+    assert left.attrs["reference_coils"] == "b, c"
+    refused(HardwareError, "a reference coil must be one of a, b, c", response_less_reference, response, ["d"])

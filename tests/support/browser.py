@@ -327,27 +327,35 @@ def slow_report(document, name, folder, progress):
     return page
 
 
-def steady_board(request, send, stopped):
-    """A board that reads the same again and again, after a baseline of two scans."""
+def steady_board(request, send, orders):
+    """A board that is pressed at one place for one second in two, after a baseline of two scans."""
     from coilarray.localize.forward import forward_model
     from coilarray.localize.inverse import locate
+    from coilarray.localize.presses import Press
     from coilarray.viz.studio import BoardFrame
+    from coilarray.viz.studio.services import ZERO
 
     design = build_design(request.document, request.name)
     model = forward_model(on_board(bells(request.document, request.name)))
     delta = model.delta([2e-3, 1e-3, model.depth[2]])
     location = locate(model, delta)
+    zero = 0
     for k in range(1_000_000):
-        if stopped():
+        if orders():
             return
-        waiting = max(0, 2 - k)
+        if orders.take() == [ZERO]:
+            zero = k + 8  # a baseline that is long enough to be seen
+        waiting, at = max(0, zero + 2 - k), 0.25 * k
         values = [None] * len(model.states) if waiting else delta.tolist()
-        send(
+        begin = 2.0 * (k // 8)
+        press = None if waiting else Press(k // 8 + 1, begin, at if k % 8 == 4 else None, delta.max(), location)
+        send([
             BoardFrame(
                 f"[emulator] {request.port}: a stand-in", True, k, dict(zip(model.states, values, strict=True)),
                 {design.array.names[0]: "doubtful: amplitude"}, waiting, None if waiting else location, "", 4.0, 0,
+                at, press if k % 8 <= 4 else None, 25.5,
             )
-        )  # fmt: skip
+        ])  # fmt: skip
         time.sleep(0.25)
 
 
@@ -378,7 +386,7 @@ def main():
     numbers_panel.circuit_of = browser.ideal_circuit
     new_panel.make_design = browser.quick_new
 
-    services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator", None, summary_of_circuit)
+    services = Services(browser.bells, browser.slow_report, browser.steady_board, "emulator", summary_of_circuit)
     address = Address(given.host or LOOPBACK, given.port, new_token() if given.host else "")
     work = work_on(load_design_file(given.design), given.design)
     with bind(address) as listening:

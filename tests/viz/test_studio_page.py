@@ -420,24 +420,63 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
 @scenes
 def test_a_board_is_watched_and_stopped(page, studio):
     before = set(studio.children())
-    page.click("#tab-board")
+    page.click("#tab-live")
     page.click("#start-board")
-    page.wait_for_selector("#board-lines:has-text('located')")
-    assert page.inner_text("#board-line").startswith("[emulator] emulator")
-    assert "4.00 scans/s, 0 lost" in page.inner_text("#board-lines")
+    page.wait_for_selector("#live-lines:has-text('located')")
+    assert page.inner_text("#live-line").startswith("[emulator] emulator")
+    assert "4.00 scans/s, 0 lost" in page.inner_text("#live-lines")
+    assert page.inner_text("#live-temperature") == "25.50 °C"
     page.wait_for_selector("#scene :text('δ')")
-    browser.picture(page, "board", rests=False)
+    page.wait_for_selector("#live-presses tbody tr >> nth=1")
+    browser.picture(page, "live", rests=False)
     (child,) = set(studio.children()) - before
-    box = page.get_attribute("#board-view", "viewBox")
+    box = page.get_attribute("#live-view", "viewBox")
     change(page, "array.pitch_mm", "13")  # the board that runs stays what it is
-    scan = int(page.get_attribute("#board-line", "data-scan"))
-    page.wait_for_function("scan => Number(document.querySelector('#board-line').dataset.scan) > scan + 1", arg=scan)
-    assert page.get_attribute("#board-view", "viewBox") == box
+    wait_for_scans(page, 2)
+    assert page.get_attribute("#live-view", "viewBox") == box
     page.click("#stop-board")
     page.wait_for_selector("#start-board")
     browser.wait_until_gone([child])
-    assert page.get_attribute("#board-view", "viewBox") != box
-    assert page.inner_text("#board-lines") == ""  # it was of another board
+    assert page.get_attribute("#live-view", "viewBox") != box
+    assert page.inner_text("#live-lines") == ""  # it was of another board
+
+
+def wait_for_scans(page, count):
+    """Wait until the page shows a scan so many later."""
+    scan = int(page.get_attribute("#live-line", "data-scan"))
+    page.wait_for_function("n => Number(document.querySelector('#live-line').dataset.scan) >= n", arg=scan + count)
+
+
+def test_the_live_curves_are_held_zeroed_and_of_any_span(page):
+    page.click("#tab-live")
+    page.click("#start-board")
+    path = "#live-curves path[data-curve]"
+    page.wait_for_selector("#live-curves [data-press='1']")
+    assert page.locator(path).count() == len(page.query_selector_all("#live-view polygon"))
+    before = page.get_attribute(path, "d")
+    page.wait_for_function(f"before => document.querySelector('{path}').getAttribute('d') !== before", arg=before)
+    page.click("#pause-board")
+    page.wait_for_selector("#pause-board:has-text('Go on')")
+    held = page.get_attribute("#live-line", "data-scan")
+    page.wait_for_timeout(1000)  # four scans
+    assert page.get_attribute("#live-line", "data-scan") == held
+    page.click("#live-span button:has-text('10 s')")  # which draws
+    page.wait_for_function("() => document.querySelectorAll('#live-curves g text').length > 0")
+    page.click("#pause-board")
+    wait_for_scans(page, 3)
+    page.keyboard.press("z")
+    page.wait_for_selector("#live-lines:has-text('baseline: ')")
+    page.click("#stop-board")
+    page.wait_for_selector("#start-board")
+    assert page.locator("#live-presses tbody tr").count() >= 1  # what was measured stays on the page
+
+
+def test_a_log_of_another_folder_is_refused(page):
+    page.click("#tab-live")
+    page.fill("#live-log", "../run.csv")
+    page.click("#start-board")
+    page.wait_for_selector("#live-problem:has-text('a file must have a plain, short name')")
+    page.fill("#live-log", "")
 
 
 def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, folder):

@@ -116,10 +116,16 @@ def colours_of_currents(currents: npt.ArrayLike, active: int) -> CoilColours:
     return CoilColours(values, replace(scale, missing=INK))
 
 
-def colours_of_delta(values: npt.ArrayLike) -> CoilColours:
-    """Colour the coils by δ, shape (coils,); NaN for a coil without a value."""
+def colours_of_delta(values: npt.ArrayLike, least: float = 0.0) -> CoilColours:
+    """Colour the coils by δ, shape (coils,); NaN for a coil without a value.
+
+    The colours reach to `least` at least, so that noise does not look like a touch.
+    """
     numbers = np.asarray(values, dtype=np.float64)
-    return CoilColours(numbers, about_zero(meshes.DELTA, "δ", "", numbers))
+    small = not np.nanmax(np.abs(numbers), initial=0.0) >= least
+    return CoilColours(
+        numbers, about_zero(meshes.DELTA, "δ", "", np.append(numbers, (-least, least)) if small else numbers)
+    )
 
 
 def scene_of_response(

@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 import traceback
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -17,14 +18,16 @@ from typing import Any, Literal
 
 from coilarray.compute.memory import collect_seldom
 from coilarray.errors import CoilarrayError
-from coilarray.viz.studio.services import Stopped, Tell
+from coilarray.viz.studio.services import Orders, Tell
 
-Task = Callable[[Any, Tell, Stopped], Any]
-"""Function of a module: takes an item, a function to send messages and one that says whether to stop."""
+Task = Callable[[Any, Tell, Orders], Any]
+"""Function of a module: takes an item, a function to send messages, and the orders of the page, first to stop."""
 
 PATIENCE = 0.5
 """Default time in s for a process to end by itself after `Job.stop`."""
 
+_STOP = "stop"
+_MOST_ORDERS = 100
 _GOODBYE = 5.0  # s; longest time for a killed process to end
 
 
@@ -76,8 +79,14 @@ class Job:
         if not self._stopped.is_set():
             self._stopped.set()
             with suppress(OSError):
-                self._connection.send("stop")
+                self._connection.send(_STOP)
             threading.Thread(target=self._end, daemon=True).start()
+
+    def send(self, order: str) -> None:
+        """Send an order to the task, which takes it from its `coilarray.viz.studio.services.Orders`."""
+        if not self._stopped.is_set():
+            with suppress(OSError):
+                self._connection.send(order)
 
     def close(self) -> None:
         """Stop it, and wait until its process has ended."""
@@ -114,7 +123,7 @@ class Job:
             self._process.join(_GOODBYE)
 
 
-def with_progress(item: Any, tell: Tell, _: Stopped) -> Any:
+def with_progress(item: Any, tell: Tell, _: Orders) -> Any:
     """Task that calls a function, the first part of `item`, with the other parts and a progress function."""
     function, *arguments = item
     return function(*arguments, progress_of(tell))
@@ -130,7 +139,8 @@ def _serve(connection: Connection, payload: bytes, patience: float) -> None:
     collect_seldom()
     if hasattr(signal, "SIGTERM"):
         signal.signal(signal.SIGTERM, _leave)
-    stopped = threading.Event()
+    orders = _Orders()
+    stopped = orders.stopped
     lock = threading.Lock()
 
     def send(kind: str, value: Any) -> None:
@@ -143,10 +153,10 @@ def _serve(connection: Connection, payload: bytes, patience: float) -> None:
             raise Cancelled
         send("message", message)
 
-    threading.Thread(target=_watch, args=(connection, stopped, patience), daemon=True).start()
+    threading.Thread(target=_watch, args=(connection, orders, patience), daemon=True).start()
     try:
         task, item = pickle.loads(payload)
-        outcome = Outcome("done", task(item, tell, stopped.is_set))
+        outcome = Outcome("done", task(item, tell, orders))
     except (Cancelled, SystemExit, KeyboardInterrupt):
         outcome = Outcome("cancelled")
     except CoilarrayError as error:
@@ -158,11 +168,26 @@ def _serve(connection: Connection, payload: bytes, patience: float) -> None:
     connection.close()
 
 
-def _watch(connection: Connection, stopped: threading.Event, patience: float) -> None:
+class _Orders:
+    """Orders to the task of this process; see `coilarray.viz.studio.services.Orders`."""
+
+    def __init__(self) -> None:
+        self.stopped = threading.Event()
+        self.waiting: deque[str] = deque(maxlen=_MOST_ORDERS)
+
+    def __call__(self) -> bool:
+        return self.stopped.is_set()
+
+    def take(self) -> list[str]:
+        return [self.waiting.popleft() for _ in range(len(self.waiting))]
+
+
+def _watch(connection: Connection, orders: _Orders, patience: float) -> None:
     """Wait for the request to stop or the end of the studio; then the process ends, by force if need be."""
     with suppress(EOFError, OSError):
-        connection.recv()
-    stopped.set()
+        while (order := connection.recv()) != _STOP:
+            orders.waiting.append(order)
+    orders.stopped.set()
     time.sleep(patience)
     os._exit(1)
 

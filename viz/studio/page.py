@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from coilarray.design.model import Design
-from coilarray.viz.studio.board_panel import BoardPanel
 from coilarray.viz.studio.build_panel import BuildPanel
 from coilarray.viz.studio.calculator import Calculator
 from coilarray.viz.studio.design_panel import DesignPanel
 from coilarray.viz.studio.job import PATIENCE, Job, Outcome, Task
+from coilarray.viz.studio.live_panel import LivePanel
 from coilarray.viz.studio.metal_panel import MetalPanel
 from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers_panel import NumbersPanel
@@ -46,7 +46,7 @@ class Setup:
 
 
 _PARTS = (
-    "bar", "drawer", "scene", "summary", "numbers", "build", "switches", "touch", "metal", "runs", "studies", "board",
+    "bar", "drawer", "scene", "summary", "numbers", "build", "switches", "touch", "metal", "runs", "studies", "live",
     "dialogs",
 )  # fmt: skip
 # results that a change of the design makes stale
@@ -89,10 +89,10 @@ class Page:
         self.metal = MetalPanel(self)
         self.runs = RunsPanel(self)
         self.studies = StudiesPanel(self)
-        self.board = BoardPanel(self)
+        self.live = LivePanel(self)
         self.design = DesignPanel(self)
         self.new = NewPanel(self)
-        self.state.tab = "numbers"
+        self.state.tab = "live" if setup.services.alone else "numbers"
         self.state.change("tab")(lambda tab, **_: self.redraw())
         self._build_layout()
         self.server.controller.on_server_bind.add(self._bind)
@@ -166,7 +166,7 @@ class Page:
             self.switches.show(work.design)
             self.touch.show(work.design, anew=other)
             self.metal.show(work.design, anew=other)
-            self.board.show(work.design)
+            self.live.show(work.design)
             self.studies.show(work, anew=other)
             self.numbers.wait()
             self.state.scene_rests = False
@@ -180,6 +180,8 @@ class Page:
 
     def follow(self) -> None:
         """Compute everything that depends on the design."""
+        if self.setup.services.alone:
+            return
         design, numbers = self.work.design, self.numbers
         accurate = [numbers.rules(design), numbers.full(design), numbers.solve(design)]
         self.redraw()
@@ -266,6 +268,11 @@ class Page:
         if started:
             progress()
         return started
+
+    def tell_job(self, name: str, order: str) -> None:
+        """Send an order to a job."""
+        if name in self._jobs:
+            self._jobs[name].send(order)
 
     def stop_job(self, name: str) -> None:
         """Ask a job to end."""

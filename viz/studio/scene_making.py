@@ -28,7 +28,7 @@ from coilarray.viz.scenes.metal import (
 from coilarray.viz.scenes.scene import Part, Scene
 from coilarray.viz.studio.metal import Moved
 from coilarray.viz.studio.switching import UnitFields
-from coilarray.viz.studio.top_view import delta_by_coil
+from coilarray.viz.studio.top_view import LEAST, delta_by_coil
 from coilarray.viz.studio.touch import Touched
 
 
@@ -105,4 +105,4 @@ def touched_scene(board: BoardParts, dent: xr.Dataset, touch: Touched) -> Scene:
 
 def coloured_by_delta(board: BoardParts, delta: Mapping[str, float | None]) -> Scene:
     """Return the board with δ of every coil as the colour of its copper."""
-    return board.coloured(overlays.colours_of_delta(delta_by_coil(board.design, delta)))
+    return board.coloured(overlays.colours_of_delta(delta_by_coil(board.design, delta), LEAST))

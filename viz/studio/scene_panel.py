@@ -27,7 +27,7 @@ class ScenePanel(Panel):
     def __init__(self, page: Page) -> None:
         self._parts: BoardParts | None = None
         self._saved: Scene | None = None  # of the design as it was read or last saved
-        problem = page.setup.rendering_problem
+        problem = page.setup.rendering_problem or ("not shown" if page.setup.services.alone else None)
         self._view = None if problem else SceneView(page.server, self._at_rest)
         values = {
             "scene_problem": problem or "", "scene_rests": False, "scene_sides": list(get_args(Side)),
@@ -74,7 +74,7 @@ class ScenePanel(Panel):
         makers: dict[str, Callable[[Design, BoardParts], Scene | None]] = {
             "switches": self._page.switches.scene,
             "touch": self._page.touch.scene,
-            "board": self._page.board.scene,
+            "live": self._page.live.scene,
         }
         scene = None
         if tab in makers:

@@ -144,7 +144,7 @@ class _Studio:
         self._of_page: dict[str, str] = {}
         self._static: dict[str, Path] = {}
         self._cookie = ""
-        self._had_page = False
+        self._had_page = self._begun = False
         self._unused: dict[str, asyncio.TimerHandle] = {}
         self._ending: asyncio.TimerHandle | None = None
         self._port = address.port
@@ -233,7 +233,7 @@ class _Studio:
                 status=503, text=f"coilarray studio: {_TOO_MANY}; close one, and load this one again.\n"
             )
         text = (_client_folder() / "index.html").read_text(encoding="utf-8")
-        own = "".join(template(name) for name in ("gone", "keys"))
+        own = "".join(template(name) for name in ("gone", "keys", "look"))
         text = re.sub("<title>.*?</title>", "<title>coilarray studio</title>", text)
         return web.Response(text=text.replace("<head>", f"<head>{_TAB}{own}", 1), content_type="text/html")
 
@@ -263,6 +263,9 @@ class _Studio:
         except CoilarrayError as error:
             return web.json_response({"error": str(error)}, status=503)
         self._pages[page.key], self._of_page[page.key] = page, tab
+        if self._services.alone and not self._begun:
+            self._begun = True
+            page.live.start()
         for name, place in page.server.serve.items():  # a path or a path with options
             self._static[name] = Path(place[0] if isinstance(place, list | tuple) else place)
         loop = asyncio.get_running_loop()  # a session whose page never connects is closed

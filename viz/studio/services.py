@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design
     from coilarray.localize.inverse import Location
+    from coilarray.localize.presses import Press
 
 Document = Mapping[str, Any]
 """Contents of a design file, from which `coilarray.design.model.build_design` makes the design."""
@@ -32,14 +33,20 @@ class BoardRequest:
         Document and name of the design.
     port : str
         Port of the board; ``"emulator"`` for none.
-    wiring : str or None
-        File or name of the wiring of its switches.
+    recording : str or None
+        File of a recording that is replayed instead.
+    reference : sequence of str
+        States that nothing touches, whose δ is taken from that of all others.
+    log : str or None
+        File of a log to be written.
     """
 
     document: Document
     name: str
     port: str
-    wiring: str | None = None
+    recording: str | None = None
+    reference: Sequence[str] = ()
+    log: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +69,12 @@ class BoardFrame:
         Position of the indentation, or the reason why there is none.
     rate : float or None
         Number of scans per second.
+    time : float
+        Time of the scan in s since the first one.
+    press : Press or None
+        Press during this scan, or that has ended with it.
+    temperature : float or None
+        Temperature of the board in °C, where it is known.
     """
 
     line: str
@@ -74,6 +87,9 @@ class BoardFrame:
     problem: str = ""
     rate: float | None = None
     lost: int = 0
+    time: float = 0.0
+    press: Press | None = None
+    temperature: float | None = None
 
 
 @dataclass(frozen=True)
@@ -91,6 +107,20 @@ Tell = Callable[[Any], None]
 Stopped = Callable[[], bool]
 """Returns whether the job is to end."""
 
+ZERO = "z"
+"""Order to a board that is watched: measure the baseline anew."""
+
+
+class Orders(Protocol):
+    """What the page asks of a job while it runs."""
+
+    def __call__(self) -> bool:
+        """Return whether the job is to end, as `Stopped`."""
+
+    def take(self) -> list[str]:
+        """Return the orders that came since the last call."""
+
+
 WriteReport = Callable[[Document, str, Path, "Progress"], Path]
 """Writes the report of a design (document, name) into a folder; returns its page."""
 
@@ -100,8 +130,9 @@ ResponseTable = Callable[[Document, str, "Progress"], "xr.Dataset"]
 Summarize = Callable[["Design", "xr.Dataset", "xr.Dataset | None"], "Summary"]
 """Summarizes a design with its coupling (of `coilarray.couple_design`) and its response on the board, where known."""
 
-WatchBoard = Callable[[BoardRequest, Callable[[BoardFrame], None], Stopped], None]
-"""Opens a board, sends a frame for every scan until it is stopped, and leaves the board at rest."""
+WatchBoard = Callable[[BoardRequest, Callable[[Sequence[BoardFrame]], None], Orders], None]
+"""Opens a board or a recording, sends a frame for every scan, several at once, until it is stopped, and leaves the
+board at rest. It follows the order `ZERO`."""
 
 
 def compute_table(document: Document, name: str, progress: Progress) -> xr.Dataset:
@@ -122,13 +153,25 @@ class Services:
         A `ResponseTable`.
     write_report, watch_board, summarize : callable, optional
         A `WriteReport`, a `WatchBoard` and a `Summarize`; without one there is no button, tab or table for it.
-    port, wiring : str, optional
-        Port of the board that is watched, and wiring of its switches.
+    port : str
+        Port of the board that is watched, where the page does not name another one.
+    recording, log : str, optional
+        Files of a recording that is replayed instead, and of a log, for the first reading.
+    reference : sequence of str
+        States that nothing touches, likewise.
+    alone : bool
+        Whether the page is the live display alone, and reads at once.
+    failed : callable
+        Called with the reason where reading a board has failed.
     """
 
     response_table: ResponseTable = compute_table
     write_report: WriteReport | None = None
     watch_board: WatchBoard | None = None
     port: str = "emulator"
-    wiring: str | None = None
     summarize: Summarize | None = None
+    recording: str | None = None
+    log: str | None = None
+    reference: Sequence[str] = ()
+    alone: bool = False
+    failed: Callable[[str], None] = lambda problem: None

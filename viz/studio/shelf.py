@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from coilarray.design.model import load_design_file, parse_design, parse_design_
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.viz.studio.work import Work, work_on
 
-_FILE = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]{0,120}\.toml")  # no name that a file system finds too long
+_NAME = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]{0,125}")  # none that a file system finds too long
+_FILE = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]{0,120}\.toml")
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,22 @@ class Shelf:
             return name != work.file or load_design_file(path).text != work.kept_text
         except CoilarrayError:
             return True
+
+    def files(self, suffix: str) -> list[str]:
+        """Return the names of the files of the folder that end in a suffix, the latest one first."""
+        try:
+            found = [path for path in self.folder.glob(f"*{suffix}") if _NAME.fullmatch(path.name)]
+            return [path.name for path in sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)]
+        except OSError:
+            return []
+
+    def file(self, name: str, suffixes: Sequence[str]) -> Path:
+        """Return the path of a file of the folder; OutputError for a name that is not allowed."""
+        if not (_NAME.fullmatch(name) and name.lower().endswith(tuple(suffixes))):
+            raise OutputError(
+                f"a file must have a plain, short name that ends in {' or '.join(suffixes)}; got {name[:60]!r}."
+            )
+        return self.folder / name
 
     def path(self, name: str) -> Path:
         """Return the path of a file of the folder; OutputError for a name that is not allowed."""

@@ -120,9 +120,9 @@ def pins(view: TopView, location: Location) -> list[dict[str, Any]]:
     return marks
 
 
-def delta_fills(design: Design, delta: Mapping[str, float | None]) -> dict[str, str]:
-    """Return a colour for each coil by its δ."""
-    colours = colours_of_delta(delta_by_coil(design, delta))
+def delta_fills(design: Design, delta: Mapping[str, float | None], least: float = 0.0) -> dict[str, str]:
+    """Return a colour for each coil by its δ; `least` as of `coilarray.viz.scenes.overlays.colours_of_delta`."""
+    colours = colours_of_delta(delta_by_coil(design, delta), least)
     red_green_blue = colours.scale.colours_of(colours.values).tolist()
     return {name: f"rgb({r}, {g}, {b})" for name, (r, g, b) in zip(design.array.names, red_green_blue, strict=True)}
 
@@ -133,7 +133,11 @@ def delta_by_coil(design: Design, delta: Mapping[str, float | None]) -> npt.NDAr
     return np.array([delta.get(states.get(name, "")) for name in design.array.names], dtype=np.float64)  # None is NaN
 
 
-def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = 1e-4) -> list[dict[str, Any]]:
+LEAST = 1e-4
+"""Smallest δ at which bars and colours of a measurement are full."""
+
+
+def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = LEAST) -> list[dict[str, Any]]:
     """Return a bar for each δ: its text in 10⁻⁶ and its signed length in per cent of half the width."""
     pairs = list(delta)
     largest = max([least, *(abs(value) for _, value in pairs if value is not None)])

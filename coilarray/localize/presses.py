@@ -1,0 +1,190 @@
+"""Press events in a stream of δ: when the sensor is touched and let go, against its own noise and slow drift.
+
+At rest δ follows a straight line in time, fitted to the latest seconds, so that drift is no press. What deviates from
+that line by more than noise can is a press; it ends when little of it remains.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import fdtri
+
+from coilarray.compute.arrays import FloatArray
+
+if TYPE_CHECKING:  # a second to load; without a model never needed
+    from coilarray.localize.inverse import Location
+
+FALSE_ALARM = 1e-9
+"""Probability with which noise alone makes a scan the begin of a press: at 100 scans/s once in four months."""
+
+REMAINS = 0.25
+"""Part of the largest deviation of a press below which it has ended: it does not flicker where a finger wavers."""
+
+_MEMORY = 5.0  # s over which the line at rest is fitted, or as many scans as the baseline if they take longer
+_AVERAGED = 200  # scans over which the noise is averaged
+_PER_DIFFERENCE = 2 / 3  # degrees of freedom of a difference of successive values, which share one (von Neumann 1941)
+_SPREAD = 1e-12  # of times, relative: less is rounding
+_CODE = 8e-8  # least step of δ: a code is 4e-8 of a frequency of 2 MHz at a reference of 21.7 MHz
+_ROUNDING = _CODE / math.sqrt(12)  # noise of δ that a rounded code has at least
+
+
+@dataclass(frozen=True, eq=False)
+class Press:
+    """One press, from its begin on."""
+
+    number: int  # from 1
+    begin: float  # s since the first scan
+    end: float | None  # likewise; None while it lasts
+    delta: float  # largest deviation of the δ of a state from rest, with its sign
+    location: Location | None  # at the largest deviation at which there was one
+
+
+class PressDetector:
+    """Finds presses in the δ of successive scans.
+
+    Parameters
+    ----------
+    baseline : sequence of (float, mapping of str to float)
+        Times in s and δ of scans at rest, at least two; their states are followed.
+    number : int
+        Number of the last press before.
+
+    Notes
+    -----
+    With n values in a scan, the mean of the n squared deviations from the line over their variance has Fisher's F
+    distribution of n and ν degrees of freedom where nothing presses and σ² is estimated with ν; the threshold is its
+    quantile at `FALSE_ALARM`. The variance is σ² (1 + h), with h that of the line itself, which grows while it is
+    continued through a press. σ² is estimated from differences of successive scans at rest, in which a drift cancels
+    (J. von Neumann, Ann. Math. Statist. 12, 1941, 367). The line is that of least squares with weights exp(−age/5 s)
+    (R. G. Brown, Smoothing, Forecasting and Prediction, 1963). Where a press ends off the line, it begins anew with as
+    many successive scans as the baseline has that lie on one; until then the next press must be four times as large as
+    what remains.
+    """
+
+    def __init__(self, baseline: Sequence[tuple[float, Mapping[str, float]]], number: int = 0) -> None:
+        self.number = number
+        self._scans = len(baseline)
+        self._names = tuple(dict.fromkeys(name for _, delta in baseline for name in delta))
+        self._line = self._fresh = _Line(len(self._names))
+        self._variance, self._freedom = 0.0, 0.0
+        self._before = np.full(len(self._names), np.nan)
+        self._press: Press | None = None
+        self._largest = self._located = self._least = 0.0  # root mean squares of deviations
+        for time, delta in baseline:
+            self._line.advance(time)
+            self._add(self._row(delta))
+
+    def take(self, time: float, delta: Mapping[str, float], location: Location | None = None) -> Press | None:
+        """Return the press during a scan, or the one that ends with it; None at rest.
+
+        `time` is in s; `delta` has the δ of all states with a value, `location` where they put the indentation.
+        """
+        values = self._row(delta)
+        self._line.advance(time)
+        off, deviation, limit = self._deviation(self._line, values)
+        if not off.size:
+            return self._press
+        if self._press is None:
+            self._least = min(self._least, deviation)
+            if deviation <= max(limit, self._least / REMAINS):
+                if deviation <= limit:
+                    self._add(values)
+                else:
+                    self._begin_anew(time, values)
+                return None
+            self.number += 1
+            self._press = Press(self.number, time, None, 0.0, None)
+            self._largest = self._located = 0.0
+        if deviation > self._largest:
+            self._largest = deviation
+            self._press = replace(self._press, delta=float(off[np.abs(off).argmax()]))
+        if location is not None and location.modes and deviation > self._located:
+            self._located = deviation
+            self._press = replace(self._press, location=location)
+        press = self._press
+        if deviation < max(limit / 2, REMAINS * self._largest):
+            press, self._press, self._least = replace(press, end=time), None, deviation
+            self._before, self._fresh = np.full(len(self._names), np.nan), _Line(len(self._names))
+        return press
+
+    def _row(self, delta: Mapping[str, float]) -> FloatArray:
+        return np.array([delta.get(name, math.nan) for name in self._names])
+
+    def _deviation(self, line: _Line, values: FloatArray) -> tuple[FloatArray, float, float]:
+        """Return deviations from a line, their root mean square, and the one that noise does not reach."""
+        expected, uncertainty = line.now()
+        known = np.isfinite(values) & np.isfinite(expected)
+        off = (values - expected)[known]
+        if not off.size:
+            return off, 0.0, 0.0
+        variance = self._variance * (1 + float(uncertainty[known].mean()))
+        limit = math.sqrt(_quantile(off.size, max(round(self._freedom), 1)) * variance)
+        return off, math.sqrt(float(off @ off) / off.size), limit
+
+    def _add(self, values: FloatArray) -> None:
+        """Add a scan at rest to the line and to the estimate of the noise."""
+        self._line.add(values, math.exp(-self._line.step / _MEMORY) if self._line.count >= self._scans else 1.0)
+        steps = (values - self._before)[np.isfinite(values) & np.isfinite(self._before)]
+        self._before = values
+        if steps.size:
+            more, before = _PER_DIFFERENCE * steps.size, min(self._freedom, _AVERAGED * float(steps.size))
+            found = float(steps @ steps) / (2 * steps.size) + _ROUNDING**2
+            self._variance += (found - self._variance) * more / (before + more)
+            self._freedom = before + more
+
+    def _begin_anew(self, time: float, values: FloatArray) -> None:
+        """Take a scan off the line into a fresh one, which replaces it when it has enough of them."""
+        self._fresh.advance(time)
+        _, deviation, limit = self._deviation(self._fresh, values)
+        if deviation > limit:
+            self._fresh = _Line(len(self._names))
+            self._fresh.advance(time)
+        self._fresh.add(values, 1.0)
+        if self._fresh.count >= self._scans:
+            self._line, self._fresh, self._least = self._fresh, _Line(len(self._names)), 0.0
+
+
+class _Line:
+    """Weighted straight lines in time through δ of some states, as sums about the present."""
+
+    def __init__(self, states: int) -> None:
+        self.count = 0
+        self.step = 0.0  # s since the time before
+        self._time = math.nan
+        self._sums = np.zeros((5, states))  # of w, w u, w u², w δ and w u δ with u = time − present
+
+    def advance(self, time: float) -> None:
+        """Go on to a time in s; one that is not later, as where the board began anew, counts as the same."""
+        self.step = step = max(time - self._time, 0.0) if math.isfinite(self._time) else 0.0
+        self._time = time
+        weight, first, second, one, moment = self._sums
+        second += step * (step * weight - 2 * first)
+        first -= step * weight
+        moment -= step * one
+
+    def add(self, values: FloatArray, kept: float) -> None:
+        """Add the δ of the present, NaN for a state without; `kept` is what remains of all weights before."""
+        self.count += 1
+        known = np.isfinite(values)
+        self._sums *= kept
+        self._sums[0] += known
+        self._sums[3] += np.where(known, values, 0.0)
+
+    def now(self) -> tuple[FloatArray, FloatArray]:
+        """Return the present values and their variances as multiples of that of a δ; NaN for less than two times."""
+        weight, first, second, one, moment = self._sums
+        spread = weight * second - first**2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            spread = np.where(spread > _SPREAD * weight * second, spread, np.nan)
+            return (second * one - first * moment) / spread, second / spread
+
+
+@lru_cache(maxsize=4096)
+def _quantile(values: int, freedom: int) -> float:
+    return float(fdtri(values, freedom, 1 - FALSE_ALARM))

@@ -1,0 +1,193 @@
+"""Log of a live display: a line of CSV for every scan, in the file at once; netCDF is made of it at the end.
+
+A program that is killed loses at most the last line, a power cut at most the last second.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import xarray as xr
+
+from coilarray.compute.netcdf import save_dataset
+from coilarray.errors import OutputError
+from coilarray.hardware.record.live_tracking import LiveReading
+from coilarray.hardware.record.recorded_response import VERDICTS
+
+_DURABLE = 1.0  # s
+_NETCDF = ".nc"
+_BEFORE = ("time_s", "unix_s", "sequence", "emulated")
+_TEMPERATURE = "temperature_C"
+_VERDICT = " verdict"  # behind the name of a state
+_LENGTHS = ("x_m", "y_m", "depth_m", "sigma_x_m", "sigma_y_m", "sigma_depth_m")
+_UNITS = {"time_s": "s", "unix_s": "s", **dict.fromkeys(_LENGTHS, "m"), "temperature_C": "degC"}
+
+
+class LiveLog:
+    """A log that is open for writing, from `open_log`."""
+
+    def __init__(self, file: IO[str], states: Sequence[str], *, emulated: bool, temperature: bool) -> None:
+        self._file, self._csv = file, csv.writer(file, lineterminator="\n")
+        self._states, self._emulated, self._temperature = tuple(states), int(emulated), temperature
+        self._durable = -math.inf
+        self._csv.writerow(log_columns(states, temperature=temperature))
+        self._file.flush()
+
+    def add(self, reading: LiveReading) -> None:
+        """Write the line of a scan; OutputError where that fails, for example on a full disk."""
+        states = {state.name: state for state in reading.states}
+        deltas = [states[name].delta for name in self._states]
+        verdicts = [states[name].verdict for name in self._states]
+        press = None if reading.press is None else reading.press.number
+        row: list[object] = [reading.elapsed, reading.received, reading.sequence, self._emulated, *deltas, *verdicts]
+        row += [*_position(reading), press, *([reading.temperature] if self._temperature else [])]
+        try:
+            self._csv.writerow(["" if value is None else value for value in row])
+            self._file.flush()
+            if time.monotonic() - self._durable > _DURABLE:
+                os.fsync(self._file.fileno())
+                self._durable = time.monotonic()
+        except OSError as error:
+            raise OutputError(f"cannot write {self._file.name}: {error.strerror}.") from None
+
+
+def log_columns(states: Sequence[str], *, temperature: bool) -> list[str]:
+    """Return the columns of a log.
+
+    Examples
+    --------
+    >>> log_columns(["L1"], temperature=False)[:6]
+    ['time_s', 'unix_s', 'sequence', 'emulated', 'L1', 'L1 verdict']
+    """
+    verdicts = [name + _VERDICT for name in states]
+    return [*_BEFORE, *states, *verdicts, "status", *_LENGTHS, "press", *([_TEMPERATURE] if temperature else [])]
+
+
+def check_log(path: Path, *, force: bool = False) -> None:
+    """Raise OutputError for a log that exists, or whose lines a killed program left, unless it may be replaced."""
+    for there in {path, _lines_of(path)}:
+        if there.exists() and not force:
+            left = "" if there == path else ", the lines of a log that was not finished,"
+            raise OutputError(f"{there}{left} exists; name another log, or replace it with --force.")
+
+
+@contextmanager
+def open_log(
+    path: Path,
+    states: Sequence[str],
+    *,
+    emulated: bool,
+    temperature: bool,
+    attributes: Mapping[str, Any],
+    force: bool = False,
+) -> Iterator[LiveLog]:
+    """Open a log of live readings, whichever way the block is left.
+
+    Parameters
+    ----------
+    path : Path
+        File that ends in .csv or .nc; the lines of the latter are kept in ``NAME.nc.csv`` until the end.
+    states : sequence of str
+        Names of the states of a scan.
+    emulated, temperature : bool
+        Whether the board is emulated, and whether there is a column of temperatures.
+    attributes : mapping
+        Attributes of a netCDF file.
+    force : bool
+        Whether a file that exists may be replaced.
+
+    Raises
+    ------
+    OutputError
+        As of `check_log`, and for a file that cannot be written.
+    """
+    check_log(path, force=force)
+    lines = _lines_of(path)
+    try:
+        file = lines.open("w", encoding="utf-8", newline="")
+    except (OSError, ValueError) as error:
+        raise OutputError(f"cannot write {lines}: {getattr(error, 'strerror', error)}.") from None
+    try:
+        with file:
+            yield LiveLog(file, states, emulated=emulated, temperature=temperature)
+    finally:
+        if lines != path:
+            save_dataset(read_log(lines).assign_attrs(attributes), path)
+            with suppress(OSError):
+                lines.unlink()
+
+
+def read_log(path: Path) -> xr.Dataset:
+    """Read the CSV of a log; the last line of a program that was killed may be cut and is left out.
+
+    Returns
+    -------
+    xarray.Dataset
+        Over ``scan`` and ``state``: ``delta``, NaN where there is none, and ``verdict``, 0 good, 1 doubtful, 2 bad.
+        Over ``scan``: the other columns by their names without the unit, NaN where empty; ``press`` is 0 where nothing
+        presses; ``status`` is the verdict of `coilarray.localize.inverse.Location`, empty where none was asked for.
+
+    Raises
+    ------
+    OutputError
+        A file that is no log.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            head, *rows = list(csv.reader(file)) or [[]]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise OutputError(f"cannot read the log {path}: {error}.") from None
+    states = [name.removesuffix(_VERDICT) for name in head if name.endswith(_VERDICT)]
+    if head != log_columns(states, temperature=head[-1:] == [_TEMPERATURE]):
+        raise OutputError(f"{path} is no log of a live display.")
+    if rows and len(rows[-1]) != len(head):
+        del rows[-1]
+    columns = dict(zip(head, zip(*rows, strict=True) if rows else [()] * len(head), strict=True))
+    dims = ("scan", "state")
+    verdicts = np.array([[VERDICTS.index(one) for one in columns[name + _VERDICT]] for name in states], dtype=np.int8)
+    shape = (len(rows), len(states))
+    return xr.Dataset(
+        {
+            "delta": (dims, np.array([_numbers(columns[name]) for name in states]).T.reshape(shape), {"units": "1"}),
+            "verdict": (
+                dims, verdicts.T.reshape(shape), {"flag_values": [0, 1, 2], "flag_meanings": " ".join(VERDICTS)}
+            ),
+            "sequence": ("scan", _numbers(columns["sequence"]).astype(np.int64)),
+            "press": ("scan", np.nan_to_num(_numbers(columns["press"])).astype(np.int64)),
+            "status": ("scan", np.array(columns["status"], dtype=object)),
+            **{
+                name.rpartition("_")[0]: ("scan", _numbers(columns[name]), {"units": unit})
+                for name, unit in _UNITS.items()
+                if name in columns
+            },
+        },
+        coords={"state": states},
+        attrs={"emulated": int("1" in columns["emulated"])},
+    ).set_coords(["time", "unix"])  # fmt: skip
+
+
+def _lines_of(path: Path) -> Path:
+    """Return the file of the lines of a log."""
+    return path.with_name(f"{path.name}.csv") if path.suffix.lower() == _NETCDF else path
+
+
+def _position(reading: LiveReading) -> list[object]:
+    """Return verdict, position and standard deviations of a reading, None for what is unknown."""
+    location = reading.location
+    if location is None or not location.modes:
+        return [None if location is None else location.verdict, *[None] * 6]
+    best = location.modes[0]
+    known = (*best.known_deviations, None, None, None)[:3]
+    return [location.verdict, best.x, best.y, best.depth, *known]
+
+
+def _numbers(texts: Sequence[str]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.array([float(text) if text else math.nan for text in texts], dtype=np.float64)

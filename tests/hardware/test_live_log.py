@@ -1,0 +1,136 @@
+"""Logs of a live display: what stands in them, what a kill leaves, and what is never replaced."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.refusals import refused
+
+from coilarray.compute.netcdf import load_part
+from coilarray.errors import OutputError
+from coilarray.hardware.record.live_log import check_log, open_log, read_log
+from coilarray.hardware.record.live_tracking import LiveReading, LiveState
+from coilarray.localize.inverse import Location, Mode
+from coilarray.localize.presses import Press
+
+STATES = ("coil1", "coil2")
+FOUND = Location("found", modes=(Mode(1e-3, -2e-3, 5e-4, np.diag([1e10, 4e10, 1e2]), 0.5),))
+"""Standard deviations of 10 and 5 µm; that of the depth, 0.1 m, counts as unknown."""
+
+
+def reading(number, *, location=None, press=None, temperature=20.5, delta=(1e-4, None)):
+    states = (LiveState("coil1", delta[0], "good"), LiveState("coil2", delta[1], "bad", ("watchdog",)))
+    return LiveReading(
+        number, 7.0 + number, 0.25 * number, states, 0, location, "", 1e-5, 4.0, 0, press, 1.7e9 + number, temperature
+    )
+
+
+def written(path, *readings, temperature=True, **options):
+    with open_log(path, STATES, emulated=True, temperature=temperature, attributes={"design": "two"}, **options) as log:
+        for one in readings:
+            log.add(one)
+    return path
+
+
+PRESSED = reading(1, location=FOUND, press=Press(3, 0.25, None, 1e-4, FOUND))
+
+
+def test_a_line_for_every_scan(tmp_path):
+    with written(tmp_path / "run.csv", reading(0), PRESSED).open() as file:
+        rows = list(csv.DictReader(file))
+    first, second = rows
+    assert first == {
+        "time_s": "0.0", "unix_s": "1700000000.0", "sequence": "0", "emulated": "1", "coil1": "0.0001", "coil2": "",
+        "coil1 verdict": "good", "coil2 verdict": "bad", "status": "", "x_m": "", "y_m": "", "depth_m": "",
+        "sigma_x_m": "", "sigma_y_m": "", "sigma_depth_m": "", "press": "", "temperature_C": "20.5",
+    }  # fmt: skip
+    assert [second[name] for name in ("status", "x_m", "y_m", "depth_m", "press")] == [
+        "found", "0.001", "-0.002", "0.0005", "3"
+    ]  # fmt: skip
+    assert (float(second["sigma_x_m"]), float(second["sigma_y_m"])) == pytest.approx((1e-5, 5e-6))
+    assert second["sigma_depth_m"] == ""
+
+
+def test_without_a_thermometer_there_is_no_column(tmp_path):
+    path = written(tmp_path / "run.csv", reading(0, temperature=None), temperature=False)
+    assert "temperature_C" not in path.read_text()
+    assert "temperature" not in read_log(path)
+
+
+def test_netcdf_has_the_same(tmp_path):
+    found = load_part(written(tmp_path / "run.nc", reading(0), PRESSED, reading(2, temperature=None)))
+    assert os.listdir(tmp_path) == ["run.nc"]  # the lines are gone
+    xr.testing.assert_equal(
+        found, read_log(written(tmp_path / "run.csv", reading(0), PRESSED, reading(2, temperature=None)))
+    )
+    np.testing.assert_array_equal(found.delta, [[1e-4, np.nan]] * 3)
+    np.testing.assert_array_equal(found.verdict, [[0, 2]] * 3)
+    np.testing.assert_array_equal(found.press, [0, 3, 0])
+    np.testing.assert_array_equal(found.temperature, [20.5, 20.5, np.nan])
+    np.testing.assert_array_equal(found.x, [np.nan, 1e-3, np.nan])
+    assert found.status.values.tolist() == ["", "found", ""]
+    assert (found.attrs["design"], int(found.attrs["emulated"])) == ("two", 1)
+    assert (found.x.attrs["units"], found.temperature.attrs["units"]) == ("m", "degC")
+
+
+def test_a_log_without_a_scan(tmp_path):
+    assert load_part(written(tmp_path / "run.nc")).sizes == {"scan": 0, "state": 2}
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.nc"])
+def test_an_error_keeps_what_was_measured(tmp_path, name):
+    def interrupted():
+        with open_log(tmp_path / name, STATES, emulated=False, temperature=True, attributes={}) as log:
+            log.add(reading(0))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    path = tmp_path / name
+    assert (load_part(path) if path.suffix == ".nc" else read_log(path)).sizes["scan"] == 1
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+sys.path[:0] = sys.argv[1:3]
+from test_live_log import STATES, open_log, reading
+with open_log(Path(sys.argv[3]), STATES, emulated=True, temperature=True, attributes={}) as log:
+    for k in range(500):
+        log.add(reading(k))
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.slow
+def test_a_kill_leaves_every_line(tmp_path):
+    path = tmp_path / "run.nc"
+    here = Path(__file__).parent
+    ended = subprocess.run([sys.executable, "-c", KILLED, str(here), str(here.parent), str(path)], check=False)
+    assert ended.returncode == -signal.SIGKILL
+    lines = tmp_path / "run.nc.csv"
+    assert read_log(lines).sizes["scan"] == 500
+    refused(OutputError, "the lines of a log that was not finished, exists", check_log, path)
+    lines.write_text(lines.read_text()[:-20])  # as a power cut may leave it
+    assert read_log(lines).sizes["scan"] == 499
+
+
+def test_nothing_is_replaced_without_force(tmp_path):
+    path = written(tmp_path / "run.csv", reading(0))
+    refused(OutputError, "run.csv exists; name another log, or replace it with --force", check_log, path)
+    refused(OutputError, "exists", written, path)
+    assert read_log(written(path, reading(0), reading(1), force=True)).sizes["scan"] == 2
+
+
+def test_what_is_no_log(tmp_path):
+    for text in ("", "time_s,coil1\n0,1\n", "\x00"):
+        (tmp_path / "run.csv").write_text(text)
+        refused(OutputError, "run.csv is no log of a live display", read_log, tmp_path / "run.csv")
+    refused(OutputError, "cannot read the log", read_log, tmp_path / "none.csv")
+    refused(OutputError, "cannot write", written, tmp_path / "none" / "run.csv")

@@ -1,0 +1,158 @@
+"""Drawings of a live display as plain values for the page: curves of δ with presses, their list, and the trail."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+
+from coilarray.compute.arrays import FloatArray
+from coilarray.design.model import Design
+from coilarray.localize.inverse import Location
+from coilarray.localize.presses import Press
+from coilarray.viz.palette import INK, coil_colours
+from coilarray.viz.studio.history import History
+from coilarray.viz.studio.top_view import TopView
+
+TAB, WINDOW = (520.0, 300.0), (1500.0, 400.0)
+"""Width and height of the drawing of the curves in the studio and in a window of its own, in its own unit."""
+
+_LEFT, _RIM, _TOP, _FOOT = 64.0, 10.0, 16.0, 44.0  # about the axes
+_LEAST_RANGE = 2e-6  # of δ: noise of a board at rest does not fill the picture
+_ROOM = 0.06  # of the range of δ, above and below
+_TICKS = 6
+
+
+def state_colours(design: Design) -> dict[str, str]:
+    """Return the colour of each state: that of the first coil that it measures, as in every picture."""
+    colours = coil_colours(design.array.names, design.array.centres)
+    return {state.name: colours.get(state.measured[0][0], INK) for state in design.plan}
+
+
+def curves(
+    history: History, span: float, colours: Mapping[str, str], presses: Iterable[Press], size: tuple[float, float] = TAB
+) -> dict[str, Any]:
+    """Return curves of δ over the last `span` in s, one of the `SPANS`, with ticks and the presses as marks.
+
+    The axis of δ reaches from the least to the largest value shown.
+    """
+    times, least, largest = history.values(span)
+    stop = max(history.end, span)
+    start, right, bottom = stop - span, size[0] - _RIM, size[1] - _FOOT
+    low, high = _limits(least, largest)
+
+    def across(time: float) -> float:
+        return round(_LEFT + (right - _LEFT) * (time - start) / span, 1)
+
+    def down(delta: float) -> float:
+        return round(bottom - (bottom - _TOP) * (delta - low) / (high - low), 1)
+
+    shown = [
+        {"name": name, "colour": colours.get(name, INK), "path": _path(times, least[k], largest[k], across, down)}
+        for k, name in enumerate(history.states)
+    ]
+    marks = []
+    for press in presses:
+        end = history.end if press.end is None else press.end
+        if end >= start:
+            left = max(across(press.begin), _LEFT)
+            marks.append({"number": press.number, "x": left, "width": max(round(across(end) - left, 1), 1.0)})
+    return {
+        "box": f"0 0 {size[0]:g} {size[1]:g}",
+        "axes": {"x": _LEFT, "y": _TOP, "width": right - _LEFT, "height": bottom - _TOP},
+        "x": [{"at": across(tick), "text": f"{tick:g}"} for tick in _ticks(start, stop)],
+        "y": [{"at": down(tick * 1e-6), "text": _minus(f"{tick:g}")} for tick in _ticks(low * 1e6, high * 1e6)],
+        "curves": shown,
+        "presses": marks,
+    }
+
+
+def _path(times: FloatArray, least: FloatArray, largest: FloatArray, across: Any, down: Any) -> str:
+    """Return the path of a curve: through the least and the largest value of each time, broken where there is none."""
+    parts, before, reach = [], False, 0.0
+    for time, a, b in zip(times.tolist(), least.tolist(), largest.tolist(), strict=True):
+        if math.isnan(a):
+            before = False
+            continue
+        x, first, last = across(time), a, b
+        if before and abs(b - reach) < abs(a - reach):  # go on with the nearer one
+            first, last = b, a
+        parts.append(f"{'L' if before else 'M'}{x:g},{down(first):g}")
+        if first != last or not before:
+            parts.append(f"L{x:g},{down(last):g}")
+        before, reach = True, last
+    return "".join(parts)
+
+
+def _limits(least: FloatArray, largest: FloatArray) -> tuple[float, float]:
+    known = np.isfinite(least)
+    low = float(least[known].min(initial=0.0)) if known.any() else 0.0
+    high = float(largest[known].max(initial=0.0)) if known.any() else 0.0
+    missing = max(_LEAST_RANGE - (high - low), 0.0)
+    room = _ROOM * (high - low + missing)
+    return low - missing / 2 - room, high + missing / 2 + room
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    ticks = MaxNLocator(_TICKS, steps=[1, 2, 5, 10]).tick_values(low, high)
+    return [float(f"{tick:.12g}") + 0.0 for tick in ticks if low <= tick <= high]
+
+
+def press_row(press: Press) -> dict[str, Any]:
+    """Return a press as texts for a list: number, begin, duration, place, depth, and the largest δ."""
+    place, depth = "–", "–"
+    if press.location is not None and press.location.modes:
+        best = press.location.modes[0]
+        known = (*best.known_deviations, None, None, None)[:3]
+        x, y, depth = map(_length, (best.x, best.y, best.depth), known)
+        place = f"{x}, {y}"
+    return {
+        "number": press.number,
+        "begin": f"{press.begin:.2f}",
+        "lasted": "…" if press.end is None else f"{press.end - press.begin:.2f}",
+        "place": place,
+        "depth": depth,
+        "delta": _minus(f"{press.delta * 1e6:+.0f}"),
+    }
+
+
+def press_places(view: TopView, presses: Iterable[Press]) -> list[dict[str, Any]]:
+    """Return the places of presses with their numbers, where they are known."""
+    places = []
+    for press in presses:
+        if press.location is not None and press.location.modes:
+            x, y = view.point(press.location.modes[0].x, press.location.modes[0].y)
+            places.append({"number": press.number, "x": x, "y": y})
+    return places
+
+
+def _length(value: float, sigma: float | None) -> str:
+    text = f"{value * 1e3:.2f}" + ("" if sigma is None else f" ± {sigma * 1e3:.2f}")
+    return _minus(text.replace("-0.00", "0.00"))
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")
+
+
+def nearest_place(location: Location, before: tuple[float, float] | None) -> tuple[float, float]:
+    """Return the place in m of the mode nearest to the place before, so that no trail jumps; else of the best one."""
+    modes = location.modes
+    if before is None:
+        return modes[0].x, modes[0].y
+    best = min(modes, key=lambda mode: math.hypot(mode.x - before[0], mode.y - before[1]))
+    return best.x, best.y
+
+
+def trail_lines(view: TopView, trail: Sequence[tuple[int, float, float]]) -> list[dict[str, Any]]:
+    """Return the lines of a trail of (number of the press, x, y in m), paler with age; none from press to press."""
+    lines = []
+    for k, ((press, *start), (other, *end)) in enumerate(pairwise(trail), start=1):
+        if press == other:
+            (x1, y1), (x2, y2) = view.point(*start), view.point(*end)
+            lines.append({"x1": x1, "y1": y1, "x2": x2, "y2": y2, "opacity": round(k / len(trail), 2)})
+    return lines
