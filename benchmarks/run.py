@@ -1,4 +1,4 @@
-"""Measure accuracy and speed, print two tables, keep the figures, and renew the README's tables on request.
+"""Measure accuracy and speed, print two tables, keep the figures, and renew those of docs/validation.md on request.
 
 Figures go to benchmarks/results.json; the exit code is 1 where a goal is missed.
 Speeds are of this machine in this run; compare ratios, not seconds.
@@ -30,7 +30,7 @@ import studio
 import sweep
 
 HERE = Path(__file__).parent
-README = HERE.parent / "README.md"
+PAGE = HERE.parent / "docs" / "validation.md"
 
 
 def _accuracy_table(results: list[accuracy.Accuracy]) -> str:
@@ -52,7 +52,7 @@ def _renew(text: str, name: str, table: str) -> str:
     pattern = re.compile(rf"(<!-- {name}: [^>]*-->\n).*?(<!-- end {name} -->)", re.DOTALL)
     renewed, count = pattern.subn(lambda match: match.group(1) + table + "\n" + match.group(2), text)
     if count != 1:
-        raise SystemExit(f"README.md must have one place for the {name} table; it has {count}")
+        raise SystemExit(f"docs/validation.md must have one place for the {name} table; it has {count}")
     return renewed
 
 
@@ -96,7 +96,7 @@ def main() -> None:
     """Measure, print, keep."""
     names = [*ACCURACIES, *SPEEDS]
     parser = argparse.ArgumentParser(description=__doc__, epilog="python benchmarks/run.py --only kernels large-arrays")
-    parser.add_argument("--readme", action="store_true", help="renew the README's two tables")
+    parser.add_argument("--tables", action="store_true", help="renew the two tables of docs/validation.md")
     parser.add_argument(
         "--only", nargs="+", choices=names, default=names, metavar="NAME", help=f"of: {', '.join(names)}"
     )
@@ -119,11 +119,11 @@ def main() -> None:
         "speed": [asdict(result) for result in speeds],
     }
     kept_file.write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    if arguments.readme:
-        text = README.read_text(encoding="utf-8")
+    if arguments.tables:
+        text = PAGE.read_text(encoding="utf-8")
         for name, table in tables.items():
             text = _renew(text, name, table)
-        README.write_text(text, encoding="utf-8")
+        PAGE.write_text(text, encoding="utf-8")
     missed = [getattr(one, "what", "") or one.quantity for one in (*accuracies, *speeds) if not one.kept]
     if missed:
         raise SystemExit(f"goals missed: {'; '.join(missed)}")

@@ -29,8 +29,7 @@ pytestmark = pytest.mark.slow
 PORT = os.environ.get("COILARRAY_TEST_PORT", "")
 SCANS = 40
 FASTER = 1.5  # than at full resolution
-# Relative, of an inductance: ten times what users of the LDC1612 report at full resolution (2.8e-7; not verified)
-MOST_NOISE = 3e-6
+NOISIER = 3.0  # than the budget, whose largest term, the converter's own, is what users report; not verified
 # Relative, between two runs a minute apart: the oscillator's -13e-6/K makes -26e-6/K of an inductance; 0.5 K
 MOST_DIFFERENCE = 1.3e-5
 # Of the data sheet's 35 to 55 MHz around 43.4 MHz, a tenth more for capacitances that are not known
@@ -86,23 +85,44 @@ def run(tested):
     return tested.recorded("run.sqlite", "--scans", SCANS)
 
 
+@pytest.fixture(scope="module")
+def self_test(tested):
+    """What the self-test found."""
+    found = tested.answer("board", "--self-test")
+    (tested.folder / "board.json").write_text(json.dumps(found, indent=1))
+    return found
+
+
 def test_the_converter_says_who_it_is(tested):
     identity = tested.answer("board")["identity"]
     assert (identity["manufacturer"], identity["device"]) == (MANUFACTURER, DEVICE)
 
 
-def test_every_switch_does_what_the_wiring_says(tested):
-    found = tested.answer("board", "--self-test")
-    (tested.folder / "board.json").write_text(json.dumps(found, indent=1))
-    assert found["self_test"]["passed"], found["self_test"]["symptoms"]
-    assert found["chain"] in ("same", "none", None)
+def test_every_switch_does_what_the_wiring_says(self_test):
+    assert self_test["self_test"]["passed"], self_test["self_test"]["symptoms"]
+    assert self_test["chain"] in ("same", "none", None)
 
 
-def test_every_coil_has_good_results_without_gaps_and_little_noise(run):
+def test_first_conversions_are_settled_with_the_discard_that_was_given(tested, self_test):
+    options = dict(zip(tested.options, tested.options[1:], strict=False))
+    first = self_test["first_conversions"]
+    assert first["offsets"]
+    assert first["recommended"] <= int(options.get("--discard", 0))
+
+
+def test_every_coil_has_good_results_without_gaps(run):
     assert (run["scans"], run["lost_scans"]) == (SCANS, 0)
     for state in run["states"]:
         assert (state["good"], state["reasons"]) == (SCANS, {}), state["state"]
-        assert 0 < state["relative_noise"] < MOST_NOISE, state["state"]
+
+
+def test_the_noise_of_every_coil_is_that_of_the_budget(tested, run):
+    with redirect_stdout(io.StringIO()) as printed:
+        assert main(["board", "--noise", str(tested.folder / "run.sqlite"), "--json"]) == 0
+    rows = json.loads(printed.getvalue())["stability"]
+    assert [row["state"] for row in rows] == [state["state"] for state in run["states"]]
+    for row in rows:
+        assert 0 < row["scan_noise"] < NOISIER * row["expected"], row["state"]
 
 
 def test_every_coil_oscillates_near_the_frequency_of_its_design(tested, run):
