@@ -108,7 +108,7 @@ def moving_plate(
     which hold where it is at least three skin depths thick.
 
     Against a mesh of the fineness 2, one of 1 errs in ΔL by 0.1 % for the staggered target of the bundled
-    ``linear_position`` at 2 mm and by 0.01 % for discs before the coil of ``proximity``, and one of 0.5 by 0.7 and 0.3 %.
+    ``linear_position`` at 2 mm and by 0.01 % for discs before the coil of ``proximity``; one of 0.5 by 0.7 % and 0.3 %.
 
     Examples
     --------
