@@ -45,7 +45,10 @@ def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: flo
         return _for_frequency(with_capacitance, frequency)
     fewest, best = math.inf, _SMALLEST
     for capacitance in _series():
-        scan = scan_design(with_capacitance(capacitance), elastomer=False, accuracy="screen")
+        try:
+            scan = scan_design(with_capacitance(capacitance), elastomer=False, accuracy="screen")
+        except NetworkError:  # too much for the losses of the coil: nothing resonates with more either
+            break
         broken = len(broken_limits(scan, _SHARE_OF_SELF_RESONANCE))
         if broken < fewest:
             fewest, best = broken, capacitance
