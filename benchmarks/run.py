@@ -1,4 +1,4 @@
-"""Measure accuracy and speed, print two tables, keep the figures, and renew the tables of docs/validation.md on request.
+"""Measure accuracy and speed, print two tables, keep the figures, and renew those of docs/validation.md on request.
 
 Figures go to benchmarks/results.json; the exit code is 1 where a goal is missed.
 Speeds are of this machine in this run; compare ratios, not seconds.

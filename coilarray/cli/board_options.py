@@ -7,7 +7,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
@@ -239,6 +239,9 @@ def opened_board(
         start = emulation["clock"].now()
         if path is not None:
             emulation["path"] = [(start + time, *place) for time, *place in path]
+        if "drift" in emulation:  # the board has room temperature now, not when the computer was started
+            drift = emulation["drift"]
+            emulation["drift"] = replace(drift, start=drift.start - drift.rate * start)
     if is_emulator(options.port) and progress is not None:
         emulation["progress"] = progress
     with ExitStack() as opened:

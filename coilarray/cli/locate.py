@@ -94,7 +94,7 @@ def locate(
     if depth is not None and not ellipse:
         raise LocalizeError("--depth-mm is for --ellipse; the depth is found otherwise.")
     given = [] if stream else [one for text in readings for one in read_readings(text)]
-    assumed: tuple[float | None, str] = (None, "")
+    assumed: tuple[float | None, str] = (None, "")  # noise of δ, and where it is from
     if ellipse:
         ellipses, origin = _ellipse_model(model, depth, allow_violations)
         solve = _with_ellipses(ellipses, origin, coil, addition_mm * 1e-3)
@@ -205,6 +205,7 @@ def _with_all_coils(
     used = chosen_states(every, coils or every)
     others = used
     if reference:
+        referenced_names(every, reference, LocalizeError)
         used = (*used, *(name for name in reference if name not in used))
         others = referenced_names(used, reference, LocalizeError)
     if noise is not None:
@@ -225,19 +226,20 @@ def _with_all_coils(
     model = model.referenced(reference) if reference else model
     locate_all(model, [], noise=noise)  # a model that no reading fits is refused here, not at the first reading
 
-    def solve(readings: Sequence[Reading]) -> list[Record]:
-        good = [_of_states(one, used, every) for one in readings]
-        if reference:
-            good = [_less(one) for one in good]
-        return [location_record(found, model.parameters) for found in locate_all(model, good, noise=noise)]
+    def located(readings: Sequence[Reading]) -> list[Record]:
+        return [location_record(found, model.parameters) for found in locate_all(model, readings, noise=noise)]
 
-    def _less(one: Reading) -> Reading:
+    def less(one: Reading) -> Reading | LocalizeError:
         try:
             values = checked_reading(used, one).tolist()
-        except LocalizeError:  # which the model refuses likewise
-            return [math.nan] * len(others)
+        except LocalizeError as error:
+            return error
         left = less_reference(dict(zip(used, values, strict=True)), reference)
         return {name: float(value) for name, value in left.items()}
+
+    def solve(readings: Sequence[Reading]) -> list[Record]:
+        good = [_of_states(one, used, every) for one in readings]
+        return _answers(located, [less(one) for one in good]) if reference else located(good)
 
     return solve, (model.noise if noise is None else noise, shared.noise_source(noise, table))
 

@@ -1,13 +1,17 @@
 """A page for every command, from its own help: what it does, an example, its options."""
 
+from __future__ import annotations
+
 import contextlib
 import io
 import re
 from pathlib import Path
-
-from sphinx.application import Sphinx
+from typing import TYPE_CHECKING
 
 from coilarray.cli.main import COMMANDS, program
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 _WIDE = 2000  # characters, so that the help of an option stands in one line
 _FOLDER = "reference/commands"

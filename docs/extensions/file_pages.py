@@ -1,5 +1,7 @@
 """Pages of every key of every TOML file, from the tables that read them: unit, allowed values, default, meaning."""
 
+from __future__ import annotations
+
 import ast
 import importlib
 import inspect
@@ -9,15 +11,17 @@ import typing
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 from command_pages import _keep
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
-from sphinx.application import Sphinx
 
 from coilarray.design.units import Table, entry_unit
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 _FOLDER = "reference/files"
 FILES = (

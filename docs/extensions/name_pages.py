@@ -1,14 +1,19 @@
 """A page for every public name, in groups, from the docstrings."""
 
+from __future__ import annotations
+
 import importlib
 import inspect
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from command_pages import _keep
-from sphinx.application import Sphinx
 
 import coilarray
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 _FOLDER = "reference/python"
 # module of a name, its beginning → group

@@ -106,34 +106,53 @@ class _Clock(Table):
     """[clock]."""
 
     frequency: _Positive = Field(alias="frequency_Hz")
+    """Clock of the converter."""
     standard_error: Annotated[float, Field(ge=0)] | None = Field(alias="standard_error_Hz", default=None)
+    """Its standard error."""
     origin: ClockFrom = Field(alias="from")
+    """Where it is from."""
 
 
 class _Channel(Table):
     """[[channel]]."""
 
     state: _Name
+    """State of the scan."""
     capacitance: _Positive = Field(alias="capacitance_F")
+    """Capacitance of its tank."""
     standard_error: Annotated[float, Field(ge=0)] = Field(alias="standard_error_F")
+    """Its standard error."""
     inductance: _Positive = Field(alias="inductance_H")
+    """Inductance with which it was found."""
 
 
 class _Drift(Table):
     """[[drift]]."""
 
     session: _Count
+    """Session of the recording."""
     boot: Annotated[str, Field(pattern=r"^[0-9A-F]{8}$")]
+    """Number of the board's session."""
     started: float = Field(alias="started_s")
+    """When the session began, in seconds since the epoch."""
     state: _Name
+    """State of the scan."""
     start: float = Field(alias="start_s")
+    """Time of the first scan at rest, from the first scan of the recording."""
     stop: float = Field(alias="stop_s")
+    """Time of the last one."""
     gap: Annotated[float, Field(ge=0)] = Field(alias="gap_s")
+    """Longest time between two of them; by so much the curve may be extrapolated."""
     inductance: _Positive = Field(alias="inductance_H")
+    """Inductance at rest in the middle of that time."""
     coefficients: Annotated[list[float], Field(min_length=1, max_length=HIGHEST_ORDER)]
+    """Coefficients of the polynomial of its relative change, over −1 to 1."""
     covariance: Annotated[list[list[float]], Field(max_length=HIGHEST_ORDER + 1)]
+    """Their covariance, with the inductance's."""
     scatter: Annotated[float, Field(ge=0)]
+    """Relative standard deviation of one scan about the curve."""
     smooth: bool
+    """Whether the scans scatter about the curve randomly; else no such curve describes the drift."""
 
     def build(self) -> Drift:
         """Return the drift."""
@@ -146,14 +165,22 @@ class _File(Table):
     """The whole file."""
 
     schema_: Annotated[int, Field(ge=SCHEMA, le=SCHEMA)] = Field(alias="schema")
+    """Version of the file format."""
     kind: Literal["coilarray board calibration"]
+    """What the file is."""
     source: _Text
+    """Recording that it is from."""
     made: _Text
+    """When it was made."""
     board: _Text
+    """Board that was measured."""
     emulated: bool
+    """Whether the board was emulated."""
     design_hash: _Text
+    """Hash of the design that was measured."""
     clock: _Clock
     capacitances_from: InductancesFrom | None = None
+    """Inductances with which the capacitances were found."""
     channel: Annotated[list[_Channel], Field(max_length=1000)] = Field(default_factory=list)
     drift: Annotated[list[_Drift], Field(max_length=100_000)] = Field(default_factory=list)
 

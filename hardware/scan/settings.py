@@ -8,19 +8,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, cached_property
-from typing import Annotated
-
-from pydantic import Field, ValidationError
 
 from coilarray.design.scan_states import ScanState, paper_plan
-from coilarray.design.toml_file import first_error
-from coilarray.design.units import Table
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.converters import FAMILIES, Family
 from coilarray.hardware.chips.ldc1614 import (
     BUS_RATE,
     CHANNELS,
-    EXTERNAL_CLOCK_RANGE,
     INTERNAL_CLOCK,
     INTERNAL_CLOCK_RANGE,
     LARGEST_RCOUNT,
@@ -44,16 +38,15 @@ from coilarray.hardware.chips.ldc1614_limits import (
 from coilarray.hardware.chips.ldc1614_limits import settle_count as settle_count_of
 from coilarray.hardware.chips.ldc1614_registers import check_value, encode
 from coilarray.hardware.scan.closure import check_switching
+from coilarray.hardware.scan.settings_file import MOST_STATES, SCHEMA, settings_values
 from coilarray.hardware.scan.wiring import Wiring, first_repeated
 
 FULL_RESOLUTION = LARGEST_RCOUNT
 """RCOUNT of the longest conversion."""
 REFERENCE_DRIVE = 6
 """IDRIVE for about 33 kΩ, which the coils of the reference board have with 120 pF."""
-_SCHEMA = 2  # of the settings in JSON; 1 waited for the nominal clock
 _LARGEST_DRIVE = 31
 _PREFIX, _SCANNING_PREFIX = b"coilarray1", b"coilarray-channels1"
-_MOST_STATES = 255
 _MARGIN = 1.1  # of the time-out on the slowest clock
 _RESTART = 6e-3  # s; the watchdog's restart of a sensor takes 5.2 ms
 
@@ -205,7 +198,7 @@ class ScanSettings:
         """Shortest time from scan to scan in s on an I²C bus whose clock is `bus_rate` in Hz, positive and finite."""
         time = self._state_time(bus_rate)
         if self.wired:  # the converter goes on while its results are read
-            return max(time.settle + time.conversion, time.result + time.control)
+            return max(self.again_us * 1e-6, time.result + time.control)
         # once a scan a register is read back, which tells whether the converter was reset
         return len(self.states) * time.total + bus_time(reads=1, rate=bus_rate)
 
@@ -316,7 +309,7 @@ class ScanSettings:
 
     def to_json(self) -> str:
         """Return the settings as JSON in one line, with their hash; `from_json` reads it."""
-        document = {"schema": _SCHEMA, "hash": f"{self.hash:04X}", **asdict(self)}
+        document = {"schema": SCHEMA, "hash": f"{self.hash:04X}", **asdict(self)}
         return json.dumps(document, ensure_ascii=False, default=bytes.hex)
 
     @classmethod
@@ -335,13 +328,12 @@ class ScanSettings:
         >>> ScanSettings.from_json(settings.to_json()) == settings
         True
         """
-        try:
-            document = json.loads(text)
-            return _File.model_validate(document).build()
-        except ValidationError as error:  # which is a ValueError too
-            raise HardwareError(f"scan settings: {first_error(error, document)}") from None
-        except (ValueError, RecursionError) as error:
-            raise HardwareError(f"scan settings: not valid JSON: {error}.") from None
+        given, digest = settings_values(text)
+        states = tuple(StateSettings(**state) for state in given.pop("states"))
+        settings = ScanSettings(states=states, **given)
+        if f"{settings.hash:04X}" != digest:
+            raise HardwareError(f"scan settings have the hash {settings.hash:04X}, not {digest} as the file says.")
+        return settings
 
 
 @cache  # every result is judged by it
@@ -440,8 +432,8 @@ def scan_settings(
     ['08=FFFF', '0C=0000', '10=0034', '14=1002', '19=F8FD', '1A=1401', '1B=020C']
     """
     states = tuple(paper_plan(wiring.coils) if plan is None else plan)
-    if not 1 <= len(states) <= _MOST_STATES:
-        raise HardwareError(f"a scan must have 1 to {_MOST_STATES} states; got {len(states)}.")
+    if not 1 <= len(states) <= MOST_STATES:
+        raise HardwareError(f"a scan must have 1 to {MOST_STATES} states; got {len(states)}.")
     if (twice := first_repeated([state.name for state in states])) is not None:
         raise HardwareError(f"the states of a scan must have different names; got {twice!r} twice.")
     if rate is not None and rcount is not None:
@@ -583,54 +575,3 @@ def _check_limits(settings: ScanSettings) -> None:
     most = FAMILIES[settings.family].largest_input_divider
     if settings.fin_divider > most:
         raise HardwareError(f"fin_divider must be 1 to {most}; got {settings.fin_divider}.")
-
-
-_Code = Annotated[int, Field(ge=0, le=0xFFFF)]
-_Words = Annotated[str, Field(pattern=r"^([0-9a-f]{2})*$", max_length=4096)]
-
-
-class _StateTable(Table):
-    """One state in JSON."""
-
-    name: str
-    words: _Words
-    drive: Annotated[int, Field(ge=0, le=31)]
-    channel: Annotated[int, Field(ge=0, lt=CHANNELS)] = 0
-    settle_count: _Code | None = None
-    fin_divider: _Code | None = None
-
-
-class _File(Table):
-    """Settings in JSON."""
-
-    schema_: Annotated[int, Field(ge=1, le=_SCHEMA)] = Field(alias="schema")
-    hash: Annotated[str, Field(pattern=r"^[0-9A-F]{4}$")]
-    states: Annotated[list[_StateTable], Field(min_length=1, max_length=_MOST_STATES)]
-    safe_words: _Words
-    wiring: _Words
-    clock: Annotated[float, Field(ge=EXTERNAL_CLOCK_RANGE[0], le=INTERNAL_CLOCK_RANGE[1])]
-    external_clock: bool
-    rcount: _Code
-    settle_count: _Code
-    fin_divider: _Code
-    fref_divider: Annotated[int, Field(ge=1, le=0x3FF)]
-    offset: _Code
-    deglitch: _Code
-    slowest_clock: Annotated[float, Field(gt=0, le=INTERNAL_CLOCK_RANGE[1])] | None = None
-    discard: Annotated[int, Field(ge=0, le=MOST_DISCARDED)] = 0
-    scanned: Annotated[int, Field(ge=1, le=CHANNELS)] = 1
-    family: Family = "LDC"
-
-    def build(self) -> ScanSettings:
-        """Return the settings."""
-        own = self.model_dump(exclude={"schema_", "hash", "states"})
-        if self.slowest_clock is None:
-            own["slowest_clock"] = INTERNAL_CLOCK if self.external_clock else self.clock
-        own |= {name: bytes.fromhex(own[name]) for name in ("safe_words", "wiring")}
-        states = tuple(
-            StateSettings(**(state.model_dump() | {"words": bytes.fromhex(state.words)})) for state in self.states
-        )
-        settings = ScanSettings(states=states, **own)
-        if f"{settings.hash:04X}" != self.hash:
-            raise HardwareError(f"scan settings have the hash {settings.hash:04X}, not {self.hash} as the file says.")
-        return settings

@@ -393,22 +393,29 @@ class _SwitchTable(Table):
     """``S1A = { … }``: what one switch joins."""
 
     coil: Name
+    """Coil whose end the switch joins."""
     end: End
+    """Which end of it."""
     net: Net
+    """What it is joined to."""
 
 
 class _PartTable(Table):
     """``[wiring.part.NAME]``: another order of the bits of a part than `coilarray.design.switch_parts` has."""
 
     bits: Annotated[list[str], Field(min_length=8, max_length=8)]
+    """Names of the switches from the least significant bit up."""
     assumed: str | None = None
+    """Why the order had to be assumed."""
 
 
 class _DeviceTable(Table):
     """``[[wiring.device]]``: one package."""
 
     name: Name
+    """Name of the package."""
     part: Name
+    """Its part number."""
     switch: Annotated[dict[Name, _SwitchTable], Field(min_length=1, max_length=8)]
 
 
@@ -416,9 +423,13 @@ class _WiringTable(Table):
     """``[wiring]``."""
 
     title: str
+    """What the board is, in words."""
     coils: Annotated[list[Name] | None, Field(min_length=1, max_length=_MOST_COILS)] = None
+    """Names of the coils, of a board with switches."""
     channels: dict[Name, int] = Field(default_factory=dict)
+    """Channel of the converter of each coil, of a board without switches."""
     assumed: str | None = None
+    """Why the wiring had to be assumed."""
     part: dict[Name, _PartTable] = Field(default_factory=dict)
     device: Annotated[list[_DeviceTable], Field(max_length=_MOST_DEVICES)] = Field(default_factory=list)
 
@@ -454,6 +465,7 @@ class _File(Table):
     """The whole file."""
 
     schema_: Annotated[int, Field(ge=SCHEMA, le=SCHEMA)] = Field(alias="schema")
+    """Version of the file format."""
     wiring: _WiringTable
 
 

@@ -155,3 +155,9 @@ def test_an_assumed_clock_of_the_bus_is_said(capsys, port, said):
     ):
         pass
     assert ("--rate assumes 100 kHz" in capsys.readouterr().err) == said
+
+
+def test_the_emulator_counts_the_parts_where_it_is_asked_to():
+    assert BoardOptions(emulate=["switches=counted"]).emulation == {"count_parts": True}
+    with pytest.raises(HardwareError, match="--emulate switches must be counted; got 'measured'"):
+        BoardOptions(emulate=["switches=measured"])

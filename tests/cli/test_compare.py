@@ -78,6 +78,15 @@ def test_a_recording_beside_its_simulation(capsys, both):
     assert "no real board was read" in Path("out/comparison.html").read_text(encoding="utf-8")
 
 
+def test_both_less_a_reference_coil(capsys, both):
+    data = answer(capsys, *both, *QUICKLY, "--reference", "coil2")
+    assert [row["state"] for row in data["scales"]] == ["coil1"]
+    assert any("δ of both is less that of coil2" in note for note in data["notes"])
+    (row,) = data["scales"]
+    assert abs(row["scale"] - 1) < 4 * row["scale_std"] + 1e-5  # the same board still
+    assert "a reference coil must be one of" in refused(capsys, *both, *QUICKLY, "--reference", "coil9")
+
+
 def test_every_line_of_an_emulated_board_says_so(capsys, both):
     assert marked(good(capsys, *both, *QUICKLY, "--out", "page.html"))
     out = good(capsys, *reversed(both), *QUICKLY, "--out", "page.html")  # on either side, and over its own page

@@ -225,6 +225,13 @@ def test_a_finger_that_presses_is_not_in_the_baseline(capsys, board):
 
 
 @pytest.mark.slow
+def test_a_board_that_warms_is_at_room_temperature_when_it_is_opened(capsys, board):
+    options = ("--no-locate", "--rate", "30", "--scans", "10", "--emulate", "drift=0.5")
+    first, *_, last = [answer["temperature_C"] for answer in answers_of(capsys, *board, *options)]
+    assert 25.0 <= first < last < 25.0 + 0.5 * PATIENCE
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("emulate", [None, ["press=0,0,1"]])
 def test_the_table_of_the_emulator_is_there_before_the_first_scan(board, emulate, monkeypatch):
     options = BoardOptions(wiring=str(board[2]), rate=30, emulate=emulate)

@@ -299,6 +299,26 @@ def test_files_of_readings(capsys, maps):
     assert "reading 3: a line must have 5 values; got 1." in out.splitlines()
 
 
+def test_a_reference_coil_takes_a_drift_away(capsys, monkeypatch, maps):
+    """A drift of 3e-5 of all coils; the reference may be pressed too."""
+    drifted = {name: value + 3e-5 for name, value in reading().items()}
+    options = ("--model", str(maps / "field.nc"), "--reference", NAMES[-1])
+    (found,) = positions(capsys, *options, text_of(drifted))
+    assert (found["x_m"], found["y_m"], found["depth_m"]) == pytest.approx(POINT, abs=1e-8)
+    (off,) = positions(capsys, *options[:2], text_of(drifted))
+    assert off["status"] != "located" or abs(off["x_m"] - POINT[0]) > 1e-6
+    lines = [drifted, {name: drifted[name] for name in NAMES[:-1]}, {**drifted, NAMES[0]: 5.0}]
+    code, answers, _ = streamed(monkeypatch, capsys, "\n".join(map(json.dumps, lines)).encode(), *options)
+    assert code == 0
+    assert ["error" in one for one in answers] == [False, True, True]
+    assert answers[0]["x_m"] == found["x_m"]
+    for wrong, words in (
+        (("--reference", "coil9"), "a reference coil must be one of"),
+        (("--ellipse",), "--reference is"),
+    ):
+        assert words in refused(capsys, "locate", *options, *wrong, text_of(drifted))
+
+
 def test_without_a_coil(capsys, maps):
     broken = reading() | {"coil2": float("nan")}
     for given in (broken, {name: value for name, value in broken.items() if name != "coil2"}):

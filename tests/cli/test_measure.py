@@ -314,7 +314,11 @@ def test_never_overwritten(board, campaign, tmp_path, capsys):
         (["--drive", "coil1=3", "--drive", "coil1=4"], "--drive must name a coil once"),
         (["--drive", "coil7=3"], "a drive names the coil 'coil7'"),
         (["--emulate", "seed=1", "--port", "COM5"], "--emulate is for the emulator"),
-        (["--emulate", "colour=1"], "--emulate must be KEY=VALUE with the key seed, noise, drift, press, path"),
+        (
+            ["--emulate", "colour=1"],
+            "--emulate must be KEY=VALUE with the key switches, seed, noise, drift, clock_MHz, "
+            "first_offset, press, path",
+        ),
         (["--emulate", "seed"], "--emulate must be KEY=VALUE"),
         *((["--emulate", f"seed={seed}"], "--emulate seed must be a whole number") for seed in ("-1", "9" * 30)),
         (["--emulate", "noise=-1"], "--emulate noise must not be negative"),

@@ -103,7 +103,7 @@ def test_the_sequence_is_the_shortest_that_has_all_channels(channels, mux, confi
     words = hexadecimal(settings)
     assert (words["1B"], words["1A"]) == (mux, config)
     for channel in set(settings.channels) - set(channels):  # without a coil: converted as shortly as allowed
-        assert (words[f"{8 + channel:02X}"], words[f"1{channel}"]) == ("0009", words["10"])
+        assert [words[f"{first + channel:02X}"] for first in (0x08, 0x10, 0x1E)] == ["0009", words["10"], "0000"]
 
 
 @pytest.mark.parametrize(("clock", "external", "channels", "divider"), [
@@ -201,7 +201,8 @@ def test_settings_are_written_asleep_and_read_back_and_config_comes_last():
 
 
 def test_a_scan_that_is_asked_for_is_of_now_although_the_converter_has_gone_on():
-    board, reader, settings = configured(TWO)
+    # conversions of 7 ms, so long that no new result comes while an old one is read
+    board, reader, settings = configured(TWO, settings=quick_settings(TWO, rcount=20_000))
     stream = reader.scans()
     before = [frequencies(next(stream), settings)["north"] for _ in range(3)][-1]
     board.clock.sleep(1.0)
@@ -398,6 +399,14 @@ def test_undivided_takes_half_the_time_and_measures_the_same(clock, points):
     assert seconds[0] * clock / 43.4e6 == pytest.approx(0.2967, rel=0.02)
     assert frequencies[1] == pytest.approx(frequencies[0], rel=1e-7)  # one step of the code is 4e-8
     assert board.misuse.notes == []
+
+
+@pytest.mark.parametrize("wiring", [ONE, wired_to_channels(NAMES[:1], (0,))])
+def test_one_channel_undivided_is_scanned_with_another(wiring):
+    divided, undivided = (scan_settings(wiring, drives=7, clock=43.4e6, undivided=one) for one in (False, True))
+    assert undivided.state_time.until_ready / divided.state_time.until_ready == pytest.approx(0.5, abs=0.01)
+    board, reader, settings = configured(wiring, settings=undivided)
+    assert frequencies(reader.scan(), settings) == true(board, wiring)
 
 
 def test_undivided_changes_nothing_where_one_channel_needs_no_divider():

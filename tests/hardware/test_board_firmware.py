@@ -20,6 +20,7 @@ from support.patience import PATIENCE
 from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.board.drive_codes import find_drives
 from coilarray.hardware.board.self_test import self_test
+from coilarray.hardware.emulator import Oscillator
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.link import LinkTimes
 
@@ -134,6 +135,13 @@ def test_faults_are_named_through_the_firmware_too():
             world.shorted.add("coil2")
         found = self_test(opened.reader, WIRING, SETTINGS).findings
         assert set(found) == {"coil2 or a lead of it is broken", "coil2 is shorted"}
+
+
+@pytest.mark.parametrize("clock", [35e6, 55e6])
+def test_the_firmware_waits_for_the_interrupt_of_every_converter(clock):
+    with behind_firmware(plain(oscillator=Oscillator(clock))) as (_, opened):  # strict: a look before it raises
+        opened.reader.configure(quick_settings(rcount=0x4000, discard=1))
+        assert {sample.status for sample in opened.reader.scan().samples} == {0x0048}
 
 
 def test_errors_of_a_conversion_that_is_thrown_away_are_not_told():

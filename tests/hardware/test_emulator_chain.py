@@ -274,11 +274,11 @@ def test_shifting_takes_time_and_a_broken_line_brings_zeros(board):
 
 def test_a_board_takes_any_switch_table_that_its_packages_can_be_soldered_to():
     unused = [0xFF] * 7
-    halves = SimpleNamespace(coils=("left",), encode=lambda: bytes([0x01, *unused[:3], 0x06, *unused[:3]]))
+    halves = SimpleNamespace(coils=("left",), channels=(), encode=lambda: bytes([0x01, *unused[:3], 0x06, *unused[:3]]))
     board = plain_board(halves, drains=[((0, 1, 2, 3), (4, 5, 6, 7))])
     board.switches.shift(b"\x11")
     assert board.seen().state.measured == (("left", 1),)
-    one_half = SimpleNamespace(coils=("left",), encode=lambda: bytes([0x01, 0xFF, 0x06, *unused[:5]]))
+    one_half = SimpleNamespace(coils=("left",), channels=(), encode=lambda: bytes([0x01, 0xFF, 0x06, *unused[:5]]))
     with pytest.raises(HardwareError, match=r"device 1 of the chain: bit 0 from end a .* bit 2 .* share a common pin"):
         plain_board(one_half, drains=[((0, 1, 2, 3), (4, 5, 6, 7))])
     apart = plain_board(one_half)  # a package without common pins

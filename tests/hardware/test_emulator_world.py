@@ -71,14 +71,10 @@ def make(network, table):
 class Scanner(RightDriver):
     """Full resolution, and the drives of these coils."""
 
-    def registers(self):
-        return ((register, LONG if register == 0x08 else value) for register, value in super().registers())
+    rcount = LONG
 
     def drive(self, coil):
         return 7  # 46 µA: 1.6 V at 27 kΩ
-
-    def wait(self):
-        self.board.clock.sleep(16 * LONG / self.reference)
 
 
 def frequencies(board, clock=43.4e6):

@@ -53,7 +53,7 @@ class RightDriver:
     """Six coils in turn on channel 0, the others grounded; the converter sleeps while the switches move."""
 
     clock = 43.4e6
-    offset, settle = 0, 64
+    rcount, offset, settle = RCOUNT, 0, 64
     errors, mux, dividers, awake = 0xF8FD, 0x020C, 0x1002, 0x1401
 
     def __init__(self, board: EmulatedBoard, clock: float = 43.4e6) -> None:
@@ -73,7 +73,7 @@ class RightDriver:
             self.write(register, value)
 
     def registers(self) -> Iterator[tuple[int, int]]:
-        values = (RCOUNT, self.offset, self.settle, self.dividers, self.errors, self.mux)
+        values = (self.rcount, self.offset, self.settle, self.dividers, self.errors, self.mux)
         yield from zip((0x08, 0x0C, 0x10, 0x14, 0x19, 0x1B), values, strict=True)
 
     def scan(self) -> dict[str, Reading]:
@@ -112,7 +112,7 @@ class RightDriver:
         return self.true_clock / 2
 
     def wait(self, share: float = 1.001) -> None:
-        cycles = 16 * (RCOUNT + self.settle) + 4
+        cycles = 16 * (self.rcount + self.settle) + 4
         self.board.clock.sleep(share * (cycles / self.reference + 16384 / self.true_clock))
 
     def result(self) -> Reading:

@@ -146,7 +146,7 @@ def _point(trial: FrozenTrial) -> RunPoint:
     return RunPoint(
         f"{known.get('kind', 'trial')} {known.get('place', trial.number)}",
         dict(trial.user_attrs.get("quantities", {})),
-        {key: _value(value) for key, value in trial.params.items()},
+        dict(trial.user_attrs.get("changes") or {key: _value(value) for key, value in trial.params.items()}),
         tuple(trial.values),
         all(violation <= 0 for violation in violations),
         known.get("start", False),

@@ -111,6 +111,7 @@ def frozen_trial(
         user_attrs={
             "point": {**point, "study": dict(on_study or {})},
             "quantities": dict(trial.quantities),
+            "changes": dict(trial.changes),  # as evaluated: a parameter is the sampler's own number
         },
         system_attrs=dict(on_trial or {}),
         constraints=dict(trial.violations),
