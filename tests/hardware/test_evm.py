@@ -17,13 +17,13 @@ import tty
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.emulated_evm import EmulatedEvm
 from support.emulated_reader import plain
 from support.quick_coils import plain_board
 from support.refusals import refused
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.autoscan import AutoscanReader
-from coilarray.hardware.emulator.evm import EmulatedEvm
 from coilarray.hardware.scan.readings import read_scan
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import wired_to_channels

@@ -15,12 +15,12 @@ from types import SimpleNamespace
 
 import pytest
 from support.command_line import runner
+from support.emulated_evm import EmulatedEvm
 from support.firmware_host import COMPILER, FirmwareHost
 
 from coilarray import load_design
 from coilarray.hardware.board import connect, microcontroller
 from coilarray.hardware.emulator import emulated_board
-from coilarray.hardware.emulator.evm import EmulatedEvm
 from coilarray.hardware.scan.wiring import load_wiring, wired_to_channels
 from coilarray.hardware.wire.evm import EvmRegisterBus
 from coilarray.hardware.wire.ports import parse_port
