@@ -38,7 +38,7 @@ def design_facts(design: Design) -> list[tuple[str, str]]:
         ("elastomer", ", ".join(sheets)),
         ("pressed by", "" if setup is None else f"{setup.indenter.name}, {', '.join(depths)} mm deep"),
         ("metal", metal_words(design)),
-        ("circuit", f"tank of {tank}, {len(design.plan)} states of a scan"),
+        ("circuit", f"tank of {tank}, states of a scan: {len(design.plan)}"),
         ("source", design.source),
         ("hash", design.digest[:_DIGITS]),
     ]
