@@ -315,9 +315,9 @@ def budget_of(design: Design, frequency: npt.ArrayLike, quality_factor: npt.Arra
                 "resistance of the switches", 2 * of_switches * readout.switch_per_kelvin / (Q**2 + 1),
                 "switch_per_kelvin", "ADG729: 4.5 Ω at 25 °C, 5 Ω over temperature", common=True,
             ),
-            drifting(
-                "losses by the converter's delay", delay, "copper_per_kelvin",
-                "SNOSCY9A, equation 1, not verified", common=True,
+            Cause(
+                "losses by the converter's delay", none, delay, delay * readout.temperature_change, True,
+                "5 ns of equation 1 of SNOSCY9A, not verified", True,
             ),
         ),
         readout,

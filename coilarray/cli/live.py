@@ -237,7 +237,7 @@ def plain_line(reading: LiveReading) -> str:
     """Return a reading in one line for people."""
     parts = [f"{reading.elapsed:.3f} s"]
     parts += [f"{state.name} {_delta_text(state)}" for state in reading.states]
-    return "  ".join([*parts, _place_text(reading), *_beside(reading)])
+    return "  ".join(part for part in (*parts, _place_text(reading), *_beside(reading)) if part)
 
 
 def less_text(reference: Sequence[str]) -> str:
@@ -294,7 +294,7 @@ def _bar(part: float) -> str:
 def _place_text(reading: LiveReading) -> str:
     """Return where the indentation is, or why that is unknown."""
     if reading.waiting:
-        return f"baseline: {reading.waiting} more scans without an indentation"
+        return f"baseline: scans without an indentation still wanted: {reading.waiting}"
     if reading.location is None:
         return reading.problem
     from coilarray.report.localize_tables import location_record

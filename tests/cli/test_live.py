@@ -90,7 +90,7 @@ def test_a_recording_is_replayed(capsys, recording):
 def test_plain_lines_say_emulator(capsys, recording):
     lines = ran(capsys, "--recording", recording, "--speed", "0", "--no-locate", "--scans", "50")
     assert [line.startswith("[emulator] ") for line in lines] == [True] * 50
-    assert lines[0].endswith("baseline: 9 more scans without an indentation")
+    assert lines[0].endswith("baseline: scans without an indentation still wanted: 9")
     assert "coil1 +78" in lines[-1]
 
 
@@ -355,10 +355,10 @@ def on_terminal(*arguments, keys=()):
 def test_bars_and_keys_on_a_terminal(tmp_path):
     # 25 s at this speed, which nobody waits for: it ends by the key
     recording = stream_file(tmp_path / "long.sqlite", 1000, noise=1e-7, path_of_finger=FINGER)
-    keys = [("█", "z"), ("more scans without an indentation", ""), ("noise of δ", "q")]
+    keys = [("█", "z"), ("scans without an indentation still", ""), ("noise of δ", "q")]
     code, first, *_ = on_terminal("live", "--recording", recording, "--speed", "4", "--no-locate", keys=keys)
     assert code == 0
-    for text in ("[emulator] coil1", "scans/s", "baseline: 9 more scans without an indentation"):
+    for text in ("[emulator] coil1", "scans/s", "baseline: scans without an indentation still wanted: 9"):
         assert text in first
     drawn = [line for line in first.replace("\x1b[2K", "").splitlines() if "coil1" in line or "scans/s" in line]
     assert all("[emulator] " in line for line in drawn)

@@ -247,7 +247,7 @@ def _lines(frame: BoardFrame) -> list[str]:
     if not frame.delta:
         return []
     if frame.waiting:
-        where = [f"baseline: {frame.waiting} more scans without an indentation"]
+        where = [f"baseline: scans without an indentation still wanted: {frame.waiting}"]
     elif frame.location is not None:
         where = location_lines(frame.location)
     else:
