@@ -426,7 +426,11 @@ def _page(
 ) -> str:
     by_name = {table.name: table for table in all_tables}
     profile = file.values.get("fab.profile")
-    rows = tuple(row for row in by_name["design"].rows if str(row[0]).startswith(_ENTERING))
+    listed = by_name["design"]
+
+    def values_where(chosen: Callable[[tuple[tables.Value, ...]], bool]) -> tables.Table:
+        return replace(listed, rows=tuple(row for row in listed.rows if chosen(row))).without_empty_columns()
+
     page = render_page(
         "page.html.j2",
         design=file.design,
@@ -434,7 +438,9 @@ def _page(
         shorts=sorted(set(terminations_of(file.design))),
         data=data,
         tables=by_name,
-        entering=replace(by_name["design"], rows=rows),
+        entering=values_where(lambda row: str(row[0]).startswith(_ENTERING)),
+        decided=values_where(lambda row: row[2] != "default"),
+        defaults=values_where(lambda row: row[2] == "default"),
         fab=None if profile is None else load_profile(str(profile)),
         pictures={picture.name: picture for picture in pictures},
         copper=[picture for picture in pictures if picture.name.startswith("copper_")],
