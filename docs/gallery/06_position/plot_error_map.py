@@ -10,9 +10,11 @@ import numpy as np
 
 import coilarray as ca
 from coilarray.localize.identifiability import identifiability
+from coilarray.report.figures import map_outlines
 from coilarray.viz import identifiability_figure
 
 design = ca.load_design("gast2020")
-table = ca.response_map(design, depths=[1e-3], x=np.linspace(-40e-3, 40e-3, 41), y=np.linspace(-12e-3, 12e-3, 13))
+first, last = design.array.centres[[0, -1], 0] - design.indentation.origin_point[0]  # places count from a coil
+table = ca.response_map(design, depths=[1e-3], x=np.linspace(first, last, 34), y=np.linspace(-12e-3, 12e-3, 13))
 bounds = identifiability(ca.forward_model(table), 1e-3, noise=1e-5)
-identifiability_figure(bounds, [place.to_board(place.coil.outline) for place in design.array.placements])
+identifiability_figure(bounds, map_outlines(design, table))
