@@ -136,7 +136,7 @@ def test_leads_run_to_a_connector(coils):
 
 @pytest.mark.parametrize(("led", "movable", "boards"), [(1, False, 1), (2, False, 3), (1, True, 3)])
 def test_a_connector_without_room_is_refused_early(monkeypatch, led, movable, boards):
-    """Where less than half of the coils are led out, a farther connector does not help; coils further apart do."""
+    """Where coils that stay are too near for the leads between them, a connector farther away does not help."""
     tried = []
 
     def no_way(array, connector):
@@ -148,8 +148,10 @@ def test_a_connector_without_room_is_refused_early(monkeypatch, led, movable, bo
     module = sys.modules["coilarray.studies.create.connector"]
     monkeypatch.setattr(module, "lead_out", no_way)
     arrangement = Arrangement("square", 2, 2)
-    plan = Plan("pad", "", arrangement, "square", (8e-3, 8e-3), False, "oshpark-2-layer", pitch=11e-3)
-    words = rf"connector: at most {led} of 4 coils can be led to the top edge at a pitch of {14 if movable else 11} mm"
+    plan = Plan("pad", "", arrangement, "square", (8e-3, 8e-3), False, "oshpark-2-layer", pitch=10e-3)
+    # 8 mm of coil, leads of 2.5 mm, two traces of 0.15 mm, three gaps of 0.15 mm: 11.25 mm; in steps of 0.5 mm
+    tail = "" if movable or led > 1 else "; try a pitch of about 11.5 mm, smaller coils, another side"
+    words = rf"at most {led} of 4 coils can be led to the top edge at a pitch of {13 if movable else 10} mm{tail}"
     refused(DesignError, words, module.with_connector, plan, "top", movable=movable)
     assert len(tried) == boards
 
