@@ -87,8 +87,9 @@ def moving_plate(
     Raises
     ------
     GeometryError
-        Positions or frequencies of a wrong shape, a plate that reaches into copper, sheets or other plates, one too
-        thick for its size where the field enters deeply (the text has the number), or an outline too narrow.
+        Positions or frequencies of a wrong shape or none, a fineness that is not positive, a plate that reaches into
+        copper, sheets or other plates, one too thick for its size where the field enters deeply (the text has the
+        number), or an outline too narrow.
     MetalError
         A plate or a coil in a layer without end; a magnetic plate less than three skin depths thick, with a hole, or
         beside other plates or magnetic sheets.
@@ -122,7 +123,7 @@ def moving_plate(
     True
     """
     paths = as_conductors(source)
-    where, f = _checked(positions, frequencies)
+    where, f = _checked_positions(positions), _checked_frequencies(frequencies)
     _require_free(plate, where, beside)
     if plate.material.relative_permeability != 1:
         require_skin(plate, f, [*beside, *_magnetic(sheets)])
@@ -180,7 +181,7 @@ def outlined_inductance(
     without end are in `coilarray.metal.flat_plates.plate_inductance`.
     """
     paths = as_conductors(source)
-    _, f = _checked(np.zeros((0, 3)), frequencies)
+    f = _checked_frequencies(frequencies)
     magnetic = _magnetic_plate(plates)
     if magnetic is not None:
         others = [one for one in plates if one is not magnetic]
@@ -208,7 +209,7 @@ def eddy_currents(
     Arguments and errors are those of `outlined_inductance`, the frequency in Hz.
     """
     paths = as_conductors(source)
-    _, f = _checked(np.zeros((0, 3)), [frequency])
+    f = _checked_frequencies([frequency])
     magnetic = _magnetic_plate(plates)
     if magnetic is not None:
         require_skin(magnetic, f, [*(one for one in plates if one is not magnetic), *_magnetic(sheets)])
@@ -240,17 +241,24 @@ def moving_plate_error(
     ΔR, where this says 0.2 and 1.7 %.
     """
     paths = as_conductors(source)
-    where, f = _checked(positions, frequencies)
+    where, f = _checked_positions(positions), _checked_frequencies(frequencies)
     return _model_error(plate, f, _distance(paths, plate, where, sheets), _least_radius(paths))
 
 
-def _checked(positions: npt.ArrayLike, frequencies: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    where, f = np.asarray(positions, dtype=np.float64), np.asarray(frequencies, dtype=np.float64)
-    if where.ndim != 2 or where.shape[1] != 3 or not np.isfinite(where).all():
-        raise GeometryError(f"positions of a plate must be finite, of shape (n, 3) in m; got shape {where.shape}.")
-    if f.ndim != 1 or not (np.isfinite(f) & (f > 0)).all():
-        raise GeometryError(f"frequencies must be positive and finite, of shape (n,) in Hz; got {f}.")
-    return where, f
+def _checked_positions(positions: npt.ArrayLike) -> FloatArray:
+    where = np.asarray(positions, dtype=np.float64)
+    if where.ndim != 2 or where.shape[1] != 3 or not len(where) or not np.isfinite(where).all():
+        raise GeometryError(
+            f"positions of a plate must be finite, of shape (n, 3) in m, at least one; got shape {where.shape}."
+        )
+    return where
+
+
+def _checked_frequencies(frequencies: npt.ArrayLike) -> FloatArray:
+    f = np.asarray(frequencies, dtype=np.float64)
+    if f.ndim != 1 or not f.size or not (np.isfinite(f) & (f > 0)).all():
+        raise GeometryError(f"frequencies must be positive and finite, of shape (n,) in Hz, at least one; got {f}.")
+    return f
 
 
 def _prepared(
