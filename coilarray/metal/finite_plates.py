@@ -18,7 +18,7 @@ from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
-from coilarray.geometry.plate import FinitePlate, Plate
+from coilarray.geometry.plate import TOUCHING, FinitePlate, Plate
 from coilarray.metal.coupled_plates import PlatesInAir, PosedPlate, linked_fluxes
 from coilarray.metal.half_body import EddyBody
 from coilarray.metal.layered_air import LayeredAir
@@ -29,7 +29,6 @@ from coilarray.metal.surface_impedance import ModelError, SurfaceImpedance, mode
 LARGEST_ERROR = 0.1
 """Estimated error of the model, of ΔL, beyond which a plate is refused."""
 _AT_ONCE = 2048  # fluxes solved for together
-_TOUCHING = 1e-9  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -376,7 +375,7 @@ def _require_free(plate: FinitePlate, where: FloatArray, beside: Sequence[Plate 
     for other in beside:
         low, high = other.heights
         for x, y, z in where.tolist():
-            if z + reach[0] >= high - _TOUCHING or z + reach[1] <= low + _TOUCHING:
+            if z + reach[0] >= high - TOUCHING or z + reach[1] <= low + TOUCHING:
                 continue
             if isinstance(other, Plate) or shapely.intersects(translate(ground, x, y), _ground(other)):
                 raise GeometryError(
