@@ -12,7 +12,14 @@ from coilarray.cli import shared
 
 
 def target(
-    design: shared.DesignArgument = None,
+    design: Annotated[
+        str,
+        typer.Argument(
+            metavar="DESIGN",
+            help="Design file (TOML) with a [target], or name of a bundled design; proximity by default.",
+            show_default=False,
+        ),
+    ] = "proximity",
     distance_mm: Annotated[
         str | None, typer.Option(help="Distances, as 0.5,1 or START:STOP:COUNT; the design's by default.")
     ] = None,
