@@ -19,6 +19,7 @@ from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import Network, loaded_quality, resonate
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.html import html_card, html_table
+from coilarray.compute.netcdf import variables
 from coilarray.design.model import Design
 from coilarray.design.readout import INTERNAL_CLOCK_PER_KELVIN, Readout
 from coilarray.design.scan_states import ScanState, referenced_names
@@ -121,8 +122,31 @@ class NoiseBudget:
 
     @property
     def largest(self) -> float:
-        """The largest `sigma` of all states: the noise of δ that locating a reading assumes."""
+        """The largest `sigma` of all states: the noise of δ of a single coil."""
         return float(self.sigma.max())
+
+    @property
+    def independent(self) -> FloatArray:
+        """Standard deviation of δ by what is each coil's own, shape (states,): noise, and changes not in common.
+
+        With `common` it makes the covariance of readings, diag(independent²) + Σ c cᵀ, and its diagonal sigma².
+        """
+        return _quadrature([self.noise, *(cause.change for cause in self.causes if not cause.common)])
+
+    @property
+    def common(self) -> dict[str, FloatArray]:
+        """Changes c of δ, shape (states,), by every cause that is one random number at all coils, where it is not 0."""
+        return {cause.name: cause.change for cause in self.causes if cause.common and cause.change.any()}
+
+    def variables(self) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
+        """Return `common` as variables of the dataset of a response: ``common_noise`` (state, drift_cause); or none."""
+        common = self.common
+        if not common:
+            return {}
+        rows = variables(
+            ("common_noise", ("drift_cause", "state"), np.array(list(common.values())), "1", "change of δ by a cause")
+        )
+        return {"drift_cause": (("drift_cause",), list(common), {}), **rows}
 
     def referenced(self, reference: Sequence[str]) -> NoiseBudget:
         """Return the budget of δ less the mean δ of reference coils, of the other states.

@@ -95,13 +95,14 @@ def locate(
     if depth is not None and not ellipse:
         raise LocalizeError("--depth-mm is for --ellipse; the depth is found otherwise.")
     given = [] if stream else [one for text in readings for one in read_readings(text)]
-    assumed: tuple[float | None, str] = (None, "")  # noise of δ, and where it is from
+    assumed: dict[str, float | None] = {"noise": None}
+    said: list[str] = []
     if ellipse:
         ellipses, origin = _ellipse_model(model, depth, allow_violations)
         solve = _with_ellipses(ellipses, origin, coil, addition_mm * 1e-3)
     else:
         used = _response(model, table, allow_violations)
-        solve, assumed = _with_all_coils(used, coil, reference or (), noise, given, readings)
+        solve, assumed, said = _with_all_coils(used, coil, reference or (), noise, given, readings)
     if stream:
         _stream(solve)
         return
@@ -112,11 +113,8 @@ def locate(
         raise LocalizeError(f"{_none_in(readings)}: {records[0]['error']}")
     texts = [record.get("error") or record.get("reason") for record in records]
     lines = [f"reading {k}: {text}" for k, text in enumerate(texts, start=1) if text]
-    level, source = assumed
-    if level is not None:
-        lines.append(f"noise of δ {level:.2g}{source}")
-    data = {"noise": level, "positions": records}
-    shared.print_result(data, as_json=as_json, tables=[position_table(records)], lines=lines)
+    data = {**assumed, "positions": records}
+    shared.print_result(data, as_json=as_json, tables=[position_table(records)], lines=[*lines, *said])
 
 
 def _answers(solve: Solver, readings: Sequence[Reading | LocalizeError]) -> list[Record]:
@@ -190,8 +188,10 @@ def _with_all_coils(
     noise: float | None,
     given: Sequence[Reading | LocalizeError],
     readings: Sequence[str],
-) -> tuple[Solver, tuple[float, str]]:
-    """Solve with maximum likelihood, and say with which noise; refuse what no response could answer before it is made.
+) -> tuple[Solver, dict[str, float | None], list[str]]:
+    """Solve with maximum likelihood, and say with which noise, in numbers and in words.
+
+    What no response could answer is refused before it is made.
 
     The readings are `given`, and the texts of the command line from which they are; none of a stream.
     """
@@ -242,7 +242,16 @@ def _with_all_coils(
         good = [_of_states(one, used, every) for one in readings]
         return _answers(located, [less(one) for one in good]) if reference else located(good)
 
-    return solve, (model.noise if noise is None else noise, shared.noise_source(noise, table))
+    common = 0.0 if noise is not None else float(model.common_noise.max())
+    level, worst = model.noise if noise is None else noise, max(model.errors, default=0.0)
+    said = [
+        f"noise of δ {level:.2g} of each coil"
+        + (f", {common:.2g} common to all" if common else "")
+        + shared.noise_source(noise, table)
+    ]
+    if worst:
+        said.append(f"± counts the mesh error of the table, up to {worst:.2g} of δ (estimated)")
+    return solve, {"noise": level, "common_noise": common, "table_error": worst}, said
 
 
 def _of_states(reading: Reading, used: Sequence[str], every: Sequence[str]) -> Reading:

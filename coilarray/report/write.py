@@ -261,7 +261,7 @@ def write_report(
         "position_problem": "" if design.indentation is None else position_problem,
         "field_problem": field_problem,
         "target_problem": target_problem,
-        "target_noise": None if target is None else float(target.attrs["noise"]),
+        "target_noise": None if target is None else float(target.attrs["sigma"]),
         "position": None if positions is None else _position_summary(positions),
         "sheet_share": _sheet_share(coupling),
         "field_coil": active,

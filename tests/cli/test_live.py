@@ -173,8 +173,9 @@ def test_positions_of_a_recording(capsys, recording, board, table):
     assert (answers[5]["position"], answers[20]["position"]["status"]) == (None, "nothing pressed")
     assert answers[-1]["position"]["status"] != "nothing pressed"
     assert "x_m" in answers[-1]["position"]
-    # that of the table by the noise budget, and of the readings, a twentieth of it
-    assert answers[-1]["noise"] == pytest.approx(noise_budget(load_design(board[0])).largest, rel=0.1)
+    # each coil's own by the noise budget, and that of the readings
+    own = noise_budget(load_design(board[0])).independent.max()
+    assert own < answers[-1]["noise"] < 2 * own
 
 
 @pytest.mark.slow
