@@ -60,11 +60,11 @@ class AutoscanReader(DirectReader):
     def _follow(self, chip_settings: ChipSettings) -> int:
         """Learn the turn of the converter where results came while it looked; return how many scans were missed.
 
-        Results that come faster than they can be read are not missed: a scan takes one turn, or twice the reading,
-        which leaves room for a bus that is not always equally fast.
+        Results that come faster than they can be read are not missed: a scan takes one turn, or twice the time of a
+        look and the reading, which leaves room for a bus that is not always equally fast.
         """
         ready, passed = self._chips.ready_at, self._chips.ready_at - self._ready
-        step = max(self._turn, 2 * self._reading)
+        step = max(self._turn, 2 * (self._reading + LOOK_AGAIN))
         if self._chips.came:
             scans = max(round(passed / step), 1)
             self._ready, self._followed = ready, self._followed + 1
