@@ -15,6 +15,8 @@ from coilarray.errors import GeometryError
 from coilarray.geometry.material import Material
 from coilarray.geometry.values import Point, require_positive
 
+TOUCHING = 1e-9
+"""Length in m by which bodies that touch may overlap: rounding of sums of thicknesses."""
 _CORNERS = 96  # of the polygon that stands for a circle of the same area
 
 

@@ -14,10 +14,10 @@ from pydantic import Field, model_validator
 from coilarray.design.units import SCALES, LimitMillimetres, Millimetres, Name, Position, Table
 from coilarray.errors import DesignError
 from coilarray.geometry import MATERIALS, Disc, FinitePlate, Material, Outline, Plate, Polygon, Rectangle, Ring
+from coilarray.geometry.plate import TOUCHING
 
 _MM, _DEG = SCALES["mm"], SCALES["deg"]
 _MS = 1e6  # S/m
-_TOUCHING = 1e-9  # of a metre; rounding of sums of thicknesses
 
 Corner = Annotated[list[Position], Field(min_length=2, max_length=2)]
 Corners = Annotated[list[Corner], Field(min_length=3, max_length=10_000)]
@@ -177,7 +177,7 @@ def check_plates(plates: Sequence[Plate | FinitePlate], top: float, lowest_coppe
         raise DesignError(f"plates must have different names; got {', '.join(names)}.")
     for k, plate in enumerate(plates):
         low, high = plate.heights
-        if low < top - _TOUCHING and high > lowest_copper + _TOUCHING:
+        if low < top - TOUCHING and high > lowest_copper + TOUCHING:
             raise DesignError(
                 f"plate.{k} must lie above the sheets and the board (z from {top * 1e3:g} mm) or below "
                 f"the coils' copper (z to {lowest_copper * 1e3:g} mm); {plate.name!r} lies "
@@ -185,7 +185,7 @@ def check_plates(plates: Sequence[Plate | FinitePlate], top: float, lowest_coppe
             )
     for (_, one), (m, other) in combinations(enumerate(plates), 2):
         (low, high), (floor, roof) = one.heights, other.heights
-        if low < roof - _TOUCHING and floor < high - _TOUCHING and _share_ground(one, other):
+        if low < roof - TOUCHING and floor < high - TOUCHING and _share_ground(one, other):
             raise DesignError(f"plate.{m} must not overlap another plate; {other.name!r} reaches into {one.name!r}.")
 
 

@@ -223,8 +223,8 @@ def _check_unfolded(solution: _Solution, heights: FloatArray, depths: FloatArray
     for depth, displacement in zip(depths, solution.moved, strict=True):
         r, z = solution.grid.r + displacement[0], heights[:, None] + displacement[1]
         for k, name in enumerate(names):
-            folded = (np.diff(r[k]) <= 0).any()
-            if folded or (k and (z[k] <= np.interp(r[k], r[k - 1], z[k - 1])).any()):
+            rising = (np.diff(r[k]) > 0).all()  # not so where NaN
+            if not rising or (k and not (z[k] > np.interp(r[k], r[k - 1], z[k - 1])).all()):
                 raise ElastomerError(
                     f"depth of an indentation must leave every interface unfolded; at {depth * 1e3:.4g} mm that of "
                     f"{name!r} folds."

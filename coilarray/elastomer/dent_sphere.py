@@ -9,10 +9,10 @@ the sheets send back is the difference to air on the same elements, so that the 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import lpmv
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import run_blocks
@@ -55,7 +55,7 @@ def sphere_in_dent(
     profiles, air = space.profiles(wavenumbers), space.air()
 
     def solve(m: int) -> tuple[FloatArray, FloatArray]:
-        harmonics = np.array([_normalised(order, m, nodes) for order in range(max(m, 1), orders + 1)]) * weights
+        harmonics = _normalised(orders, m, nodes) * weights
         layers = np.asarray(at.T @ harmonics.T)
         incident = space.radial(m, wavenumbers) * profiles
         count = layers.shape[1]
@@ -78,7 +78,18 @@ def _unmoved(dent: Dent, r: FloatArray, z: FloatArray) -> FloatArray:
     return np.where((z > anchors[0]) & (z < anchors[-1]), inside, z)
 
 
-def _normalised(order: int, m: int, x: FloatArray) -> FloatArray:
-    """P_l^m(x) without the sign of Condon and Shortley, with ∫ P² dx = 1."""
-    scale = (order + 0.5) / np.prod(np.arange(order - m + 1, order + m + 1, dtype=np.float64))
-    return np.asarray((-1) ** m * np.sqrt(scale) * lpmv(m, order, x))
+def _normalised(orders: int, m: int, x: FloatArray) -> FloatArray:
+    """P_l^m(x) without the sign of Condon and Shortley, with ∫ P² dx = 1, of l = max(m, 1) to `orders`: (l, n).
+
+    By the recurrence in l of the normalised functions, whose terms stay within the range of numbers at any order; the
+    factorials and P_l^m themselves do not. Holmes and Featherstone, J. Geodesy 76, 279 (2002), Eqs. 11 to 13.
+    """
+    odd = np.arange(1, 2 * m, 2)
+    found = [np.sqrt((m + 0.5) * np.prod(odd / (odd + 1))) * (1 - x**2) ** (m / 2)]
+    before = np.zeros_like(x)
+    for order in range(m + 1, orders + 1):
+        a = math.sqrt((4 * order**2 - 1) / (order**2 - m**2))
+        b = math.sqrt(((order - 1) ** 2 - m**2) / (4 * (order - 1) ** 2 - 1))
+        found.append(a * (x * found[-1] - b * before))
+        before = found[-2]
+    return np.array(found[max(1 - m, 0) :])

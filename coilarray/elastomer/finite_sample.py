@@ -197,7 +197,7 @@ def sample_correction(
 
 def _shift(mean: FloatArray, slope: float) -> FloatArray:
     """S = w̄ (1 + s F'/F) in thicknesses; ElastomerError where the correction is larger than the contact."""
-    if (mean * slope >= 1).any():
+    if not (mean * slope < 1).all():  # also NaN
         raise ElastomerError(
             f"the seat and sides must change a contact by less than its own depth; one is lifted {mean.max():.3g} "
             "thicknesses."
@@ -256,7 +256,7 @@ class _Problem:
             if uneven != EVEN:
                 raise ElastomerError(f"an uneven or lifting seat must be a Seat; got the base {base!r}.")
             return np.zeros(3), factor
-        if factor.min() <= 0:
+        if not factor.min() > 0:  # also NaN
             raise ElastomerError(
                 f"the stiffness of a seat must be positive on the whole sample; its slope of "
                 f"{uneven.stiffness_slope} per m takes it to {factor.min():.3g} of that at the origin."

@@ -288,7 +288,7 @@ class SoftBody:
         F = np.ascontiguousarray(entries.reshape(*self._measure.shape, 5).transpose(2, 0, 1))
         F[[0, 3, 4]] += 1
         D = F[0] * F[3] - F[1] * F[2]
-        if (D <= 0).any() or (F[4] <= 0).any():
+        if not ((D > 0).all() and (F[4] > 0).all()):  # also NaN
             return None
         J = D * F[4]
         g = np.stack([F[3] / D, -F[2] / D, -F[1] / D, F[0] / D, 1 / F[4]])

@@ -84,8 +84,8 @@ class LayerWaves:
     def faces(self) -> list[ComplexArray]:
         """B at each layer's inner face and at the last one's outer face, over that at the first face."""
         found = [np.ones_like(self.reflection)]
-        for growth, r, layer in zip(self.growths, self.beyond, self.layers, strict=True):
-            fall = np.exp(-growth * layer.thickness)
+        for number, (r, layer) in enumerate(zip(self.beyond, self.layers, strict=True)):
+            fall = self._fall(number, layer.thickness)
             found.append(found[-1] * fall * (1 + r) / (1 + r * fall**2))
         return found
 
@@ -96,16 +96,24 @@ class LayerWaves:
         if number >= len(self.layers):
             b = self.faces[-1] * np.exp(-self.wavenumbers * (height - edges[-1]))
             return b, -self.wavenumbers * b
+        if math.isinf(self.layers[number].conductivity):
+            return np.zeros_like(self.reflection), np.zeros_like(self.reflection)
         growth, r, d = self.growths[number], self.beyond[number], self.layers[number].thickness
         h = height - edges[number]
-        out, back = np.exp(-growth * h), r * np.exp(-growth * (2 * d - h))
-        b = self.faces[number] / (1 + r * np.exp(-2 * growth * d))
+        out, back = self._fall(number, h), r * self._fall(number, 2 * d - h)
+        b = self.faces[number] / (1 + r * self._fall(number, 2 * d))
         return b * (out + back), b * growth * (back - out)
+
+    def _fall(self, number: int, way: float) -> ComplexArray:
+        """e^{−γ·way} in a layer, over a way in m; 0 in a perfect conductor."""
+        if math.isinf(self.layers[number].conductivity):
+            return np.zeros_like(self.reflection)
+        return np.asarray(np.exp(-self.growths[number] * way))
 
     def integral(self, number: int) -> ComplexArray:
         """Return ∫ b dz over a layer in m, over b at the first face."""
         growth, r, d = self.growths[number], self.beyond[number], self.layers[number].thickness
-        fall = np.exp(-growth * d)
+        fall = self._fall(number, d)
         return np.asarray(self.faces[number] * (1 - fall) * (1 + r * fall) / growth / (1 + r * fall**2))
 
     def through(self, number: int, height: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from coilarray.compute.threads import Progress, ranges, run_blocks
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
-from coilarray.geometry.plate import FinitePlate, Plate
+from coilarray.geometry.plate import TOUCHING, FinitePlate, Plate
 from coilarray.metal.coupled_plates import PlatesInAir, PosedPlate, linked_fluxes
 from coilarray.metal.half_body import EddyBody
 from coilarray.metal.layered_air import LayeredAir
@@ -29,7 +29,6 @@ from coilarray.metal.surface_impedance import ModelError, SurfaceImpedance, mode
 LARGEST_ERROR = 0.1
 """Estimated error of the model, of ΔL, beyond which a plate is refused."""
 _AT_ONCE = 2048  # fluxes solved for together
-_TOUCHING = 1e-9  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +86,9 @@ def moving_plate(
     Raises
     ------
     GeometryError
-        Positions or frequencies of a wrong shape, a plate that reaches into copper, sheets or other plates, one too
-        thick for its size where the field enters deeply (the text has the number), or an outline too narrow.
+        Positions or frequencies of a wrong shape or none, a fineness that is not positive, a plate that reaches into
+        copper, sheets or other plates, one too thick for its size where the field enters deeply (the text has the
+        number), or an outline too narrow.
     MetalError
         A plate or a coil in a layer without end; a magnetic plate less than three skin depths thick, with a hole, or
         beside other plates or magnetic sheets.
@@ -122,7 +122,7 @@ def moving_plate(
     True
     """
     paths = as_conductors(source)
-    where, f = _checked(positions, frequencies)
+    where, f = _checked_positions(positions), _checked_frequencies(frequencies)
     _require_free(plate, where, beside)
     if plate.material.relative_permeability != 1:
         require_skin(plate, f, [*beside, *_magnetic(sheets)])
@@ -180,7 +180,7 @@ def outlined_inductance(
     without end are in `coilarray.metal.flat_plates.plate_inductance`.
     """
     paths = as_conductors(source)
-    _, f = _checked(np.zeros((0, 3)), frequencies)
+    f = _checked_frequencies(frequencies)
     magnetic = _magnetic_plate(plates)
     if magnetic is not None:
         others = [one for one in plates if one is not magnetic]
@@ -208,7 +208,7 @@ def eddy_currents(
     Arguments and errors are those of `outlined_inductance`, the frequency in Hz.
     """
     paths = as_conductors(source)
-    _, f = _checked(np.zeros((0, 3)), [frequency])
+    f = _checked_frequencies([frequency])
     magnetic = _magnetic_plate(plates)
     if magnetic is not None:
         require_skin(magnetic, f, [*(one for one in plates if one is not magnetic), *_magnetic(sheets)])
@@ -240,17 +240,24 @@ def moving_plate_error(
     ΔR, where this says 0.2 and 1.7 %.
     """
     paths = as_conductors(source)
-    where, f = _checked(positions, frequencies)
+    where, f = _checked_positions(positions), _checked_frequencies(frequencies)
     return _model_error(plate, f, _distance(paths, plate, where, sheets), _least_radius(paths))
 
 
-def _checked(positions: npt.ArrayLike, frequencies: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    where, f = np.asarray(positions, dtype=np.float64), np.asarray(frequencies, dtype=np.float64)
-    if where.ndim != 2 or where.shape[1] != 3 or not np.isfinite(where).all():
-        raise GeometryError(f"positions of a plate must be finite, of shape (n, 3) in m; got shape {where.shape}.")
-    if f.ndim != 1 or not (np.isfinite(f) & (f > 0)).all():
-        raise GeometryError(f"frequencies must be positive and finite, of shape (n,) in Hz; got {f}.")
-    return where, f
+def _checked_positions(positions: npt.ArrayLike) -> FloatArray:
+    where = np.asarray(positions, dtype=np.float64)
+    if where.ndim != 2 or where.shape[1] != 3 or not len(where) or not np.isfinite(where).all():
+        raise GeometryError(
+            f"positions of a plate must be finite, of shape (n, 3) in m, at least one; got shape {where.shape}."
+        )
+    return where
+
+
+def _checked_frequencies(frequencies: npt.ArrayLike) -> FloatArray:
+    f = np.asarray(frequencies, dtype=np.float64)
+    if f.ndim != 1 or not f.size or not (np.isfinite(f) & (f > 0)).all():
+        raise GeometryError(f"frequencies must be positive and finite, of shape (n,) in Hz, at least one; got {f}.")
+    return f
 
 
 def _prepared(
@@ -368,7 +375,7 @@ def _require_free(plate: FinitePlate, where: FloatArray, beside: Sequence[Plate 
     for other in beside:
         low, high = other.heights
         for x, y, z in where.tolist():
-            if z + reach[0] >= high - _TOUCHING or z + reach[1] <= low + _TOUCHING:
+            if z + reach[0] >= high - TOUCHING or z + reach[1] <= low + TOUCHING:
                 continue
             if isinstance(other, Plate) or shapely.intersects(translate(ground, x, y), _ground(other)):
                 raise GeometryError(

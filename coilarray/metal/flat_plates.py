@@ -29,6 +29,7 @@ from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError, MetalError
 from coilarray.geometry import Conductor, FinitePlate, Plate, Sheet
 from coilarray.metal.frequencies import checked_frequencies
+from coilarray.metal.layered_air import layer_of, layers_apart
 
 # −ln of the error of the rules over the spectrum, and the largest one of the images' sum against the reflection
 _DIGITS: dict[Accuracy, float] = {"full": 16.0, "screen": 8.0}
@@ -37,7 +38,6 @@ _LONGEST = 1e-3  # radians across the board; longer waves carry 1e-10 of the ind
 _AROUND = 160.0  # radians across the board; the spectrum takes waves so short, images those beyond
 _FITTED, _SMALLEST = 200, 1e-7  # waves of a fit, and its smallest singular values
 _RATIOS = (2.0, 1.6, 1.25)  # of its distances: every image costs a `mutual_inductance`, so the fewest that do
-_TOUCHING = 1e-9  # m; bodies that overlap by less touch
 
 
 def plate_inductance(
@@ -253,7 +253,7 @@ def _around(
                 f"it lies from {low:g} to {high:g} m."
             )
     for plates in cases:
-        _require_apart(plates, sheets)
+        layers_apart(plates, sheets)
     alone = _above((), sheets, top)
     for path in paths:
         require_below(path, alone.face)
@@ -284,40 +284,19 @@ def backing_of(plates: Sequence[Plate | FinitePlate], frequency: float) -> Backi
     return Backing(stack.face, stack.layers, frequency) if stack.layers else None
 
 
-def _require_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> None:
-    """Refuse plates that reach into each other or into the magnetic sheets."""
-    bodies = [(*plate.heights, f"plate {plate.name!r}") for plate in plates]
-    heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
-    bodies += [
-        (low, high, f"sheet {sheet.name!r}")
-        for (low, high), sheet in zip(itertools.pairwise(heights), sheets, strict=True)
-        if sheet.relative_permeability != 1
-    ]
-    for (low, high, one), (start, _, other) in itertools.pairwise(sorted(bodies)):
-        if start < high - _TOUCHING:
-            raise GeometryError(
-                f"plates and magnetic sheets must not overlap; {one} lies from z = {low:g} to {high:g} m and {other} "
-                f"begins at {start:g} m."
-            )
-
-
 def _above(plates: Sequence[Plate], sheets: Sequence[Sheet], top: float) -> _Stack:
     """Sheets and plates above the paths, upwards."""
     heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
     layers = [
         (z, Layer(sheet.thickness, sheet.relative_permeability)) for z, sheet in zip(heights, sheets, strict=False)
     ]
-    return _stacked([*layers, *((plate.z, _of(plate)) for plate in plates if plate.z >= top)])
+    return _stacked([*layers, *((plate.z, layer_of(plate)) for plate in plates if plate.z >= top)])
 
 
 def _below(plates: Sequence[Plate], top: float) -> _Stack:
     """Plates below the paths, downwards."""
-    stack = _stacked([(-plate.heights[1], _of(plate)) for plate in plates if plate.z < top])
+    stack = _stacked([(-plate.heights[1], layer_of(plate)) for plate in plates if plate.z < top])
     return _Stack(-stack.face, stack.layers)
-
-
-def _of(plate: Plate) -> Layer:
-    return Layer(plate.thickness, plate.material.relative_permeability, plate.material.conductivity)
 
 
 def _stacked(layers: Sequence[tuple[float, Layer]]) -> _Stack:

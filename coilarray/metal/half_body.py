@@ -27,8 +27,10 @@ from coilarray.electromagnetics.kernels.triangles import triangle_pairs
 from coilarray.metal.plate_mesh import HalfBody
 from coilarray.metal.surface_impedance import SurfaceImpedance
 
-_ROWS = 32  # triangles a task
-_MIRROR = np.array([1.0, 1.0, -1.0])
+ROWS = 32
+"""Triangles of one task of a pair integral."""
+MIRROR = np.array([1.0, 1.0, -1.0])
+"""Signs of the coordinates in the mirror image at the mid-plane."""
 # ∫ λ_i φ_j dA over the area of a triangle, λ_i linear and φ_j quadratic: those of its corners, then of the middles of
 # the opposite sides
 _SHARES = np.hstack((np.eye(3) / 20 - 1 / 60, 2 / 15 - np.eye(3) / 15))
@@ -113,14 +115,14 @@ class EddyBody:
     def integrals(self) -> tuple[FloatArray, FloatArray]:
         """∫∫ 1/r in m³ of all pairs of triangles, and of each with the mirror image of each."""
         corners = self.mesh.corners
-        image = pair_integrals(corners, np.ascontiguousarray(corners * _MIRROR), mirrored=True)
+        image = pair_integrals(corners, np.ascontiguousarray(corners * MIRROR), mirrored=True)
         return pair_integrals(corners), image
 
     @cached_property
     def inductances(self) -> tuple[FloatArray, FloatArray]:
         """M in H of the nodes' currents, and of these with their mirror images, shape (n, n)."""
         own, image = self.integrals
-        return inductance(self.currents, own, np.ones(3)), inductance(self.currents, image, _MIRROR)
+        return inductance(self.currents, own, np.ones(3)), inductance(self.currents, image, MIRROR)
 
     @cached_property
     def gradients(self) -> list[sp.csr_array]:
@@ -138,7 +140,7 @@ class EddyBody:
         In Wb and T·m, each of shape (nodes, fields), for fields B (fields, points, 3) in T at `points`.
         """
         n, nodes = self.fluxes[0].shape[1], len(self.mesh.nodes)
-        field = B[:, :n] + sign * _MIRROR * B[:, n : 2 * n]
+        field = B[:, :n] + sign * MIRROR * B[:, n : 2 * n]
         through = sum(N @ field[..., axis].T for axis, N in enumerate(self.fluxes))
         middles = field[:, nodes:][:, self._edges[1]].mean(axis=2) * self.areas[:, None]
         along = sum(G.T @ middles[..., axis].T for axis, G in enumerate(self.gradients))
@@ -176,17 +178,17 @@ class EddyBody:
         """
         caps = [np.column_stack((points, np.zeros(len(points)))) for points, _ in self.mesh.caps]
         half = np.concatenate((self.mesh.nodes, self.mesh.nodes[self._edges[0]].mean(axis=1)))
-        return np.concatenate((half, half * _MIRROR, *caps))
+        return np.concatenate((half, half * MIRROR, *caps))
 
     @property
     def all_corners(self) -> FloatArray:
         """Corners in m of the triangles of the upper half and of its mirror image, shape (2k, 3, 3)."""
-        return np.concatenate((self.mesh.corners, self.mesh.corners * _MIRROR))
+        return np.concatenate((self.mesh.corners, self.mesh.corners * MIRROR))
 
     def linked(self, B: FloatArray) -> list[FloatArray]:
         """Fluxes b for fields B (fields, points, 3) in T at `points`; those of even and odd currents, (u, fields)."""
         n = self.fluxes[0].shape[1]
-        upper, lower = B[:, :n], B[:, n : 2 * n] * -_MIRROR  # B is an axial vector
+        upper, lower = B[:, :n], B[:, n : 2 * n] * -MIRROR  # B is an axial vector
         starts = np.cumsum([2 * n, *(len(weights) for _, weights in self.mesh.caps)])
         through = [
             2 * B[:, start : start + len(weights), 2] @ weights
@@ -208,7 +210,7 @@ class EddyBody:
         """
         even, odd = self.parities
         parts = []
-        for K, mirror in zip(self.currents, _MIRROR, strict=True):
+        for K, mirror in zip(self.currents, MIRROR, strict=True):
             one, two = K @ even.unknowns, K @ odd.unknowns
             parts.append(sp.block_array([[one, two], [mirror * one, -mirror * two]], format="csr"))
         return [sum(axes[own, axis] * parts[own] for own in range(3)) for axis in range(3)]
@@ -227,7 +229,7 @@ def pair_integrals(corners: FloatArray, other: FloatArray | None = None, *, mirr
         first = rows[0] if symmetric else len(second)
         triangle_pairs(corners[rows[0] : rows[1]], second, first, integrals[rows[0] : rows[1]])
 
-    run_blocks(work, ranges(len(corners), _ROWS)[::-1])  # the longest first
+    run_blocks(work, ranges(len(corners), ROWS)[::-1])  # the longest first
     if symmetric:
         integrals += np.tril(integrals, -1).T
     return integrals

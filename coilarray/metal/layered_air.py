@@ -27,6 +27,7 @@ from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.electromagnetics.flat_stack import Layer, layer_waves, with_gaps
 from coilarray.errors import GeometryError, MetalError
 from coilarray.geometry import Plate, Sheet
+from coilarray.geometry.plate import TOUCHING
 
 _DIGITS = 14.0  # −ln of the amplitude of the shortest waves that count
 _LONGEST = 0.1  # radians across all bodies; longer waves carry 1e-4 of a coupling
@@ -35,7 +36,33 @@ _TOLERANCE = 2e-4  # of the largest wave
 _RATIOS = (math.inf, 4.0, 2.8, 2.0, 1.6, 1.3)  # of the distances; inf: one image alone
 _SMALLEST = 1e-7  # singular value of a fit
 _LEFT_OUT = 5e-5  # of the largest wave: images so weak at all frequencies
-_TOUCHING = 1e-9  # m
+
+
+def layer_of(plate: Plate) -> Layer:
+    """Return a plate as a layer without end."""
+    return Layer(plate.thickness, plate.material.relative_permeability, plate.material.conductivity)
+
+
+def layers_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> list[tuple[float, float, Layer]]:
+    """Put plates and the magnetic ones of the sheets upwards from z = 0 in order: lower and upper face in m, and layer.
+
+    GeometryError where they overlap.
+    """
+    bodies = [(*plate.heights, layer_of(plate), f"plate {plate.name!r}") for plate in plates]
+    heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
+    bodies += [
+        (low, high, Layer(sheet.thickness, sheet.relative_permeability), f"sheet {sheet.name!r}")
+        for (low, high), sheet in zip(itertools.pairwise(heights), sheets, strict=True)
+        if sheet.relative_permeability != 1
+    ]
+    bodies.sort(key=lambda body: body[0])
+    for (low, high, _, one), (start, _, _, other) in itertools.pairwise(bodies):
+        if start < high - TOUCHING:
+            raise GeometryError(
+                f"plates and magnetic sheets must not overlap; {one} lies from z = {low:g} to {high:g} m and {other} "
+                f"begins at {start:g} m."
+            )
+    return [body[:3] for body in bodies]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,23 +101,7 @@ class LayeredAir:
     @classmethod
     def between(cls, plates: Sequence[Plate], sheets: Sequence[Sheet], frequencies: FloatArray) -> LayeredAir:
         """Put plates and the sheets upwards from z = 0 together; GeometryError where they overlap."""
-        bodies = [
-            (*plate.heights, Layer(plate.thickness, plate.material.relative_permeability, plate.material.conductivity),
-             f"plate {plate.name!r}") for plate in plates
-        ]  # fmt: skip
-        heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
-        bodies += [
-            (low, high, Layer(sheet.thickness, sheet.relative_permeability), f"sheet {sheet.name!r}")
-            for (low, high), sheet in zip(itertools.pairwise(heights), sheets, strict=True)
-            if sheet.relative_permeability != 1
-        ]
-        bodies.sort(key=lambda body: body[0])
-        for (low, high, _, one), (start, _, _, other) in itertools.pairwise(bodies):
-            if start < high - _TOUCHING:
-                raise GeometryError(
-                    f"plates and magnetic sheets must not overlap; {one} lies from z = {low:g} to {high:g} m and "
-                    f"{other} begins at {start:g} m."
-                )
+        bodies = layers_apart(plates, sheets)
         faces = np.array([body[:2] for body in bodies]).reshape(-1, 2)
         return cls(tuple(body[2] for body in bodies), faces, frequencies)
 
@@ -98,7 +109,7 @@ class LayeredAir:
         """Find the gap, by its number from below, in which heights from `low` to `high` in m lie, or MetalError."""
         number = int((self.faces[:, 0] < (low + high) / 2).sum())
         floor, roof = self.gap_faces(number)
-        if low < floor - _TOUCHING or high > roof + _TOUCHING:
+        if low < floor - TOUCHING or high > roof + TOUCHING:
             raise MetalError(
                 f"{what} must lie between plates without end and magnetic sheets, not in them; it reaches from "
                 f"{low * 1e3:.4g} to {high * 1e3:.4g} mm and the faces next to it lie at {floor * 1e3:.4g} and "
@@ -139,7 +150,7 @@ class LayeredAir:
         for number, (way, sign, offset, outwards) in enumerate(ways):
             if math.isinf(way):
                 continue
-            shortest = max(way, _TOUCHING)
+            shortest = max(way, TOUCHING)
             k = np.geomspace(_LONGEST / (extent + shortest), _DIGITS / shortest, _WAVES)
             weights = self._weights(k, source[0], place[0])[number]
             for distance, shares in _fitted(k, weights, shortest, extent):
@@ -192,6 +203,12 @@ def _fitted(k: FloatArray, weights: ComplexArray, way: float, extent: float) -> 
         shares = np.linalg.lstsq(waves, wanted.T, rcond=_SMALLEST)[0]
         if np.abs(waves @ shares - wanted.T).max() <= _TOLERANCE * largest:
             break
+    else:
+        raise MetalError(
+            f"what plates without end and magnetic sheets reflect must be a sum of images to {_TOLERANCE:g}; {count} "
+            f"images of a source {way * 1e3:.4g} mm away by reflection, {extent * 1e3:.4g} mm wide, err by "
+            f"{np.abs(waves @ shares - wanted.T).max() / largest:.2g}."
+        )
     strengths = np.abs(shares).max(axis=1) * np.abs(waves).max(axis=0)
     return [
         (distance, share)

@@ -40,11 +40,9 @@ from coilarray.errors import MetalError
 from coilarray.geometry import Conductor
 from coilarray.geometry.plate import FinitePlate
 from coilarray.metal.coupled_plates import fields_on
-from coilarray.metal.half_body import EddyBody
+from coilarray.metal.half_body import MIRROR, ROWS, EddyBody
 
 _DEPTHS = 3.0  # least thickness in skin depths
-_ROWS = 32  # triangles a task
-_MIRROR = np.array([1.0, 1.0, -1.0])
 
 
 def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[object]) -> None:
@@ -89,7 +87,7 @@ def magnetic_currents(body: EddyBody, paths: Sequence[Conductor], plate: FiniteP
         total = np.zeros((len(body.mesh.nodes), len(paths)), dtype=np.complex128)
         total[problem.used] = (problem.u + problem.answer(length))[:, 0]
         upper = np.stack([np.asarray(K @ total).T for K in body.currents], axis=-1)
-        found += np.concatenate((upper, -sign * _MIRROR * upper), axis=1)  # of an odd potential they are even
+        found += np.concatenate((upper, -sign * MIRROR * upper), axis=1)  # of an odd potential they are even
     return np.asarray(found @ plate.axes)
 
 
@@ -175,7 +173,7 @@ def exterior(body: EddyBody, sign: int) -> FloatArray:
     (own, image), (M, M_image), mesh = body.integrals, body.inductances, body.mesh
     k, n = len(mesh.triangles), len(mesh.nodes)
     corners = mesh.corners
-    mirrored = np.ascontiguousarray((corners * _MIRROR)[:, ::-1])  # their normals point outwards too
+    mirrored = np.ascontiguousarray((corners * MIRROR)[:, ::-1])  # their normals point outwards too
     K = np.zeros((k, n))
     for other, nodes, part in ((corners, mesh.triangles, 1), (mirrored, mesh.triangles[:, ::-1], sign)):
 
@@ -184,7 +182,7 @@ def exterior(body: EddyBody, sign: int) -> FloatArray:
                 corners[slice(*rows)], other, np.ascontiguousarray(nodes), part / (4 * np.pi), K[slice(*rows)]
             )
 
-        run_blocks(work, ranges(k, _ROWS))
+        run_blocks(work, ranges(k, ROWS))
     share = np.zeros((k, n))
     np.add.at(share, (np.repeat(np.arange(k), 3), mesh.triangles.ravel()), np.repeat(body.areas / 3, 3))
     rest = share / 2 - K

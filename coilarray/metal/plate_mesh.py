@@ -20,12 +20,14 @@ from scipy.spatial import Delaunay
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.errors import GeometryError
 from coilarray.geometry.plate import Outline
+from coilarray.geometry.values import require_positive
 
 _ALONG = 90  # pieces of all rims together, where the plate is not narrow
 _WIDEST, _FINEST = 1.4, 0.06  # largest and smallest piece of the rim, of the inscribed radius
 _FIRST, _GROWTH, _STRIPS = 0.02, 2.0, 0.35  # first strip, ratio of neighbours and width of all, of the inscribed radius
 _LATTICE = 0.08  # step of the lattice inside, of the inscribed radius, where the rim's pieces are not longer
 _CORNER = 0.25  # of half the thickness: height of the strip of the rim below its edge
+_LARGEST_CORNER = 0.5  # the same of any coarser mesh
 _SAGITTA = 0.02  # of a piece of the rim: deviation from the outline that is let pass
 _OF_DISTANCE = 0.5  # of the distance from the copper: largest side of a triangle
 _MOST_NODES = 6000
@@ -83,7 +85,9 @@ def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0, above:
     """Mesh the upper half of a plate with an outline about its centre.
 
     `fineness` 2 has half the lengths of 1; the mesh is finer where the plate is near the copper `above` or below it.
+    GeometryError for a fineness that is not positive and finite, and for an outline too large or narrow.
     """
+    require_positive("fineness of a mesh", fineness, "")
     plane, inscribed = _plane(outline), inscribed_radius(outline)
     along = min(_WIDEST * inscribed, max(plane.length / _ALONG, _FINEST * inscribed)) / fineness
     step = max(along, _LATTICE * inscribed / fineness)
@@ -121,7 +125,8 @@ def plate_mesh(outline: Outline, thickness: float, fineness: float = 1.0, above:
             f"the outline of a plate could not be meshed: {area * 1e6:.6g} of {expected * 1e6:.6g} mm²."
         )
     nodes = [np.column_stack((plane_points, np.full(len(plane_points), thickness / 2)))]
-    heights = [1.0, _CORNER / fineness, 0.0] if thickness > _FIRST * inscribed / fineness else [1.0, 0.0]
+    corner = min(_CORNER / fineness, _LARGEST_CORNER)
+    heights = [1.0, corner, 0.0] if thickness > _FIRST * inscribed / fineness else [1.0, 0.0]
     heights = [thickness / 2 * (1 - height) if 0 < height < 1 else thickness / 2 * height for height in heights]
     upper, count = order, len(plane_points)
     on_face = sum(len(some) for some in triangles)

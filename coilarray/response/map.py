@@ -443,8 +443,10 @@ def response_dataset(
             "inductance": (
                 ("coil", "other"), inductance, {"units": f"H{per}", "long_name": "inductance matrix, flat sheets"}
             ),
-            "force": ("depth", contact.force.values, {"units": f"N{per}"}),
-            "contact_radius": ("depth", contact.contact_radius.values, {"units": "m"}),
+            "force": ("depth", contact.force.values, {"units": f"N{per}", "long_name": "force on the indenter"}),
+            "contact_radius": (
+                "depth", contact.contact_radius.values, {"units": "m", "long_name": "contact radius or half width"}
+            ),
         },
         coords={
             "depth": ("depth", axes.depth, {"units": "m", "long_name": "depth of the indentation"}),

@@ -19,6 +19,7 @@ from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
+from coilarray.design.bundled import names_with
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError
@@ -49,7 +50,8 @@ _QUANTITIES = (
 def target_of(design: Design) -> Target:
     """Return the target of a design; MetalError where it has none."""
     if design.target is None:
-        raise MetalError(f"the design {design.name} has no [target].")
+        bundled = ", ".join(names_with("target"))
+        raise MetalError(f"the design {design.name} has no [target]; of the bundled designs these have one: {bundled}.")
     return design.target
 
 
@@ -202,7 +204,7 @@ def _require_passive(network: Network, change: ComplexArray, axes: MapAxes) -> N
     """Refuse changes that no passive body makes: the inductance matrix must stay positive definite."""
     least = np.linalg.eigvalsh(network.inductance + change.real)[..., 0]
     for distance, values in zip(axes.depth, least, strict=True):
-        if values.min() <= 0:
+        if not values.min() > 0:  # also NaN
             raise MetalError(
                 f"a target at {distance * 1e3:g} mm is too near for the model of its currents, which would make an "
                 "inductance negative; begin with a greater distance."

@@ -21,7 +21,7 @@ from coilarray.geometry.material import MATERIALS, Material
 from coilarray.geometry.plate import Disc, FinitePlate, Plate, Rectangle, Ring
 from coilarray.metal.finite_plates import eddy_currents, moving_plate, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductance
-from coilarray.metal.layered_air import LayeredAir
+from coilarray.metal.layered_air import LayeredAir, _fitted
 from coilarray.metal.target import target_inductance
 
 ALUMINIUM = MATERIALS["aluminium"]
@@ -64,6 +64,28 @@ def test_images_are_the_waves_of_the_layers():
         passed = 4 * mu / ((mu + 1) ** 2 - (mu - 1) ** 2 * np.exp(-2 * k * t)) * np.exp(-k * (z - s))
         found = waves_of(images, k, one[1], other[1])
         np.testing.assert_allclose(found, np.tile(passed, (2, 1)), atol=4e-4 * passed.max())
+
+
+def test_fields_before_in_and_behind_a_perfect_conductor():
+    """In the gap before it the normal field is sinh k(d − h)/sinh kd; in it and behind it there is none."""
+    k, d = np.array([10.0, 300.0]), 2e-3
+    waves = layer_waves([Layer(d), Layer(1e-3, 1.0, math.inf), Layer(1e-3, 3.0)], k, 1e6)
+    for h in (0.0, 0.5e-3, 1.9e-3):
+        b, slope = waves.at(h)
+        np.testing.assert_allclose(b, np.sinh(k * (d - h)) / np.sinh(k * d), rtol=1e-12)
+        np.testing.assert_allclose(slope, -k * np.cosh(k * (d - h)) / np.sinh(k * d), rtol=1e-12)
+    for h in (2.5e-3, 3.5e-3, 5e-3):
+        assert not np.any(waves.at(h))
+    np.testing.assert_allclose(waves.integral(0), np.tanh(k * d / 2) / k, rtol=1e-12)
+    assert not np.any([waves.integral(1), waves.integral(2)])
+
+
+def test_reflections_that_no_images_stand_for_are_refused():
+    """A wave as short as the distance to the face: images send back sums of falling exponentials, not waves."""
+    k = np.geomspace(10, 1e4, 120)
+    refused(
+        MetalError, "must be a sum of images to 0.0002; .* err by", _fitted, k, np.sin(k / 50)[None] + 0j, 1e-3, 1e-2
+    )
 
 
 def test_a_perfect_conductor_has_one_image():

@@ -10,9 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 from support.axial_field import loop_inductance
 from support.coil_paths import loop
 from support.eddy_bodies import sphere_body
+from support.refusals import refused
 
 from coilarray import inductance_matrix
 from coilarray.constants import MU_0
@@ -21,7 +23,7 @@ from coilarray.electromagnetics.flat_layer import magnetic_slab
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.material import MATERIALS
-from coilarray.geometry.plate import Disc, FinitePlate, Plate, Polygon, Ring
+from coilarray.geometry.plate import Disc, FinitePlate, Plate, Polygon, Rectangle, Ring
 from coilarray.metal import field_at_plate
 from coilarray.metal.finite_plates import eddy_currents, moving_plate, moving_plate_error
 from coilarray.metal.flat_plates import plate_inductance
@@ -140,7 +142,7 @@ def test_a_slender_ring_is_a_turn_of_wire():
     angle = np.linspace(0.02, 2 * np.pi - 0.02, 60)
     arc = np.column_stack((np.cos(angle), np.sin(angle)))
     corners = tuple(map(tuple, np.concatenate((8.5e-3 * arc, 7.5e-3 * arc[::-1])).tolist()))
-    (cut,) = moving_plate([coil], replace(ring, outline=Polygon(corners)), [ring.centre], [f]).ravel()
+    (cut,) = moving_plate([coil], replace(ring, outline=Polygon(corners)), [ring.centre], [f], fineness=0.5).ravel()
     assert abs(cut) < 0.05 * abs(change)
 
 
@@ -212,6 +214,39 @@ def test_currents_make_the_change_of_inductance(three_loops, sheets):
 def test_refusals(plate, position, frequency, message):
     with pytest.raises(GeometryError, match=message):
         moving_plate([loop(8e-3)], plate, [position], [frequency])
+
+
+def test_refusals_of_nothing_and_of_no_mesh():
+    def solved(places=((0.0, 0.0, 3e-3),), frequencies=(1e6,), **options):
+        return moving_plate([loop(8e-3)], disc(), places, frequencies, **options)
+
+    refused(GeometryError, r"in m, at least one; got shape \(0, 3\)", solved, np.zeros((0, 3)))
+    refused(GeometryError, r"in Hz, at least one; got \[\]", solved, frequencies=[])
+    for fineness in (0.0, -1.0, math.nan, math.inf):
+        refused(GeometryError, f"fineness of a mesh must be positive .*; got {fineness}", solved, fineness=fineness)
+
+
+@pytest.mark.parametrize("thickness", [0.1e-3, 1e-3, 5e-3])
+@pytest.mark.parametrize(
+    "outline",
+    [
+        Disc(5e-3), Ring(5e-3, 2e-3), Rectangle(20e-3, 10e-3), Rectangle(60e-3, 5e-3),
+        Polygon(((0, 0), (10e-3, 0), (0, 10e-3))),
+    ],
+)  # fmt: skip
+def test_no_triangle_is_degenerate(outline, thickness):
+    """The faces have the outline's area and the rim its length, at half of the least fineness of a target map too."""
+    for fineness in (0.1, 0.25, 0.5):
+        mesh = plate_mesh(outline, thickness, fineness)
+        a, b, c = np.moveaxis(mesh.corners, 1, 0)
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+        longest = np.max([np.linalg.norm(side, axis=1) for side in (b - a, c - b, a - c)], axis=0)
+        # height over longest side; strips along the rim of a thin plate are the flattest, of 0.5 % here
+        assert (2 * area / longest**2).min() > 2e-3
+        plane = shapely.Polygon(outline.exterior, outline.holes)
+        # a circle of as few sides as the coarsest rim has lies within 10 %
+        assert area[~mesh.rim].sum() == pytest.approx(plane.area, rel=0.1)
+        assert area[mesh.rim].sum() == pytest.approx(plane.length * thickness / 2, rel=0.1)
 
 
 def test_coils_without_an_extent_across():

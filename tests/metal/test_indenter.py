@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.special import lpmv
 from support.axial_field import loop_inductance
 from support.references import polygon
 
 from coilarray.elastomer.dent import Dent
+from coilarray.elastomer.dent_sphere import _normalised
 from coilarray.geometry import MATERIALS, Ball, Material, Sheet
 from coilarray.metal.ball import ball_inductance
 from coilarray.metal.indenter import indenter_inductance
@@ -72,3 +74,16 @@ def test_shallow_dents_become_flat_sheets():
     flat = ball_inductance(coils, ball, [[*place, 8e-3 + RADIUS] for place in places], [1e6], sheets)[:, 0]
     # the elements under the ball, which is 1 µm lower
     assert dented == pytest.approx(flat, rel=3e-3)
+
+
+def test_harmonics_on_a_sphere_are_orthonormal_at_any_order():
+    """∫ P_l P_n dx = δ by a Gauss rule that is exact for them, to rounding; the signs are those of scipy's, without
+    that of Condon and Shortley. Factorials up to 200! leave the range of numbers."""
+    x, weights = np.polynomial.legendre.leggauss(128)
+    for m in (0, 1, 2, 80, 119, 120):
+        P = _normalised(120, m, x)
+        assert len(P) == 121 - max(m, 1)
+        np.testing.assert_allclose((P * weights) @ P.T, np.eye(len(P)), atol=1e-11)
+        if m < 3:
+            other = (-1) ** m * lpmv(m, 4, x)
+            assert (P[4 - max(m, 1)] * weights) @ other > 0.999 * np.sqrt(weights @ other**2)

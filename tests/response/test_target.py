@@ -249,6 +249,12 @@ def test_what_cannot_be_computed_is_refused(monkeypatch):
     refused(MetalError, line, lambda: target_map(replace(ONE, plates=(below,))))
     monkeypatch.setattr(module, "target_inductance", lambda *args, **options: np.full((1, 2, 1, 1, 1), -1.0 + 0j))
     refused(MetalError, "a target at 1 mm is too near for the model", lambda: target_map(ONE, ideal=True))
+
+    def not_a_number(*args, **options):
+        return np.full((1, 2, 1, 1, 1), np.nan + 0j)
+
+    monkeypatch.setattr(module, "target_inductance", not_a_number)
+    refused(MetalError, "a target at 1 mm is too near for the model", lambda: target_map(ONE, ideal=True))
     # the first call is the guess from which the band follows
     L = design_circuit(ONE, ideal=True).inductance
     for later, line in (((-1.0,), "a target at 1 mm is too near"), ((-0.5, -0.9), "at 1 mm moves a resonance to")):

@@ -12,3 +12,8 @@ DESIGNS = TomlFiles("design", DesignError, __name__)
 """Design files."""
 
 names, read = DESIGNS.names, DESIGNS.read
+
+
+def names_with(table: str) -> tuple[str, ...]:
+    """Names of the bundled designs whose file has a table, such as ``target``."""
+    return tuple(name for name in names() if table in DESIGNS.parse(read(name), name))

@@ -14,10 +14,10 @@ from coilarray.circuit.impedance import scan_design
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design, Indentation
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
-from coilarray.errors import GoalError
+from coilarray.errors import GoalError, MetalError
 from coilarray.geometry import Margin, Target, check_rules
 from coilarray.response.map import response_map
-from coilarray.response.target import target_map
+from coilarray.response.target import target_map, target_of
 
 Rectangle = tuple[float, float, float, float]
 
@@ -93,9 +93,10 @@ class Evaluation:
     @property
     def target(self) -> Target:
         """Target of the design; GoalError where it has none."""
-        if self.design.target is None:
-            raise GoalError(f"the design {self.design.name} has no [target].")
-        return self.design.target
+        try:
+            return target_of(self.design)
+        except MetalError as error:
+            raise GoalError(str(error)) from None
 
     def distance(self, given_mm: float | None) -> float:
         """Return the given distance of the target or the least one of the design, in m."""
