@@ -27,8 +27,11 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "command_pages",
     "file_pages",
+    "link_check",
     "name_pages",
     "native_math",
+    "result_pages",
+    "validation_pages",
 ]
 exclude_patterns = ["_build", "extensions", "gallery", "tutorials"]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
@@ -40,6 +43,7 @@ html_title = "coilarray"
 html_static_path = ["static"]
 html_css_files = ["pages.css"]
 html_show_sourcelink = False
+html_show_search_summary = False  # it fetches the pages found, which a browser refuses from a folder
 html_math_renderer = "native"
 html_theme_options = {
     "navigation_with_keys": True,
@@ -78,6 +82,7 @@ sphinx_gallery_conf = {
     "min_reported_time": 1e9,
     "download_all_examples": False,
     "show_signature": False,
+    "write_computation_times": False,
     "plot_gallery": "True",
     "abort_on_example_error": True,
     "default_thumb_file": str(HERE / "board.png"),

@@ -1,5 +1,6 @@
-"""Pages made from the code: every key of every file has a meaning, every command a page with an example."""
+"""Pages made from the code: keys, commands and results have meanings and units, and links lead somewhere."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -10,6 +11,9 @@ sys.path.insert(0, str(DOCS / "extensions"))
 
 import command_pages  # noqa: E402 - from the folder above
 import file_pages  # noqa: E402
+import link_check  # noqa: E402
+import result_pages  # noqa: E402
+import validation_pages  # noqa: E402
 
 from coilarray.cli.main import COMMANDS  # noqa: E402
 
@@ -31,3 +35,49 @@ def test_every_command_has_a_page_with_an_example(name):
     options = [line for line in page.splitlines() if line.startswith("| ``")]
     assert options
     assert all(line.removesuffix(" |").rsplit("|", 1)[1].strip() for line in options), "an option without a meaning"
+
+
+_PAGE = '<html><body><h1 id="top">Page</h1>{}</body></html>'
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        ('<a href="other.html#here">there</a><a href="#top">up</a><a href="https://example.org">outside</a>', None),
+        ('<a href="absent.html">gone</a>', "absent.html, which is missing"),
+        ('<img src="absent.png"/>', "absent.png, which is missing"),
+        ('<a href="other.html#elsewhere">there</a>', "other.html#elsewhere, where there is no such place"),
+        ('<script src="https://example.org/code.js"></script>', "loads https://example.org/code.js"),
+        ('<link rel="stylesheet" href="https://example.org/look.css"/>', "loads https://example.org/look.css"),
+        ('<link rel="canonical" href="https://example.org/"/>', None),
+    ],
+)
+def test_pages_that_need_a_network_or_a_missing_place_are_found(tmp_path, body, fault):
+    (tmp_path / "page.html").write_text(_PAGE.format(body))
+    (tmp_path / "other.html").write_text(_PAGE.format('<p id="here"></p>'))
+    found = list(link_check.faults(tmp_path))
+    assert len(found) == (fault is not None)
+    assert fault is None or found[0].endswith(fault)
+
+
+def test_speed_is_shown_against_every_other_program():
+    results = json.loads((DOCS.parent / "benchmarks" / "results.json").read_text(encoding="utf-8"))
+    ratios = dict(validation_pages.speed_ratios(results))
+    assert {name for name in ("magpylib", "cfsem", "simsopt") if name in " ".join(ratios)} == {
+        "magpylib", "cfsem", "simsopt"
+    }  # fmt: skip
+    assert all(ratio > 0 for ratio in ratios.values())
+
+
+def test_every_reference_says_how_it_was_made():
+    for section in validation_pages.references().split("\n## ")[1:]:
+        name, _, text = section.partition("\n")
+        assert len(text.split(":class: wrapped")[1].strip("`\n ")) > 100, name
+
+
+@pytest.mark.slow
+def test_every_variable_of_a_result_has_a_unit_and_a_meaning():
+    for title, _, dataset in result_pages.results():
+        for name, one in dataset.data_vars.items():
+            assert one.attrs.get("long_name"), f"{title}: {name} has no meaning"
+            assert one.dtype.kind != "f" or one.attrs.get("units"), f"{title}: {name} has no unit"

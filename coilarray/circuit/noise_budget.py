@@ -18,6 +18,8 @@ import numpy.typing as npt
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import Network, loaded_quality, resonate
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.html import html_card, html_table
+from coilarray.compute.netcdf import variables
 from coilarray.design.model import Design
 from coilarray.design.readout import INTERNAL_CLOCK_PER_KELVIN, Readout
 from coilarray.design.scan_states import ScanState, referenced_names
@@ -79,6 +81,25 @@ class NoiseBudget:
     readout: Readout
     reference: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        noise, drift = self.noise.max(), np.abs(self.drift).max()
+        return (
+            f"<NoiseBudget of {len(self.states)} states: at most σ of δ {self.largest:.2g}, of it noise {noise:.2g}; "
+            f"drift {drift:.2g} per K>"
+        )
+
+    def _repr_html_(self) -> str:
+        numbers = zip(self.noise.tolist(), self.drift.tolist(), self.sigma.tolist(), strict=True)
+        rows = [(name, *(f"{number:.3g}" for number in row)) for name, row in zip(self.states, numbers, strict=True)]
+        causes = [
+            (cause.name, "assumed, not verified" if cause.assumed else "known", cause.source) for cause in self.causes
+        ]
+        return html_card(
+            " less ".join(["NoiseBudget of δ", *([", ".join(self.reference)] if self.reference else [])]),
+            html_table(("state", "noise of δ", "drift of δ (1/K)", "σ of δ"), rows),
+            html_table(("cause", "size", "source"), causes),
+        )
+
     @property
     def scan_noise(self) -> FloatArray:
         """Relative standard deviation of L of one scan, shape (states,): the noise of all causes in quadrature."""
@@ -101,8 +122,31 @@ class NoiseBudget:
 
     @property
     def largest(self) -> float:
-        """The largest `sigma` of all states: the noise of δ that locating a reading assumes."""
+        """The largest `sigma` of all states: the noise of δ of a single coil."""
         return float(self.sigma.max())
+
+    @property
+    def independent(self) -> FloatArray:
+        """Standard deviation of δ by what is each coil's own, shape (states,): noise, and changes not in common.
+
+        With `common` it makes the covariance of readings, diag(independent²) + Σ c cᵀ, and its diagonal sigma².
+        """
+        return _quadrature([self.noise, *(cause.change for cause in self.causes if not cause.common)])
+
+    @property
+    def common(self) -> dict[str, FloatArray]:
+        """Changes c of δ, shape (states,), by every cause that is one random number at all coils, where it is not 0."""
+        return {cause.name: cause.change for cause in self.causes if cause.common and cause.change.any()}
+
+    def variables(self) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
+        """Return `common` as variables of the dataset of a response: ``common_noise`` (state, drift_cause); or none."""
+        common = self.common
+        if not common:
+            return {}
+        rows = variables(
+            ("common_noise", ("drift_cause", "state"), np.array(list(common.values())), "1", "change of δ by a cause")
+        )
+        return {"drift_cause": (("drift_cause",), list(common), {}), **rows}
 
     def referenced(self, reference: Sequence[str]) -> NoiseBudget:
         """Return the budget of δ less the mean δ of reference coils, of the other states.
@@ -295,9 +339,9 @@ def budget_of(design: Design, frequency: npt.ArrayLike, quality_factor: npt.Arra
                 "resistance of the switches", 2 * of_switches * readout.switch_per_kelvin / (Q**2 + 1),
                 "switch_per_kelvin", "ADG729: 4.5 Ω at 25 °C, 5 Ω over temperature", common=True,
             ),
-            drifting(
-                "losses by the converter's delay", delay, "copper_per_kelvin",
-                "SNOSCY9A, equation 1, not verified", common=True,
+            Cause(
+                "losses by the converter's delay", none, delay, delay * readout.temperature_change, True,
+                "5 ns of equation 1 of SNOSCY9A, not verified", True,
             ),
         ),
         readout,

@@ -84,12 +84,13 @@ def live(
     as_json: Annotated[bool, typer.Option("--json", help="One line of JSON in SI units for each scan.")] = False,
     allow_violations: AllowViolations = False,
 ) -> None:
-    """Show δ of every coil and where the indentation is, scan by scan.
+    """Show δ of every coil and where the indentation is.
 
-    The first scans, without an indentation, are the baseline; the key z measures it again, q ends. Piped, it prints a
-    line for each scan. A press begins where δ rises above what noise and drift of the baseline can do. Without --port
-    an emulator replaces the board, every line says so, and a finger moves over it unless --emulate says otherwise.
-    Ctrl-C, or closing the window of --plot, leaves the board at rest: all coils grounded, the converter asleep.
+    It goes on scan by scan. The first scans, without an indentation, are the baseline; the key z measures it again, q
+    ends. Piped, it prints a line for each scan. A press begins where δ rises above what noise and drift of the baseline
+    can do. Without --port an emulator replaces the board, every line says so, and a finger moves over it unless
+    --emulate says otherwise. Ctrl-C, or closing the window of --plot, leaves the board at rest: all coils grounded, the
+    converter asleep.
 
     Example: coilarray live gast2020 --port /dev/ttyACM0
 
@@ -236,7 +237,7 @@ def plain_line(reading: LiveReading) -> str:
     """Return a reading in one line for people."""
     parts = [f"{reading.elapsed:.3f} s"]
     parts += [f"{state.name} {_delta_text(state)}" for state in reading.states]
-    return "  ".join([*parts, _place_text(reading), *_beside(reading)])
+    return "  ".join(part for part in (*parts, _place_text(reading), *_beside(reading)) if part)
 
 
 def less_text(reference: Sequence[str]) -> str:
@@ -293,7 +294,7 @@ def _bar(part: float) -> str:
 def _place_text(reading: LiveReading) -> str:
     """Return where the indentation is, or why that is unknown."""
     if reading.waiting:
-        return f"baseline: {reading.waiting} more scans without an indentation"
+        return f"baseline: scans without an indentation still wanted: {reading.waiting}"
     if reading.location is None:
         return reading.problem
     from coilarray.report.localize_tables import location_record

@@ -64,13 +64,14 @@ def locate(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Find where, and how deep, an indentation is from the δ of the coils, or where a target is.
+    """Find where an indentation or a target is from δ.
 
-    Maximum likelihood over all coils; every position that explains a reading is listed, both signs of y on a board that
-    is symmetric. Positions are those on the board; those of an ellipse model of `coilarray fit` or of the paper count
-    from its own origin. The table of a design is computed once and kept; that of one with a [target] and no
-    [indentation] is the target's map, of which coordinates with a single value are known. A stream gives one JSON line
-    out for each line in, with "error" for a bad one; the exit code is 2 only where no line was a reading.
+    Maximum likelihood over all coils, which finds the depth or distance too; every position that explains a reading is
+    listed, both signs of y on a board that is symmetric. Positions are those on the board; those of an ellipse model of
+    `coilarray fit` or of the paper count from its own origin. The table of a design is computed once and kept; that of
+    one with a [target] and no [indentation] is the target's map, of which coordinates with a single value are known. A
+    stream gives one JSON line out for each line in, with "error" for a bad one; the exit code is 2 only where no line
+    was a reading.
 
     Example: coilarray locate --model gast2020 coil1=-2e-5,coil2=8e-5,coil3=9.5e-4,coil4=5.6e-4,coil5=-1e-5,coil6=-1e-5
 
@@ -94,13 +95,14 @@ def locate(
     if depth is not None and not ellipse:
         raise LocalizeError("--depth-mm is for --ellipse; the depth is found otherwise.")
     given = [] if stream else [one for text in readings for one in read_readings(text)]
-    assumed: tuple[float | None, str] = (None, "")  # noise of δ, and where it is from
+    assumed: dict[str, float | None] = {"noise": None}
+    said: list[str] = []
     if ellipse:
         ellipses, origin = _ellipse_model(model, depth, allow_violations)
         solve = _with_ellipses(ellipses, origin, coil, addition_mm * 1e-3)
     else:
         used = _response(model, table, allow_violations)
-        solve, assumed = _with_all_coils(used, coil, reference or (), noise, given, readings)
+        solve, assumed, said = _with_all_coils(used, coil, reference or (), noise, given, readings)
     if stream:
         _stream(solve)
         return
@@ -111,11 +113,8 @@ def locate(
         raise LocalizeError(f"{_none_in(readings)}: {records[0]['error']}")
     texts = [record.get("error") or record.get("reason") for record in records]
     lines = [f"reading {k}: {text}" for k, text in enumerate(texts, start=1) if text]
-    level, source = assumed
-    if level is not None:
-        lines.append(f"noise of δ {level:.2g}{source}")
-    data = {"noise": level, "positions": records}
-    shared.print_result(data, as_json=as_json, tables=[position_table(records)], lines=lines)
+    data = {**assumed, "positions": records}
+    shared.print_result(data, as_json=as_json, tables=[position_table(records)], lines=[*lines, *said])
 
 
 def _answers(solve: Solver, readings: Sequence[Reading | LocalizeError]) -> list[Record]:
@@ -189,8 +188,10 @@ def _with_all_coils(
     noise: float | None,
     given: Sequence[Reading | LocalizeError],
     readings: Sequence[str],
-) -> tuple[Solver, tuple[float, str]]:
-    """Solve with maximum likelihood, and say with which noise; refuse what no response could answer before it is made.
+) -> tuple[Solver, dict[str, float | None], list[str]]:
+    """Solve with maximum likelihood, and say with which noise, in numbers and in words.
+
+    What no response could answer is refused before it is made.
 
     The readings are `given`, and the texts of the command line from which they are; none of a stream.
     """
@@ -241,7 +242,16 @@ def _with_all_coils(
         good = [_of_states(one, used, every) for one in readings]
         return _answers(located, [less(one) for one in good]) if reference else located(good)
 
-    return solve, (model.noise if noise is None else noise, shared.noise_source(noise, table))
+    common = 0.0 if noise is not None else float(model.common_noise.max())
+    level, worst = model.noise if noise is None else noise, max(model.errors, default=0.0)
+    said = [
+        f"noise of δ {level:.2g} of each coil"
+        + (f", {common:.2g} common to all" if common else "")
+        + shared.noise_source(noise, table)
+    ]
+    if worst:
+        said.append(f"± counts the mesh error of the table, up to {worst:.2g} of δ (estimated)")
+    return solve, {"noise": level, "common_noise": common, "table_error": worst}, said
 
 
 def _of_states(reading: Reading, used: Sequence[str], every: Sequence[str]) -> Reading:

@@ -42,15 +42,15 @@ def target(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Map what a target of metal or ferrite does to every coil, against its distance and place.
+    """Map what a target of metal or ferrite does to every coil.
 
-    The [target] of the design is moved over the board. At every distance and place the whole circuit is solved: L, R,
-    Q, R_p and f of every state of the scan, δ against the board without the target, and every coupling. The tables show
-    each state where the target moves it the most; its range, the distance at which |δ| is 3 times the noise; and the
-    distances up to which 1, 10 and 100 µm are resolved. Places in tables, pictures and a .csv are those on the board.
-    A target may be moved beside every [[plate]] of the design, but a sphere. Over magnetic sheets or beside plates an
-    interrupted map of a disc or another outline goes on, distance by distance, from the folder FILE.parts when the same
-    command runs again.
+    The [target] of the design is moved over the board, away from it and sideways. At every distance and place the whole
+    circuit is solved: L, R, Q, R_p and f of every state of the scan, δ against the board without the target, and every
+    coupling. The tables show each state where the target moves it the most; its range, the distance at which |δ| is 3
+    times the noise; and the distances up to which 1, 10 and 100 µm are resolved. Places in tables, pictures and a .csv
+    are those on the board. A target may be moved beside every [[plate]] of the design, but a sphere. Over magnetic
+    sheets or beside plates an interrupted map of a disc or another outline goes on, distance by distance, from the
+    folder FILE.parts when the same command runs again.
 
     Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
     """
@@ -88,13 +88,13 @@ def target(
         "file": str(out),
         "body": result.attrs["target"],
         "material": result.attrs["material"],
-        "noise": result.attrs["noise"],
+        "noise": result.attrs["sigma"],
         **{key: value for key, value in result.attrs.items() if key.startswith("plate_error_")},
         **{table.name: table.records() for table in (*tables, target_coupling_table(shown))},
     }
     lines = [
         *shared.plate_error_lines(result.attrs),
-        f"noise of δ {result.attrs['noise']:.2g}{shared.noise_source(noise, result)}: the range ends where |δ| is "
+        f"noise of δ {result.attrs['sigma']:.2g}{shared.noise_source(noise, result)}: the range ends where |δ| is "
         f"{result.attrs['range_factor']:g} times that; a step of distance is resolved where it is no less than the "
         "standard deviation of one reading",
         f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",

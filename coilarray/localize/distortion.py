@@ -110,7 +110,7 @@ def distortion(
     ``ellipse`` (fitted centre minus the middle of the level curve on y = 0, on the wide and fine map), ``winding and
     leads`` (each coil averaged with itself turned by half a turn), ``layers`` (all coils at one height), ``tilt`` and
     ``noise`` (switched on, since the computed map has none; for noise the standard deviation of x0, with that of δ by
-    the noise budget of the design, the attribute ``noise``). So are
+    the noise budget of the design: each coil's own, the attribute ``noise``, and what is common, once a map). So are
     ``indenter of steel``, ``… aluminium`` and ``… ferrite``, where the design's indenter is a hemisphere without a
     material: eddy currents and magnetisation of a ball, with L_0 read as it just touches the sheets.
     """
@@ -304,12 +304,18 @@ def _middles(response: xr.Dataset, states: Sequence[str], levels: FloatArray) ->
 
 
 def _scatter(base: xr.Dataset, states: Sequence[str], levels: FloatArray) -> FloatArray:
-    """Return the standard deviation of x0 in m under noise of the readings, from a few seeded maps."""
+    """Return the standard deviation of x0 in m under noise of the readings, from a few seeded maps.
+
+    What is common to the coils is drawn once a map, as L_0 is read once: it moves the level of a whole map.
+    """
     runs = []
     for seed in range(_SEEDS):
         random = np.random.default_rng(seed)
-        noise = base.attrs["noise"] * random.standard_normal(base.delta.shape)
-        runs.append(ellipse_curves(base.assign(delta=base.delta + noise), states, levels).determined_x0)
+        delta = base.delta + base.attrs["noise"] * random.standard_normal(base.delta.shape)
+        if "common_noise" in base:
+            drift = base.common_noise.values @ random.standard_normal(base.sizes["drift_cause"])
+            delta = delta + xr.DataArray(drift, dims="state")
+        runs.append(ellipse_curves(base.assign(delta=delta), states, levels).determined_x0)
     return np.asarray(np.std(runs, axis=0, ddof=1))
 
 

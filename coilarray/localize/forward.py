@@ -17,6 +17,7 @@ from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.design.scan_states import referenced_names
 from coilarray.errors import LocalizeError
+from coilarray.localize.whitening import Whitening, whitening
 from coilarray.response.coordinates import is_of_target, over_depth
 from coilarray.response.interpolation import (
     LEAST_POSITIONS,
@@ -52,8 +53,11 @@ class ForwardModel(ResponseSpline):
     parameters : tuple of str
         Names of the coordinates; the last one is the distance of a target.
     noise : float
-        Standard deviation of δ of a reading where no other is given: that of the response, which a computed one has by
-        the noise budget of its design, else `NOISE`.
+        Standard deviation of δ of a reading, independent from state to state, where no other is given: that of the
+        response, which a computed one has by the noise budget of its design, else `NOISE`.
+    common : tuple of ndarray, shape (states,)
+        Changes of δ by causes that are one random number for all states, each of one standard deviation; none by
+        default. They count where no other noise is given.
     errors : tuple of float
         Error of δ of every state by the table itself, of δ there; none by default.
     """
@@ -61,6 +65,7 @@ class ForwardModel(ResponseSpline):
     states: tuple[str, ...]
     parameters: tuple[str, ...] = PARAMETERS
     noise: float = NOISE
+    common: tuple[FloatArray, ...] = ()
     errors: tuple[float, ...] = ()
 
     def select(self, states: Sequence[str]) -> ForwardModel:
@@ -71,27 +76,32 @@ class ForwardModel(ResponseSpline):
         kept = [self.states.index(name) for name in chosen_states(self.states, states)]
         coefficients = np.ascontiguousarray(self.spline.c[..., kept])
         spline, errors = NdBSpline(self.spline.t, coefficients, self.spline.k), self.errors
-        return replace(self, states=tuple(states), spline=spline, errors=tuple(errors[k] for k in kept if errors))
+        return replace(
+            self, states=tuple(states), spline=spline, common=tuple(one[kept] for one in self.common),
+            errors=tuple(errors[k] for k in kept if errors),
+        )  # fmt: skip
 
-    def deviations(self, points: FloatArray, noise: FloatArray) -> FloatArray:
-        """Return the standard deviations (…, states) of a reading's difference from `delta` at points (…, 3) in m.
-
-        Those of the noise (states,) and of the table's own error together.
-        """
-        own = np.array(self.errors or np.zeros(len(self.states)))
-        return np.hypot(noise, own * self.values_at(points))
+    @property
+    def common_noise(self) -> FloatArray:
+        """Standard deviation of δ by all causes that are common to the states, shape (states,)."""
+        return np.sqrt(np.sum(np.square(self.common), axis=0)) if self.common else np.zeros(len(self.states))
 
     def referenced(self, reference: Sequence[str]) -> ForwardModel:
         """Return the model of δ less the mean δ of reference coils, of the other states.
 
         It is that of readings of `coilarray.hardware.record.reference_coil.less_reference`, also where the indenter
-        reaches a reference. LocalizeError for a reference that is not there or named twice, none, or no other state.
+        reaches a reference. What is common goes as far as it is equal, and the references' own noise is common to all
+        others. LocalizeError for a reference that is not there or named twice, none, or no other state.
         """
         others = referenced_names(self.states, reference, LocalizeError)
         kept, taken = ([self.states.index(name) for name in names] for names in (others, reference))
         coefficients = self.spline.c[..., kept] - self.spline.c[..., taken].mean(axis=-1, keepdims=True)
+        own = self.noise / math.sqrt(len(taken))
         spline, errors = NdBSpline(self.spline.t, coefficients, self.spline.k), self.errors
-        return replace(self, states=others, spline=spline, errors=tuple(errors[k] for k in kept if errors))
+        common = (*(one[kept] - one[taken].mean() for one in self.common), np.full(len(kept), own))
+        return replace(
+            self, states=others, spline=spline, common=common, errors=tuple(errors[k] for k in kept if errors)
+        )
 
     def delta(self, points: npt.ArrayLike) -> FloatArray:
         """Return δ of every state, shape (…, states), at points (…, 3): x, y and depth in m.
@@ -147,6 +157,19 @@ def noise_of(model: ForwardModel, noise: npt.ArrayLike | None) -> FloatArray:
     return checked_noise(model.states, model.noise if noise is None else noise)
 
 
+def whitening_of(model: ForwardModel, noise: npt.ArrayLike | None, delta: FloatArray | None = None) -> Whitening:
+    """Return what divides differences of readings from the model, and its slopes, by their noise.
+
+    A given noise is independent from state to state; the model's own has also what is common to them. The error of the
+    table, as a part of δ, is added for δ (…, states) if given. LocalizeError as `checked_noise`.
+    """
+    deviations = noise_of(model, noise)
+    if delta is not None and any(model.errors):
+        deviations = np.hypot(deviations, np.array(model.errors) * delta)
+    common = model.common if noise is None else ()
+    return whitening(deviations, np.array(common).reshape(-1, len(model.states)).T)
+
+
 def checked_noise(states: Sequence[str], noise: npt.ArrayLike) -> FloatArray:
     """Return the standard deviation of δ of every state, shape (states,).
 
@@ -168,7 +191,8 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     Parameters
     ----------
     response : xarray.Dataset
-        Response with ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state. Where it has
+        Response with ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state. The attribute
+        ``noise`` and the variable ``common_noise`` (state, drift_cause) are the model's noise. Where it has
         ``delta_error``, as a target's, its root mean square against that of δ is the model's error, state by state.
     zero_plane : bool
         Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth that has no depth 0. Not
@@ -207,9 +231,12 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
         over = tuple(dim for dim in response["delta"].dims if dim != "state")
         squares = [(response[name] ** 2).mean(over).values for name in ("delta_error", "delta")]
         errors = tuple(np.sqrt(squares[0] / squares[1]).tolist())
+    common: tuple[FloatArray, ...] = ()
+    if "common_noise" in response:
+        common = tuple(response["common_noise"].transpose("drift_cause", "state").values.astype(np.float64))
     return ForwardModel(
-        states=names, parameters=parameters, noise=float(response.attrs.get("noise", NOISE)), errors=errors,
-        x=table.x, y=table.y, depth=table.depth, spline=table.spline,
+        states=names, parameters=parameters, noise=float(response.attrs.get("noise", NOISE)), common=common,
+        errors=errors, x=table.x, y=table.y, depth=table.depth, spline=table.spline,
     )  # fmt: skip
 
 

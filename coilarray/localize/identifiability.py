@@ -17,7 +17,7 @@ import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LocalizeError
-from coilarray.localize.forward import ForwardModel, noise_of
+from coilarray.localize.forward import ForwardModel, noise_of, whitening_of
 
 _SINGULAR = 1e-13  # least eigenvalue of a scaled information; its entries are rounded to 1e-16
 
@@ -25,10 +25,11 @@ _SINGULAR = 1e-13  # least eigenvalue of a scaled information; its entries are r
 def fisher_information(model: ForwardModel, points: npt.ArrayLike, noise: npt.ArrayLike | None = None) -> FloatArray:
     """Information of one reading of all states about x, y and, where it is unknown, the depth, in 1/m².
 
-    Shape (…, unknowns, unknowns), for points (…, 3) and the standard deviation of δ, one or one for each state.
+    Shape (…, unknowns, unknowns), for points (…, 3) and the standard deviation of δ, one or one for each state, which
+    is independent from state to state; by default the model's noise, with what is common. The table's error counts.
     LocalizeError for what `ForwardModel.jacobian` and `noise_of` refuse.
     """
-    scaled = model.jacobian(points) / noise_of(model, noise)[:, None]
+    scaled = whitening_of(model, noise, model.delta(points)).slopes(model.jacobian(points))
     return np.asarray(scaled.swapaxes(-1, -2) @ scaled)
 
 
@@ -79,7 +80,8 @@ def identifiability(
         Dimensions y and x. ``sigma_x``, ``sigma_y`` and, where the depth is unknown, ``sigma_h``: least standard
         deviations in m, infinite where the information is singular. ``condition``: ratio of the largest to the least
         eigenvalue of the information, x and y in one unit and the depth in its own, which shows how far the unknowns
-        can stand in for each other; infinite where singular. Attributes depth in m and noise.
+        can stand in for each other; infinite where singular. Attributes depth in m,
+        noise and common_noise of every state.
 
     Raises
     ------
@@ -94,7 +96,8 @@ def identifiability(
         raise LocalizeError(f"x and y must be rows of positions; got shapes {along.shape} and {across.shape}.")
     X, Y = np.meshgrid(along, across)
     sigma = noise_of(model, noise)
-    information = fisher_information(model, np.stack([X, Y, np.full_like(X, depth)], axis=-1), sigma)
+    common = model.common_noise if noise is None else np.zeros_like(sigma)
+    information = fisher_information(model, np.stack([X, Y, np.full_like(X, depth)], axis=-1), noise)
     deviations = np.sqrt(np.diagonal(covariance_of(information), axis1=-2, axis2=-1))
     values, _, _ = _scaled_eigen(information)
     singular = values[..., 0] <= _SINGULAR
@@ -109,7 +112,7 @@ def identifiability(
     return xr.Dataset(
         variables,
         coords={"y": ("y", across, {"units": "m"}), "x": ("x", along, {"units": "m"})},
-        attrs={"depth": float(depth), "noise": sigma.tolist()},
+        attrs={"depth": float(depth), "noise": sigma.tolist(), "common_noise": common.tolist()},
     )
 
 

@@ -1,16 +1,16 @@
 """Where and how deep an indentation is, from the δ of all coils: maximum likelihood with everything that also fits.
 
-With Gaussian noise of known standard deviation σ_s in δ_s, −2 ln of the likelihood is χ² up to a constant; the error of
-a target's table is added to σ_s at every minimum. A `Location` keeps every mode, that is every minimum of χ² that lies
-in the likelihood region {θ : χ²(θ) − min χ² ≤ q}, with q the quantile of χ² for as many degrees of freedom as unknowns:
-on a board that is symmetric in y both signs of y are there.
+With Gaussian noise of known covariance in δ, −2 ln of the likelihood is χ² up to a constant; the error of a target's
+table, as a part of the δ that is read, is added to the variances. A `Location` keeps every mode, that is every minimum
+of χ² that lies in the likelihood region {θ : χ²(θ) − min χ² ≤ q}, with q the quantile of χ² for as many degrees of
+freedom as unknowns: on a board that is symmetric in y both signs of y are there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import Literal
 
 import numpy as np
@@ -18,11 +18,13 @@ import numpy.typing as npt
 from scipy.special import chdtrc, chdtri
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.html import html_card, html_table
 from coilarray.compute.threads import ranges
 from coilarray.errors import LocalizeError
-from coilarray.localize.forward import ForwardModel, noise_of, require_states
+from coilarray.localize.forward import ForwardModel, checked_noise, require_states, whitening_of
 from coilarray.localize.identifiability import covariance_of
-from coilarray.localize.search import refine, scan_of, starts
+from coilarray.localize.search import refine, starts
+from coilarray.localize.whitening import Whitening
 from coilarray.response.interpolation import PARAMETERS
 
 IntArray = npt.NDArray[np.intp]
@@ -142,6 +144,13 @@ class Location:
     degrees_of_freedom: int = 0
     probability: float | None = None
 
+    def __repr__(self) -> str:
+        return f"<Location: {'; '.join(location_lines(self))}>"
+
+    def _repr_html_(self) -> str:
+        first, *places = location_lines(self)
+        return html_card(f"Location: {first}", html_table((), [(place,) for place in places]) if places else "")
+
     @property
     def best(self) -> Mode:
         """The most likely mode; LocalizeError where there is none."""
@@ -153,6 +162,28 @@ class Location:
     def ambiguous(self) -> bool:
         """True where more than one mode is likely enough to be kept."""
         return len(self.modes) > 1
+
+
+def location_lines(location: Location) -> list[str]:
+    """Return lines with the verdict and the possible positions of an indentation, the best one first.
+
+    Examples
+    --------
+    >>> location_lines(Location("nothing pressed", "nothing is pressed."))
+    ['nothing pressed: nothing is pressed.']
+    """
+    first = f"{location.verdict}: {location.reason}" if location.reason else location.verdict
+    return [
+        first,
+        *(f"{'located' if k == 0 else 'may also be'}: {_mode_words(m)}" for k, m in enumerate(location.modes)),
+    ]
+
+
+def _mode_words(mode: Mode) -> str:
+    parts = []
+    for name, value, sigma in zip_longest(("x", "y", "depth"), (mode.x, mode.y, mode.depth), mode.known_deviations):
+        parts.append(f"{name} = {value * 1e3:.2f}{'' if sigma is None else f' ± {sigma * 1e3:.2g}'} mm")
+    return ", ".join(parts).replace("-", "−")
 
 
 def locate(
@@ -268,15 +299,16 @@ def deviance(
     LocalizeError
         What `locate` and `ForwardModel.delta` refuse, and a location without a mode.
     """
-    residuals = (checked_reading(model.states, reading) - model.delta(points)) / noise_of(model, noise)
-    return np.asarray((residuals**2).sum(axis=-1) - location.best.chi_square)
+    row = checked_reading(model.states, reading)
+    chi_square = whitening_of(model, noise, row).chi_square(row - model.delta(points))
+    return np.asarray(chi_square - location.best.chi_square)
 
 
 def _solve(
     model: ForwardModel, rows: Sequence[FloatArray], noise: npt.ArrayLike | None, confidence: float, alarm: float
 ) -> list[Location]:
     """Locate checked readings."""
-    sigma = noise_of(model, noise)
+    sigma = None if noise is None else checked_noise(model.states, noise)
     for name, value in (("confidence", confidence), ("alarm", alarm)):
         if not 0 < value < 1:
             raise LocalizeError(f"{name} must be between 0 and 1; got {value}.")
@@ -288,14 +320,14 @@ def _solve(
 
 
 def _solve_block(
-    model: ForwardModel, readings: FloatArray, sigma: FloatArray, confidence: float, alarm: float
+    model: ForwardModel, readings: FloatArray, noise: FloatArray | None, confidence: float, alarm: float
 ) -> list[Location]:
-    nothing = ((readings / sigma) ** 2).sum(axis=1)
+    nothing = whitening_of(model, noise).chi_square(readings)
     pressed = np.flatnonzero(chdtrc(len(model.states), nothing) <= alarm)
     reason = "nothing is pressed" if model.parameters == PARAMETERS else "no target is noticed"
     result = [_nothing(float(value), len(model.states), reason) for value in nothing]
     if len(pressed):
-        minima = _minima(model, readings[pressed], sigma, confidence)
+        minima = _minima(model, readings[pressed], noise, confidence)
         ends = np.searchsorted(minima.owner, np.arange(len(pressed) + 1)).tolist()
         for k, (first, last) in zip(pressed, pairwise(ends), strict=True):
             modes = tuple(minima.mode(one) for one in range(first, last) if minima.is_new(first, one))
@@ -330,28 +362,26 @@ class _Minima:
         return Mode(x, y, depth, self.fisher[k], float(self.chi_square[k]), gaussian, border, free)
 
 
-def _minima(model: ForwardModel, readings: FloatArray, sigma: FloatArray, confidence: float) -> _Minima:
+def _minima(model: ForwardModel, readings: FloatArray, noise: FloatArray | None, confidence: float) -> _Minima:
     quantile = _quantile(model.unknowns, confidence)
-    owner, points = starts(scan_of(model, tuple(sigma.tolist())), readings / sigma)
-    points, chi_square = refine(model, readings[owner], points, sigma)
-    if any(model.errors):
-        differences = readings[owner] - model.values_at(points)
-        chi_square = ((differences / model.deviations(points, sigma)) ** 2).sum(axis=1)
+    of_readings = whitening_of(model, noise, readings)
+    owner, points = starts(model, readings, noise, of_readings)
+    points, chi_square = refine(model, readings[owner], points, of_readings.of(owner))
     order = np.lexsort((chi_square, owner))
     owner, points, chi_square = owner[order], points[order], chi_square[order]
     best = chi_square[np.searchsorted(owner, np.arange(len(readings)))]
     kept = chi_square <= best[owner] + quantile
     owner, points, chi_square = owner[kept], points[kept], chi_square[kept]
     delta, jacobian = model.linear(points)
-    deviations = model.deviations(points, sigma)
-    scaled = jacobian / deviations[..., None]
+    weights = of_readings.of(owner)
+    scaled = weights.slopes(jacobian)
     fisher = scaled.swapaxes(1, 2) @ scaled
-    slope = np.einsum("nsi,ns->ni", scaled, (readings[owner] - delta) / deviations)
+    slope = np.einsum("nsi,ns->ni", scaled, weights.residuals(readings[owner] - delta))
     covariance = covariance_of(fisher)
     known = np.isfinite(covariance[:, 0, 0])
     pressure = np.einsum("ni,nij,nj->n", slope, np.where(known[:, None, None], covariance, 0.0), slope)
     pressure[points[:, 2] <= 0] = 0  # no indentation is shallower than none
-    gaussian = known & _is_gaussian(model, readings[owner], points, chi_square, fisher, deviations, quantile)
+    gaussian = known & _is_gaussian(model, readings[owner], points, chi_square, fisher, weights, quantile)
     edge = ((points <= model.lower) | (points >= model.upper))[:, model.free]
     return _Minima(owner, points, chi_square, fisher, gaussian, edge, model.free, model.parameters, pressure)
 
@@ -362,7 +392,7 @@ def _is_gaussian(
     points: FloatArray,
     chi_square: FloatArray,
     fisher: FloatArray,
-    deviations: FloatArray,
+    weights: Whitening,
     quantile: float,
 ) -> BoolArray:
     """Tell whether χ² rises as the ellipsoid of every minimum says, at the ends of its axes, all in the table."""
@@ -374,8 +404,8 @@ def _is_gaussian(
     inside = ((ends >= model.lower) & (ends <= model.upper)).all(axis=(1, 2))
     result = np.zeros(len(points), dtype=bool)
     if inside.any():
-        residuals = (readings[inside, None] - model.delta(ends[inside])) / deviations[inside, None]
-        rise = ((residuals**2).sum(axis=-1) - chi_square[inside, None]) / quantile
+        there = weights.of((inside, None)).chi_square(readings[inside, None] - model.delta(ends[inside]))
+        rise = (there - chi_square[inside, None]) / quantile
         result[inside] = ((rise > 1 / _BENT) & (rise < _BENT)).all(axis=1)
     return result
 

@@ -1,12 +1,12 @@
 """The most likely positions of an indentation: a scan of the whole table for starts, and a least-squares refinement.
 
-Both minimise χ²(θ) = Σ_s ((δ_s − model_s(θ))/σ_s)², which is −2 ln of the likelihood up to a constant, for many
-readings at once.
+Both minimise χ²(θ) = |W (δ − model(θ))|², which is −2 ln of the likelihood up to a constant, for many readings at once;
+W is that of `coilarray.localize.whitening`.
 
 The scan looks at cells of the table. Around the centre θ_c of one the model is taken as linear, and a step u away from
 the centre, in sizes of the cell, costs |u|²; what is left has a closed form,
 
-    min_u |e − J u|² + |u|² = |e|² − |Qᵀe|²,      e = (δ − model(θ_c))/σ,      Q = J L⁻ᵀ,   L Lᵀ = 1 + JᵀJ,
+    min_u |e − J u|² + |u|² = |e|² − |Qᵀe|²,      e = W (δ − model(θ_c)),      Q = J L⁻ᵀ,   L Lᵀ = 1 + JᵀJ,
 
 so narrow valleys are seen that pass between the centres. The refinement is the method of Levenberg and Marquardt with
 Nielsen's rule for the damping (K. Madsen, H. B. Nielsen, O. Tingleff, Methods for Non-Linear Least Squares Problems,
@@ -24,7 +24,8 @@ from scipy.ndimage import minimum_filter
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import ranges
-from coilarray.localize.forward import ForwardModel
+from coilarray.localize.forward import ForwardModel, whitening_of
+from coilarray.localize.whitening import Whitening
 
 IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
@@ -45,8 +46,8 @@ class Scan:
     """Cells of the table, with the linear model around each.
 
     `shape` counts the cells along x, y and depth, of which `free` are unknown; `size`, shape (unknowns,), is that of
-    one in m, and `centres`, shape (cells, 3), are in m. `scaled` (cells, states) is the model at the centre over the
-    noise, `slopes` (cells, states, unknowns) its change over a cell over the noise, J, and `forms` (1 + unknowns,
+    one in m, and `centres`, shape (cells, 3), are in m. `scaled` (cells, states) is W times the model at the centre,
+    `slopes` (cells, states, unknowns) W times its change over a cell, J, and `forms` (1 + unknowns,
     states, cells) `scaled` and the columns of Q.
     """
 
@@ -59,7 +60,7 @@ class Scan:
     forms: FloatArray
 
     def badness(self, readings: FloatArray) -> FloatArray:
-        """|e|² − |Qᵀe|² of every cell, shape (n, *shape), for readings over the noise, shape (n, states)."""
+        """|e|² − |Qᵀe|² of every cell, shape (n, *shape), for W times readings, shape (n, states)."""
         offsets = np.einsum("fsc,cs->fc", self.forms, self.scaled)
         along = np.tensordot(readings, self.forms, axes=(1, 1))
         total = (readings**2).sum(axis=1)[:, None] - 2 * along[:, 0] + offsets[0]
@@ -69,8 +70,12 @@ class Scan:
 
 
 @lru_cache(maxsize=8)
-def scan_of(model: ForwardModel, noise: tuple[float, ...]) -> Scan:
-    """Prepare the scan of a model's table for one noise in δ of every state."""
+def _kept_scan(model: ForwardModel, noise: tuple[float, ...] | None) -> Scan:
+    return _scan_of(model, whitening_of(model, noise))
+
+
+def _scan_of(model: ForwardModel, weights: Whitening) -> Scan:
+    """Prepare the scan of a model's table for one covariance of δ."""
     counts = [max(_even(min(len(axis) - 1, _MOST_CELLS)), 1) for axis in (model.x, model.y)]
     shape = (*counts, _DEPTH_CELLS if len(model.depth) > 1 else 1)
     span = model.upper - model.lower
@@ -78,7 +83,7 @@ def scan_of(model: ForwardModel, noise: tuple[float, ...]) -> Scan:
     centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     size = (span / shape)[model.free]
     delta, jacobian = model.linear(centres)
-    scaled, slopes = delta / np.array(noise), jacobian / np.array(noise)[:, None] * size
+    scaled, slopes = weights.residuals(delta), weights.slopes(jacobian) * size
     lower = np.linalg.cholesky(np.eye(model.unknowns) + slopes.swapaxes(1, 2) @ slopes)
     Q = np.linalg.solve(lower, slopes.swapaxes(1, 2))
     forms = np.concatenate((scaled[:, None], Q), axis=1)
@@ -98,14 +103,22 @@ def _even(count: int) -> int:
     return count + count % 2
 
 
-def starts(scan: Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
+def starts(
+    model: ForwardModel, readings: FloatArray, noise: FloatArray | None, weights: Whitening
+) -> tuple[IntArray, FloatArray]:
     """Positions to refine: the best of the cells that are better than their neighbours in x and y.
 
-    For readings (n, states) relative to the noise it returns points (m, 3) in m, not yet inside the bounds, and their
-    owner (m,): the number of the reading that a start belongs to, rising; every reading has one at least.
+    For readings (n, states) with a noise and their weights it returns points (m, 3) in m, not yet inside the bounds,
+    and their owner (m,): the number of the reading that a start belongs to, rising; every reading has one at least.
     """
-    found = [_starts(scan, readings[first:last]) for first, last in ranges(len(readings), _BLOCK)]
-    owner = np.concatenate([part[0] + k * _BLOCK for k, part in enumerate(found)])
+    alike = weights.deviations.ndim == 1  # else every reading has its own weights, and so its own scan
+    scaled, size = weights.residuals(readings), _BLOCK if alike else 1
+    kept = _kept_scan(model, None if noise is None else tuple(noise.tolist())) if alike else None
+    found = [
+        _starts(kept or _scan_of(model, weights.of(first)), scaled[first:last])
+        for first, last in ranges(len(readings), size)
+    ]
+    owner = np.concatenate([part[0] + k * size for k, part in enumerate(found)])
     return owner, np.concatenate([part[1] for part in found])
 
 
@@ -129,17 +142,18 @@ def _starts(scan: Scan, readings: FloatArray) -> tuple[IntArray, FloatArray]:
 
 
 def refine(
-    model: ForwardModel, readings: FloatArray, points: FloatArray, noise: FloatArray
+    model: ForwardModel, readings: FloatArray, points: FloatArray, weights: Whitening
 ) -> tuple[FloatArray, FloatArray]:
     """Go down to the least χ² near every start, one row of points (m, 3) in m and of readings (m, states) for each.
 
+    `weights` is one for all, or has a row for each as well.
     Starts outside the table begin on its border. Returns the points, inside the table or on its border, and their χ².
     """
     free = model.free
     unit, low, high = _units(model), model.lower[free], model.upper[free]
     points = points.copy()
     points[:, free] = np.clip(points[:, free], low, high)
-    e, A = _residuals(model, readings, points, noise, unit)
+    e, A = _residuals(model, readings, points, weights, unit)
     chi_square = (e**2).sum(axis=1)
     damping, growth = np.ones(len(points)), np.full(len(points), 2.0)
     going = np.arange(len(points))
@@ -148,7 +162,7 @@ def refine(
         step, promised = _step(A[going], e[going], damping[going], at <= low, at >= high)
         trial = points[going]
         trial[:, free] = np.clip(at + step * unit, low, high)
-        new_e, new_A = _residuals(model, readings[going], trial, noise, unit)
+        new_e, new_A = _residuals(model, readings[going], trial, weights.of(going), unit)
         new = (new_e**2).sum(axis=1)
         gain = np.minimum((chi_square[going] - new) / np.maximum(promised, _SETTLED * 1e-9), 2.0)
         better = new <= chi_square[going]
@@ -186,11 +200,11 @@ def _units(model: ForwardModel) -> FloatArray:
 
 
 def _residuals(
-    model: ForwardModel, readings: FloatArray, points: FloatArray, noise: FloatArray, unit: FloatArray
+    model: ForwardModel, readings: FloatArray, points: FloatArray, weights: Whitening, unit: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Residuals over the noise, and the model's slopes over the noise per unit."""
+    """W times residuals, and W times the model's slopes per unit."""
     delta, jacobian = model.linear(points)
-    return (readings - delta) / noise, jacobian / noise[:, None] * unit
+    return weights.residuals(readings - delta), weights.slopes(jacobian) * unit
 
 
 def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:

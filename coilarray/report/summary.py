@@ -123,7 +123,7 @@ def _resolution(response: xr.Dataset) -> Iterator[tuple[Value, ...]]:
     at = f"at x {float(place.x) * 1e3:.1f}, y {float(place.y) * 1e3:.1f} mm"
     half = "median of the map" if found else "half of the map does not tell x"
     yield (
-        f"σ of a located x, deepest; noise of δ {model.noise:.2g}",
+        f"σ of a located x, deepest; noise of δ {model.noise:.2g}, common {model.common_noise.max():.2g}",
         best,
         median if found else "",
         "m",

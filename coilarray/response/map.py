@@ -13,7 +13,7 @@ import xarray as xr
 
 from coilarray.circuit.coupling import design_circuit, design_inductance, provenance
 from coilarray.circuit.network import Network, Resonance, loaded_quality, resonances_near, resonate
-from coilarray.circuit.noise_budget import budget_of
+from coilarray.circuit.noise_budget import NoiseBudget, budget_of
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
@@ -198,7 +198,7 @@ def response_map(
     states = None if flat is None or not error else _sensitivity(flat, design.plan, required=reach != "auto")
     if flat is not None and states is not None:
         base = states.base_inductance
-        noise = _noise_of_states(pressed.design, flat, states)
+        budget = _budget_of_states(pressed.design, flat, states)
         delta, cutoff = near_response(pressed, design.array.conductors(), states, error, mesh, progress=progress)
         delta += _shift_of_states(pressed, states, mesh)
         changes: dict[str, Variable] = {}
@@ -231,9 +231,7 @@ def response_map(
             left_out |= metal_attributes(ball, frequency, rest)
             delta, change = both, change + share.real
         base = np.array([_converted(flat, one) for one in flats])
-        noise = budget_of(
-            design, [one.frequency for one in flats], [loaded_quality(flat, one) for one in flats]
-        ).largest
+        budget = budget_of(design, [one.frequency for one in flats], [loaded_quality(flat, one) for one in flats])
         changes |= {
             "inductance_change": (
                 ("depth", "y", "x", "coil", "other"), change.reshape(*axes.shape, coils, coils),
@@ -249,8 +247,8 @@ def response_map(
     if true.noise:
         delta = _noisy(delta, true)
     return response_dataset(
-        design, axes, pressed.contact, delta, base, flat.inductance, variables=changes,
-        attributes=left_out | {"noise": noise},
+        design, axes, pressed.contact, delta, base, flat.inductance,
+        variables=changes | budget.variables(), attributes=left_out | {"noise": float(budget.independent.max())},
     )  # fmt: skip
 
 
@@ -309,7 +307,10 @@ def respond(
     others["inductance_change"] = (response.inductance_change.dims, change, response.inductance_change.attrs)
     others["delta"] = (("depth", "y", "x", "state"), delta.reshape(*change.shape[:3], -1), response.delta.attrs)
     others["base_inductance"] = ("state", base, response.base_inductance.attrs)
-    return others.assign_coords(state=[state.name for state in states])
+    others = others.assign_coords(state=[state.name for state in states])
+    if "common_noise" in response and list(response.state.values) == [state.name for state in states]:
+        others["common_noise"] = response.common_noise
+    return others
 
 
 def with_material(
@@ -436,8 +437,10 @@ def response_dataset(
             "inductance": (
                 ("coil", "other"), inductance, {"units": f"H{per}", "long_name": "inductance matrix, flat sheets"}
             ),
-            "force": ("depth", contact.force.values, {"units": f"N{per}"}),
-            "contact_radius": ("depth", contact.contact_radius.values, {"units": "m"}),
+            "force": ("depth", contact.force.values, {"units": f"N{per}", "long_name": "force on the indenter"}),
+            "contact_radius": (
+                "depth", contact.contact_radius.values, {"units": "m", "long_name": "contact radius or half width"}
+            ),
         },
         coords={
             "depth": ("depth", axes.depth, {"units": "m", "long_name": "depth of the indentation"}),
@@ -550,14 +553,14 @@ def _sensitivity(network: Network, plan: Sequence[ScanState], *, required: bool)
         return None
 
 
-def _noise_of_states(design: Design, network: Network, states: StateSensitivity) -> float:
-    """Noise of δ by the noise budget, with the losses of every state's own coil alone."""
+def _budget_of_states(design: Design, network: Network, states: StateSensitivity) -> NoiseBudget:
+    """Noise budget with the losses of every state's own coil alone."""
     L = states.base_inductance
     frequency = 1 / (2 * np.pi * np.sqrt(L * network.switches.tank_capacitance))
     resistance = np.diagonal(network.resistance(float(frequency.mean())))[states.measured]
     with np.errstate(divide="ignore"):
         quality = 2 * np.pi * frequency * L / (resistance + 2 * network.switches.on_resistance)
-    return budget_of(design, frequency, quality).largest
+    return budget_of(design, frequency, quality)
 
 
 def _noisy(delta: FloatArray, imperfections: Imperfections) -> FloatArray:

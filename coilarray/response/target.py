@@ -80,7 +80,8 @@ def target_map(
         centre, in m, places from the map's origin; those of the design by default.
     noise : float, optional
         Standard deviation of δ in a reading, for range and resolution; by default by the noise budget of the design,
-        `coilarray.circuit.noise_budget.NoiseBudget.largest`.
+        `coilarray.circuit.noise_budget.NoiseBudget.largest`. The attribute ``sigma`` has it, ``noise`` the part that is
+        independent from state to state, and ``common_noise`` the rest.
     network : Network, optional
         Coils, switches and strays of this design without the target; by default
         `coilarray.circuit.coupling.design_circuit`.
@@ -171,9 +172,12 @@ def target_map(
         )
     base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
     mean = moved.mean(axis=-1)
+    budget = budget_of(design, base["frequency"], [loaded_quality(network, one) for one in alone])
+    result = _dataset(design, target, axes, network, by_state, base, mean, near(mean))
     if noise is None:
-        noise = budget_of(design, base["frequency"], [loaded_quality(network, one) for one in alone]).largest
-    result = _dataset(design, target, axes, noise, network, by_state, base, mean, near(mean))
+        result = result.assign(budget.variables())
+    own, sigma = (float(budget.independent.max()), budget.largest) if noise is None else (noise, noise)
+    result = result.assign_attrs(noise=own).merge(ranges_of(result, sigma), combine_attrs="no_conflicts")
     if isinstance(target.body, FinitePlate):
         height = target.height(sum(sheet.thickness for sheet in design.sheets), float(axes.depth[0]))
         error = moving_plate_error(design.array, target.body, [[0.0, 0.0, height]], band.nodes, design.sheets)
@@ -292,7 +296,6 @@ def _dataset(
     design: Design,
     target: Target,
     axes: MapAxes,
-    noise: float,
     network: Network,
     by_state: Mapping[str, FloatArray],
     base: Mapping[str, FloatArray],
@@ -323,7 +326,7 @@ def _dataset(
         ("matrix_frequency", place, middle.reshape(axes.shape), "Hz", "frequency of the matrices"),
         ("inductance", pair, network.inductance, "H", "inductance matrix without the target"),
     ]  # fmt: skip
-    made = xr.Dataset(
+    return xr.Dataset(
         variables(*rows),
         coords={
             "distance": ("distance", axes.depth, {"units": "m", "long_name": "distance"}),
@@ -343,4 +346,3 @@ def _dataset(
             **origin_attributes(target),
         },
     )
-    return made.merge(ranges_of(made, noise), combine_attrs="no_conflicts")

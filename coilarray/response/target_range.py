@@ -36,7 +36,7 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
         of a distance in m; ``range`` (state), the distance in m at which |δ| has fallen to `FACTOR` σ; and
         ``resolved_distance`` (step, state), that up to which a ``step`` of distance in m is no less than the standard
         deviation. Both are NaN where that is so nowhere, and the last distance where it is so everywhere, with
-        ``range_is_least`` and ``resolved_is_least`` set. Attributes ``noise`` and ``range_factor``.
+        ``range_is_least`` and ``resolved_is_least`` set. Attributes ``sigma`` and ``range_factor``.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
         ("resolved_is_least", ("step", "state"), least[1:], "", "whether it is longer"),
     )
     step = ("step", np.array(STEPS), {"units": "m", "long_name": "change of distance"})
-    return xr.Dataset(variables(*rows_of), coords={"step": step}, attrs={"noise": noise, "range_factor": FACTOR})
+    return xr.Dataset(variables(*rows_of), coords={"step": step}, attrs={"sigma": noise, "range_factor": FACTOR})
 
 
 def require_noise(noise: float) -> None:

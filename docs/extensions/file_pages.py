@@ -119,7 +119,7 @@ def _allowed(annotation: Any) -> str:
     origin = typing.get_origin(annotation)
     if origin is typing.Annotated:
         base, *metadata = _parts(annotation)
-        words, bounds = _allowed(base), _bounds(metadata)
+        words, bounds = _allowed(base), _bounds(metadata).replace("of them", "characters" if base is str else "of them")
         return f"{words}, {bounds}" if bounds else words
     if origin is typing.Literal:
         return ", ".join(f'`"{value}"`' for value in _parts(annotation))

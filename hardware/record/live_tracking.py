@@ -60,9 +60,9 @@ class LiveTracker:
     """Turns scans into δ, and into positions where it has the forward model of the board.
 
     `noise` is the standard deviation of δ that a location assumes beside the measured noise of the baseline, by default
-    that of the model. δ of `reference` coils, which nothing touches, is taken from that of all others; their own stays
-    as it is, and takes no part in locations and presses. HardwareError for fewer than 2 scans of a baseline, or noise
-    that is not positive and finite.
+    that of the model with what is common to its states. δ of `reference` coils, which nothing touches, is taken from
+    that of all others; their own stays as it is, and takes no part in locations and presses. HardwareError for fewer
+    than 2 scans of a baseline, or noise that is not positive and finite.
     """
 
     def __init__(
@@ -79,6 +79,8 @@ class LiveTracker:
             raise HardwareError(f"noise must be positive and finite; got {noise}.")
         self._model = model.referenced(reference) if model is not None and reference else model
         self._scans, self._reference = baseline_scans, tuple(reference)
+        if noise is not None and self._model is not None:
+            self._model = replace(self._model, common=())
         self._trust = noise or (0.0 if self._model is None else self._model.noise)
         self._models: dict[tuple[str, ...], ForwardModel] = {}
         self._times: deque[float] = deque(maxlen=_RATE_SCANS)
@@ -144,6 +146,7 @@ class LiveTracker:
         variances = [float(np.var(row, ddof=1)) for row in rows if len(row) > 1]
         own = (float(np.mean(variances)) if variances else 0.0) * (1 + 1 / self._scans)  # and of the baseline itself
         self._noise = math.hypot(self._trust, math.sqrt(own))
+        self._models = {}  # they have the noise
         self._rest = []
         self._presses = PressDetector(deltas, 0 if self._presses is None else self._presses.number)
 
@@ -191,8 +194,9 @@ class LiveTracker:
             return None, f"{len(delta)} states have a value that the table knows; {model.unknowns} are needed"
         used = tuple(delta)
         if used not in self._models:
-            self._models[used] = model if set(used) == set(model.states) else model.select(used)
-        return locate(self._models[used], delta, noise=self._noise), ""
+            chosen = model if set(used) == set(model.states) else model.select(used)
+            self._models[used] = replace(chosen, noise=self._noise)
+        return locate(self._models[used], delta), ""
 
     def _touchable(self, states: Sequence[LiveState]) -> dict[str, float]:
         """Return δ by state where it has a value that a sensor can have, without the reference."""

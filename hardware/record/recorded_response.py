@@ -23,6 +23,11 @@ BASELINE_SCANS = 10
 """Number of first scans from which δ of a time series counts."""
 VERDICTS: tuple[Verdict, ...] = ("good", "doubtful", "bad")
 """Verdicts in the order of the numbers of ``verdict``."""
+_WORDS = {
+    "msb": "register DATA0_MSB with its error flags", "lsb": "register DATA0_LSB", "status": "register STATUS",
+    "fault": "0, or why there are no words",
+}  # fmt: skip
+"""Raw words of a conversion in their order."""
 _WHEN = {"received": "s", "session": "", "sequence": "", "stage": "", "finished": "", "depth": "m", "y": "m", "x": "m"}
 """Fields of a `_Row` that are coordinates of the series as they are, with their units."""
 
@@ -151,14 +156,17 @@ def recorded_series(
     dims = ("scan", "state")
     return xr.Dataset(
         {
-            "frequency": (dims, frequency, {"units": "Hz"}),
-            "inductance": (dims, inductance, {"units": "H"}),
+            "frequency": (dims, frequency, {"units": "Hz", "long_name": "frequency of the oscillation"}),
+            "inductance": (dims, inductance, {"units": "H", "long_name": "inductance as the converter sees it"}),
             "delta": (
                 dims, inductance / _mean(first) - 1,
                 {"units": "1", "long_name": "relative change of inductance", "baseline_scans": len(first)},
             ),
-            "verdict": (dims, verdicts, {"flag_values": [0, 1, 2], "flag_meanings": " ".join(VERDICTS)}),
-            **{name: (dims, raw[..., k]) for k, name in enumerate(("msb", "lsb", "status", "fault"))},
+            "verdict": (
+                dims, verdicts,
+                {"long_name": "verdict", "flag_values": [0, 1, 2], "flag_meanings": " ".join(VERDICTS)},
+            ),
+            **{name: (dims, raw[..., k], {"long_name": text}) for k, (name, text) in enumerate(_WORDS.items())},
         },
         coords={
             "time": ("scan", _times(rows), {"units": "s"}),

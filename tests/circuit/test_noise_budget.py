@@ -135,6 +135,9 @@ def test_totals_are_sums_in_quadrature():
     assert found.noise == pytest.approx(np.sqrt(squares[0] * (1 / 4 + 1 / 16)))
     assert found.sigma == pytest.approx(np.hypot(found.noise, 0.2 * np.sqrt(squares[1])))
     assert found.largest == found.sigma.max()
+    common = sum(one**2 for one in found.common.values())
+    assert found.sigma == pytest.approx(np.sqrt(found.independent**2 + common))
+    assert found.independent == pytest.approx(found.noise)  # the tank is at the converter: all drift is common
 
 
 def test_a_reference_coil_takes_out_what_is_common_and_adds_its_noise():

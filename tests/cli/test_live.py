@@ -90,7 +90,7 @@ def test_a_recording_is_replayed(capsys, recording):
 def test_plain_lines_say_emulator(capsys, recording):
     lines = ran(capsys, "--recording", recording, "--speed", "0", "--no-locate", "--scans", "50")
     assert [line.startswith("[emulator] ") for line in lines] == [True] * 50
-    assert lines[0].endswith("baseline: 9 more scans without an indentation")
+    assert lines[0].endswith("baseline: scans without an indentation still wanted: 9")
     assert "coil1 +78" in lines[-1]
 
 
@@ -133,7 +133,7 @@ def test_a_log_and_a_reference(capsys, recording):
 
 
 @pytest.mark.slow
-def test_a_window_leaves_the_board_at_rest_when_it_is_closed_or_fails(tmp_path, recording):
+def test_a_window_leaves_the_board_at_rest_when_it_is_closed_or_fails(capsys, tmp_path, recording):
     """The page is read by a program that is no browser: it opens the connection, and closes it."""
     log = tmp_path / "run.nc"
     options = ("--recording", recording, "--no-locate", "--plot", "--no-browser", "--log", log)
@@ -144,9 +144,7 @@ def test_a_window_leaves_the_board_at_rest_when_it_is_closed_or_fails(tmp_path, 
         _, err = process.communicate(timeout=PATIENCE)
     assert (process.returncode, err) == (0, "")
     assert 0 < load_part(log).sizes["scan"] < 60  # it ended with the page, not with the recording
-    with command("live", *map(str, options)) as process:  # the log is there
-        assert "exists; name another log" in process.communicate(timeout=PATIENCE)[1]
-    assert process.returncode == 2
+    assert "exists; name another log" in refused(capsys, *options)  # the log is there
 
 
 async def watched(url, lines):
@@ -175,17 +173,18 @@ def test_positions_of_a_recording(capsys, recording, board, table):
     assert (answers[5]["position"], answers[20]["position"]["status"]) == (None, "nothing pressed")
     assert answers[-1]["position"]["status"] != "nothing pressed"
     assert "x_m" in answers[-1]["position"]
-    # that of the table by the noise budget, and of the readings, a twentieth of it
-    assert answers[-1]["noise"] == pytest.approx(noise_budget(load_design(board[0])).largest, rel=0.1)
+    # each coil's own by the noise budget, and that of the readings
+    own = noise_budget(load_design(board[0])).independent.max()
+    assert own < answers[-1]["noise"] < 2 * own
 
 
 @pytest.mark.slow
 def test_the_emulator_is_located(capsys, board, table, monkeypatch):
     way = ((0.0, 4e-3, 2e-3, 0.0), (0.2, 4e-3, 2e-3, 1e-3))
     monkeypatch.setattr(live_source, "tour", lambda setup, start: [(start + at, *place) for at, *place in way])
-    options = ("--rate", "40", "--scans", "60", "--baseline-scans", "5", "--noise", "2e-6")
+    options = ("--rate", "40", "--scans", "40", "--baseline-scans", "5", "--noise", "2e-6")
     answers = answers_of(capsys, *board, "--table", table, *options)
-    assert (len(answers), answers[4]["position"]["status"]) == (60, "nothing pressed")
+    assert (len(answers), answers[4]["position"]["status"]) == (40, "nothing pressed")
     pressed = [one["position"] for one in answers[-20:] if one["position"] is not None]
     assert pressed
     x, y = load_design(str(board[0])).indentation.origin_point  # the path counts from it, positions from the board's
@@ -355,10 +354,10 @@ def on_terminal(*arguments, keys=()):
 def test_bars_and_keys_on_a_terminal(tmp_path):
     # 25 s at this speed, which nobody waits for: it ends by the key
     recording = stream_file(tmp_path / "long.sqlite", 1000, noise=1e-7, path_of_finger=FINGER)
-    keys = [("█", "z"), ("more scans without an indentation", ""), ("noise of δ", "q")]
+    keys = [("█", "z"), ("scans without an indentation still", ""), ("noise of δ", "q")]
     code, first, *_ = on_terminal("live", "--recording", recording, "--speed", "4", "--no-locate", keys=keys)
     assert code == 0
-    for text in ("[emulator] coil1", "scans/s", "baseline: 9 more scans without an indentation"):
+    for text in ("[emulator] coil1", "scans/s", "baseline: scans without an indentation still wanted: 9"):
         assert text in first
     drawn = [line for line in first.replace("\x1b[2K", "").splitlines() if "coil1" in line or "scans/s" in line]
     assert all("[emulator] " in line for line in drawn)
@@ -401,7 +400,10 @@ def test_screen_lines():
         (("--recording", "RUN", "--table", "t.csv"), "--table must end in .nc"),
         (("--scans", "0"), "--scans must be 1 to"),
         (("--baseline-scans", "1"), "at least 2 scans; got 1"),
-        (("--recording", "RUN", "--reference", "coil9"), "a reference coil must be one of coil1, coil2; got 'coil9'"),
+        (
+            ("--recording", "RUN", "--no-locate", "--reference", "coil9"),
+            "a reference coil must be one of coil1, coil2; got 'coil9'",
+        ),
         (("--log", "run.txt"), "--log must end in .csv or .nc"),
         (("--plot", "--json"), "--plot shows a window; it cannot be given with --json"),
         (("--temperature", "t"), "the emulator has a temperature of its own"),

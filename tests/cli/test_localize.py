@@ -268,7 +268,7 @@ def test_both_signs_of_y_are_told(capsys, maps):
     code, out, _ = run(capsys, "locate", "--model", maps / "row.nc", text_of(reading(centres=ROW)))
     assert code == 0
     *lines, noise = out.splitlines()
-    assert noise == "noise of δ 1e-05, as the response does not say its own"
+    assert noise == "noise of δ 1e-05 of each coil, as the response does not say its own"
     header, *rows = [line.replace("−", "-").split() for line in lines]
     assert header[:3] == ["reading", "status", "x"]
     assert sorted(row[3] for row in rows) == ["-2.000", "2.000"]

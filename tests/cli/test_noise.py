@@ -101,10 +101,11 @@ def test_every_consumer_has_the_same_number(capsys, tmp_path):
     budget = noise_budget(design)
     grid = np.linspace(-15e-3, 15e-3, 5)
     response = response_map(design, depths=[0.2e-3, 0.4e-3], x=grid, y=grid)
-    assert response.attrs["noise"] == pytest.approx(budget.largest)
+    assert response.attrs["noise"] == pytest.approx(budget.independent.max())
     model = forward_model(response)
-    own, tenfold = identifiability(model, 0.3e-3), identifiability(model, 0.3e-3, noise=10 * model.noise)
-    assert own.attrs["noise"] == [model.noise] * 3
+    np.testing.assert_allclose(np.hypot(budget.independent, model.common_noise), budget.sigma, rtol=1e-9)
+    own, tenfold = (identifiability(model, 0.3e-3, noise=times * model.noise) for times in (1, 10))
+    assert identifiability(model, 0.3e-3).attrs["noise"] == [model.noise] * 3
     known = np.isfinite(own.sigma_x.values)
     assert (tenfold.sigma_x.values / own.sigma_x.values)[known] == pytest.approx(10.0)
     map_file = tmp_path / "map.nc"
@@ -112,6 +113,7 @@ def test_every_consumer_has_the_same_number(capsys, tmp_path):
     locate, _ = runner("locate")
     reading = ",".join(f"{name}={value}" for name, value in zip(model.states, model.delta([0, 0, 0.3e-3]), strict=True))
     _, out, _ = locate(capsys, "--model", map_file, reading, "--json")
-    assert json.loads(out)["noise"] == pytest.approx(budget.largest)
+    said, common = json.loads(out), model.common_noise.max()
+    assert (said["noise"], said["common_noise"]) == pytest.approx((model.noise, common))
     _, out, _ = locate(capsys, "--model", map_file, reading)
-    assert f"noise of δ {budget.largest:.2g} by the noise budget" in out
+    assert f"noise of δ {model.noise:.2g} of each coil, {common:.2g} common to all by the noise budget" in out

@@ -56,13 +56,6 @@ def _pattern(shown):
 
 @functools.cache
 def _said():
-    """The sources of drivers and commands, with the literals of a message joined."""
-    files = [path for folder in ("hardware", "coilarray/cli") for path in (ROOT / folder).rglob("*.py")]
-    return re.sub(r'"\s*\n\s*f?"', "", "".join(path.read_text("utf-8") for path in files))
-
-
-@functools.cache
-def _said():
     """The sources of drivers and commands, with the parts of a message joined."""
     files = [path for folder in ("hardware", "coilarray/cli") for path in (ROOT / folder).rglob("*.py")]
     return re.sub(r'"\s*\n\s*f?"', "", "".join(path.read_text("utf-8") for path in files))

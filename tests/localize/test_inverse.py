@@ -15,7 +15,7 @@ from support.localize_boards import FIELD, ROW, bells, board
 
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import LocalizeError
-from coilarray.localize.forward import forward_model, table_grid
+from coilarray.localize.forward import forward_model, table_grid, whitening_of
 from coilarray.localize.identifiability import covariance_of, fisher_information
 from coilarray.localize.inverse import deviance, locate, locate_all
 from coilarray.localize.search import refine
@@ -232,7 +232,8 @@ def test_search_finds_what_many_random_starts_find(paper, paper_model):
     found = locate_all(paper_model, readings, noise=NOISE)
     starts = np.random.default_rng(14).uniform(paper_model.lower, paper_model.upper, (len(readings), 100, 3))
     starts[:, 0] = points[::9]
-    _, chi_square = refine(paper_model, np.repeat(readings, 100, axis=0), starts.reshape(-1, 3), np.full(4, NOISE))
+    weights = whitening_of(paper_model, NOISE)
+    _, chi_square = refine(paper_model, np.repeat(readings, 100, axis=0), starts.reshape(-1, 3), weights)
     least = chi_square.reshape(-1, 100).min(axis=1)
     # of what counts in the region, 7.8; one reading of the 40 may end in a side valley
     assert np.sort([one.best.chi_square - low for one, low in zip(found, least, strict=True) if one.modes])[-2] < 0.1

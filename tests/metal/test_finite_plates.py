@@ -142,7 +142,7 @@ def test_a_slender_ring_is_a_turn_of_wire():
     angle = np.linspace(0.02, 2 * np.pi - 0.02, 60)
     arc = np.column_stack((np.cos(angle), np.sin(angle)))
     corners = tuple(map(tuple, np.concatenate((8.5e-3 * arc, 7.5e-3 * arc[::-1])).tolist()))
-    (cut,) = moving_plate([coil], replace(ring, outline=Polygon(corners)), [ring.centre], [f]).ravel()
+    (cut,) = moving_plate([coil], replace(ring, outline=Polygon(corners)), [ring.centre], [f], fineness=0.5).ravel()
     assert abs(cut) < 0.05 * abs(change)
 
 

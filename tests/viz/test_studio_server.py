@@ -40,7 +40,7 @@ def folder(tmp_path_factory):
 def serving(*options):
     @pytest.fixture(scope="module")
     def url(folder):
-        with served("starter", "--folder", folder, "--pages", 3, *options, COILARRAY_NO_RENDERING="1") as started:
+        with served("starter", "--folder", folder, "--pages", 2, *options, COILARRAY_NO_RENDERING="1") as started:
             yield started.url
 
     return url
@@ -329,8 +329,8 @@ def test_the_finger_presses_on_the_map_and_the_folder_is_that_of_the_design(monk
 @pytest.mark.slow
 @needs_studio
 def test_too_many_pages_are_refused_in_words(alone):
-    """It fills the studio of the other tests, which takes 3 of the usual 12, and so comes last."""
-    answers = [ask(alone, f"/open/tab{k}", "POST") for k in range(4)]
+    """It fills the studio of the other tests, which takes 2 of the usual 12, and so comes last."""
+    answers = [ask(alone, f"/open/tab{k}", "POST") for k in range(3)]
     assert sorted({status for status, _, _ in answers}) == [200, 503]
     assert json.loads(answers[-1][2]) == {"error": "the studio serves at most 12 pages at once"}
     status, _, text = ask(alone)

@@ -380,6 +380,8 @@ def plot_identifiability(
     style.finish_map(ax, outlines)
     least, most = np.min(bounds.attrs["noise"]), np.max(bounds.attrs["noise"])
     noise = f"noise {least:.2g} in δ" if least == most else f"noise {least:.2g} to {most:.2g} in δ"
+    common = np.max(bounds.attrs.get("common_noise", 0.0))
+    noise += f", {common:.2g} common" if common else ""
     depth = MM.text(bounds.attrs["depth"])
     ax.set_title(f"Least standard deviation of {_SIGMAS[quantity]}, {depth} deep, {noise}")
     return ax

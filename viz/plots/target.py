@@ -69,7 +69,7 @@ def plot_target(response: xr.Dataset, quantity: str = "delta", ax: Axes | None =
             ax.axhline(float(shown.of(base[k])), color=colours[name], linewidth=0.8, linestyle=":", zorder=0)
     if quantity == "delta":
         ax.set_yscale("log")
-        noise = float(response.attrs["noise"])
+        noise = float(response.attrs.get("sigma", response.attrs["noise"]))
         ax.axhline(noise, color=GREY, linewidth=1.2, linestyle=":", label="noise")
     else:
         ax.ticklabel_format(axis="y", useOffset=False)

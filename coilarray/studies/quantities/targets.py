@@ -69,7 +69,7 @@ def _deviation(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _ranges(response: xr.Dataset, options: Mapping[str, Any]) -> xr.Dataset:
-    return ranges_of(response, options.get("noise", response.attrs["noise"]))
+    return ranges_of(response, options.get("noise", response.attrs["sigma"]))
 
 
 def _every_distance(evaluation: Evaluation, options: Mapping[str, Any], wanted: float | None = None) -> xr.Dataset:

@@ -1,8 +1,8 @@
 """How far from the truth a board with errors locates the indenter, when it uses the table of the board without.
 
 The board reads δ + Δδ. Near the truth the likelihood of the table is that of a linear model with J = ∂δ/∂(x, y, depth),
-and with equal noise in all states its maximum is moved by (JᵀJ)⁻¹ Jᵀ Δδ. Unknowns that the reading hardly determines
-are left out of J, that is, taken as known: y itself on the middle line of a board that is symmetric in y.
+and with the covariance Σ of the noise its maximum is moved by (JᵀΣ⁻¹J)⁻¹ JᵀΣ⁻¹ Δδ. Unknowns that the reading hardly
+determines are left out of J, that is, taken as known: y itself on the middle line of a board that is symmetric in y.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LocalizeError
-from coilarray.localize.forward import ForwardModel
+from coilarray.localize.forward import ForwardModel, whitening_of
 from coilarray.localize.identifiability import covariance_of, fisher_information
 from coilarray.localize.inverse import locate_all
 from coilarray.response.interpolation import PARAMETERS
@@ -61,8 +61,9 @@ class Shifts:
         states = len(self.model.states)
         rows = []
         for k, (point, axes) in enumerate(zip(self.points, self.determined, strict=True)):
-            inverse = np.linalg.pinv(self.model.jacobian(point)[:, list(axes)])
-            for row in inverse * 1e3:
+            weights = whitening_of(self.model, self.noise, self.model.delta(point))
+            inverse = np.linalg.pinv(weights.slopes(self.model.jacobian(point)[:, list(axes)]))
+            for row in inverse @ weights.slopes(np.eye(states)) * 1e3:
                 rows.append(np.zeros(len(self.points) * states))
                 rows[-1][k * states : (k + 1) * states] = row
         return np.array(rows).reshape(-1, len(self.points) * states)

@@ -1,6 +1,6 @@
 """
-Rows, squares, hexagons, rings
-==============================
+Rows, squares, rings
+====================
 
 One coil on every point of a lattice; neighbours that overlap take turns on the copper layers.
 """

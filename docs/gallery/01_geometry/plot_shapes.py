@@ -1,8 +1,8 @@
 """
-Coils of five shapes
+Coils of four shapes
 ====================
 
-A polygon, a circle, a rectangle with round corners, a racetrack, and any polyline of your own.
+A polygon, a circle, a rectangle with round corners and a racetrack; `path_coil` takes any polyline of your own.
 """
 
 import matplotlib.pyplot as plt

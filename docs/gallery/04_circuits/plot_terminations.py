@@ -1,6 +1,6 @@
 """
-Neighbours grounded, open, or loaded
-====================================
+Neighbours grounded or open
+===========================
 
 The effective inductance of every coil, its neighbours left open or grounded.
 """

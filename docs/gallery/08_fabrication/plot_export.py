@@ -1,6 +1,6 @@
 """
-Files for KiCad and Gerber
-==========================
+Files for KiCad
+===============
 
 A board with nets, vias, terminals and design rules, ready to be opened in KiCad.
 """

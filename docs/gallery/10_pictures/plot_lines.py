@@ -1,0 +1,18 @@
+"""
+Field lines in three dimensions
+===============================
+
+Lines of B around the measured coil, its neighbours grounded. Any of the items of `coilarray view --show` may stand in
+the view.
+"""
+
+import pyvista
+
+import coilarray as ca
+from coilarray.viz import draw
+from coilarray.viz.scenes.of_design import View, scene_of_design
+
+design = ca.load_design("starter")
+plotter = pyvista.Plotter(window_size=(900, 500))
+draw(scene_of_design(design, View(show=("board", "lines"))), plotter)
+plotter.show()
