@@ -31,6 +31,7 @@ class _AtRest(NamedTuple):
     inductance: dict[str, FloatArray]
     emulated: bool
     source: str
+    recorded_design: Design | None = None  # where it is another one than `design`
 
 
 def show_noise(
@@ -62,6 +63,10 @@ def show_noise(
 
     seconds = _seconds(noise)
     if seconds is None:
+        if options.given:
+            raise HardwareError(
+                f"--noise reads the recording {noise}; it cannot be given with {', '.join(options.given)}."
+            )
         at_rest = _recorded(Path(noise), design, allow_violations)
     else:
         at_rest = _measured(options, open_design(design, allow_violations=allow_violations), seconds)
@@ -87,6 +92,11 @@ def show_noise(
     shown = (tables[0], averages_table(found))
     parts = [f"{table.title}\n{table_text(table.headers, table.cells())}" for table in shown]
     parts += [*stability_lines(found), *budget_lines(budget)]
+    if at_rest.recorded_design is not None:
+        data["recorded_design_hash"] = at_rest.recorded_design.digest
+        parts.append(
+            f"the budget is that of {opened.name}; the recording was made with another design or version of it"
+        )
     parts += [] if plot is None else [f"wrote {plot}"]
     print_marked(data, parts, as_json=as_json, emulated=at_rest.emulated)
 
@@ -139,6 +149,12 @@ def _recorded(path: Path, design: str | None, allow_violations: bool) -> _AtRest
         session = int(np.bincount(series.session.values).argmax())  # the longest
         kept = at_rest(series) & (series.session.values == session)
         opened = recording.design if design is None else open_design(design, allow_violations=allow_violations)
+        known = [state.name for state in opened.plan]
+        if unknown := [name for name in recording.states if name not in known]:
+            raise HardwareError(
+                f"{path} has the state {unknown[0]!r}, which the design {opened.name} has not; "
+                f"there are {', '.join(known)}."
+            )
         return _AtRest(
             opened,
             recording.sessions[session].settings,
@@ -146,4 +162,5 @@ def _recorded(path: Path, design: str | None, allow_violations: bool) -> _AtRest
             {name: series.inductance.values[kept, k] for k, name in enumerate(recording.states)},
             recording.emulated,
             str(path),
+            None if opened.digest == recording.design.digest else recording.design,
         )

@@ -62,7 +62,8 @@ class BoardOptions:
         str | None,
         typer.Option(
             "--coils",
-            help="Coils at the channels of the port, in their order, as coil3,coil1; the design's first by default.",
+            help="Coils at the channels of the port, in their order, as coil3,coil1; needed where the design has more "
+            "coils than the port has channels.",
         ),
     ] = None
     rate: Annotated[
@@ -143,6 +144,14 @@ class BoardOptions:
         object.__setattr__(self, "drives", _drives(self.drive or ()))
 
     @property
+    def given(self) -> list[str]:
+        """Names of the options that are not left at their defaults."""
+        hints = get_type_hints(BoardOptions, include_extras=True)
+        changed = [one.name for one in fields(self) if one.init and getattr(self, one.name) not in (one.default, [])]
+        named = {name: hints[name].__metadata__[0].param_decls or () for name in changed}
+        return [next(iter(named[name]), "--" + name.replace("_", "-")) for name in changed]
+
+    @property
     def coils_of_channels(self) -> list[str] | None:
         """Names of the coils at the channels of the port, where they are given."""
         return None if self.wired_coils is None else [name.strip() for name in self.wired_coils.split(",")]
@@ -201,6 +210,7 @@ def opened_board(
     be opened or configured.
     """
     from coilarray.hardware.board.connect import open_board, wiring_of_board
+    from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
     from coilarray.hardware.record.thermometer import thermometer
     from coilarray.hardware.scan.design_settings import design_settings
     from coilarray.hardware.wire.buses import ComputerClock
@@ -217,6 +227,14 @@ def opened_board(
     wiring = wiring_of_board(port, design, options.wiring, options.coils_of_channels)
     channels = board_of(port)
     clock = None if channels is None else channels.clock
+    if options.clock_MHz is not None:
+        external = options.external_clock or clock is not None
+        low, high = EXTERNAL_CLOCK_RANGE if external else INTERNAL_CLOCK_RANGE
+        if not low <= options.clock_MHz * 1e6 <= high:
+            whose = "at the pin CLKIN" if external else "of the converter's own oscillator"
+            raise HardwareError(
+                f"--clock-MHz must be {low * 1e-6:g} to {high * 1e-6:g} {whose}; got {options.clock_MHz:g}."
+            )
     settings = design_settings(
         design,
         wiring,

@@ -94,6 +94,8 @@ class ChipDriver:
         """Whether the converter was put to sleep and not woken since."""
         self.ready_at = 0.0
         """When results were seen to be ready last, in s by the clock."""
+        self.came = False
+        """Whether they became ready between two looks; the first look found them where not."""
 
     def identity(self) -> tuple[int, int]:
         """Read the registers MANUFACTURER_ID and DEVICE_ID."""
@@ -147,7 +149,7 @@ class ChipDriver:
             passed = self.clock.now() - start  # before the look: a pause of the computer after it says nothing
             looks.append(self.bus.read(_STATUS))
             if looks[-1] & _DATA_READY:
-                self.ready_at = start + passed
+                self.ready_at, self.came = start + passed, len(looks) > 1
                 return looks
             if passed >= timeout:
                 return None

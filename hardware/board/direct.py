@@ -140,8 +140,9 @@ class DirectReader:
         start, sequence, turn = self._clock.now(), 0, 0
         try:
             while True:
-                yield self._scan(sequence, running=interval == 0)
-                sequence += 1
+                scan = self._scan(sequence, running=interval == 0)
+                sequence = scan.sequence + 1
+                yield scan
                 if interval > 0:
                     passed = self._clock.now() - start
                     turn = max(turn + 1, math.ceil(passed / interval))  # turns that were missed are left out
@@ -159,14 +160,17 @@ class DirectReader:
         if chip_settings is None:
             raise HardwareError("the board must be open and configured before a scan.")
         with self._resting_on_failure():
-            start, samples = self._measured(chip_settings, running=running)
+            start, samples, missed = self._measured(chip_settings, running=running)
             samples = self._verified(chip_settings, samples)
-        return RawScan(sequence, start, time.time(), chip_settings.hash, self._identity.boot, tuple(samples))
+        return RawScan(sequence + missed, start, time.time(), chip_settings.hash, self._identity.boot, tuple(samples))
 
-    def _measured(self, chip_settings: ChipSettings, *, running: bool) -> tuple[float, list[RawSample]]:
-        """Measure all states; return when that began, in s, and the samples. The converter sleeps between two scans."""
+    def _measured(self, chip_settings: ChipSettings, *, running: bool) -> tuple[float, list[RawSample], int]:
+        """Measure all states; return when that began, in s, the samples, and the number of scans missed before it.
+
+        The converter sleeps between two scans, and no scan is missed.
+        """
         start = self._clock.now()
-        return start, [self._sample(chip_settings, k) for k in range(len(chip_settings.words))]
+        return start, [self._sample(chip_settings, k) for k in range(len(chip_settings.words))], 0
 
     def _sample(self, chip_settings: ChipSettings, k: int) -> RawSample:
         """Measure a state; asleep and grounded before and, whatever the converter does, after."""

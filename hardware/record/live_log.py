@@ -6,13 +6,14 @@ A program that is killed loses at most the last line, a power cut at most the la
 from __future__ import annotations
 
 import csv
+import io
 import math
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -22,6 +23,7 @@ from coilarray.errors import OutputError
 from coilarray.hardware.record.live_tracking import LiveReading
 from coilarray.hardware.record.recorded_response import VERDICTS
 
+_T = TypeVar("_T")
 _DURABLE = 1.0  # s
 _NETCDF = ".nc"
 _BEFORE = ("time_s", "unix_s", "sequence", "emulated")
@@ -138,33 +140,52 @@ def read_log(path: Path) -> xr.Dataset:
     Raises
     ------
     OutputError
-        A file that is no log.
+        A file that is no log, or a line of it that no log has: which line and column.
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            head, *rows = list(csv.reader(file)) or [[]]
+            text = file.read()
+        head, *rows = list(csv.reader(io.StringIO(text[: text.rfind("\n") + 1]))) or [[]]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise OutputError(f"cannot read the log {path}: {error}.") from None
     states = [name.removesuffix(_VERDICT) for name in head if name.endswith(_VERDICT)]
     if head != log_columns(states, temperature=head[-1:] == [_TEMPERATURE]):
         raise OutputError(f"{path} is no log of a live display.")
-    if rows and len(rows[-1]) != len(head):
-        del rows[-1]
+    for line, row in enumerate(rows, start=2):
+        if len(row) != len(head):
+            raise OutputError(f"{path}, line {line}: must have {len(head)} columns; got {len(row)}.")
     columns = dict(zip(head, zip(*rows, strict=True) if rows else [()] * len(head), strict=True))
+
+    def read(name: str, kind: Callable[[str], _T], allowed: str) -> list[_T]:
+        found = []
+        for line, field in enumerate(columns[name], start=2):
+            try:
+                found.append(kind(field))
+            except ValueError:
+                raise OutputError(f"{path}, line {line}, column {name}: must be {allowed}; got {field!r}.") from None
+        return found
+
+    def numbers(name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+        return np.array(read(name, lambda field: float(field) if field else math.nan, "a number"), dtype=np.float64)
+
+    def whole(name: str, kind: Callable[[str], int]) -> np.ndarray[Any, np.dtype[np.int64]]:
+        return np.array(read(name, kind, "a whole number"), dtype=np.int64)
+
     dims = ("scan", "state")
-    verdicts = np.array([[VERDICTS.index(one) for one in columns[name + _VERDICT]] for name in states], dtype=np.int8)
+    names: tuple[str, ...] = VERDICTS
+    verdicts = np.array([read(name + _VERDICT, names.index, ", ".join(names)) for name in states], dtype=np.int8)
     shape = (len(rows), len(states))
     return xr.Dataset(
         {
-            "delta": (dims, np.array([_numbers(columns[name]) for name in states]).T.reshape(shape), {"units": "1"}),
+            "delta": (dims, np.array([numbers(name) for name in states]).T.reshape(shape), {"units": "1"}),
             "verdict": (
                 dims, verdicts.T.reshape(shape), {"flag_values": [0, 1, 2], "flag_meanings": " ".join(VERDICTS)}
             ),
-            "sequence": ("scan", _numbers(columns["sequence"]).astype(np.int64)),
-            "press": ("scan", np.nan_to_num(_numbers(columns["press"])).astype(np.int64)),
+            "sequence": ("scan", whole("sequence", int)),
+            "press": ("scan", whole("press", lambda field: int(field or 0))),
             "status": ("scan", np.array(columns["status"], dtype=object)),
             **{
-                name.rpartition("_")[0]: ("scan", _numbers(columns[name]), {"units": unit})
+                name.rpartition("_")[0]: ("scan", numbers(name), {"units": unit})
                 for name, unit in _UNITS.items()
                 if name in columns
             },
@@ -187,7 +208,3 @@ def _position(reading: LiveReading) -> list[object]:
     best = location.modes[0]
     known = (*best.known_deviations, None, None, None)[:3]
     return [location.verdict, best.x, best.y, best.depth, *known]
-
-
-def _numbers(texts: Sequence[str]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return np.array([float(text) if text else math.nan for text in texts], dtype=np.float64)

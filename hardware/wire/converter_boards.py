@@ -84,12 +84,14 @@ def channel_board(options: dict[str, str]) -> ChannelBoard | None:
     if name is not None and name.lower() not in BOARDS:
         raise HardwareError(f"board must be {', '.join(BOARDS)}; got {name[:40]!r}")
     known = ChannelBoard(_LDC1614, ()) if name is None else BOARDS[name.lower()]
+    changed = [] if name is None else [key for key in ("chip", "channels", "clock") if key in options]
     chip = converter(options.pop("chip")) if "chip" in options else known.converter
     channels = _channels(options.pop("channels"), chip) if "channels" in options else known.channels
     clock = _clock(options.pop("clock")) if "clock" in options else known.clock
     if any(channel >= chip.channels for channel in channels):
         raise HardwareError(f"an {chip.name} has the channels 0 to {chip.channels - 1}; got {max(channels)}")
-    return ChannelBoard(chip, channels, clock, known.title, known.address, known.source)
+    source = f"{known.source}; given with the port instead: {', '.join(changed)}" if changed else known.source
+    return ChannelBoard(chip, channels, clock, known.title, known.address, source)
 
 
 def _channels(text: str, chip: Converter) -> tuple[int, ...]:

@@ -25,6 +25,7 @@ _FIRMWARE_BUS_RATE = 150e3  # Hz, expected: hardware/firmware/README.md
 _LINUX_BUS_RATE = 100e3  # Hz, of a bus for which the system sets none: standard mode, as on a Raspberry Pi
 _BUS_RATES = 10e3, 400e3  # Hz, of the converter
 _LONGEST = 200  # characters shown of a port's name
+_EVM_BOARD = "ldc1614evm"
 _MOST_OPTIONS = 20
 _LARGEST_BAUD = 10_000_000
 _ALLOWED = (
@@ -34,6 +35,7 @@ _ALLOWED = (
 _SERIAL = re.compile(r"/dev/\S+|COM\d{1,3}|usb:\S+", re.IGNORECASE)
 _EVM = re.compile(rf"evm:({_SERIAL.pattern})", re.IGNORECASE)
 _LINUX = re.compile(r"i2c:(\d{1,3})(?::(0x[0-9a-f]{1,2}|\d{1,3}))?(?:,spi:(\d{1,3})\.(\d{1,3}))?", re.IGNORECASE)
+_SPI_IN_OPTIONS = re.compile(r",spi:[^,&]*", re.IGNORECASE)
 _FTDI_PATH = re.compile(r"/[1-4]")
 
 
@@ -115,6 +117,8 @@ def parse_port(text: str) -> Port:
     (0, 1)
     """
     name, question_mark, query = text.strip().partition("?")
+    if _SPI_IN_OPTIONS.search(query):
+        raise _refused(text, "spi comes before the options, as i2c:1,spi:0.0?mode=1")
     options = _options(query, text) if question_mark else {}
     port: Port
     if name == EMULATOR:
@@ -129,6 +133,8 @@ def parse_port(text: str) -> Port:
         port = _ftdi_port(name, options, text)
     else:
         raise _refused(text, f"it must be {_ALLOWED}")
+    if options.keys() & {"chip", "clock"} and not isinstance(port, SerialPort):
+        raise _refused(text, "chip and clock need channels= or board=")
     if options:  # what is left of them
         raise _refused(text, f"there is no option {next(iter(options))!r}")
     return port
@@ -212,7 +218,8 @@ def _ftdi_port(name: str, options: dict[str, str], text: str) -> FtdiPort:
 
 
 def _evm_port(name: str, options: dict[str, str], text: str) -> EvmPort:
-    options.setdefault("board", "ldc1614evm")
+    if options.setdefault("board", _EVM_BOARD).lower() != _EVM_BOARD:
+        raise _refused(text, f"board must be {_EVM_BOARD} after evm:, or not given")
     options.setdefault("channels", "0,1")
     board, address = _board(options, text), _address(options.pop("address", None), text)
     return EvmPort(name, address, board and replace(board, source=EVM_SOURCE))

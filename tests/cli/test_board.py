@@ -127,6 +127,7 @@ test_wrong_arguments_are_one_line = mistakes(
     (("--port", "i2c:99"), "there is no /dev/i2c-99"),
     (("--discard", "16", "--self-test"), "--discard must be 0 to 15; got 16"),
     (("--discard", "-1"), "--discard must be 0 to 15; got -1"),
+    (("--clock-MHz", "60", "--self-test"), "--clock-MHz must be 35 to 55 of the converter's own oscillator; got 60."),
     (("--emulate", "clock_MHz=60"), "--emulate clock_MHz must be 35 to 55; got '60'"),
     (("--emulate", "first_offset=x"), "--emulate first_offset must be 1 finite numbers"),
     (("--drive", "32", "--self-test"), "--drive must be 0 to 31"),

@@ -55,6 +55,13 @@ def test_the_emulated_board_has_the_noise_of_its_budget(capsys, tmp_path):
     assert first[4]["deviation"] == pytest.approx(first[0]["deviation"] / 4, rel=0.4)  # white
 
 
+def test_a_recording_is_of_its_own_design_and_board(capsys, tmp_path):
+    path = stream_file(tmp_path / "run.sqlite", 20, noise=1e-7)
+    line = refused(capsys, "--noise", path, "--port", "i2c:1", "--drive", "7")
+    assert line.endswith("cannot be given with --port, --drive.")
+    assert "has the state 'coil2', which the design gast_fem has not" in refused(capsys, "gast_fem", "--noise", path)
+
+
 def test_drift_of_clock_and_board_is_the_budgets_and_goes_with_a_reference_coil(capsys):
     """36 K/h; the emulator's clock and copper drift, nothing else. Its network is solved anew at every temperature."""
     warming = ("starter", "--noise", "40", "--emulate", "drift=0.01", "--emulate", "noise=1e-9")

@@ -240,6 +240,25 @@ def test_a_computer_that_is_late_gets_the_newest_results_and_their_time():
     assert frequencies(late, settings) == true(board, TWO)
 
 
+@pytest.mark.parametrize("pause", ["before a scan", "in the wait for it"])
+def test_a_pause_of_the_computer_costs_the_scans_of_its_time_and_no_others(monkeypatch, pause):
+    board, reader, _ = configured(TWO, settings=quick_settings(TWO, rcount=20_000))
+    stream, sleep = reader.scans(), board.clock.sleep
+    before = list(itertools.islice(stream, 8))
+    turn = (before[-1].time - before[3].time) / 4
+    if pause == "before a scan":
+        sleep(1.0)
+    else:
+        monkeypatch.setattr(board.clock, "sleep", lambda _: (monkeypatch.undo(), sleep(1.0)))
+    late, *after = itertools.islice(stream, 10)
+    # the turn is known to a look each way, 2 ms, of 4 turns of 15 ms
+    assert late.sequence - before[-1].sequence == pytest.approx((late.time - before[-1].time) / turn, rel=0.04, abs=1)
+    assert [scan.sequence for scan in after] == list(range(late.sequence + 1, late.sequence + 10))
+    for one, other in itertools.pairwise(after):
+        assert other.time - one.time == pytest.approx(turn, abs=2.5e-3)
+    stream.close()
+
+
 def test_a_stream_with_pauses_sleeps_between_its_scans():
     board, reader, _ = configured(TWO)
     stream = reader.scans(0.5)

@@ -66,11 +66,19 @@ def test_the_address_is_that_of_the_board_or_stated():
     ("i2c:1?board=eddy", "board must be grove-ldc1612, btt-eddy, cartographer, mellow-fly, ldc1614evm"),
     ("i2c:1,spi:0.0?channels=0", "coils at the channels of a converter have no switches, and no spi"),
     ("i2c:1?channels=0&mode=2", "there is no option 'mode'"),
-    ("i2c:1?chip=LDC1612", "there is no option 'chip'"),
+    ("i2c:1?chip=LDC1612", "chip and clock need channels= or board="),
+    ("emulator?clock=40MHz", "chip and clock need channels= or board="),
+    ("i2c:1?board=grove-ldc1612,spi:0.0", "spi comes before the options"),
+    ("evm:COM3?board=btt-eddy", "board must be ldc1614evm after evm:"),
     ("COM5?channels=0", "there is no option 'channels'"),
 ])  # fmt: skip
 def test_what_is_not_valid_is_one_line(text, message):
     refused(HardwareError, message, parse_port, text)
+
+
+def test_what_is_given_instead_of_a_known_boards_values_is_told():
+    given = board_of(parse_port("i2c:1?board=btt-eddy&clock=24MHz"))
+    assert given.source.endswith("; given with the port instead: clock")
 
 
 def test_known_boards_are_marked_as_not_verified():

@@ -128,6 +128,28 @@ def test_nothing_is_replaced_without_force(tmp_path):
     assert read_log(written(path, reading(0), reading(1), force=True)).sizes["scan"] == 2
 
 
+def test_a_last_line_that_is_cut_within_its_last_field_is_no_other_number(tmp_path):
+    path = written(tmp_path / "run.csv", reading(0), reading(1))
+    whole = path.read_text()
+    for cut in (1, 2, 4):  # 20.5 would read as 20.5, 20. and 2
+        path.write_text(whole[:-cut])
+        assert read_log(path).sizes["scan"] == 1
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    (",20.5\n", "\n", "line 3: must have 17 columns; got 16"),
+    ("0.25,", "soon,", "line 3, column time_s: must be a number; got 'soon'"),
+    (",1,1,0.0001", ",1.5,1,0.0001", "line 3, column sequence: must be a whole number; got '1.5'"),
+    ("bad", "odd", "line 3, column coil2 verdict: must be good, doubtful, bad; got 'odd'"),
+])  # fmt: skip
+def test_a_line_that_no_log_has_is_told(tmp_path, old, new, message):
+    path = written(tmp_path / "run.csv", reading(0), reading(1))
+    head, first, second = path.read_text().splitlines(keepends=True)
+    assert old in second
+    path.write_text(head + first + second.replace(old, new, 1))
+    refused(OutputError, f"run.csv, {message}", read_log, path)
+
+
 def test_what_is_no_log(tmp_path):
     for text in ("", "time_s,coil1\n0,1\n", "\x00"):
         (tmp_path / "run.csv").write_text(text)
