@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 
 from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.compute.html import html_card, html_table
 from coilarray.errors import GeometryError
 from coilarray.geometry.coil import CHORD, Coil
 from coilarray.geometry.conductor import Conductor
@@ -245,6 +246,16 @@ class CoilArray:
         for placement in self.placements:
             for layer in placement.layers:
                 self.stackup.index(layer)
+
+    def __repr__(self) -> str:
+        from coilarray.geometry.words import array_words
+
+        return f"<CoilArray: {array_words(self)}>"
+
+    def _repr_html_(self) -> str:
+        from coilarray.geometry.words import array_facts, array_picture
+
+        return html_card("CoilArray", array_picture(self), html_table((), array_facts(self)))
 
     @property
     def names(self) -> tuple[str, ...]:

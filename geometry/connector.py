@@ -7,6 +7,7 @@ another layer, counts as longer.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -83,17 +84,20 @@ def _led(
         if place.coil.terminal is None:
             raise GeometryError(f"{place.name} has no leads to be led to a connector.")
     board = _turned(array, connector.side)
-    blocked: _NoWayError | None = None
+    farthest: NoWayError | None = None
     orders = [_along_the_edge(board, near_first=near_first) for near_first in (True, False)]
+    bare = _Grid(board, connector, _pads(board, connector, orders[0]))  # every order has its pads at the same places
     for begun in orders[: 1 if orders[0] == orders[1] else 2]:
-        order = begun
-        grid = _Grid(board, connector, _pads(board, connector, order))
-        for _ in range(_TRIES):
+        order, tried = begun, list[list[int]]()
+        grid = bare.with_pads(_pads(board, connector, order))
+        while len(tried) < _TRIES and order not in tried:
+            tried.append(order)
             try:
                 ways = grid.ways(order)
-            except _NoWayError as error:
-                blocked = blocked or error
-                if order[0] == error.coil:
+            except NoWayError as error:
+                hopeless = farthest is not None and error.led <= farthest.led and 2 * error.led < len(order)
+                farthest = error if farthest is None or error.led > farthest.led else farthest
+                if hopeless and len(tried) > 1:
                     break
                 order = [error.coil, *(coil for coil in order if coil != error.coil)]
                 continue
@@ -102,16 +106,25 @@ def _led(
                 _with_ways(place, [way @ back for way in ways[k]], grid.width)
                 for k, place in enumerate(array.placements)
             )
-    assert blocked is not None  # the only way out of the loop
-    raise blocked
+    assert farthest is not None  # the only way out of the loop
+    raise farthest
 
 
-class _NoWayError(GeometryError):
-    """The lead of a coil, by its index, finds no way: it had better be the first."""
+class NoWayError(GeometryError):
+    """The lead of a coil finds no way to its pad of a connector.
+
+    Attributes
+    ----------
+    coil : int
+        Index of the coil: it had better be the first.
+    led : int
+        Number of coils that had been led out before it.
+    """
 
     def __init__(self, coil: int, message: str) -> None:
         super().__init__(message)
         self.coil = coil
+        self.led = 0
 
 
 def _to_bottom(side: Side) -> int:
@@ -228,22 +241,40 @@ class _Grid:
                         x, y = place.to_board(place.coil.terminal_points)[end].tolist()
                         widest = max(self.width, float(place.coil.widths[-end][-end]))
                         self._take(layer, disc(x, y, math.sqrt(2) * widest), (k, "lead", end))
-                    assert place.coil.terminal is not None  # refused before
-                    x, y = pads[k, end].tolist()
-                    self._take(layer, disc(x, y, place.coil.terminal.pad), (k, "pad", end))
             for hole in holes:
                 if hole.kind == "via" and layer in hole.layers:
                     self._take(layer, disc(hole.x, hole.y, hole.pad), None)
 
+    def with_pads(self, pads: FloatArray) -> _Grid:
+        """Return the grid with the pads of the coils, shape (coils, 2, 2), in m; it shares what does not change."""
+        grid = self._copy()
+        grid.pads = pads
+        for layer in grid.near:
+            for k, place in enumerate(grid.array.placements):
+                assert place.coil.terminal is not None  # refused before
+                for end in (0, 1):
+                    grid._take(layer, disc(*pads[k, end].tolist(), place.coil.terminal.pad), (k, "pad", end))
+        return grid
+
+    def _copy(self) -> _Grid:
+        """Return the grid with a record of its own of what has been taken."""
+        grid = copy.copy(self)
+        grid.near = {layer: near.copy() for layer, near in self.near.items()}
+        grid.copper = {layer: list(taken) for layer, taken in self.copper.items()}
+        return grid
+
     def ways(self, order: Sequence[int]) -> dict[int, list[FloatArray]]:
         """Lead out the coils in an order: for each the ways of both ends, from the coil to its pad, in m."""
-        before = {layer: (near.copy(), list(self.copper[layer])) for layer, near in self.near.items()}
-        try:
-            found = {coil: [self._way(coil, end) for end in (0, 1)] for coil in order}
-        except _NoWayError:
-            for layer, (near, copper) in before.items():
-                self.near[layer], self.copper[layer] = near, copper
-            raise
+        return self._copy()._ways(order)
+
+    def _ways(self, order: Sequence[int]) -> dict[int, list[FloatArray]]:
+        found: dict[int, list[FloatArray]] = {}
+        for coil in order:
+            try:
+                found[coil] = [self._way(coil, end) for end in (0, 1)]
+            except NoWayError as error:
+                error.led = len(found)
+                raise
         for coil, ways in found.items():
             for end in (0, 1):
                 layer, owner = self.array.placements[coil].layers[-end], (coil, "lead", end)
@@ -300,7 +331,7 @@ class _Grid:
             way = _straightened(places[nodes[::-1]])
             self._take(layer, trace_outline(way, self.width), (coil, "lead", end))
             return way
-        raise _NoWayError(
+        raise NoWayError(
             coil,
             f"the lead of {place.name} on {layer} finds no way to the {self.connector.side} edge with "
             f"{self.width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap; give it room by array.pitch_mm, "

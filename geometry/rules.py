@@ -13,6 +13,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.display_units import MM, PLAIN
 from coilarray.errors import GeometryError, RuleViolationError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, copper_by_layer, drills
@@ -120,6 +121,14 @@ class Margin:
     x: float | None
     y: float | None
     unit: str = "m"
+
+    def __repr__(self) -> str:
+        unit = MM if self.unit else PLAIN
+        value, limit, margin = (unit.text(number, ".4") for number in (self.value, self.limit, self.margin))
+        place = "" if self.x is None or self.y is None else f" at x {MM.text(self.x, '.4')}, y {MM.text(self.y, '.4')}"
+        where = ", ".join(text for text in (self.rule, self.layer, self.feature) if text)
+        verdict = "kept" if self.kept else "broken"
+        return f"<Margin {verdict}: {where}: {value}, limit {limit}, margin {margin}{place}>"
 
     @property
     def kept(self) -> bool:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import Network, loaded_quality, resonate
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.html import html_card, html_table
 from coilarray.design.model import Design
 from coilarray.design.readout import INTERNAL_CLOCK_PER_KELVIN, Readout
 from coilarray.design.scan_states import ScanState, referenced_names
@@ -78,6 +79,25 @@ class NoiseBudget:
     causes: tuple[Cause, ...]
     readout: Readout
     reference: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        noise, drift = self.noise.max(), np.abs(self.drift).max()
+        return (
+            f"<NoiseBudget of {len(self.states)} states: at most σ of δ {self.largest:.2g}, of it noise {noise:.2g}; "
+            f"drift {drift:.2g} per K>"
+        )
+
+    def _repr_html_(self) -> str:
+        numbers = zip(self.noise.tolist(), self.drift.tolist(), self.sigma.tolist(), strict=True)
+        rows = [(name, *(f"{number:.3g}" for number in row)) for name, row in zip(self.states, numbers, strict=True)]
+        causes = [
+            (cause.name, "assumed, not verified" if cause.assumed else "known", cause.source) for cause in self.causes
+        ]
+        return html_card(
+            " less ".join(["NoiseBudget of δ", *([", ".join(self.reference)] if self.reference else [])]),
+            html_table(("state", "noise of δ", "drift of δ (1/K)", "σ of δ"), rows),
+            html_table(("cause", "size", "source"), causes),
+        )
 
     @property
     def scan_noise(self) -> FloatArray:

@@ -65,7 +65,7 @@ def board(
     as_json: AsJson = False,
     allow_violations: AllowViolations = False,
 ) -> None:
-    """Show the ports of this computer and the board at one of them; test its switches and coils.
+    """Show the ports of this computer and test the board at one.
 
     Run the self-test once with every new board: until it has passed, the order of the switches' bits is an assumption.
     It also compares the first conversions after sleep with later ones and says whether to throw some away (--discard).

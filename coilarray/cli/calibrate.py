@@ -57,7 +57,7 @@ def calibrate(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Fit unknown entries of a design to what was measured on its board.
+    """Fit unknown entries of a design to what was measured.
 
     A plan names keys of the design, and imperfections of the experiment, with bounds and priors (tables [[unknown]]:
     entry, low, high, prior_mean, prior_std), and alternatives such as the order of layers ([[alternative]] with

@@ -59,10 +59,11 @@ def calibrate_board(
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write: .toml.")] = Path("board.toml"),
     as_json: AsJson = False,
 ) -> None:
-    """Find the constants of a board from a recording: clock, capacitance of every tank, drift.
+    """Find the constants of a board from a recording.
 
-    L depends on all of them, δ only on the drift. The clock needs a known frequency, the capacitances known
-    inductances; the drift of L_0 follows from the scans at rest. Use the file with: coilarray compare --calibration
+    They are the clock, the capacitance of every tank and the drift. L depends on all of them, δ only on the drift. The
+    clock needs a known frequency, the capacitances known inductances; the drift of L_0 follows from the scans at rest.
+    Use the file with: coilarray compare --calibration
 
     Example: coilarray calibrate-board run.sqlite --inductance-uH 52.7 --inductance-error 0.005 --out board.toml
 

@@ -84,12 +84,13 @@ def campaign(
     as_json: AsJson = False,
     allow_violations: AllowViolations = False,
 ) -> None:
-    """Press an indenter on a grid of positions and measure the response of every coil.
+    """Press an indenter on a grid of positions and measure.
 
-    At every position: baseline, indent, dwell, peak, relax. The grid is that of the design unless options change it.
-    Every scan is in the file as soon as it arrives; --resume measures the positions that are missing. A campaign begins
-    and ends with a self-test of switches and coils, since scans alone do not show every fault. Without --port an
-    emulator replaces board and indenter, in virtual time, and every line says so.
+    The result is the response of every coil. At every position: baseline, indent, dwell, peak, relax. The grid is that
+    of the design unless options change it. Every scan is in the file as soon as it arrives; --resume measures the
+    positions that are missing. A campaign begins and ends with a self-test of switches and coils, since scans alone do
+    not show every fault. Without --port an emulator replaces board and indenter, in virtual time, and every line says
+    so.
 
     Example: coilarray campaign gast2020 --out campaign.sqlite --response measured.nc
 

@@ -31,7 +31,7 @@ def distortion(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Predict how the ellipses' centre x0 moves with δ, and what moves it.
+    """Predict how the ellipses' centre x0 moves with δ, and why.
 
     The map of the design goes through the paper's own processing; each cause is then switched off. Nothing is fitted
     to x0. What remains between the prediction and Table A1 is printed, without the levels of δ of which the window

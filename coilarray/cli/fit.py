@@ -31,10 +31,10 @@ def fit(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Fit the ellipse model of Gast & Zimmermann (2020) to a response.
+    """Fit the ellipse model of Gast & Zimmermann (2020).
 
-    Curves of equal δ become ellipses, and their A, B and x0 polynomials of δ. Printed in mm beside Table A1 of the
-    paper where it has a coil of that name: that compares like with like on the paper's board alone.
+    Curves of equal δ of a response become ellipses, and their A, B and x0 polynomials of δ. Printed in mm beside Table
+    A1 of the paper where it has a coil of that name: that compares like with like on the paper's board alone.
 
     Example: coilarray fit gast2020 --out model.json --plot model.png
     """

@@ -26,7 +26,7 @@ def impedance(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Solve the circuit: resonance of every state, and impedance over frequency.
+    """Solve the circuit: resonances, impedance over frequency.
 
     With AC resistance, the capacitance of the windings and the switches, for each state of the design's scan plan.
 

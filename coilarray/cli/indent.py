@@ -37,7 +37,7 @@ def indent(
     force: shared.Force = False,
     as_json: shared.AsJson = False,
 ) -> None:
-    """Press the indenter into the elastomer: force, contact and dent.
+    """Press the indenter into the elastomer: force and dent.
 
     No friction under the indenter. Displacements are those of the upper faces of the sheets on the axis;
     the ring is the highest rise of the free surface.

@@ -84,12 +84,13 @@ def live(
     as_json: Annotated[bool, typer.Option("--json", help="One line of JSON in SI units for each scan.")] = False,
     allow_violations: AllowViolations = False,
 ) -> None:
-    """Show δ of every coil and where the indentation is, scan by scan.
+    """Show δ of every coil and where the indentation is.
 
-    The first scans, without an indentation, are the baseline; the key z measures it again, q ends. Piped, it prints a
-    line for each scan. A press begins where δ rises above what noise and drift of the baseline can do. Without --port
-    an emulator replaces the board, every line says so, and a finger moves over it unless --emulate says otherwise.
-    Ctrl-C, or closing the window of --plot, leaves the board at rest: all coils grounded, the converter asleep.
+    It goes on scan by scan. The first scans, without an indentation, are the baseline; the key z measures it again, q
+    ends. Piped, it prints a line for each scan. A press begins where δ rises above what noise and drift of the baseline
+    can do. Without --port an emulator replaces the board, every line says so, and a finger moves over it unless
+    --emulate says otherwise. Ctrl-C, or closing the window of --plot, leaves the board at rest: all coils grounded, the
+    converter asleep.
 
     Example: coilarray live gast2020 --port /dev/ttyACM0
 

@@ -64,13 +64,14 @@ def locate(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Find where, and how deep, an indentation is from the δ of the coils, or where a target is.
+    """Find where an indentation or a target is from δ.
 
-    Maximum likelihood over all coils; every position that explains a reading is listed, both signs of y on a board that
-    is symmetric. Positions are those on the board; those of an ellipse model of `coilarray fit` or of the paper count
-    from its own origin. The table of a design is computed once and kept; that of one with a [target] and no
-    [indentation] is the target's map, of which coordinates with a single value are known. A stream gives one JSON line
-    out for each line in, with "error" for a bad one; the exit code is 2 only where no line was a reading.
+    Maximum likelihood over all coils, which finds the depth or distance too; every position that explains a reading is
+    listed, both signs of y on a board that is symmetric. Positions are those on the board; those of an ellipse model of
+    `coilarray fit` or of the paper count from its own origin. The table of a design is computed once and kept; that of
+    one with a [target] and no [indentation] is the target's map, of which coordinates with a single value are known. A
+    stream gives one JSON line out for each line in, with "error" for a bad one; the exit code is 2 only where no line
+    was a reading.
 
     Example: coilarray locate --model gast2020 coil1=-2e-5,coil2=8e-5,coil3=9.5e-4,coil4=5.6e-4,coil5=-1e-5,coil6=-1e-5
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import typer
+import typer.core
 
 from coilarray.cli import (
     board,
@@ -18,6 +19,7 @@ from coilarray.cli import (
     check,
     compare,
     distortion,
+    docs,
     export,
     field,
     fit,
@@ -49,17 +51,47 @@ _INTERRUPTED = 130
 # It reads these when NumPy is first imported, which no module here does before a command runs.
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
-COMMANDS: dict[str, Callable[..., None]] = {
-    "import" if command is import_board.import_board else command.__name__.replace("_", "-"): command
-    for command in (
-        report.report, init.init, check.check, matrix.matrix, field.field, impedance.impedance, indent.indent,
-        response.response, target.target, fit.fit, distortion.distortion, calibrate.calibrate, locate.locate,
-        sweep.sweep, optimize.optimize, tolerance.tolerance, export.export, import_board.import_board, view.view,
-        studio.studio, board.board, measure.measure, campaign.campaign, scan_info.scan_info,
-        calibrate_board.calibrate_board, compare.compare, live.live, noise.noise,
+GROUPS: dict[str, dict[str, Callable[..., None]]] = {
+    group: {
+        "import" if command is import_board.import_board else command.__name__.replace("_", "-"): command
+        for command in commands
+    }
+    for group, commands in (
+        ("Design", (init.init, check.check, export.export, import_board.import_board, view.view, studio.studio)),
+        ("Compute", (
+            report.report, matrix.matrix, field.field, impedance.impedance, indent.indent, response.response,
+            target.target,
+        )),
+        ("Position", (fit.fit, distortion.distortion, calibrate.calibrate, locate.locate)),
+        ("Studies", (sweep.sweep, optimize.optimize, tolerance.tolerance)),
+        ("Board", (
+            board.board, measure.measure, campaign.campaign, scan_info.scan_info, calibrate_board.calibrate_board,
+            compare.compare, live.live, noise.noise,
+        )),
+        ("Help", (docs.docs,)),
     )
 }  # fmt: skip
-"""Every command by the name under which the program offers it, in the order of the help."""
+"""Every command by the name under which the program offers it, in the groups and the order of the help."""
+
+COMMANDS: dict[str, Callable[..., None]] = {
+    name: command for commands in GROUPS.values() for name, command in commands.items()
+}
+"""Every command by its name."""
+
+
+def summary(name: str) -> str:
+    """Return what a command does: the first line of its help."""
+    return (COMMANDS[name].__doc__ or "").split("\n", 1)[0]
+
+
+class _Grouped(typer.core.TyperGroup):
+    """A program whose help shows all commands in their groups, whichever of them it was made of."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        width = max(map(len, COMMANDS))
+        for group, commands in GROUPS.items():
+            with formatter.section(group):
+                formatter.write_dl([(name.ljust(width), summary(name)) for name in commands])
 
 
 def _root(version: bool = typer.Option(False, "--version", help="Print the version and leave.")) -> None:
@@ -72,19 +104,20 @@ def _root(version: bool = typer.Option(False, "--version", help="Print the versi
 
 @functools.cache
 def program(name: str) -> Callable[..., Any]:
-    """Return the program with the command of this name alone, with all where none is called so.
+    """Return the program with the command of this name alone; without any for an option, with all for another word.
 
-    Typer takes milliseconds to read the signature of a command.
+    Typer takes milliseconds to read the signature of a command, and help and version need none.
     """
     app = typer.Typer(
         name="coilarray",
         help="Planar coil arrays: from a design file to geometry, coupling and a report.\n\n"
-        "Start with: coilarray report",
+        "Start with: coilarray report; help with one: coilarray COMMAND --help",
+        cls=_Grouped,
         add_completion=False,
         rich_markup_mode=None,
     )
     app.callback(invoke_without_command=True)(_root)
-    for one in (name,) if name in COMMANDS else COMMANDS:
+    for one in (name,) if name in COMMANDS else () if name.startswith("-") else COMMANDS:
         app.command(one)(COMMANDS[one])
     return typer.main.get_command(app)
 

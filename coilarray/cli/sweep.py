@@ -49,12 +49,12 @@ def sweep(
     force: shared.Force = False,
     as_json: shared.AsJson = False,
 ) -> None:
-    """Compute quantities of a design over a grid of its entries, or over samples.
+    """Compute quantities of a design over a grid or samples.
 
-    Every point is stored as soon as it is computed: an interrupted sweep goes on when the same command runs again, and
-    no point is computed twice. A point that gives no design is empty in the file, with the reason. Values are in the
-    unit of their name. With --goal the quantities of the goal are computed too, and the best points are printed; what
-    the goal varies is the default of --vary.
+    What varies are entries of the design. Every point is stored as soon as it is computed: an interrupted sweep goes on
+    when the same command runs again, and no point is computed twice. A point that gives no design is empty in the file,
+    with the reason. Values are in the unit of their name. With --goal the quantities of the goal are computed too, and
+    the best points are printed; what the goal varies is the default of --vary.
 
     Example: coilarray sweep gast2020 --vary array.pitch_mm=12:15:7 --quantity worst_k --out sweep.nc --plot sweep.png
 

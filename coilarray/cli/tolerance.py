@@ -70,7 +70,7 @@ def tolerance(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Predict how much fabricated boards differ, and which fabrication error contributes most.
+    """Predict how much fabricated boards differ, and why.
 
     Etching, registration, thicknesses, placement, permeability and tank capacitor have distributions, with a part for
     each board and one for each layer. The spread is linearised, checked on randomly drawn boards, and split by

@@ -269,6 +269,17 @@ class Design:
             )
         object.__setattr__(self, "indentation", _over_array(setup, self.array, "indentation", _touchable(setup)))
 
+    def __repr__(self) -> str:
+        from coilarray.design.words import design_facts
+
+        facts = dict(design_facts(self))
+        return f"<Design {self.name}: {facts['coils']}; hash {facts['hash']}>"
+
+    def _repr_html_(self) -> str:
+        from coilarray.design.words import design_html
+
+        return design_html(self)
+
     @property
     def top(self) -> float:
         """Height in m of the upper face of all sheets; that of the board, 0, without."""
@@ -372,6 +383,16 @@ class DesignFile:
     assumed: Mapping[str, str]
     values: Mapping[str, object]
     text: str = ""
+
+    def __repr__(self) -> str:
+        from coilarray.design.words import file_facts
+
+        return f"<DesignFile of {self.design!r}: values {dict(file_facts(self))['values']}>"
+
+    def _repr_html_(self) -> str:
+        from coilarray.design.words import design_html, file_facts
+
+        return design_html(self.design, file_facts(self))
 
 
 def load_design(name_or_path: str | Path | None = None) -> Design:

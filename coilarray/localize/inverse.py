@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,7 @@ import numpy.typing as npt
 from scipy.special import chdtrc, chdtri
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.html import html_card, html_table
 from coilarray.compute.threads import ranges
 from coilarray.errors import LocalizeError
 from coilarray.localize.forward import ForwardModel, noise_of, require_states
@@ -142,6 +143,13 @@ class Location:
     degrees_of_freedom: int = 0
     probability: float | None = None
 
+    def __repr__(self) -> str:
+        return f"<Location: {'; '.join(location_lines(self))}>"
+
+    def _repr_html_(self) -> str:
+        first, *places = location_lines(self)
+        return html_card(f"Location: {first}", html_table((), [(place,) for place in places]) if places else "")
+
     @property
     def best(self) -> Mode:
         """The most likely mode; LocalizeError where there is none."""
@@ -153,6 +161,28 @@ class Location:
     def ambiguous(self) -> bool:
         """True where more than one mode is likely enough to be kept."""
         return len(self.modes) > 1
+
+
+def location_lines(location: Location) -> list[str]:
+    """Return lines with the verdict and the possible positions of an indentation, the best one first.
+
+    Examples
+    --------
+    >>> location_lines(Location("nothing pressed", "nothing is pressed."))
+    ['nothing pressed: nothing is pressed.']
+    """
+    first = f"{location.verdict}: {location.reason}" if location.reason else location.verdict
+    return [
+        first,
+        *(f"{'located' if k == 0 else 'may also be'}: {_mode_words(m)}" for k, m in enumerate(location.modes)),
+    ]
+
+
+def _mode_words(mode: Mode) -> str:
+    parts = []
+    for name, value, sigma in zip_longest(("x", "y", "depth"), (mode.x, mode.y, mode.depth), mode.known_deviations):
+        parts.append(f"{name} = {value * 1e3:.2f}{'' if sigma is None else f' ± {sigma * 1e3:.2g}'} mm")
+    return ", ".join(parts).replace("-", "−")
 
 
 def locate(

@@ -7,6 +7,8 @@ from datetime import UTC, datetime
 
 import jinja2
 
+from coilarray.compute.html import html_table
+
 
 def render_page(template: str, **values: object) -> str:
     """Return a page made of a template of this package; an undefined name in the template is an error."""
@@ -17,6 +19,7 @@ def render_page(template: str, **values: object) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.globals["html_table"] = html_table
     return environment.get_template(template).render(**values)
 
 

@@ -19,13 +19,16 @@ from coilarray.circuit.coupling import couple_design, design_inductance, provena
 from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
 from coilarray.circuit.operating_field import operating_field
 from coilarray.compute.files import make_folder, write_text
+from coilarray.compute.html import html_card, html_table
 from coilarray.compute.netcdf import save_dataset
 from coilarray.compute.threads import Progress
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design, DesignFile
+from coilarray.design.words import metal_words
 from coilarray.design.write import as_file
 from coilarray.errors import CoilarrayError, GeometryError, LocalizeError, NetworkError
 from coilarray.geometry import check_rules
+from coilarray.geometry.words import array_words
 from coilarray.localize.ellipse_model import SEMIAXIS_ADDITION
 from coilarray.localize.published import published_model
 from coilarray.report import (
@@ -41,7 +44,6 @@ from coilarray.report.drawing import drawing_beside
 from coilarray.report.page import now, render_page, with_contents
 from coilarray.report.position import MapPositions, map_position_table, map_positions
 from coilarray.report.summary import summary_table, verdicts
-from coilarray.report.words import array_words, metal_words
 from coilarray.response.answering import coils_outside
 from coilarray.response.coordinates import on_board, origin_of
 from coilarray.response.map import response_map
@@ -91,6 +93,14 @@ class Report:
     rendering_problem: str | None
     summary: tables.Table | None = None
     verdicts: Sequence[str] = ()
+
+    def __repr__(self) -> str:
+        return f"<Report {self.page}: {'; '.join(self.verdicts) or 'every limit is kept'}>"
+
+    def _repr_html_(self) -> str:
+        verdicts = html_table((), [(line,) for line in self.verdicts or ("every limit is kept",)])
+        summary = [] if self.summary is None else [html_table(self.summary.headers, self.summary.cells())]
+        return html_card(f"Report: {self.page}", verdicts, *summary)
 
 
 def write_report(
@@ -416,7 +426,11 @@ def _page(
 ) -> str:
     by_name = {table.name: table for table in all_tables}
     profile = file.values.get("fab.profile")
-    rows = tuple(row for row in by_name["design"].rows if str(row[0]).startswith(_ENTERING))
+    listed = by_name["design"]
+
+    def values_where(chosen: Callable[[tuple[tables.Value, ...]], bool]) -> tables.Table:
+        return replace(listed, rows=tuple(row for row in listed.rows if chosen(row))).without_empty_columns()
+
     page = render_page(
         "page.html.j2",
         design=file.design,
@@ -424,7 +438,9 @@ def _page(
         shorts=sorted(set(terminations_of(file.design))),
         data=data,
         tables=by_name,
-        entering=replace(by_name["design"], rows=rows),
+        entering=values_where(lambda row: str(row[0]).startswith(_ENTERING)),
+        decided=values_where(lambda row: row[2] != "default"),
+        defaults=values_where(lambda row: row[2] == "default"),
         fab=None if profile is None else load_profile(str(profile)),
         pictures={picture.name: picture for picture in pictures},
         copper=[picture for picture in pictures if picture.name.startswith("copper_")],

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from coilarray.cli.main import COMMANDS, program
+from coilarray.cli.main import GROUPS, program, summary
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -75,15 +75,13 @@ def page(name: str) -> str:
 def _write(app: Sphinx) -> None:
     folder = Path(app.srcdir) / _FOLDER
     folder.mkdir(parents=True, exist_ok=True)
-    rows = []
-    for name in COMMANDS:
-        text = page(name)
-        _keep(folder / f"{name}.md", text)
-        rows.append((name, next(line for line in text.split("```\n", 2)[1].splitlines() if line)))
     lines = ["# Commands", "", "Every command has `--help`; lengths are in the units that their names say.", ""]
-    lines += ["| command | what it does |", "| --- | --- |"]
-    lines += [f"| [{name}]({name}.md) | {what} |" for name, what in rows]
-    lines += ["", "```{toctree}", ":hidden:", *COMMANDS, "```", ""]
+    for group, commands in GROUPS.items():
+        lines += [f"## {group}", "", "| command | what it does |", "| --- | --- |"]
+        lines += [f"| [{name}]({name}.md) | {summary(name)} |" for name in commands]
+        lines += ["", "```{toctree}", ":hidden:", *commands, "```", ""]
+        for name in commands:
+            _keep(folder / f"{name}.md", page(name))
     _keep(folder / "index.md", "\n".join(lines))
 
 

@@ -60,12 +60,11 @@ def write_svg(array: CoilArray, path: Path, *, title: str = "") -> None:
     """
     if path.suffix.lower() != ".svg":
         raise OutputError(f"cannot write {path}: the suffix must be .svg; got {path.suffix!r}.")
-    root = _drawing(array, title)
-    ET.indent(root, " ")
-    write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n')
+    write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{svg_text(array, title=title)}\n')
 
 
-def _drawing(array: CoilArray, title: str) -> ET.Element:
+def svg_text(array: CoilArray, *, title: str = "") -> str:
+    """Return the drawing that `write_svg` writes, as the text of its element ``svg``."""
     outline = board_outline(array)
     x_min, y_min, x_max, y_max = (np.array(outline.bounds) * _MM + np.array([-1, -1, 1, 1]) * _MARGIN).tolist()
     width, height = _number(x_max - x_min), _number(y_max - y_min)
@@ -96,7 +95,8 @@ def _drawing(array: CoilArray, title: str) -> ET.Element:
     for placement in array.placements:
         at = f"translate({_number(placement.x * _MM)} {_number(placement.y * _MM)}) scale(1 -1)"
         ET.SubElement(texts, "text", {"transform": at, "y": _BASELINE}).text = placement.name
-    return root
+    ET.indent(root, " ")
+    return ET.tostring(root, encoding="unicode")
 
 
 def _layer(parent: ET.Element, identity: str, label: str, **style: str) -> ET.Element:

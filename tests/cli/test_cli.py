@@ -13,11 +13,12 @@ import xarray as xr
 from support.command_line import mistakes, runner, successes
 
 from coilarray import couple_design, load_design, load_design_file
-from coilarray.cli.main import COMMANDS
+from coilarray.cli.docs import find_page
+from coilarray.cli.main import COMMANDS, GROUPS, summary
 from coilarray.cli.shared import lengths
 from coilarray.compute.netcdf import save_dataset
 from coilarray.design.bundled import read
-from coilarray.errors import ElastomerError
+from coilarray.errors import ElastomerError, MissingDependencyError, OutputError
 
 pytestmark = pytest.mark.usefixtures("own_folder")
 run, refused = runner()
@@ -42,12 +43,68 @@ FILES = {
 }  # fmt: skip
 
 
-@pytest.mark.slow
-def test_help_names_every_command(capsys):
+def test_help_shows_every_command_in_its_group_in_one_line(capsys):
     out = good(capsys)
-    for command in COMMANDS:
-        assert f"\n  {command} " in out
-        assert f"Example: coilarray {command}" in good(capsys, command, "--help")
+    assert out == good(capsys, "--help")
+    shown = dict(re.findall(r"^(\w+):\n((?:  .+\n)+)", out, re.MULTILINE))
+    assert list(shown) == ["Options", *GROUPS]
+    for group, commands in GROUPS.items():
+        rows = [line.split(maxsplit=1) for line in shown[group].splitlines()]
+        assert rows == [[name, summary(name)] for name in commands]
+    assert len(COMMANDS) == sum(map(len, GROUPS.values()))  # none in two groups
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_every_command_has_an_example(capsys, command):
+    assert f"Example: coilarray {command}" in good(capsys, command, "--help")
+
+
+def test_a_misspelt_command_gets_the_right_one_named(capsys):
+    assert "No such command 'matrx'. Did you mean 'matrix'?" in refused(capsys, "matrx")
+
+
+@pytest.fixture
+def built(tmp_path):
+    """Return a clone with built pages."""
+    for page in ("index", "start/index", "start/first_report", "reference/commands/report"):
+        path = tmp_path / "docs" / "_build" / "html" / f"{page}.html"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    return tmp_path
+
+
+def test_pages_are_found_by_the_end_of_their_path(built):
+    html = built / "docs" / "_build" / "html"
+    assert find_page(built, "index") == html / "index.html"  # the one with the shortest path
+    assert find_page(built, "start/index") == find_page(built, "start/index.html") == html / "start" / "index.html"
+    assert find_page(built, "report") == html / "reference" / "commands" / "report.html"
+    with pytest.raises(OutputError, match=re.escape("there is no page 'art/index'; did you mean index?")):
+        find_page(built, "art/index")
+    with pytest.raises(OutputError, match=re.escape("there is no page ''; `coilarray docs` opens the first one.")):
+        find_page(built, "")
+    with pytest.raises(OutputError, match="there is no page"):
+        find_page(built, "../../../secret")
+    (html / "index.html").unlink()
+    with pytest.raises(MissingDependencyError, match=r"not built; in a clone of .* python -m sphinx docs docs/_build"):
+        find_page(built, "index")
+
+
+def test_docs_opens_a_page_or_prints_its_path(built, capsys, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda url: opened.append(url) or True)
+    monkeypatch.setattr("coilarray.cli.docs.CLONE", built)
+    page = built / "docs" / "_build" / "html" / "start" / "first_report.html"
+    assert good(capsys, "docs", "first_report", "--print") == f"{page}\n"
+    assert not opened
+    assert good(capsys, "docs", "first_report") == f"{page}\n"
+    assert opened == [page.as_uri()]
+    monkeypatch.setattr("webbrowser.open", lambda url: False)
+    code, _, err = run(capsys, "docs", "first_report")
+    assert (code, err) == (2, f"coilarray: error: no browser can be opened here; the page is {page}.\n")
+    (built / "docs" / "_build" / "html" / "index.html").unlink()
+    (built / "docs" / "conf.py").touch()
+    assert f"the pages are not built; in {built}: python -m pip" in refused(capsys, "docs")
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ from coilarray.geometry import (
     spiral_coil,
 )
 from coilarray.geometry.connectivity import Barrel
-from coilarray.geometry.connector import _rounded
+from coilarray.geometry.connector import _Grid, _rounded
 
 SMALL = Leads(1.3e-3, 1.6e-3, PlatedHole(0.4e-3, 0.8e-3))
 
@@ -79,7 +79,8 @@ def test_corners_that_share_a_short_piece_are_rounded_apart():
     assert np.hypot(*np.diff(line, axis=0).T).min() > 1e-9
 
 
-def test_connectors_that_cannot_be():
+def test_connectors_that_cannot_be(monkeypatch):
+    ways = _Grid.ways
     refused(GeometryError, "side of the connector must be right, top, left or bottom; got 'up'", Connector, "up")
     for name in ("pitch", "distance", "trace_width", "gap"):
         refused(GeometryError, f"{name} of the connector must be positive and finite", Connector, **{name: 0.0})
@@ -94,5 +95,8 @@ def test_connectors_that_cannot_be():
         many_layers(2), spiral_coil(RoundedSpiral(6e-3, 6e-3, 4, 0.2e-3, 0.2e-3), 2, VIA), Lattice("single")
     )
     refused(GeometryError, "coil1 has no leads to be led to a connector", lead_out, bare, Connector())
+    tried = []
+    monkeypatch.setattr(_Grid, "ways", lambda grid, order: tried.append(order) or ways(grid, order))
     message = r"the lead of coil\d on L\d finds no way to the bottom edge .*connector\.distance_mm"
     refused(GeometryError, message, lead_out, coils(3, 3, 7.1e-3), Connector(pitch=1e-3))
+    assert len(tried) <= 4  # two from either side: no order leads out half of the coils

@@ -233,6 +233,16 @@ def test_assumed_values_are_marked(made):
     assert marks == len(BOARD.assumed) + len(entering) + len(broken)
 
 
+def test_defaults_of_the_design_are_folded_away(made):
+    """The page shows what the design gives; the file has every value."""
+    section = made.page.read_text(encoding="utf-8").split(">Design</h2>")[1].split(">Provenance</h2>")[0]
+    shown, folded = (re.findall(r"<tr[^>]*><td>([^<]+)</td>", part) for part in section.split("<details>"))
+    rows = table(made, "design")
+    assert shown == [row["key"] for row in rows if row["origin"] in ("given", "assumed")]
+    assert folded == [row["key"] for row in rows if row["origin"] == "default"]
+    assert folded
+
+
 def test_the_share_of_the_magnetic_sheets(made, page):
     coils, pairs = table(made, "coils"), table(made, "pairs")
     with xr.open_dataset(made.folder / "coupling.nc", engine="h5netcdf") as saved:

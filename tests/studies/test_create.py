@@ -1,6 +1,7 @@
 """New designs from a few choices: what was asked is reached by the package's own numbers, and every limit is kept."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from coilarray.circuit.coupling import design_inductance
 from coilarray.circuit.impedance import scan_design
 from coilarray.errors import DesignError
 from coilarray.geometry import check_rules
+from coilarray.geometry.connector import NoWayError
 from coilarray.studies.create.arrangement import Arrangement, read_arrangement
 from coilarray.studies.create.decoupling import neighbour_coupling
+from coilarray.studies.create.plan import Plan
 from coilarray.studies.create.tank import broken_limits
 from coilarray.studies.create.winding import Room, Winding, wind
 
@@ -129,6 +132,26 @@ def test_leads_run_to_a_connector(coils):
     assert np.ptp(ends[:, 0]) < 1e-12  # one row of pads
     assert ends[0, 0] > max(place.x for place in array.placements) + choices["size"] / 2
     assert all(margin.kept for margin in check_rules(array, file.design.rules))
+
+
+@pytest.mark.parametrize(("led", "movable", "boards"), [(1, False, 1), (2, False, 3), (1, True, 3)])
+def test_a_connector_without_room_is_refused_early(monkeypatch, led, movable, boards):
+    """Where less than half of the coils are led out, a farther connector does not help; coils further apart do."""
+    tried = []
+
+    def no_way(array, connector):
+        tried.append(connector.distance)
+        error = NoWayError(0, "")
+        error.led = led
+        raise error
+
+    module = sys.modules["coilarray.studies.create.connector"]
+    monkeypatch.setattr(module, "lead_out", no_way)
+    arrangement = Arrangement("square", 2, 2)
+    plan = Plan("pad", "", arrangement, "square", (8e-3, 8e-3), False, "oshpark-2-layer", pitch=11e-3)
+    words = rf"connector: at most {led} of 4 coils can be led to the top edge at a pitch of {14 if movable else 11} mm"
+    refused(DesignError, words, module.with_connector, plan, "top", movable=movable)
+    assert len(tried) == boards
 
 
 REFUSED = {

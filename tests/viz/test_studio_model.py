@@ -22,7 +22,7 @@ from coilarray.design.vary import vary
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.errors import DesignError, ElastomerError, GeometryError, LocalizeError, NetworkError, OutputError
 from coilarray.geometry import MATERIALS, Ball, Plate, Target, check_rules
-from coilarray.localize.inverse import Location, Mode
+from coilarray.localize.inverse import Location, Mode, location_lines
 from coilarray.response.target import target_map
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import parse_axis
@@ -37,7 +37,7 @@ from coilarray.viz.studio.scene_panel import _legend
 from coilarray.viz.studio.shelf import Shelf
 from coilarray.viz.studio.switching import kept_settings, state_of, unit_fields
 from coilarray.viz.studio.top_view import board_drawing, delta_bars, delta_fills, pins, top_view, touch_drawing
-from coilarray.viz.studio.touch import crossing_line, first_place, location_lines, sensor_of, touched
+from coilarray.viz.studio.touch import crossing_line, first_place, sensor_of, touched
 from coilarray.viz.studio.trail import Trail
 from coilarray.viz.studio.work import MOST_COILS, require_small, work_on
 

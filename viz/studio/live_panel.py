@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError
+from coilarray.localize.inverse import location_lines
 from coilarray.localize.presses import Press
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.history import SPANS, History
@@ -32,7 +33,6 @@ from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.scene_making import BoardParts, coloured_by_delta
 from coilarray.viz.studio.services import ZERO, BoardFrame, BoardRequest, Orders, Tell
 from coilarray.viz.studio.top_view import LEAST, TopView, board_drawing, delta_bars, delta_fills, pins, top_view
-from coilarray.viz.studio.touch import location_lines
 
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page

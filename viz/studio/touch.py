@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import zip_longest
 
 import numpy as np
 import xarray as xr
@@ -15,7 +14,7 @@ from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import Ellipse, fit_ellipses
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition, ellipse_model, locate_x
 from coilarray.localize.forward import ForwardModel, forward_model
-from coilarray.localize.inverse import Location, Mode, locate
+from coilarray.localize.inverse import Location, locate
 from coilarray.response.coordinates import on_board
 from coilarray.response.setup import indentation_of
 from coilarray.viz.scenes.touch import off_middle
@@ -116,18 +115,6 @@ def _ellipse_model(model: ForwardModel, depth: float, row: tuple[float, float]) 
         return str(error)
 
 
-def location_lines(location: Location) -> list[str]:
-    """Return lines with the verdict and the possible positions of an indentation, the best one first.
-
-    Examples
-    --------
-    >>> location_lines(Location("nothing pressed", "nothing is pressed."))
-    ['nothing pressed: nothing is pressed.']
-    """
-    first = f"{location.verdict}: {location.reason}" if location.reason else location.verdict
-    return [first, *(f"{'located' if k == 0 else 'may also be'}: {_mode(m)}" for k, m in enumerate(location.modes))]
-
-
 def crossing_line(touch: Touched) -> str:
     """Return a line with the position by the paper's ellipses, or the reason why there is none."""
     if touch.crossing is None:
@@ -136,10 +123,3 @@ def crossing_line(touch: Touched) -> str:
     first, second = meet.coils
     either = " or ".join(f"{(y0 + sign * meet.y) * 1e3:.2f}" for sign in (1, -1))
     return f"ellipses of {first} and {second} meet at x = {(x0 + meet.x) * 1e3:.2f}, y = {either} mm".replace("-", "−")
-
-
-def _mode(mode: Mode) -> str:
-    parts = []
-    for name, value, sigma in zip_longest(("x", "y", "depth"), (mode.x, mode.y, mode.depth), mode.known_deviations):
-        parts.append(f"{name} = {value * 1e3:.2f}{'' if sigma is None else f' ± {sigma * 1e3:.2g}'} mm")
-    return ", ".join(parts).replace("-", "−")

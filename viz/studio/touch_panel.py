@@ -8,6 +8,7 @@ import xarray as xr
 
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, DesignError
+from coilarray.localize.inverse import location_lines
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.scenes.touch import dent_of_design
 from coilarray.viz.studio.entries import number_of
@@ -15,7 +16,7 @@ from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.scene_making import BoardParts, touched_scene
 from coilarray.viz.studio.top_view import TopView, board_drawing, delta_bars, top_view, touch_drawing
-from coilarray.viz.studio.touch import Sensor, Touched, crossing_line, first_place, location_lines, sensor_of, touched
+from coilarray.viz.studio.touch import Sensor, Touched, crossing_line, first_place, sensor_of, touched
 
 if TYPE_CHECKING:
     from coilarray.viz.studio.page import Page

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.html import html_card, html_table
 from coilarray.compute.store import Store, open_store
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool, workers
@@ -54,6 +55,28 @@ class Calibration:
     imperfections: Imperfections
     values: Mapping[str, float]
     dataset: xr.Dataset
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name} = {value} ± {error}" for name, value, error, _ in self._fitted)
+        return f"<Calibration of {self.design.name}: {values}; {self._misfit}>"
+
+    def _repr_html_(self) -> str:
+        table = html_table(("unknown", "value", "±", "unit"), self._fitted)
+        return html_card(f"Calibration of {self.design.name}: {self._misfit}", table)
+
+    @property
+    def _fitted(self) -> list[tuple[str, str, str, str]]:
+        """Name, value, standard deviation and unit of every unknown of the best combination, as text."""
+        best = self.dataset.isel(combination=0)
+        own = best.isel(unknown=np.flatnonzero(np.isfinite(best["value"].values)))
+        columns = (own[name].values.tolist() for name in ("unknown", "value", "std", "unit"))
+        return [(name, f"{value:.5g}", f"{error:.2g}", unit) for name, value, error, unit in zip(*columns, strict=True)]
+
+    @property
+    def _misfit(self) -> str:
+        """How well the best combination fits."""
+        best = self.dataset.isel(combination=0)
+        return f"χ² {float(best.chi_square):.4g} of {float(best.degrees_of_freedom):.4g} degrees of freedom"
 
     @property
     def design(self) -> Design:

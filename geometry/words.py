@@ -1,14 +1,19 @@
-"""A board in words, made of the design itself: a title may be that of the design it was copied from."""
+"""A board in words, made of the coils themselves: a title may be that of the design it was copied from."""
 
 from __future__ import annotations
+
+import base64
 
 import numpy as np
 
 from coilarray.compute.display_units import MM
-from coilarray.design.model import Design
-from coilarray.geometry import Coil, CoilArray, RoundedSpiral
+from coilarray.geometry.array import CoilArray
+from coilarray.geometry.coil import Coil
+from coilarray.geometry.rounded_spiral import RoundedSpiral
 
 _SHAPES = {3: "triangular", 4: "square", 6: "hexagonal", 8: "octagonal"}
+_MOST_NAMES = 12  # of coils, in a row of a table
+_MOST_POINTS = 10_000  # of traces, which are drawn in about a second
 
 
 def array_words(array: CoilArray) -> str:
@@ -32,21 +37,27 @@ def array_words(array: CoilArray) -> str:
     return f"{len(outlines)} {shape}coils{size}, neighbours {MM.of(apart.min()):.3g} mm apart"
 
 
-def metal_words(design: Design) -> str:
-    """Return the metal near the coils: plates by their names, and the target; empty where there is none.
+def array_facts(array: CoilArray) -> list[tuple[str, str]]:
+    """Return a board as rows of what and its value in words."""
+    names, layers = array.names, array.stackup.names
+    shown = names if len(names) <= _MOST_NAMES else (*names[:_MOST_NAMES], f"and {len(names) - _MOST_NAMES} more")
+    x_min, y_min, x_max, y_max = array.bounds
+    return [
+        ("coils", array_words(array)),
+        ("names", ", ".join(shown)),
+        ("board", f"{MM.of(x_max - x_min):.4g} × {MM.of(y_max - y_min):.4g} mm, copper {', '.join(layers)}"),
+    ]
 
-    Examples
-    --------
-    >>> from coilarray import load_design
-    >>> metal_words(load_design("proximity")), metal_words(load_design("gast2020"))
-    ('an aluminium plate as target', '')
-    """
-    found = [f"the plate {plate.name} of {plate.material.words}" for plate in design.plates]
-    if design.target is not None:
-        material = design.target.body.material.words
-        article = "an" if material[0] in "aeiou" else "a"
-        found.append(f"{article} {material} {design.target.kind} as target")
-    return " and ".join([", ".join(found[:-1]), found[-1]] if len(found) > 1 else found)
+
+def array_picture(array: CoilArray, title: str = "") -> str:
+    """Return a drawing of the board as an HTML image, of its own size; a sentence for a board that takes too long."""
+    points = sum(len(line) for place in array.placements for line, _, _ in place.traces())
+    if points > _MOST_POINTS:
+        return f"<p>not drawn here, as its traces have {points} points; coilarray.export draws it</p>"
+    from coilarray.geometry.export.svg import svg_text
+
+    drawing = base64.b64encode(svg_text(array, title=title).encode()).decode()
+    return f'<p><img alt="the board" src="data:image/svg+xml;base64,{drawing}"></p>'
 
 
 def _shape(coil: Coil) -> str:

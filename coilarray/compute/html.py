@@ -1,0 +1,43 @@
+"""HTML for reports and notebooks: one table, and what a value shows of itself where a notebook displays it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+_MANY_COLUMNS = 13  # from which a page prints them smaller
+# notebooks set all cells to the right
+_STYLE = "<style>.coilarray th, .coilarray td { text-align: left; } .coilarray img { max-width: 100%; }</style>"
+
+
+def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str | None = None) -> str:
+    r"""Return a table as HTML; all text is escaped.
+
+    Parameters
+    ----------
+    headers : sequence of str
+        Headings of the columns; empty for a table without.
+    rows : iterable of sequence of str
+        Text of the cells.
+    mark : str, optional
+        Rows with a cell of this text get the class ``mark``.
+
+    Examples
+    --------
+    >>> html_table(["coil"], [["a<b"]])
+    '<table>\n<thead><tr><th>coil</th></tr></thead>\n<tbody>\n<tr><td>a&lt;b</td></tr>\n</tbody></table>'
+    """
+    many = ' class="many"' if len(headers) > _MANY_COLUMNS else ""
+    head = f"\n<thead><tr>{_cells('th', headers)}</tr></thead>" if headers else ""
+    body = [(' class="mark"' if mark is not None and mark in row else "", _cells("td", row)) for row in rows]
+    lines = "".join(f"<tr{kind}>{cells}</tr>\n" for kind, cells in body)
+    return f"<table{many}>{head}\n<tbody>\n{lines}</tbody></table>"
+
+
+def html_card(title: str, *parts: str) -> str:
+    """Return what a notebook shows of a value: a title in words, and tables or pictures as HTML below it."""
+    return f'<div class="coilarray">{_STYLE}<strong>{escape(title)}</strong>{"".join(parts)}</div>'
+
+
+def _cells(tag: str, texts: Sequence[str]) -> str:
+    return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in texts)
