@@ -66,7 +66,7 @@ def magnetic_field_on_gpu(
     """
     if not cuda.is_available():  # type: ignore[no-untyped-call]
         raise MissingDependencyError(
-            "backend='cuda' needs an NVIDIA GPU, its driver, the CUDA toolkit and the extra cuda; numba finds no usable GPU. "
+            "backend='cuda' needs an NVIDIA GPU, its driver, the CUDA toolkit and the extra cuda; numba finds no GPU. "
             "Use backend='cpu'."
         )
     on_gpu = [cuda.to_device(np.ascontiguousarray(array)) for array in (vertices, starts, weights)]
