@@ -253,7 +253,8 @@ class _Grid:
             for k, place in enumerate(grid.array.placements):
                 assert place.coil.terminal is not None  # refused before
                 for end in (0, 1):
-                    grid._take(layer, disc(*pads[k, end].tolist(), place.coil.terminal.pad), (k, "pad", end))
+                    x, y = pads[k, end].tolist()
+                    grid._take(layer, disc(x, y, place.coil.terminal.pad), (k, "pad", end))
         return grid
 
     def _copy(self) -> _Grid:

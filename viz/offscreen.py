@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib.util
 import os
 import signal
 import subprocess
@@ -56,7 +57,7 @@ def rendering_problem() -> str | None:
     Returns
     -------
     str or None
-        One line that names the system packages to install. With the environment variable
+        One line that names the packages to install. With the environment variable
         ``COILARRAY_NO_RENDERING=1`` it names this variable, and nothing is tested.
     """
     if os.environ.get(NO_RENDERING, "") not in ("", "0"):
@@ -112,6 +113,8 @@ def _answer() -> _Answer:
 
 @functools.cache
 def _probe() -> _Answer:
+    if not all(map(importlib.util.find_spec, ("pyvista", "vtkmodules"))):
+        return _Answer("3-D rendering needs PyVista and VTK, which are not installed; pip install pyvista.")
     choice = {} if has_screen() or _WINDOW in os.environ else {_WINDOW: _OFF_SCREEN_WINDOW}
     answer = _run_probe({**os.environ, **choice})
     if answer.problem is None:

@@ -39,12 +39,12 @@ def dent_energies(
     *,
     backing: Backing | None = None,
     progress: Progress | None = None,
-) -> FloatArray | ComplexArray:
+) -> ComplexArray:
     """Change of the energy between the fields of all coils by dents in the same sheets.
 
     The axis of the indenter is at `positions` (positions, 2) in m. The result, shape (dents, positions, coils, coils),
     is ∫ Δμ ∇U_i·∇U_j dV with relative material constants, symmetric: times μ0 an inductance, times ε0 a capacitance. It
-    is complex over a `backing` below the coils.
+    is real without a `backing` below the coils, whose losses are its imaginary part.
     ElastomerError for positions that are not finite, dents of different sheets, or in plane strain.
     """
     points = np.asarray(positions, dtype=np.float64)
@@ -56,13 +56,11 @@ def dent_energies(
         raise ElastomerError("dents must be in the same sheets.")
     centres, radius = segment_centres(coils)
     require_memory(
-        8.0 * len(points) * len(centres) * (len(dents) * len(centres) + _DISTANCES),
+        8.0 * len(points) * len(centres) * (2 * len(dents) * len(centres) + _DISTANCES),
         f"{len(dents)} dents at {len(points)} positions with {len(centres)} coils",
         "compute them in pieces",
     )
-    change: npt.NDArray[Any] = np.zeros(
-        (len(dents), len(points), len(centres), len(centres)), dtype=np.float64 if backing is None else np.complex128
-    )
+    change = np.zeros((len(dents), len(points), len(centres), len(centres)), dtype=np.complex128)
     moving = [index for index, dent in enumerate(dents) if np.isfinite(dent.clearance)]
     if not moving or not len(points):
         return change

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal, TypeAlias, get_args
 
-import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
@@ -135,7 +134,7 @@ def dent_inductance_over(
     >>> np.round(dent_inductance_over(plate, [loop], [dent], [[0, 0]])[0, 0, 0, 0] * 1e12, 2)
     np.complex128(8.09-0.22j)
     """
-    return np.asarray(_changes(source, dents, positions, mesh or LayerMesh(), "full", backing, progress))
+    return _changes(source, dents, positions, mesh or LayerMesh(), "full", backing, progress)
 
 
 def _changes(
@@ -146,8 +145,8 @@ def _changes(
     model: Model,
     backing: Backing | None,
     progress: Progress | None,
-) -> FloatArray | ComplexArray:
-    """Compute the changes in H, dented minus flat, with every choice."""
+) -> ComplexArray:
+    """Compute the changes ΔL − jΔR/ω in H, dented minus flat, with every choice."""
     paths = as_conductors(source)
     highest = max(float(path.vertices[:, 2].max()) for path in paths)
     if highest > 0:

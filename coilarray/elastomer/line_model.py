@@ -104,7 +104,7 @@ def line_dent_inductance(
     deepest = max(float(np.abs(dent.displacement).max()) for dent in dents)
     for index in moving:
         scattering = scatter(dents[index], k, weights, mesh, deepest)
-        change[index] = MU_0 * scattering.change(incident, np.array([2.0, 2.0]))[:, 0, 0]
+        change[index] = MU_0 * scattering.change(incident, np.array([2.0, 2.0]))[:, 0, 0].real
     return change
 
 

@@ -116,8 +116,10 @@ class Scattering:
             tuple(map(energies, self.patterns, self.energies)),
         )
 
-    def change(self, incident: ComplexArray, factors: FloatArray) -> FloatArray | ComplexArray:
+    def change(self, incident: ComplexArray, factors: FloatArray) -> ComplexArray:
         """Change of the energy between all coils, (positions, coils, coils), symmetric; times μ0 an inductance.
+
+        It is real without layers below the coils.
 
         `incident`, shape (harmonics, k, positions, coils), is the amplitude of every coil's potential per wavenumber;
         `factors`, shape (harmonics,), is the integral over the angle, 2π and 4π, or the two halves in plane strain.
@@ -134,7 +136,7 @@ class Scattering:
             return np.asarray(one @ two.transpose(0, 2, 1))
 
         total = np.sum(run_blocks(of, range(orders)), axis=0)
-        return np.asarray((total + total.transpose(0, 2, 1)) / 2)
+        return np.asarray((total + total.transpose(0, 2, 1)) / 2, dtype=np.complex128)
 
 
 def wavenumber_rule(clearance: float, extent: float, mesh: LayerMesh) -> tuple[FloatArray, FloatArray]:

@@ -17,26 +17,21 @@ from coilarray.circuit.noise_budget import NoiseBudget, budget_of
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
-from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
-from coilarray.elastomer.dented_layer import dent_inductance, dent_inductance_over
-from coilarray.elastomer.dielectric import dent_capacitance
-from coilarray.elastomer.face_shift import shift_energy, shift_inductance
+from coilarray.elastomer.face_shift import shift_energy
 from coilarray.elastomer.scattering import LayerMesh
-from coilarray.electromagnetics.flat_stack import Backing
-from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, NetworkError
 from coilarray.geometry import Conductor, Material
 from coilarray.metal.flat_plates import backing_of
 from coilarray.response.coordinates import origin_attributes
+from coilarray.response.dent_changes import changes_by_bounds, changes_by_dents, changes_by_levels
 from coilarray.response.metal_share import Variable, check_metal, metal_attributes, metal_share, metal_variables
 from coilarray.response.near import near_response
 from coilarray.response.setup import (
     Experiment,
     Imperfections,
-    Level,
     MapAxes,
     experiment,
     indentation_of,
@@ -60,7 +55,6 @@ Reach = float | Literal["auto"] | None
 """Which coils count at a position: None for all, the allowed error of δ relative to its peak, or "auto"."""
 
 
-_POSITIONS = 1000  # in a part of a resumable map, which is of one depth
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances that the circuit takes, and a copy on the way
 _BYTES_OF_METAL = 80.0  # more with plates or an indenter of metal: complex changes, their copies, and two variables
@@ -215,7 +209,7 @@ def response_map(
         _require_room(axes, coils, len(design.plan), 0.0)
         permittivity = design.circuit.elastomer_permittivity if dielectric else None
         backing = None if flat is None else backing_of(design.plates, _mean_frequency(flat, design.plan))
-        change, loss, capacitance_change = _changes(pressed, permittivity, mesh, backing, parts, progress)
+        change, loss, capacitance_change = changes_by_dents(pressed, permittivity, mesh, backing, parts, progress)
         flat = flat or flat_network()
         flats = [resonate(flat, state) for state in design.plan]
         changes, left_out = {}, {"error_of_peak": 0.0}
@@ -401,8 +395,8 @@ def inductance_changes(
     working = _mean_frequency(design_circuit(design), design.plan) if design.plates else 0.0
     backing = backing_of(design.plates, working)
     for levels in together(pressed.levels):
-        change += _dented(source, levels, pressed.points, LayerMesh(), backing, progress).real
-    change += _shift(pressed, source, LayerMesh(), backing).real
+        change += changes_by_levels(source, levels, pressed.points, LayerMesh(), backing, progress).real
+    change += changes_by_bounds(pressed, source, LayerMesh(), backing).real
     if ball is not None and frequency is not None:
         change += metal_share(pressed, source, ball, frequency, 0.0, LayerMesh()).real
     return change.reshape(*axes.shape, len(source), len(source))
@@ -506,66 +500,9 @@ def _require_room(axes: MapAxes, coils: int, states: int, error: float, *, metal
     require_memory(a_value * values, f"a map of {what}", "compute it in pieces")
 
 
-def _changes(
-    pressed: Experiment,
-    permittivity: float | None,
-    mesh: LayerMesh,
-    backing: Backing | None,
-    parts: Path | None,
-    progress: Progress | None,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute ΔL and ΔR/ω of all coils, (depths, places, coils, coils) in H, and ΔC of each, (…, coils) in F.
-
-    The loss is that in plates; without them it is a single zero.
-    """
-    design, levels, points = pressed.design, pressed.levels, pressed.points
-    depths, coils = len(pressed.axes.depth), len(design.array.names)
-    change, capacitance_change = np.zeros((depths, len(points), coils, coils)), np.zeros((depths, len(points), coils))
-    loss = np.zeros(()) if backing is None else np.zeros_like(change)
-    paths = [conductor.vertices for conductor in design.array.conductors()]
-    groups = len(together(levels))
-    steps = _Steps(progress, depths * len(ranges(len(points), _POSITIONS)) * groups)
-    for k in range(depths):
-        for start, stop in ranges(len(points), _POSITIONS):
-            block = [
-                replace(level, dents=level.dents[k : k + 1], shares=level.shares[k : k + 1, start:stop])
-                for level in levels
-            ]
-            on_board = points[start:stop]
-            # everything that decides the numbers of a part
-            parts_of = [(level.shares, level.dents[0], level.coarse) for level in block]
-            key = content_key(permittivity, mesh, on_board, parts_of, paths, *([] if backing is None else [backing]))
-            part = None if parts is None else Store(parts).get_dataset(key)
-            if part is not None:
-                for _ in range(groups):
-                    steps.next()
-            else:
-                part = _compute_part(design, block, on_board, permittivity, mesh, backing, steps)
-                if parts is not None:
-                    Store(parts).put_dataset(key, part)
-            change[k, start:stop] = part.change.values
-            if backing is not None:
-                loss[k, start:stop] = part.loss.values
-            capacitance_change[k, start:stop] = part.capacitance_change.values
-    shift = _shift(pressed, design.array, mesh, backing)
-    change += shift.real
-    if backing is not None:
-        loss -= shift.imag
-    return change, loss, capacitance_change
-
-
 def _mean_frequency(network: Network, plan: Sequence[ScanState]) -> float:
     """Mean in Hz of the frequencies at which the states of a scan oscillate."""
     return float(np.mean([resonate(network, state).frequency for state in plan]))
-
-
-def _shift(pressed: Experiment, source: Source, mesh: LayerMesh, backing: Backing | None) -> ComplexArray | complex:
-    """Inductance changes ΔL − jΔR/ω in H by the sides and the seat of a finite sample; 0 for a wide one."""
-    if pressed.correction is None:
-        return 0j
-    origin = indentation_of(pressed.design).origin_point
-    places = pressed.points - origin
-    return shift_inductance(source, pressed.design.sheets, pressed.correction, places, origin, mesh, backing)
 
 
 def _shift_of_states(pressed: Experiment, states: StateSensitivity, mesh: LayerMesh) -> FloatArray | float:
@@ -630,72 +567,3 @@ def _noisy(delta: FloatArray, imperfections: Imperfections) -> FloatArray:
     random = np.random.default_rng(imperfections.seed)
     peak, base = (1 + imperfections.noise * random.standard_normal(delta.shape) for _ in range(2))
     return (1 + delta) * peak / base - 1
-
-
-def _compute_part(
-    design: Design,
-    levels: Sequence[Level],
-    points: FloatArray,
-    permittivity: float | None,
-    mesh: LayerMesh,
-    backing: Backing | None,
-    steps: _Steps,
-) -> xr.Dataset:
-    """Inductance and capacitance changes of one depth at some places, and beside plates ΔR/ω in H as ``loss``."""
-    coils = len(design.array.names)
-    change, capacitance_change = np.zeros((len(points), coils, coils)), np.zeros((len(points), coils))
-    loss = np.zeros_like(change)
-    for group in together(levels):
-        dented = _dented(design.array, group, points, mesh, backing, steps.within)[0]
-        change += dented.real
-        loss -= dented.imag
-        if permittivity is not None:
-            dents = [level.dents[0] for level in group]
-            parts = dent_capacitance(design.array, dents, points, permittivity, mesh)
-            capacitance_change += np.einsum("lp,lpi->pi", [level.shares[0] for level in group], parts)
-        steps.next()
-    if not (np.isfinite(change).all() and np.isfinite(capacitance_change).all()):
-        raise ElastomerError("the dented sheets gave numbers that are not finite; please report the design.")
-    dims = ("place", "coil", "other")
-    part = xr.Dataset({"change": (dims, change), "capacitance_change": (dims[:2], capacitance_change)})
-    return part if backing is None else part.assign(loss=(dims, loss))
-
-
-def _dented(
-    source: Source,
-    levels: Sequence[Level],
-    points: FloatArray,
-    mesh: LayerMesh,
-    backing: Backing | None,
-    progress: Progress | None,
-) -> FloatArray | ComplexArray:
-    """Inductance changes in H by level samples of the same sheets at some places, (depths, places, coils, coils)."""
-    dents = [dent for level in levels for dent in level.dents]
-    accuracy = mesh.coarser() if levels[0].coarse else mesh
-    change: FloatArray | ComplexArray
-    if backing is None:
-        change = dent_inductance(source, dents, points, accuracy, progress=progress)
-    else:
-        change = dent_inductance_over(backing, source, dents, points, accuracy, progress=progress)
-    parts = change.reshape(len(levels), -1, *change.shape[1:])
-    return np.asarray(np.einsum("ldp,ldpij->dpij", [level.shares for level in levels], parts))
-
-
-class _Steps:
-    """Counts parts of a map for a progress bar, in hundredths."""
-
-    def __init__(self, progress: Progress | None, parts: int) -> None:
-        self._progress, self._total, self._done = progress, 100 * parts, 0
-
-    def within(self, done: int, total: int) -> None:
-        """Count within a part."""
-        self._report(self._done + 99 * done // total)
-
-    def next(self) -> None:
-        """Count a whole part."""
-        self._done += 100
-        self._report(self._done)
-
-    def _report(self, done: int) -> None:
-        if self._progress is not None:
-            self._progress(done, self._total)

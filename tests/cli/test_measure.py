@@ -208,7 +208,7 @@ def test_series_for_locate(board, tmp_path, capsys):
     assert series.delta.sel(state="coil1")[-1] > 1e-4
     assert np.abs(series.delta[:20]).max() < 5e-6
     rows = (tmp_path / "run.csv").read_text().splitlines()
-    assert rows[0] == "time_s,coil1,coil2"
+    assert rows[0] == "time_s,coil1,coil2,temperature_C"
     (tmp_path / "last.csv").write_text("\n".join([rows[0], rows[-1]]) + "\n")
     # a recorded reading on the table of a recorded campaign of that depth: the position comes out
     grid = ("--x-mm", f"{COIL1 - 6}:{COIL1 + 6}:7", "--y-mm", "-4:4:5", "--depth-mm", "0.8")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.contacts import MESH, contacts_of, first_coils_design
 
-import coilarray.response.map as response_module
+import coilarray.response.dent_changes as response_module
 import coilarray.response.setup as response_setup
 from coilarray import load_design
 from coilarray.circuit.active_coil import active_coil

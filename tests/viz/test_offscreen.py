@@ -1,5 +1,6 @@
 """Whether the answer about rendering is right, cheap to ask again, and never fatal."""
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -47,6 +48,15 @@ def test_a_machine_without_drivers_gets_one_line_that_names_the_packages():
         pytest.skip("VTK renders here without EGL, through OSMesa")
     assert "apt-get install libegl1 libgl1-mesa-dri" in child.stdout
     assert len(child.stdout.splitlines()) == 1
+
+
+@pytest.mark.parametrize("missing", ["pyvista", "vtkmodules"])
+def test_without_pyvista_one_line_says_so_and_nothing_is_tried(fresh, missing):
+    fresh.setattr(offscreen, "_run_probe", lambda environment: pytest.fail("probed"))
+    fresh.setattr(importlib.util, "find_spec", lambda name: None if name == missing else name)
+    assert offscreen.rendering_problem() == (
+        "3-D rendering needs PyVista and VTK, which are not installed; pip install pyvista."
+    )
 
 
 def test_threads_share_one_probe(fresh):

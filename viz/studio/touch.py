@@ -86,9 +86,10 @@ def _by_ellipses(
     if isinstance(fitted, str):
         return {}, None, fitted
     ellipses = {}
+    noticed = _LEAST_DELTA * np.hypot(sensor.model.noise, sensor.model.common_noise.max())
     for coil in fitted.coils:
         delta = readings[coil.name]
-        if delta >= _LEAST_DELTA * sensor.model.noise and coil.covers(delta):
+        if delta >= noticed and coil.covers(delta):
             try:
                 ellipses[coil.name] = coil.ellipse(delta)
             except LocalizeError:  # the polynomials have none there

@@ -1,4 +1,8 @@
-"""B of polylines on an NVIDIA GPU through `numba.cuda`: the sum of `kernels.segments`, a thread a point."""
+"""B of polylines on an NVIDIA GPU through `numba.cuda`: the sum of `kernels.segments`, a thread a point.
+
+Where the package numba-cuda is installed (extra ``cuda``), ``numba.cuda`` is its target; else numba's own, which is
+deprecated. Never run on a GPU: only numba's simulator was tried.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +66,8 @@ def magnetic_field_on_gpu(
     """
     if not cuda.is_available():  # type: ignore[no-untyped-call]
         raise MissingDependencyError(
-            "backend='cuda' needs an NVIDIA GPU, its driver and the CUDA toolkit; numba finds none. Use backend='cpu'."
+            "backend='cuda' needs an NVIDIA GPU, its driver, the CUDA toolkit and the extra cuda; numba finds no GPU. "
+            "Use backend='cpu'."
         )
     on_gpu = [cuda.to_device(np.ascontiguousarray(array)) for array in (vertices, starts, weights)]
     field = np.empty_like(points)
