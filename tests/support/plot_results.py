@@ -10,6 +10,7 @@ import coilarray.studies.calibrate.calibration as calibration_module
 from coilarray import calibrate, load_design
 from coilarray.circuit.coupling import couple
 from coilarray.design.model import load_design_file
+from coilarray.hardware.record.stability import stability
 from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.ellipse_model import ellipse_model
 from coilarray.localize.forward import forward_model
@@ -204,6 +205,12 @@ def ellipses():
     """Fits of a row of bells, and the model of them."""
     fits = fit_ellipses(row_of_bells(ROW, 2e-3, [1e-3]), refinement=5, step=2e-4)
     return fits, ellipse_model(fits)
+
+
+def noise():
+    """The Allan deviation of 200 scans of two coils with white noise of 1e-6, beside what was expected."""
+    readings = 1e-6 * np.random.default_rng(0).standard_normal((200, 2))
+    return stability(0.3 * np.arange(200), readings, ["coil1", "coil2"], expected=[1e-6, 1e-6])
 
 
 def x_error():

@@ -49,6 +49,7 @@ ARGUMENTS = {
     "plot_readings": lambda: (results.comparison(),), "plot_residual": lambda: (results.comparison(), "coil1"),
     "plot_response": lambda: (results.response(), "coil1"), "plot_response_profile": lambda: (results.response(),),
     "plot_search": lambda: (results.optimization(),), "plot_shares": lambda: (results.tolerances(),),
+    "plot_stability": lambda: (results.noise(),),
     "plot_sweep_lines": lambda: (results.pitch_sweep(), "worst_k"),
     "plot_sweep_map": lambda: (results.grid_sweep(), "span_mm"),
     "plot_sweep_points": lambda: (results.grid_sweep(), "span_mm", "array.pitch_mm"),
@@ -61,7 +62,7 @@ PLAIN_NUMBERS = {"plot_matrix", "plot_convergence", "plot_front", "plot_importan
 DRAWN = sorted(PLOTS.keys() - PLAIN_NUMBERS)
 
 # axes of texts, counts, pure numbers, and quantities whose names say the unit
-NO_UNIT = {
+NO_UNIT = {"Allan deviation of δ",
     "", "active coil", "passive coil", "coupling coefficient k", "k", "worst_k", "span_mm", "array.columns", "trial",
     "|δ|",
     "ln evidence − best",
@@ -103,7 +104,7 @@ def test_a_plot_of_its_own_has_units_and_nothing_is_cut_off(name, monkeypatch):
     labels = [text for axis in (ax, *ax.child_axes) for text in (axis.get_xlabel(), axis.get_ylabel())]
     assert any(labels) or name == "plot_coupling"
     for text in labels:
-        assert text in NO_UNIT or re.search(r"\((mm|µH|MHz|Ω|A|mT per A|mA per A|mN|%|10⁻[³⁶])\)", text), text
+        assert text in NO_UNIT or re.search(r"\((mm|s|µH|MHz|Ω|A|mT per A|mA per A|mN|%|10⁻[³⁶])\)", text), text
     page = ax.figure.bbox
     for one in itertools.chain.from_iterable((whole, *whole.child_axes) for whole in ax.figure.axes):
         texts = [text for text in one.get_children() if isinstance(text, Text)]
