@@ -139,7 +139,7 @@ class NoiseBudget:
         return {cause.name: cause.change for cause in self.causes if cause.common and cause.change.any()}
 
     def variables(self) -> dict[str, tuple[tuple[str, ...], Any, dict[str, str]]]:
-        """Return `common` as variables of the dataset of a response: ``common_noise`` (state, drift_cause); or none."""
+        """Return `common` as variables of the dataset of a response: ``common_noise`` (drift_cause, state); or none."""
         common = self.common
         if not common:
             return {}

@@ -313,8 +313,8 @@ def _scatter(base: xr.Dataset, states: Sequence[str], levels: FloatArray) -> Flo
         random = np.random.default_rng(seed)
         delta = base.delta + base.attrs["noise"] * random.standard_normal(base.delta.shape)
         if "common_noise" in base:
-            drift = base.common_noise.values @ random.standard_normal(base.sizes["drift_cause"])
-            delta = delta + xr.DataArray(drift, dims="state")
+            drawn = xr.DataArray(random.standard_normal(base.sizes["drift_cause"]), dims="drift_cause")
+            delta = delta + (base.common_noise * drawn).sum("drift_cause")
         runs.append(ellipse_curves(base.assign(delta=delta), states, levels).determined_x0)
     return np.asarray(np.std(runs, axis=0, ddof=1))
 

@@ -192,7 +192,7 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     ----------
     response : xarray.Dataset
         Response with ``delta`` (depth, y, x, state) and the coordinates depth, y, x in m and state. The attribute
-        ``noise`` and the variable ``common_noise`` (state, drift_cause) are the model's noise. Where it has
+        ``noise`` and the variable ``common_noise`` (drift_cause, state) are the model's noise. Where it has
         ``delta_error``, as a target's, its root mean square against that of δ is the model's error, state by state.
     zero_plane : bool
         Add δ = 0 at the depth 0, where nothing is pressed, to a table of more than one depth that has no depth 0. Not
