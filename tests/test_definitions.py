@@ -24,11 +24,11 @@ def sources():
 
 
 def definitions(tree):
-    """Public functions, classes and methods with their line."""
+    """Public functions, classes and methods with their line; those that another library's base class calls left out."""
     for node in tree.body:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) and not node.name.startswith("_"):
             yield node.name, node
-        if isinstance(node, ast.ClassDef):
+        if isinstance(node, ast.ClassDef) and not any(isinstance(base, ast.Attribute) for base in node.bases):
             for part in node.body:
                 if isinstance(part, ast.FunctionDef | ast.AsyncFunctionDef) and not part.name.startswith("_"):
                     yield part.name, part

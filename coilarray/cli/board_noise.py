@@ -115,6 +115,7 @@ def _seconds(text: str) -> float | None:
 def _measured(options: BoardOptions, design: Design, seconds: float) -> _AtRest:
     import numpy as np
 
+    from coilarray.hardware.record.stability import FEWEST
     from coilarray.hardware.scan.readings import read_scan
 
     times: list[float] = []
@@ -124,6 +125,8 @@ def _measured(options: BoardOptions, design: Design, seconds: float) -> _AtRest:
         opened_board(options, design, real_time=False) as (board, settings),
         closing(board.reader.scans()) as scans,
     ):
+        if seconds < (least := FEWEST * settings.period):
+            raise HardwareError(f"--noise must be at least {least:.2g} s for {FEWEST} of these scans; got {seconds:g}.")
         for scan in scans:
             passed = scan.time - times[0] if times else 0.0
             if passed > seconds:

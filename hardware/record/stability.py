@@ -18,7 +18,8 @@ from coilarray.hardware.record.baseline_drift import fit_drift
 CONFIDENCE = 0.683
 """Probability of the confidence intervals: one standard deviation."""
 
-_FEWEST = 8  # scans
+FEWEST = 8
+"""Number of scans that an Allan deviation needs."""
 _SPAN = 3  # longest average, as a part of the whole
 _MOST_GAPS = 10  # places of scans in time for each scan
 
@@ -80,8 +81,8 @@ def allan_deviation(
     ([1, 2, 4], array([1. , 0.7, 0.5]))
     """
     y = np.asarray(values, dtype=np.float64)
-    if y.ndim != 1 or np.isfinite(y).sum() < _FEWEST:
-        raise HardwareError(f"an Allan deviation needs at least {_FEWEST} values in a row; got {np.isfinite(y).sum()}.")
+    if y.ndim != 1 or np.isfinite(y).sum() < FEWEST:
+        raise HardwareError(f"an Allan deviation needs at least {FEWEST} values in a row; got {np.isfinite(y).sum()}.")
     if not 0 < confidence < 1:
         raise HardwareError(f"confidence must be between 0 and 1; got {confidence}.")
     missing = ~np.isfinite(y)
@@ -153,8 +154,8 @@ def stability(
         raise HardwareError(
             f"{len(states)} states at {t.size} times need δ {(t.size, len(states))}; got {values.shape}."
         )
-    if len(t) < _FEWEST:
-        raise HardwareError(f"an Allan deviation needs at least {_FEWEST} scans at rest; got {len(t)}.")
+    if len(t) < FEWEST:
+        raise HardwareError(f"an Allan deviation needs at least {FEWEST} scans at rest; got {len(t)}.")
     steps = np.diff(t)
     if not (np.isfinite(t).all() and (steps > 0).all()):
         raise HardwareError("the times of scans must be finite and rise.")
@@ -166,8 +167,8 @@ def stability(
     even[places] = values
     found = []
     for k, name in enumerate(states):
-        if np.isfinite(values[:, k]).sum() < _FEWEST:
-            raise HardwareError(f"{name} has fewer than {_FEWEST} readings at rest.")
+        if np.isfinite(values[:, k]).sum() < FEWEST:
+            raise HardwareError(f"{name} has fewer than {FEWEST} readings at rest.")
         found.append(allan_deviation(even[:, k]))
     factors = max((one.factors for one in found), key=len)
     rows = np.full((3, len(states), len(factors)), np.nan)

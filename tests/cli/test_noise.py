@@ -95,7 +95,7 @@ def test_a_recording_is_read_instead(capsys, tmp_path):
         (["--noise", "no_such.sqlite"], "no_such.sqlite"),
         (["--noise", "10", "--self-test"], "--noise cannot be given with --self-test"),
         (["--reference", "coil1"], "--reference and --plot are for --noise"),
-        (["starter", "--noise", "1"], "at least 8 scans at rest"),
+        (["starter", "--noise", "1"], "--noise must be at least"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(capsys, arguments, message):

@@ -134,7 +134,7 @@ def test_dents_at_many_positions_are_refused_before_anything_is_made(monkeypatch
     dent = dent_of(indent(design.sheets, setup.indenter, [1e-3], base=setup.base).isel(depth=0), design.sheets)
     monkeypatch.setenv(memory.LIMIT_VARIABLE, "1")
     many = np.broadcast_to(np.zeros(2), (10**7, 2))
-    with pytest.raises(MemoryLimitError, match=r"^1 dents at 10000000 positions with 6 coils needs about 5.28 GB"):
+    with pytest.raises(MemoryLimitError, match=r"^1 dents at 10000000 positions with 6 coils needs about 8.16 GB"):
         dent_inductance(design.array, [dent], many)
 
 

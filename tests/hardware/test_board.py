@@ -74,7 +74,7 @@ def test_names_of_ports(text, port):
         *((text, r"options after \? are KEY=VALUE, joined by &") for text in ("i2c:1?mode", "i2c:1?")),
         ("i2c:1?order=big", "order must be msb or lsb"),
         ("i2c:1?readback=maybe", "readback must be no or yes"),
-        ("i2c:1?clock=3", "there is no option 'clock'"),
+        ("i2c:1?clock=3", "chip and clock need channels= or board="),
         ("i2c:1?speed=0", "speed of SPI must be positive"),
         *(
             (f"ftdi://{text}", "named as ftdi://ftdi:232h/1")

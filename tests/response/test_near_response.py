@@ -73,7 +73,9 @@ def test_a_row_answers_as_when_all_is_solved(row, error):
     assert set(near.variables) == set(row.variables) - {"inductance_change", "capacitance_change"}
     for name in near.variables:
         assert (near[name].dims, near[name].attrs) == (row[name].dims, row[name].attrs)
-        if name not in ("delta", "base_inductance"):
+        if name == "common_noise":  # Q is that of each coil's own resistance where only near coils count: 4 % here
+            np.testing.assert_allclose(near[name], row[name], rtol=0.05)
+        elif name not in ("delta", "base_inductance"):
             xr.testing.assert_identical(near[name].variable, row[name].variable)
     assert set(near.attrs) - set(row.attrs) == {"state_cutoff_m", "coil_cutoff_m"}
     assert (near.attrs["error_of_peak"], row.attrs["error_of_peak"]) == (error, 0.0)
