@@ -21,11 +21,10 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.html import html_card, html_table
 from coilarray.compute.netcdf import variables
 from coilarray.design.model import Design
-from coilarray.design.readout import INTERNAL_CLOCK_PER_KELVIN, Readout
+from coilarray.design.readout import DRIVE_DELAY, INTERNAL_CLOCK_PER_KELVIN, Readout
 from coilarray.design.scan_states import ScanState, referenced_names
 
 _THERMAL = 1.380649e-23 * 298.0  # J, kT at room temperature
-_DELAY = 5e-9  # s, of the converter's drive (SNOSCY9A, equation 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,7 +284,7 @@ def budget_of(design: Design, frequency: npt.ArrayLike, quality_factor: npt.Arra
     np.divide(closed * switches.on_resistance, resistance, out=of_switches, where=resistance > 0)
     of_switches = np.minimum(of_switches, 1.0)
     copper = (1 - of_switches) * readout.copper_per_kelvin
-    delay = _DELAY * omega / Q * (copper + of_switches * readout.switch_per_kelvin)
+    delay = DRIVE_DELAY * omega / Q * (copper + of_switches * readout.switch_per_kelvin)
     energy = Q * susceptance * readout.amplitude**2 * readout.conversion_time
 
     def noisy(name: str, size: FloatArray, source: str, *, known: bool = False) -> Cause:

@@ -14,6 +14,10 @@ from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.design.units import Table
 from coilarray.errors import DesignError
 
+INTERNAL_CLOCK = 43.4e6
+"""Typical frequency of the converter's internal oscillator in Hz."""
+DRIVE_DELAY = 5e-9
+"""Delay of the converter's drive in s (SNOSCY9A, equation 1)."""
 INTERNAL_CLOCK_PER_KELVIN = -13e-6
 """Relative change of the converter's own oscillator with temperature in 1/K (SNOSCY9A, section 6.5, mean of units)."""
 RESOLUTION_RCOUNT = 0x800
@@ -66,7 +70,7 @@ class Readout:
     """
 
     rcount: int = 0xFFFF
-    clock: float = 43.4e6
+    clock: float = INTERNAL_CLOCK
     external_clock: bool = False
     reference_divider: int = 2
     resolution: float = 8e-7

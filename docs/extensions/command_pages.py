@@ -81,11 +81,11 @@ def _write(app: Sphinx) -> None:
         lines += [f"| [{name}]({name}.md) | {summary(name)} |" for name in commands]
         lines += ["", "```{toctree}", ":hidden:", *commands, "```", ""]
         for name in commands:
-            _keep(folder / f"{name}.md", page(name))
-    _keep(folder / "index.md", "\n".join(lines))
+            write_page(folder / f"{name}.md", page(name))
+    write_page(folder / "index.md", "\n".join(lines))
 
 
-def _keep(path: Path, text: str) -> None:
+def write_page(path: Path, text: str) -> None:
     """Write a page where it changed, so that Sphinx reads only those again."""
     if not path.exists() or path.read_text(encoding="utf-8") != text:
         path.write_text(text, encoding="utf-8")

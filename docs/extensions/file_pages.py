@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
-from command_pages import _keep
+from command_pages import write_page
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
@@ -202,7 +202,7 @@ def _write(app: Sphinx) -> None:
     folder = Path(app.srcdir) / _FOLDER
     folder.mkdir(parents=True, exist_ok=True)
     for name, *what in FILES:
-        _keep(folder / f"{name}.md", page(*what))
+        write_page(folder / f"{name}.md", page(*what))
     lines = [
         "# Files",
         "",
@@ -210,7 +210,7 @@ def _write(app: Sphinx) -> None:
         "",
     ]
     lines += ["```{toctree}", *(name for name, *_ in FILES), "```", ""]
-    _keep(folder / "index.md", "\n".join(lines))
+    write_page(folder / "index.md", "\n".join(lines))
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

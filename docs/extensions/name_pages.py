@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from command_pages import _keep
+from command_pages import write_page
 
 import coilarray
 
@@ -74,10 +74,10 @@ def _write(app: Sphinx) -> None:
     for group, names in _names().items():
         lines += [group, "-" * len(group), "", ".. list-table::", "   :widths: 30 70", ""]
         for full in sorted(names):
-            _keep(folder / f"{full}.rst", _page(full))
+            write_page(folder / f"{full}.rst", _page(full))
             lines += [f"   * - :doc:`{full.removeprefix('coilarray.')} <{full}>`", f"     - {_first_line(full)}"]
         lines += ["", ".. toctree::", "   :hidden:", "", *(f"   {full}" for full in sorted(names)), ""]
-    _keep(folder / "index.rst", "\n".join(lines))
+    write_page(folder / "index.rst", "\n".join(lines))
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

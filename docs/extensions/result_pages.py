@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import xarray as xr
-from command_pages import _keep
+from command_pages import write_page
 
 import coilarray as ca
 from coilarray.hardware import design_settings, open_board
@@ -114,7 +114,7 @@ def page() -> str:
 def _write(app: Sphinx) -> None:
     folder = Path(app.srcdir) / _FOLDER
     folder.mkdir(parents=True, exist_ok=True)
-    _keep(folder / "index.md", page())
+    write_page(folder / "index.md", page())
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from command_pages import _keep
+from command_pages import write_page
 from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def _write(app: Sphinx) -> None:
     results = json.loads((_ROOT / "benchmarks" / "results.json").read_text(encoding="utf-8"))
     for name, figure in (("accuracy", _accuracy_figure(results)), ("speed", _speed_figure(results))):
         figure.savefig(folder / f"{name}.png", dpi=110)
-    _keep(folder / "references.md", references())
+    write_page(folder / "references.md", references())
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -9,15 +9,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from coilarray.design.readout import DRIVE_DELAY, INTERNAL_CLOCK
 from coilarray.errors import HardwareError
 
 CODE_BITS = 28
 """Width of a conversion result."""
 FULL_SCALE = 1 << CODE_BITS
 """Code of a frequency that equals the reference; results are below."""
-_DELAY = 5e-9  # s, of the converter's drive
-INTERNAL_CLOCK = 43.4e6
-"""Typical frequency of the internal oscillator in Hz."""
 INTERNAL_CLOCK_RANGE = (35e6, 55e6)
 """Smallest and largest frequency of the internal oscillator over all units in Hz."""
 CLOCK_TOLERANCE = 5e-3
@@ -139,7 +137,9 @@ def inductance_from_frequency(frequency: float, capacitance: float, quality_fact
     _check_positive("capacitance", capacitance)
     if not quality_factor > 1:
         raise ValueError(f"quality_factor must be above 1; got {quality_factor}.")
-    p, q = (value / (2 * math.pi * frequency) ** 2 for value in (1 - 1 / quality_factor**2, _DELAY / quality_factor))
+    p, q = (
+        value / (2 * math.pi * frequency) ** 2 for value in (1 - 1 / quality_factor**2, DRIVE_DELAY / quality_factor)
+    )
     cosine = 1.5 * q / p * math.sqrt(3 / p)
     if cosine > 1:
         raise ValueError(f"no inductance oscillates at {frequency} Hz with a quality factor of {quality_factor}.")

@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass
 
 from coilarray.compute.display_units import DisplayUnit, display_unit
+from coilarray.design.readout import INTERNAL_CLOCK
 from coilarray.hardware.chips.converters import FAMILIES, Family
 from coilarray.hardware.chips.ldc1614 import (
     EXTERNAL_CLOCK_RANGE,
-    INTERNAL_CLOCK,
     INTERNAL_CLOCK_RANGE,
     LARGEST_RCOUNT,
     SMALLEST_RCOUNT,

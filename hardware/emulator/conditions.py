@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from coilarray.design.readout import INTERNAL_CLOCK_PER_KELVIN, Readout
+from coilarray.design.readout import INTERNAL_CLOCK, INTERNAL_CLOCK_PER_KELVIN, Readout
 from coilarray.errors import HardwareError
 
 ROOM_TEMPERATURE = 25.0
@@ -61,7 +61,7 @@ class Oscillator:
     -5642
     """
 
-    frequency: float = 43.4e6
+    frequency: float = INTERNAL_CLOCK
     temperature_coefficient: float = INTERNAL_CLOCK_PER_KELVIN
     ageing: float = 0.0
 

@@ -9,13 +9,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, cached_property
 
+from coilarray.design.readout import INTERNAL_CLOCK
 from coilarray.design.scan_states import ScanState, paper_plan
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.converters import FAMILIES, Family
 from coilarray.hardware.chips.ldc1614 import (
     BUS_RATE,
     CHANNELS,
-    INTERNAL_CLOCK,
     INTERNAL_CLOCK_RANGE,
     LARGEST_RCOUNT,
     MOST_DISCARDED,

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
 
+from coilarray.design.readout import INTERNAL_CLOCK
 from coilarray.design.toml_file import first_error
 from coilarray.design.units import Table
 from coilarray.errors import HardwareError
@@ -14,7 +15,6 @@ from coilarray.hardware.chips.converters import Family
 from coilarray.hardware.chips.ldc1614 import (
     CHANNELS,
     EXTERNAL_CLOCK_RANGE,
-    INTERNAL_CLOCK,
     INTERNAL_CLOCK_RANGE,
     MOST_DISCARDED,
 )

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlsplit
 
 from coilarray.errors import HardwareError, MissingDependencyError
-from coilarray.hardware.chips.ldc1614 import BUS_RATE
+from coilarray.hardware.chips.ldc1614 import BUS_RATE, SLOWEST_BUS_RATE
 from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.converter_boards import ChannelBoard, channel_board
 from coilarray.hardware.wire.evm import EVM_BUS_RATE, EVM_SOURCE, EVM_USB
@@ -23,7 +23,6 @@ ADDRESSES = (0x2A, 0x2B)
 """I²C addresses of the converter, with its pin ADDR low and high."""
 _FIRMWARE_BUS_RATE = 150e3  # Hz, expected: hardware/firmware/README.md
 _LINUX_BUS_RATE = 100e3  # Hz, of a bus for which the system sets none: standard mode, as on a Raspberry Pi
-_BUS_RATES = 10e3, 400e3  # Hz, of the converter
 _LONGEST = 200  # characters shown of a port's name
 _EVM_BOARD = "ldc1614evm"
 _MOST_OPTIONS = 20
@@ -271,7 +270,7 @@ def _shift(options: dict[str, str], text: str) -> ShiftSettings:
 def _stated_rate(options: dict[str, str], text: str) -> float | None:
     if "rate" not in options:
         return None
-    low, high = _BUS_RATES
+    low, high = SLOWEST_BUS_RATE, BUS_RATE
     if not low <= (rate := _number(options, "rate", text)) <= high:
         raise _refused(text, f"rate must be {low:.0f} to {high:.0f} Hz, as the converter allows")
     return float(rate)

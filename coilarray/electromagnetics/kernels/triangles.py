@@ -126,16 +126,21 @@ def _potential(t: FloatArray, x: float, y: float, z: float) -> float:
         away2 = p * p + d * d  # of the line
         if away2 < 1e-24 * length * length:
             continue  # on the line of the edge: p ln → 0
-        if start > 0.0:
-            logarithm = math.log((rb + stop) / (ra + start))
-        elif stop < 0.0:
-            logarithm = math.log((ra - start) / (rb - stop))
-        else:
-            logarithm = math.log((rb + stop) * (ra - start) / away2)
+        logarithm = _along(start, stop, ra, rb, away2)
         total += p * logarithm
         if d > 0.0:
             total -= d * (math.atan2(p * stop, away2 + d * rb) - math.atan2(p * start, away2 + d * ra))
     return total
+
+
+@inner_kernel
+def _along(start: float, stop: float, ra: float, rb: float, away2: float) -> float:
+    """∫ dl/r along an edge, of ends at `start` and `stop` on its line and at `ra` and `rb` from the point."""
+    if start > 0.0:
+        return math.log((rb + stop) / (ra + start))
+    if stop < 0.0:
+        return math.log((ra - start) / (rb - stop))
+    return math.log((rb + stop) * (ra - start) / away2)
 
 
 @kernel
@@ -198,12 +203,7 @@ def _layer(t: FloatArray, x: float, y: float, z: float, out: FloatArray) -> None
         p = ax * mx + ay * my + az * mz
         ra, rb = math.sqrt(ax * ax + ay * ay + az * az), math.sqrt(bx * bx + by * by + bz * bz)
         away2 = p * p + d * d
-        if start > 0.0:
-            logarithm = math.log((rb + stop) / (ra + start))
-        elif stop < 0.0:
-            logarithm = math.log((ra - start) / (rb - stop))
-        else:
-            logarithm = math.log((rb + stop) * (ra - start) / away2)
+        logarithm = _along(start, stop, ra, rb, away2)
         sx_, sy_, sz_ = sx_ + mx * logarithm, sy_ + my * logarithm, sz_ + mz * logarithm
         h = abs(d)
         angle += math.atan2(p * stop, away2 + h * rb) - math.atan2(p * start, away2 + h * ra)
