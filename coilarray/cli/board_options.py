@@ -214,7 +214,6 @@ def opened_board(
     from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
     from coilarray.hardware.record.thermometer import thermometer
     from coilarray.hardware.scan.design_settings import design_settings
-    from coilarray.hardware.wire.buses import ComputerClock
     from coilarray.hardware.wire.ports import board_of, bus_rate, parse_port
 
     port = parse_port(options.port)
@@ -255,7 +254,9 @@ def opened_board(
     if path is not None:
         emulation["path"] = path
     if is_emulator(options.port) and real_time:
-        emulation["clock"] = ComputerClock()
+        from coilarray.hardware.emulator import PacedClock
+
+        emulation["clock"] = PacedClock()
         start = emulation["clock"].now()
         if path is not None:
             emulation["path"] = [(start + time, *place) for time, *place in path]

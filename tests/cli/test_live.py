@@ -28,11 +28,11 @@ from coilarray.cli import live as live_command
 from coilarray.cli import live_source
 from coilarray.cli.board_options import BoardOptions, opened_board
 from coilarray.compute.netcdf import load_part, save_dataset
+from coilarray.hardware import emulator
 from coilarray.hardware.emulator import VirtualClock
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.live_log import read_log
 from coilarray.hardware.record.live_tracking import LiveReading, LiveState
-from coilarray.hardware.wire import buses
 from coilarray.hardware.wire.faults import DeviceLost
 from coilarray.response.map import response_map
 
@@ -206,7 +206,7 @@ def test_every_line_of_an_emulator_says_so(capsys, board):
 
 @pytest.mark.slow
 def test_without_a_path_a_finger_goes_round(capsys, board, monkeypatch):
-    monkeypatch.setattr(buses, "ComputerClock", VirtualClock)  # on a busy computer scans may come late
+    monkeypatch.setattr(emulator, "PacedClock", VirtualClock)  # on a busy computer scans may come late
     begun, tour = [], live_source.tour
     monkeypatch.setattr(live_source, "tour", lambda setup, start: begun.append(start) or tour(setup, start))
     answers = answers_of(capsys, *board, "--no-locate", "--rate", "30", "--scans", "75", "--baseline-scans", "3")
