@@ -22,7 +22,8 @@ from coilarray.compute.html import html_card, html_table
 from coilarray.compute.netcdf import variables
 from coilarray.design.model import Design
 from coilarray.design.readout import DRIVE_DELAY, INTERNAL_CLOCK_PER_KELVIN, Readout
-from coilarray.design.scan_states import ScanState, referenced_names
+from coilarray.design.scan_states import ScanState, Switches, referenced_names
+from coilarray.errors import NetworkError
 
 _THERMAL = 1.380649e-23 * 298.0  # J, kT at room temperature
 
@@ -58,6 +59,16 @@ class Cause:
     source: str
     assumed: bool
 
+    @property
+    def counted(self) -> bool:
+        """Whether it has any size here."""
+        return any(values.any() for values in (self.noise, self.drift, self.change))
+
+    @property
+    def size(self) -> str:
+        """What is known of its size, in a word: "known", "assumed", or "none" where it has no size."""
+        return "none" if not self.counted else "assumed" if self.assumed else "known"
+
 
 @dataclass(frozen=True, eq=False)
 class NoiseBudget:
@@ -91,7 +102,8 @@ class NoiseBudget:
         numbers = zip(self.noise.tolist(), self.drift.tolist(), self.sigma.tolist(), strict=True)
         rows = [(name, *(f"{number:.3g}" for number in row)) for name, row in zip(self.states, numbers, strict=True)]
         causes = [
-            (cause.name, "assumed, not verified" if cause.assumed else "known", cause.source) for cause in self.causes
+            (cause.name, "assumed, not verified" if cause.size == "assumed" else cause.size, cause.source)
+            for cause in self.causes
         ]
         return html_card(
             " less ".join(["NoiseBudget of δ", *([", ".join(self.reference)] if self.reference else [])]),
@@ -130,7 +142,12 @@ class NoiseBudget:
 
         With `common` it makes the covariance of readings, diag(independent²) + Σ c cᵀ, and its diagonal sigma².
         """
-        return _quadrature([self.noise, *(cause.change for cause in self.causes if not cause.common)])
+        return np.hypot(self.noise, self.own_change)
+
+    @property
+    def own_change(self) -> FloatArray:
+        """Standard deviation of δ by the changes since L_0 that are not in common, shape (states,): without noise."""
+        return _quadrature([np.zeros(len(self.states)), *(one.change for one in self.causes if not one.common)])
 
     @property
     def common(self) -> dict[str, FloatArray]:
@@ -146,6 +163,16 @@ class NoiseBudget:
             ("common_noise", ("drift_cause", "state"), np.array(list(common.values())), "1", "change of δ by a cause")
         )
         return {"drift_cause": (("drift_cause",), list(common), {}), **rows}
+
+    def select(self, states: Sequence[str]) -> NoiseBudget:
+        """Return the budget of some of the states, in the given order; NetworkError for one that is not there."""
+        if unknown := [name for name in states if name not in self.states]:
+            raise NetworkError(f"the budget has no state {unknown[0]!r}; there are {', '.join(self.states)}.")
+        kept = [self.states.index(name) for name in states]
+        causes = tuple(
+            replace(one, noise=one.noise[kept], drift=one.drift[kept], change=one.change[kept]) for one in self.causes
+        )
+        return replace(self, states=tuple(states), causes=causes)
 
     def referenced(self, reference: Sequence[str]) -> NoiseBudget:
         """Return the budget of δ less the mean δ of reference coils, of the other states.
@@ -192,7 +219,7 @@ class NoiseBudget:
                     "drift_per_K": cause.drift.tolist(),
                     "change": np.abs(cause.change).tolist(),
                     "common": cause.common,
-                    "assumed": cause.assumed,
+                    "assumed": cause.size == "assumed",
                     "source": cause.source,
                 }
                 for cause in self.causes
@@ -241,10 +268,15 @@ def noise_budget(design: Design, *, readout: Readout | None = None, network: Net
     circuit = design_circuit(design) if network is None else network
     found = [resonate(circuit, state) for state in design.plan]
     changed = design if readout is None else replace(design, readout=readout)
-    return budget_of(changed, [one.frequency for one in found], [loaded_quality(circuit, one) for one in found])
+    return budget_of(
+        changed, [one.frequency for one in found], [loaded_quality(circuit, one) for one in found],
+        switches=circuit.switches,
+    )  # fmt: skip
 
 
-def budget_of(design: Design, frequency: npt.ArrayLike, quality_factor: npt.ArrayLike) -> NoiseBudget:
+def budget_of(
+    design: Design, frequency: npt.ArrayLike, quality_factor: npt.ArrayLike, *, switches: Switches | None = None
+) -> NoiseBudget:
     """Return the budget of a design's states from their resonances.
 
     Parameters
@@ -253,6 +285,8 @@ def budget_of(design: Design, frequency: npt.ArrayLike, quality_factor: npt.Arra
         Design, of which the read-out, the tank and the switches count.
     frequency, quality_factor : array_like, shape (states,)
         Resonance of every state in Hz and the quality factor of the whole resonator; infinite without losses.
+    switches : Switches, optional
+        Switches and tank of the board; those of the design by default.
 
     Notes
     -----
@@ -269,7 +303,9 @@ def budget_of(design: Design, frequency: npt.ArrayLike, quality_factor: npt.Arra
     change of R, the switches' included; R is taken to change as at direct current, an upper bound where the skin effect
     counts. The delay of 5 ns in the converter's drive (SNOSCY9A, equation 1) adds 5 ns · ω/Q times that change.
     """
-    readout, switches = design.readout, design.circuit.switches
+    readout = design.readout
+    if switches is None:
+        switches = design.circuit.switches
     f, Q = (np.asarray(values, dtype=np.float64) for values in (frequency, quality_factor))
     omega, every, none = 2 * np.pi * f, np.ones_like(f), np.zeros_like(f)
     susceptance = omega * switches.tank_capacitance
@@ -283,30 +319,29 @@ def budget_of(design: Design, frequency: npt.ArrayLike, quality_factor: npt.Arra
     of_switches = np.zeros_like(f)
     np.divide(closed * switches.on_resistance, resistance, out=of_switches, where=resistance > 0)
     of_switches = np.minimum(of_switches, 1.0)
-    copper = (1 - of_switches) * readout.copper_per_kelvin
-    delay = DRIVE_DELAY * omega / Q * (copper + of_switches * readout.switch_per_kelvin)
+    copper = (1 - of_switches) * readout.size("copper_per_kelvin")
+    closed_ones = of_switches * readout.size("switch_per_kelvin")
+    delay = DRIVE_DELAY * omega / Q * (copper + closed_ones)
     energy = Q * susceptance * readout.amplitude**2 * readout.conversion_time
 
-    def noisy(name: str, size: FloatArray, source: str, *, known: bool = False) -> Cause:
-        return Cause(name, 2 * size, none, none, False, source, not known)
+    def noisy(name: str, size: FloatArray, source: str, *, given: float | None = None, known: bool = False) -> Cause:
+        said = source if given is None else _GIVEN
+        return Cause(name, 2 * size, none, none, False, said, given is None and not known)
 
     def drifting(name: str, size: FloatArray, key: str, source: str, *, known: bool = False, common: bool) -> Cause:
-        own = getattr(readout, key) != getattr(_DEFAULT, key)
-        said = "[readout] of the design" if own else source
-        return Cause(name, none, size, size * readout.temperature_change, common, said, not (known or own))
+        given = getattr(readout, key) is not None
+        said = _GIVEN if given else source
+        return Cause(name, none, size, size * readout.temperature_change, common, said, not (known or given))
 
-    resolved = readout.resolution == _DEFAULT.resolution
     return NoiseBudget(
         tuple(state.name for state in design.plan),
         (
             noisy(
-                "resolution of the converter", readout.resolution_noise * every,
-                _RESOLUTION if resolved else "[readout] of the design", known=not resolved,
+                "resolution of the converter", readout.resolution_noise * every, _RESOLUTION, given=readout.resolution,
             ),
             noisy(
-                f"jitter of the {known.name}", readout.jitter_noise * every,
-                "[readout] of the design" if readout.clock_jitter else "not published; none is counted",
-                known=readout.clock_jitter > 0,
+                f"jitter of the {known.name}", readout.jitter_noise * every, "not published; none is counted",
+                given=readout.clock_jitter,
             ),
             noisy(
                 "thermal noise of the losses", np.sqrt(_THERMAL / energy),
@@ -314,7 +349,7 @@ def budget_of(design: Design, frequency: npt.ArrayLike, quality_factor: npt.Arra
             ),
             Cause(
                 "clock with the supply", none, none, 2 * per_volt * readout.supply_change * every, True,
-                known.volt_source if readout.clock_per_volt is None else "[readout] of the design",
+                known.volt_source if readout.clock_per_volt is None else _GIVEN,
                 readout.clock_per_volt is None,
             ),
             drifting(
@@ -322,12 +357,12 @@ def budget_of(design: Design, frequency: npt.ArrayLike, quality_factor: npt.Arra
                 known=not readout.external_clock, common=True,
             ),
             drifting(
-                "capacitor of the tank", readout.capacitor_per_kelvin * every, "capacitor_per_kelvin",
+                "capacitor of the tank", readout.size("capacitor_per_kelvin") * every, "capacitor_per_kelvin",
                 "C0G, at most ± 30 ppm/K (IEC 60384-8)",
                 common=switches.tank_at == "converter",
             ),
             drifting(
-                "expansion of the board", readout.board_per_kelvin * every, "board_per_kelvin",
+                "expansion of the board", readout.size("board_per_kelvin") * every, "board_per_kelvin",
                 "FR4 in its plane, 14 ppm/K; L grows with the size", common=True,
             ),
             drifting(
@@ -335,7 +370,7 @@ def budget_of(design: Design, frequency: npt.ArrayLike, quality_factor: npt.Arra
                 "IEC 60028 and the computed Q", known=True, common=True,
             ),
             drifting(
-                "resistance of the switches", 2 * of_switches * readout.switch_per_kelvin / (Q**2 + 1),
+                "resistance of the switches", 2 * closed_ones / (Q**2 + 1),
                 "switch_per_kelvin", "ADG729: 4.5 Ω at 25 °C, 5 Ω over temperature", common=True,
             ),
             Cause(
@@ -370,7 +405,7 @@ _CLOCKS = {
         1e-6, "assumed for a crystal oscillator",
     ),
 }  # fmt: skip
-_DEFAULT = Readout()
+_GIVEN = "[readout] of the design"
 _RESOLUTION = (
     "8e-7 of f at RCOUNT 0x800, SNOA944 as quoted by a firmware for the LDC1612; its fall with the root of RCOUNT is "
     "that of white noise"

@@ -35,6 +35,7 @@ _CHAIN = {
     "differ": "returns other words than were sent",
     "none": "not wired back, so that a broken data line shows only as coils that do not oscillate",
 }
+_NONE, _ALWAYS = "–", 2  # in the table of the self-test: no value; columns that are always shown
 _MOST_LINES = 6  # symptoms and faults shown; all of them with --json
 
 
@@ -209,7 +210,11 @@ def _first_text(first: FirstConversions) -> str:
 
 def _test_text(result: SelfTest) -> str:
     headers = ("coil", "f in MHz", "turned round", "felt by", "both ends grounded", "end a", "end b")
-    parts = [table_text(headers, [_row(check) for check in result.coils], "rise of the neighbour's frequency in 1e-6")]
+    rows = [_row(check) for check in result.coils]
+    # of coils at channels nothing but f is measured
+    kept = [k for k in range(len(headers)) if k < _ALWAYS or any(row[k] != _NONE for row in rows)]
+    title = "rise of the neighbour's frequency in 1e-6" if len(kept) > _ALWAYS else ""
+    parts = [table_text([headers[k] for k in kept], [[row[k] for k in kept] for row in rows], title)]
     if result.passed:
         parts.append("self-test passed: the board is as its wiring says, as far as can be seen")
         parts += _listed("one thing stays open; press on a coil in `coilarray live` to tell:", result.untested)
@@ -221,9 +226,9 @@ def _test_text(result: SelfTest) -> str:
 
 
 def _row(check: CoilCheck) -> tuple[str, ...]:
-    frequencies = ("–" if f is None else f"{f * 1e-6:.6f}" for f in (check.frequency, check.turned))
-    rises = (f"{check.rises[end] * 1e6:.1f}" if end in check.rises else "–" for end in ("both", "a", "b"))
-    return (check.coil, *frequencies, check.felt_by or "–", *rises)
+    frequencies = (_NONE if f is None else f"{f * 1e-6:.6f}" for f in (check.frequency, check.turned))
+    rises = (f"{check.rises[end] * 1e6:.1f}" if end in check.rises else _NONE for end in ("both", "a", "b"))
+    return (check.coil, *frequencies, check.felt_by or _NONE, *rises)
 
 
 def _listed(title: str, lines: tuple[str, ...]) -> list[str]:

@@ -47,12 +47,10 @@ def show_noise(
     """Measure a board for a time in s, or read a recording, and print Allan deviations beside the budget."""
     import numpy as np
 
-    from coilarray.circuit.noise_budget import noise_budget
     from coilarray.compute.store import open_store
     from coilarray.hardware.record.reference_coil import less_reference
     from coilarray.hardware.record.stability import stability
-    from coilarray.hardware.scan.board_network import board_network
-    from coilarray.hardware.scan.design_settings import readout_with
+    from coilarray.hardware.scan.board_network import board_budget
     from coilarray.report.noise_tables import (
         allan_table,
         averages_table,
@@ -71,8 +69,7 @@ def show_noise(
     else:
         at_rest = _measured(options, open_design(design, allow_violations=allow_violations), seconds)
     opened = at_rest.design
-    readout = readout_with(opened.readout, at_rest.settings)
-    budget = noise_budget(opened, readout=readout, network=board_network(opened, open_store()))
+    budget = board_budget(opened, at_rest.settings, open_store())
     delta = {name: values / np.nanmean(values) - 1 for name, values in at_rest.inductance.items()}
     if reference:
         delta, budget = less_reference(delta, reference), budget.referenced(reference)

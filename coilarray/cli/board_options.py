@@ -148,8 +148,9 @@ class BoardOptions:
         """Names of the options that are not left at their defaults."""
         hints = get_type_hints(BoardOptions, include_extras=True)
         changed = [one.name for one in fields(self) if one.init and getattr(self, one.name) not in (one.default, [])]
-        named = {name: hints[name].__metadata__[0].param_decls or () for name in changed}
-        return [next(iter(named[name]), "--" + name.replace("_", "-")) for name in changed]
+        # typer keeps a name that is declared as the first argument in `default`
+        declared = {name: hints[name].__metadata__[0].default for name in changed}
+        return [text if isinstance(text, str) else f"--{name.replace('_', '-')}" for name, text in declared.items()]
 
     @property
     def coils_of_channels(self) -> list[str] | None:
@@ -213,7 +214,6 @@ def opened_board(
     from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
     from coilarray.hardware.record.thermometer import thermometer
     from coilarray.hardware.scan.design_settings import design_settings
-    from coilarray.hardware.wire.buses import ComputerClock
     from coilarray.hardware.wire.ports import board_of, bus_rate, parse_port
 
     port = parse_port(options.port)
@@ -235,25 +235,28 @@ def opened_board(
             raise HardwareError(
                 f"--clock-MHz must be {low * 1e-6:g} to {high * 1e-6:g} {whose}; got {options.clock_MHz:g}."
             )
-    settings = design_settings(
-        design,
-        wiring,
-        states=options.coils,
-        rate=options.rate,
-        clock=clock if options.clock_MHz is None else options.clock_MHz * 1e6,
-        external_clock=options.external_clock or clock is not None,
-        undivided=options.undivided,
-        family="LDC" if channels is None else channels.converter.family,
-        drives=options.drives,
-        discard=options.discard,
-        bus_rate=bus_clock.hertz,
-    )
+    with _option_named("rate", "--rate"):
+        settings = design_settings(
+            design,
+            wiring,
+            states=options.coils,
+            rate=options.rate,
+            clock=clock if options.clock_MHz is None else options.clock_MHz * 1e6,
+            external_clock=options.external_clock or clock is not None,
+            undivided=options.undivided,
+            family="LDC" if channels is None else channels.converter.family,
+            drives=options.drives,
+            discard=options.discard,
+            bus_rate=bus_clock.hertz,
+        )
     emulation = dict(options.emulation)
     path = options.path_of(design)
     if path is not None:
         emulation["path"] = path
     if is_emulator(options.port) and real_time:
-        emulation["clock"] = ComputerClock()
+        from coilarray.hardware.emulator import PacedClock
+
+        emulation["clock"] = PacedClock()
         start = emulation["clock"].now()
         if path is not None:
             emulation["path"] = [(start + time, *place) for time, *place in path]
@@ -268,6 +271,18 @@ def opened_board(
         board.thermometer = read or board.thermometer
         board.reader.configure(settings)
         yield board, settings
+
+
+@contextmanager
+def _option_named(parameter: str, option: str) -> Iterator[None]:
+    """Refuse a parameter by the name of its option: the library says what is allowed."""
+    try:
+        yield
+    except HardwareError as error:
+        name, _, rest = str(error).partition(" ")
+        if name != parameter:
+            raise
+        raise HardwareError(f"{option} {rest}") from None
 
 
 def print_marked(data: Any, parts: Sequence[str], *, as_json: bool, emulated: bool) -> None:

@@ -63,7 +63,8 @@ def live(
     noise: Annotated[
         float | None,
         typer.Option(
-            help="Standard deviation of δ; that of the readings is added. That of the design's noise budget by default."
+            help="Standard deviation of δ beside that of the readings, of each coil by itself; by default what the "
+            "noise budget says of changes since the baseline, of each coil and common to all."
         ),
     ] = None,
     scans: Annotated[int | None, typer.Option(help="Number of scans after which to end; never by default.")] = None,
@@ -209,6 +210,7 @@ def live_record(reading: LiveReading, *, emulated: bool, reference: Sequence[str
         "lost": reading.lost,
         "baseline_scans_missing": reading.waiting,
         "noise": reading.noise,
+        "common_noise": reading.common_noise,
         "delta": {state.name: state.delta for state in reading.states},
         **({"less_reference": list(reference)} if reference else {}),
         "verdicts": {state.name: state.verdict for state in reading.states},
@@ -267,11 +269,21 @@ def screen_lines(reading: LiveReading, scale: float, reference: Sequence[str] = 
         lines.append(f"{state.name:<{width}} {_delta_text(state):>9} {bar}{why}")
     lines.append(_place_text(reading))
     rate = "–" if reading.rate is None else f"{reading.rate:.2f}"
-    noise = "" if reading.noise is None else f", noise of δ {reading.noise:.1e}"
+    noise = "" if reading.noise is None else f", {noise_text(reading.noise, reading.common_noise)}"
     less = f", {less_text(reference)}" if reference else ""
     beside = "".join(f", {text}" for text in _beside(reading))
     lines.append(f"{rate} scans/s, {reading.lost} lost{noise}{less}{beside}; z zero, q quit")
     return lines
+
+
+def noise_text(own: float, common: float | None) -> str:
+    """Say how large the noise of δ is.
+
+    >>> noise_text(3e-7, 4.3e-6)
+    'noise of δ 3.0e-07 of each coil, 4.3e-06 common to all'
+    """
+    shared = "" if common is None else f", {common:.1e} common to all"
+    return f"noise of δ {own:.1e} of each coil{shared}"
 
 
 def _delta_text(state: LiveState) -> str:
@@ -294,7 +306,9 @@ def _bar(part: float) -> str:
 def _place_text(reading: LiveReading) -> str:
     """Return where the indentation is, or why that is unknown."""
     if reading.waiting:
-        return f"baseline: scans without an indentation still wanted: {reading.waiting}"
+        from coilarray.localize.presses import baseline_text
+
+        return baseline_text(reading.waiting)
     if reading.location is None:
         return reading.problem
     from coilarray.report.localize_tables import location_record

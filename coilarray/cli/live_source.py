@@ -10,16 +10,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from coilarray.cli.board_options import BoardOptions, is_emulator, marked, opened_board
+from coilarray.cli.board_options import BoardOptions, marked, opened_board
 from coilarray.cli.shared import check_file
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
+    from coilarray.circuit.noise_budget import NoiseBudget
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design, Indentation
     from coilarray.hardware.board.connect import Board
     from coilarray.hardware.record.live_tracking import LiveReading
     from coilarray.hardware.scan.readings import ScanReading
+    from coilarray.hardware.scan.settings import ScanSettings
     from coilarray.localize.forward import ForwardModel
 
 QUIT, ZERO = "q", "z"
@@ -58,8 +60,14 @@ class LiveOptions:
         from coilarray.hardware.record.live_log import check_log
         from coilarray.hardware.record.live_tracking import LiveTracker
 
-        if self.recording is not None and (not is_emulator(self.board.port) or self.board.emulate):
-            raise HardwareError("--recording replays a file; it cannot be given with --port or --emulate.")
+        if self.recording is not None and self.board.given:
+            given = self.board.given
+            raise HardwareError(
+                f"--recording replays a file; it cannot be given with {' and '.join(given)}, which "
+                f"{'is' if len(given) == 1 else 'are'} for a board."
+            )
+        if self.recording is None and self.speed != 1.0:
+            raise HardwareError("--speed is for --recording; a board is read as fast as --rate says.")
         if self.scans is not None and not 1 <= self.scans <= _MOST_SCANS:
             raise HardwareError(f"--scans must be 1 to {_MOST_SCANS}; got {self.scans}.")
         if not 0 <= self.speed <= _FASTEST:
@@ -79,6 +87,7 @@ class LiveSource:
     emulated: bool
     states: tuple[str, ...]  # of a scan
     temperature: bool  # whether there is a thermometer
+    budget: NoiseBudget | None  # of the board as it is read; None where the design is another one
     begin: Callable[[], None] = lambda: None  # to be called once the baseline is complete
 
 
@@ -91,7 +100,9 @@ def live_readings(
     """
     from coilarray.hardware.record.live_tracking import LiveTracker
 
-    tracker = LiveTracker(model, baseline_scans=options.baseline, noise=options.noise, reference=options.reference)
+    tracker = LiveTracker(
+        model, baseline_scans=options.baseline, budget=source.budget, noise=options.noise, reference=options.reference
+    )
     limited = options.recording is None or options.speed > 0
     located, begun = -math.inf, False
     with _logged(source, options, design) as log:
@@ -141,20 +152,22 @@ def live_source(options: LiveOptions, design: Design, progress: Progress) -> Ite
     """
     from coilarray.design.scan_states import referenced_names
 
-    with _replay(options) if options.recording is not None else _stream(options.board, design, progress) as source:
+    with _replay(options, design) if options.recording is not None else _stream(options, design, progress) as source:
         if options.reference:
             referenced_names(source.states, options.reference, HardwareError)
         yield source
 
 
 @contextmanager
-def _stream(options: BoardOptions, design: Design, progress: Progress) -> Iterator[LiveSource]:
+def _stream(asked: LiveOptions, design: Design, progress: Progress) -> Iterator[LiveSource]:
     from coilarray.hardware.scan.readings import read_scan
 
+    options = asked.board
     lifted = replace(options, emulate=[text for text in options.emulate or () if text not in _held_back(options)])
     with ExitStack() as opened:
         board, settings = opened.enter_context(opened_board(lifted, design, real_time=True, progress=progress))
         begin = _finger(board, design, options)
+        budget = _budget(asked, design, settings)
         capacitance = design.circuit.switches.tank_capacitance
         scans = opened.enter_context(closing(board.reader.scans()))
         thermometer = board.thermometer
@@ -170,8 +183,19 @@ def _stream(options: BoardOptions, design: Design, progress: Progress) -> Iterat
             board.emulated,
             tuple(state.name for state in settings.states),
             thermometer is not None,
+            budget,
             begin,
         )
+
+
+def _budget(asked: LiveOptions, design: Design, settings: ScanSettings) -> NoiseBudget | None:
+    """Return the budget of a board with these settings; None where the noise is given, or the states are others."""
+    if asked.noise is not None or not {one.name for one in settings.states} <= {one.name for one in design.plan}:
+        return None
+    from coilarray.compute.store import open_store
+    from coilarray.hardware.scan.board_network import board_budget
+
+    return board_budget(design, settings, open_store(), baseline_scans=asked.baseline)
 
 
 def _finger(board: Board, design: Design, options: BoardOptions) -> Callable[[], None]:
@@ -199,7 +223,7 @@ def _held_back(options: BoardOptions) -> list[str]:
 
 
 @contextmanager
-def _replay(options: LiveOptions) -> Iterator[LiveSource]:
+def _replay(options: LiveOptions, design: Design) -> Iterator[LiveSource]:
     """Yield the readings of a recording in the recorded order and time."""
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.scan.readings import read_scan
@@ -226,6 +250,7 @@ def _replay(options: LiveOptions) -> Iterator[LiveSource]:
                 recording.emulated,
                 recording.states,
                 recording.has_temperatures,
+                _budget(options, design, recording.sessions[0].settings),
             )
 
 

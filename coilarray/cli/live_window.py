@@ -115,6 +115,7 @@ def _options(base: LiveOptions, request: BoardRequest) -> LiveOptions:
         base,
         board=board,
         recording=None if request.recording is None else Path(request.recording),
+        speed=1.0 if request.recording is None else base.speed,
         reference=tuple(request.reference),
         log=log,
         force=base.force and log == base.log,

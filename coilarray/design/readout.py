@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from decimal import Decimal
+from types import MappingProxyType
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -22,6 +23,26 @@ INTERNAL_CLOCK_PER_KELVIN = -13e-6
 """Relative change of the converter's own oscillator with temperature in 1/K (SNOSCY9A, section 6.5, mean of units)."""
 RESOLUTION_RCOUNT = 0x800
 """RCOUNT for which `Readout.resolution` is given."""
+USUAL: Mapping[str, float] = MappingProxyType(
+    {
+        "resolution": 8e-7,
+        "clock_jitter": 0.0,
+        "capacitor_per_kelvin": 30e-6,
+        "board_per_kelvin": 14e-6,
+        "copper_per_kelvin": COPPER_PER_KELVIN,
+        "switch_per_kelvin": 1.9e-3,
+    }
+)
+"""Sizes of a `Readout` that does not give its own; `coilarray.circuit.noise_budget` says where they are from."""
+
+
+def conversion_time(rcount: int, reference: float) -> float:
+    """Return the duration of a conversion in s, (16·RCOUNT + 4)/f_ref (SNOSCY9A, equation 7), for f_ref in Hz.
+
+    >>> round(conversion_time(0xFFFF, 21.7e6) * 1e3, 3)
+    48.321
+    """
+    return (16 * rcount + 4) / reference
 
 
 @dataclass(frozen=True)
@@ -38,9 +59,9 @@ class Readout:
         Whether the clock comes from a crystal oscillator instead of the converter's own.
     reference_divider : int
         Divider from the clock to the reference frequency.
-    resolution : float
+    resolution : float or None
         Relative standard deviation of a frequency at RCOUNT 0x800; it falls with the root of RCOUNT.
-    clock_jitter : float
+    clock_jitter : float or None
         Standard deviation of one period of the clock in s. It adds up from period to period in the converter's own
         oscillator, and does not in a crystal oscillator.
     amplitude : float
@@ -54,9 +75,11 @@ class Readout:
     clock_per_kelvin, clock_per_volt : float or None
         Relative change of the clock with temperature in 1/K, and with the supply in 1/V; None for those that are known
         or assumed of the kind of clock.
-    capacitor_per_kelvin, board_per_kelvin, copper_per_kelvin, switch_per_kelvin : float
+    capacitor_per_kelvin, board_per_kelvin, copper_per_kelvin, switch_per_kelvin : float or None
         Relative change with temperature in 1/K of the tank's capacitance, the board's size, the resistance of the
         copper and that of a closed switch.
+
+    None stands for a size that is not given, which `size` takes from `USUAL`.
 
     Raises
     ------
@@ -73,8 +96,8 @@ class Readout:
     clock: float = INTERNAL_CLOCK
     external_clock: bool = False
     reference_divider: int = 2
-    resolution: float = 8e-7
-    clock_jitter: float = 0.0
+    resolution: float | None = None
+    clock_jitter: float | None = None
     amplitude: float = 1.5
     averaged_scans: int = 1
     baseline_scans: int = 10
@@ -82,10 +105,10 @@ class Readout:
     supply_change: float = 1e-3
     clock_per_kelvin: float | None = None
     clock_per_volt: float | None = None
-    capacitor_per_kelvin: float = 30e-6
-    board_per_kelvin: float = 14e-6
-    copper_per_kelvin: float = COPPER_PER_KELVIN
-    switch_per_kelvin: float = 1.9e-3
+    capacitor_per_kelvin: float | None = None
+    board_per_kelvin: float | None = None
+    copper_per_kelvin: float | None = None
+    switch_per_kelvin: float | None = None
 
     def __post_init__(self) -> None:
         for one in fields(self):
@@ -101,6 +124,15 @@ class Readout:
         if not 5 <= self.rcount <= 0xFFFF:
             raise DesignError(f"rcount of a read-out must be 5 to 65535; got {self.rcount}.")
 
+    def size(self, name: str) -> float:
+        """Return one of the sizes of `USUAL`: the given one, or the usual one.
+
+        >>> Readout(board_per_kelvin=16e-6).size("board_per_kelvin"), Readout().size("board_per_kelvin")
+        (1.6e-05, 1.4e-05)
+        """
+        given = getattr(self, name)
+        return USUAL[name] if given is None else float(given)
+
     @property
     def reference(self) -> float:
         """Reference frequency in Hz."""
@@ -108,8 +140,8 @@ class Readout:
 
     @property
     def conversion_time(self) -> float:
-        """Duration of a conversion in s, (16 RCOUNT + 4)/f_ref (SNOSCY9A, equation 7)."""
-        return (16 * self.rcount + 4) / self.reference
+        """Duration of a conversion in s."""
+        return conversion_time(self.rcount, self.reference)
 
     @property
     def counting_limit(self) -> float:
@@ -124,7 +156,7 @@ class Readout:
         that runs free add up to √N σ_j; against a resonator only the two ends of the conversion count, √2 σ_j.
         """
         periods = self.conversion_time * self.clock
-        return self.clock_jitter * math.sqrt(2.0 if self.external_clock else periods) / self.conversion_time
+        return self.size("clock_jitter") * math.sqrt(2.0 if self.external_clock else periods) / self.conversion_time
 
     @property
     def resolution_noise(self) -> float:
@@ -134,7 +166,7 @@ class Readout:
         (RepRapFirmware, LDC1612.cpp) quotes it; another project quotes a fall with RCOUNT^-0.8 from the same note,
         which would give a third of this at full resolution. Not verified.
         """
-        return self.resolution * math.sqrt(RESOLUTION_RCOUNT / self.rcount)
+        return self.size("resolution") * math.sqrt(RESOLUTION_RCOUNT / self.rcount)
 
     @property
     def frequency_noise(self) -> float:
@@ -170,10 +202,10 @@ class ReadoutTable(Table):
     """Whether a crystal oscillator is the clock, instead of the converter's own."""
     reference_divider: Annotated[int, Field(ge=1, le=1023)] = 2
     """Divider from the clock to the reference frequency."""
-    resolution_ppm: Annotated[float, Field(gt=0, le=1000)] = 0.8
-    """Relative standard deviation of a frequency at RCOUNT 0x800."""
-    clock_jitter_ps: Annotated[float, Field(ge=0, le=1e6)] = 0.0
-    """Standard deviation of one period of the clock."""
+    resolution_ppm: Annotated[float, Field(gt=0, le=1000)] | None = None
+    """Relative standard deviation of a frequency at RCOUNT 0x800; by default 0.8, assumed."""
+    clock_jitter_ps: Annotated[float, Field(ge=0, le=1e6)] | None = None
+    """Standard deviation of one period of the clock; by default none is counted."""
     amplitude_V: Annotated[float, Field(gt=0, le=100)] = 1.5  # noqa: N815 - the unit
     """Peak voltage of the sensors."""
     averaged_scans: _Scans = 1
@@ -188,14 +220,14 @@ class ReadoutTable(Table):
     """Change of the clock with temperature; by default that of the kind of clock."""
     clock_ppm_per_V: _PartsPerMillion | None = None  # noqa: N815 - the unit
     """Change of the clock with the supply; by default that of the kind of clock."""
-    capacitor_ppm_per_K: _PartsPerMillion = 30.0  # noqa: N815 - the unit
-    """Change of the tank's capacitance with temperature."""
-    board_ppm_per_K: _PartsPerMillion = 14.0  # noqa: N815 - the unit
-    """Expansion of the board."""
-    copper_ppm_per_K: _PartsPerMillion = in_unit(COPPER_PER_KELVIN, 6)  # noqa: N815 - the unit
-    """Change of the copper's resistance with temperature."""
-    switch_ppm_per_K: _PartsPerMillion = 1900.0  # noqa: N815 - the unit
-    """Change of a closed switch's resistance with temperature."""
+    capacitor_ppm_per_K: _PartsPerMillion | None = None  # noqa: N815 - the unit
+    """Change of the tank's capacitance with temperature; by default 30, assumed."""
+    board_ppm_per_K: _PartsPerMillion | None = None  # noqa: N815 - the unit
+    """Expansion of the board; by default 14, assumed."""
+    copper_ppm_per_K: _PartsPerMillion | None = None  # noqa: N815 - the unit
+    """Change of the copper's resistance with temperature; by default 3930."""
+    switch_ppm_per_K: _PartsPerMillion | None = None  # noqa: N815 - the unit
+    """Change of a closed switch's resistance with temperature; by default 1900, assumed."""
 
     def build(self) -> Readout:
         """Return the read-out in SI."""

@@ -45,6 +45,15 @@ class Press:
     location: Location | None  # at the largest deviation at which there was one
 
 
+def baseline_text(scans: int) -> str:
+    """Say that δ is not known yet, for the baseline wants so many more scans.
+
+    >>> baseline_text(2)
+    'baseline: scans without an indentation still wanted: 2'
+    """
+    return f"baseline: scans without an indentation still wanted: {scans}"
+
+
 class PressDetector:
     """Finds presses in the δ of successive scans.
 

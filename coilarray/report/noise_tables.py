@@ -34,7 +34,7 @@ def cause_table(budget: NoiseBudget) -> Table:
     rows: list[tuple[Value, ...]] = [
         (
             cause.name, *(_largest(values) for values in (cause.noise, cause.drift, np.abs(cause.change))),
-            "common" if cause.common else "each", "assumed" if cause.assumed else "known", cause.source,
+            "common" if cause.common else "each", cause.size, cause.source,
         )
         for cause in budget.causes
     ]  # fmt: skip
@@ -57,7 +57,7 @@ def sigma_table(budget: NoiseBudget) -> Table:
 
 def budget_lines(budget: NoiseBudget) -> list[str]:
     """Say for which settings a budget holds, and what of it is not verified."""
-    readout, assumed = budget.readout, [cause.name for cause in budget.causes if cause.assumed]
+    readout, assumed = budget.readout, [cause.name for cause in budget.causes if cause.size == "assumed"]
     lines = [
         f"RCOUNT {readout.rcount}, {readout.conversion_time * 1e3:.3g} ms at {readout.reference * 1e-6:.4g} MHz; plain "
         f"counting would resolve {readout.counting_limit:.2g} of f, the resolution above is finer",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from coilarray.design import readout
 from coilarray.design.readout import DRIVE_DELAY, INTERNAL_CLOCK
 from coilarray.errors import HardwareError
 
@@ -160,7 +161,7 @@ def _check(reference: float, divider: int, offset: int) -> None:
 
 
 def conversion_time(rcount: int, reference: float) -> float:
-    """Return the duration of a conversion in s, (16·RCOUNT + 4)/f_ref (equation 7), for RCOUNT from 5 and f_ref in Hz.
+    """Return `coilarray.design.readout.conversion_time`, in s, for RCOUNT from 5 and f_ref in Hz, checked.
 
     >>> round(conversion_time(0xFFFF, 21.7e6) * 1e3, 3)
     48.321
@@ -168,7 +169,7 @@ def conversion_time(rcount: int, reference: float) -> float:
     _check_clock(reference)
     if not SMALLEST_RCOUNT <= rcount <= LARGEST_RCOUNT:
         raise HardwareError(f"RCOUNT must be {SMALLEST_RCOUNT} to {LARGEST_RCOUNT}; got {rcount}.")
-    return (16 * rcount + 4) / reference
+    return readout.conversion_time(rcount, reference)
 
 
 def rcount_for(duration: float, reference: float) -> int:

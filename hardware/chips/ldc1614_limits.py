@@ -106,14 +106,30 @@ class Limit:
         >>> Limit("quality factor", 5.0, 10.0, math.inf).words, Limit(DRIVE_WINDOW, 101e3, 1e3, 100e3).words
         ('quality factor is 5; it must be at least 10', 'R_p is 101 kΩ; it must be 1 kΩ to 100 kΩ')
         """
+        name, value, allowed = self._texts()
+        return f"{name} is {value}; it must be {allowed}"
+
+    @property
+    def refusal(self) -> str:
+        """The same as a sentence of an error.
+
+        >>> Limit("clock (Hz)", 30e6, 35e6, 55e6).refusal
+        'clock must be 35 MHz to 55 MHz; got 30 MHz.'
+        """
+        name, value, allowed = self._texts()
+        return f"{name} must be {allowed}; got {value}."
+
+    def _texts(self) -> tuple[str, str, str]:
+        """Return name, value and allowed range."""
         name, _, unit = self.name.removesuffix(")").partition(" (")
         shown = _SHOWN.get(unit) or display_unit(unit)
-        value, low, high = (shown.text(number, ".4") for number in (self.value, self.low, self.high))
+        counts = not unit and float(self.value).is_integer()
+        value, low, high = (shown.text(one, ".6" if counts else ".4") for one in (self.value, self.low, self.high))
         if math.isinf(self.high):
             allowed = f"at least {low}"
         else:
             allowed = f"at most {high}" if self.low <= 0 else f"{low} to {high}"
-        return f"{name} is {value}; it must be {allowed}"
+        return name, value, allowed
 
 
 def drive_for(parallel_resistance: float) -> Drive | None:
@@ -328,7 +344,8 @@ def input_divider(frequency: float, reference: float) -> int:
     _require_positive(frequency=frequency, reference=reference)
     divider = _least_divider(frequency, reference)
     if divider > _LARGEST_INPUT_DIVIDER:
-        raise ValueError(f"frequency {frequency} Hz must be below {_LARGEST_INPUT_DIVIDER}/4 of {reference} Hz.")
+        shown, of_reference = map(_frequency_text, (frequency, reference))
+        raise ValueError(f"frequency {shown} must be below {_LARGEST_INPUT_DIVIDER}/4 of {of_reference}.")
     return divider
 
 
@@ -345,8 +362,13 @@ def deglitch_for(frequency: float) -> int:
     """
     low, high = SENSOR_FREQUENCY
     if not low <= frequency <= high:
-        raise ValueError(f"frequency must be {low:g} to {high:g} Hz; got {frequency} Hz.")
+        low_text, high_text, shown = map(_frequency_text, (low, high, frequency))
+        raise ValueError(f"frequency must be {low_text} to {high_text}; got {shown}.")
     return next(code for code, edge in DEGLITCH.items() if frequency < edge)
+
+
+def _frequency_text(frequency: float) -> str:
+    return f"{frequency * 1e-6:g} MHz" if frequency >= 1e6 else f"{frequency * 1e-3:g} kHz"
 
 
 def _require_positive(**values: float) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from coilarray.hardware.emulator.board import EmulatedBoard, Netlist
-from coilarray.hardware.emulator.conditions import Conditions, Drift, Oscillator, VirtualClock
+from coilarray.hardware.emulator.conditions import Conditions, Drift, Oscillator, PacedClock, VirtualClock
 from coilarray.hardware.emulator.ldc1614_chip import Ldc1614, OpenPoints, UndocumentedUse
 from coilarray.hardware.emulator.make import emulated_board
 
@@ -15,6 +15,7 @@ __all__ = [
     "Netlist",
     "OpenPoints",
     "Oscillator",
+    "PacedClock",
     "UndocumentedUse",
     "VirtualClock",
     "emulated_board",

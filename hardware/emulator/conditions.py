@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, field
 
 from coilarray.design.readout import INTERNAL_CLOCK, INTERNAL_CLOCK_PER_KELVIN, Readout
@@ -10,6 +11,8 @@ from coilarray.errors import HardwareError
 
 ROOM_TEMPERATURE = 25.0
 """Temperature in °C at which the frequency of a converter's clock is given."""
+
+_AHEAD, _BEHIND = 1e-3, 0.05  # s
 
 
 class VirtualClock:
@@ -40,6 +43,30 @@ class VirtualClock:
         if not math.isfinite(seconds):
             raise HardwareError(f"a wait must be finite; got {seconds} s.")
         self._now += max(seconds, 0.0)
+
+
+class PacedClock:
+    """A clock for an emulated board in real time: time passes in `sleep` as exactly as on a board, and keeps pace.
+
+    A transfer of 0.1 ms is a wait, and a computer that is asked to wait so shortly takes up to twice as long; what it
+    computes in between would be counted as well. So waits are added up, and the computer sleeps only where they are
+    ahead of its own clock. Where it falls behind by more than `_BEHIND`, time goes on without the board: a computer
+    that is too slow has fewer scans, not slower seconds.
+    """
+
+    def __init__(self) -> None:
+        self._time = time.monotonic()
+
+    def now(self) -> float:
+        """Return the time in s, that of the computer but for `_BEHIND`."""
+        self._time = max(self._time, time.monotonic() - _BEHIND)
+        return self._time
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+        self._time = self.now() + max(seconds, 0.0)
+        if (ahead := self._time - time.monotonic()) > _AHEAD:
+            time.sleep(ahead)
 
 
 @dataclass(frozen=True)

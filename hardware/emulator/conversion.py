@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
+from coilarray.design.readout import conversion_time
 from coilarray.hardware.chips.ldc1614 import (
     EXTERNAL_CLOCK_RANGE,
     FULL_SCALE,
@@ -261,7 +262,7 @@ class Run:
     def _begin_count(self) -> None:
         self._counting = True
         self._reference_now = self._reference()
-        self._length = (16 * self._setting.channels[self._channel].rcount + 4) / self._reference_now
+        self._length = conversion_time(self._setting.channels[self._channel].rcount, self._reference_now)
         self._end = self._time + self._length
         self._cycles = 0.0
         self._high = self._low = False

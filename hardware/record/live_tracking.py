@@ -16,6 +16,7 @@ from coilarray.hardware.scan.readings import ScanReading, StateReading, Verdict
 from coilarray.localize.presses import Press, PressDetector
 
 if TYPE_CHECKING:
+    from coilarray.circuit.noise_budget import NoiseBudget
     from coilarray.localize.forward import ForwardModel
     from coilarray.localize.inverse import Location
 
@@ -48,21 +49,40 @@ class LiveReading:
     waiting: int  # scans that the baseline still needs; 0 once it is complete
     location: Location | None  # of the indentation; None where it was not asked for or cannot be found
     problem: str  # why there is no location, where one was asked for; otherwise empty
-    noise: float | None  # standard deviation of δ that the location assumes; None without a baseline
+    noise: float | None  # standard deviation of δ, each state's own, that the location assumes; None without a baseline
     rate: float | None  # scans per second over the latest scans, by the board's clock
     lost: int  # scans missing so far
     press: Press | None = None  # during this scan, or that has ended with it
     received: float | None = None  # arrival in s since the epoch by the computer's clock
     temperature: float | None = None  # of the board in °C, where it is known
+    common_noise: float | None = None  # standard deviation of δ by what all states share; None where it is not known
 
 
 class LiveTracker:
     """Turns scans into δ, and into positions where it has the forward model of the board.
 
-    `noise` is the standard deviation of δ that a location assumes beside the measured noise of the baseline, by default
-    that of the model with what is common to its states. δ of `reference` coils, which nothing touches, is taken from
-    that of all others; their own stays as it is, and takes no part in locations and presses. HardwareError for fewer
-    than 2 scans of a baseline, or noise that is not positive and finite.
+    Parameters
+    ----------
+    model : ForwardModel or None
+        Model of the board; None where no location is wanted.
+    baseline_scans : int
+        Number of scans without an indentation whose mean is L_0.
+    budget : NoiseBudget, optional
+        Budget of the board's states, as `coilarray.hardware.scan.board_network.board_budget` returns it. Of it are the
+        changes since L_0, each state's own and the common ones; the noise of a scan is that measured in the baseline.
+        Without one it is the noise of the model, to which the measured noise is added.
+    noise : float, optional
+        Standard deviation of δ to assume beside the measured noise, independent from state to state, in place of both.
+    reference : sequence of str
+        Coils that nothing touches: their mean δ is taken from that of all others; their own stays as it is, and takes
+        no part in locations and presses.
+
+    Raises
+    ------
+    HardwareError
+        Fewer than 2 scans of a baseline, or noise that is not positive and finite.
+    LocalizeError, NetworkError
+        A reference that the model, or the budget, does not have.
     """
 
     def __init__(
@@ -70,6 +90,7 @@ class LiveTracker:
         model: ForwardModel | None,
         *,
         baseline_scans: int = BASELINE_SCANS,
+        budget: NoiseBudget | None = None,
         noise: float | None = None,
         reference: Sequence[str] = (),
     ) -> None:
@@ -77,11 +98,13 @@ class LiveTracker:
             raise HardwareError(f"a baseline must have at least 2 scans; got {baseline_scans}.")
         if noise is not None and not (math.isfinite(noise) and noise > 0):
             raise HardwareError(f"noise must be positive and finite; got {noise}.")
-        self._model = model.referenced(reference) if model is not None and reference else model
+        self._whole, self._budget, self._given = model, budget, noise
         self._scans, self._reference = baseline_scans, tuple(reference)
-        if noise is not None and self._model is not None:
+        self._model = model if model is None or not reference else model.referenced(reference)
+        if self._model is not None and noise is not None:
             self._model = replace(self._model, common=())
-        self._trust = noise or (0.0 if self._model is None else self._model.noise)
+        if budget is not None and reference:
+            budget.referenced(reference)  # refuses what is not there
         self._models: dict[tuple[str, ...], ForwardModel] = {}
         self._times: deque[float] = deque(maxlen=_RATE_SCANS)
         self._last: tuple[int, int] | None = None  # session and sequence
@@ -95,6 +118,7 @@ class LiveTracker:
         self._rest: list[tuple[float, Mapping[str, float]]] = []  # times in s, and L in H by state
         self._base: dict[str, float] | None = None
         self._noise = math.nan
+        self._common: float | None = None
 
     def take(self, scan: ScanReading, *, at_rest: bool = True, want_location: bool = True) -> LiveReading:
         """Evaluate the next scan; it may enter the baseline only where the indenter is not known to press."""
@@ -127,6 +151,7 @@ class LiveTracker:
             press=press,
             received=scan.received,
             temperature=scan.temperature,
+            common_noise=None if base is None else self._common,
         )
 
     def _measure_baseline(self, elapsed: float, values: Mapping[str, float]) -> None:
@@ -144,11 +169,41 @@ class LiveTracker:
         ]
         rows = [[one[name] for _, one in deltas if name in one] for name in enough if name not in self._reference]
         variances = [float(np.var(row, ddof=1)) for row in rows if len(row) > 1]
-        own = (float(np.mean(variances)) if variances else 0.0) * (1 + 1 / self._scans)  # and of the baseline itself
-        self._noise = math.hypot(self._trust, math.sqrt(own))
-        self._models = {}  # they have the noise
+        variance = float(np.mean(variances)) if variances else 0.0
+        own = math.sqrt(variance * (1 + 1 / self._scans))  # of a scan, and of the baseline itself
+        self._assume(own, [name for name in enough if name not in self._reference])
         self._rest = []
         self._presses = PressDetector(deltas, 0 if self._presses is None else self._presses.number)
+
+    def _assume(self, measured: float, names: Sequence[str]) -> None:
+        """Set the noise of δ of the states of these names: as the baseline scatters, and by what changes later."""
+        self._models = {}  # they have the noise
+        if self._given is not None:
+            self._noise = math.hypot(self._given, measured)
+            return
+        model, budget, references = self._whole, self._budget, len(self._reference)
+        # a difference scatters by both of its sides: all differences share what is the references' own
+        white = measured / math.sqrt(1 + 1 / references) if references else measured
+        if budget is None:
+            self._noise = white if model is None else math.hypot(model.noise, white)
+        else:
+            white = white or float(budget.noise.max())  # less than a step of the converter is not seen
+            self._noise = math.hypot(white, float(budget.own_change.max()))
+            self._common = self._common_of(budget, names)
+        if model is not None:
+            if budget is not None:
+                model = replace(model, common=tuple(budget.select(model.states).common.values()))
+            model = replace(model, noise=self._noise)
+            self._model = model.referenced(self._reference) if references else model
+
+    def _common_of(self, budget: NoiseBudget, names: Sequence[str]) -> float:
+        """Return the largest standard deviation of δ of these states by what all of them share."""
+        references = len(self._reference)
+        less = budget.referenced(self._reference) if references else budget
+        kept = [k for k, name in enumerate(less.states) if name in names]
+        squares = sum((change[kept] ** 2 for change in less.common.values()), np.zeros(len(kept)))
+        of_references = self._noise**2 / references if references else 0.0
+        return math.sqrt(float(squares.max(initial=0.0)) + of_references)
 
     def _less(self, delta: Mapping[str, float]) -> dict[str, float]:
         """Return δ less that of the references, of the other states; none where a reference has none."""

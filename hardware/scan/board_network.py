@@ -1,17 +1,30 @@
-"""The circuit of a design with all losses and strays, for an emulated board and for the simulation of a real one."""
+"""The circuit of a design with all losses and strays, for an emulated board and for the simulation of a real one.
+
+And the noise budget of a board with the settings it is read with.
+"""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import xarray as xr
 
 from coilarray.circuit.network import Network, SampledMatrix
 from coilarray.compute.store import Store
 from coilarray.design.model import Design
+from coilarray.design.scan_states import Switches
+from coilarray.design.switch_parts import CONVERTER_PIN
+from coilarray.hardware.scan.settings import ScanSettings
+
+if TYPE_CHECKING:
+    from coilarray.circuit.noise_budget import NoiseBudget
 
 
-def board_network(design: Design, store: Store) -> Network:
+def board_network(design: Design, store: Store, *, wired: bool = False) -> Network:
     """Return `coilarray.circuit.coupling.design_circuit` of a design, which takes 4 s for gast2020, kept in a store.
 
+    Where the coils are `wired` to the channels of a converter, no switches are in their way, whatever the design has.
     NetworkError for a state of the design's plan without a resonance.
     """
     parts = store.dataset(["circuit", design.digest], lambda: _circuit(design))
@@ -21,10 +34,39 @@ def board_network(design: Design, store: Store) -> Network:
         SampledMatrix(parts.frequency.values, parts.resistance.values),
         parts.winding_capacitance.values,
         parts.mutual_capacitance.values,
-        design.circuit.switches,
+        _without_switches(design) if wired else design.circuit.switches,
         tuple(filter(None, parts.attrs["left_out"].split("\n"))),
         SampledMatrix(parts.frequency.values, parts.dispersion.values) if "dispersion" in parts else None,
     )
+
+
+def board_budget(
+    design: Design, settings: ScanSettings, store: Store, *, baseline_scans: int | None = None
+) -> NoiseBudget:
+    """Return the noise budget of all states of a design for a board that is read with these settings.
+
+    Clock and length of a conversion are those of the settings, coefficients and changes those of the design's
+    `Readout`; `store` is that of `board_network`. With `baseline_scans` for L_0 a reading is a single scan, otherwise
+    both numbers are the design's too.
+    """
+    from coilarray.circuit.noise_budget import noise_budget  # the emulator does without it
+
+    readout = replace(
+        design.readout, rcount=settings.rcount, clock=settings.clock, external_clock=settings.external_clock,
+        reference_divider=settings.fref_divider,
+    )  # fmt: skip
+    if baseline_scans is not None:
+        readout = replace(readout, averaged_scans=1, baseline_scans=baseline_scans)
+    return noise_budget(design, readout=readout, network=board_network(design, store, wired=settings.wired))
+
+
+def _without_switches(design: Design) -> Switches:
+    """Return leads and tank of a design; of what its part would add, the pins of the converter stay."""
+    circuit, pins = design.circuit, {}
+    if circuit.part is not None:
+        bus = min(circuit.switches.bus_capacitance, CONVERTER_PIN)
+        pins = {"off_capacitance": 0.0, "terminal_capacitance": 0.0, "bus_capacitance": bus}
+    return replace(circuit.switches, on_resistance=0.0, **pins)
 
 
 def _circuit(design: Design) -> xr.Dataset:

@@ -8,7 +8,6 @@ from dataclasses import replace
 from coilarray.circuit.network import loaded_quality, resonate
 from coilarray.compute.store import open_store
 from coilarray.design.model import Design
-from coilarray.design.readout import Readout
 from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.converters import Family
@@ -106,7 +105,7 @@ def design_settings(
     plan = design_plan(design, states)
     if unknown:
         plan = _of_wired(plan, wiring, unknown, chosen=bool(states))
-    network = board_network(design, open_store())
+    network = board_network(design, open_store(), wired=bool(wiring.channels))
     results = [resonate(network, state) for state in plan]
     if not isinstance(drives, int):
         known = dict(drives or {})
@@ -160,14 +159,3 @@ def _drive(coil: str, parallel_resistance: float) -> int:
             f"{parallel_resistance * 1e-3:.3g} kΩ; give its IDRIVE."
         )
     return drive.code
-
-
-def readout_with(readout: Readout, settings: ScanSettings) -> Readout:
-    """Return a read-out with the settings that a board was given."""
-    return replace(
-        readout,
-        rcount=settings.rcount,
-        clock=settings.clock,
-        external_clock=settings.external_clock,
-        reference_divider=settings.fref_divider,
-    )

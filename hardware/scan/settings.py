@@ -569,7 +569,7 @@ def _check_limits(settings: ScanSettings) -> None:
     )  # fmt: skip
     for limit in limits:
         if not limit.kept:
-            raise HardwareError(f"{limit.name} must be {limit.low:g} to {limit.high:g}; got {limit.value:g}.")
+            raise HardwareError(limit.refusal)
     for address, value in settings.registers:
         check_value(address, value)
     most = FAMILIES[settings.family].largest_input_divider

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -271,9 +272,13 @@ def _stated_rate(options: dict[str, str], text: str) -> float | None:
     if "rate" not in options:
         return None
     low, high = SLOWEST_BUS_RATE, BUS_RATE
-    if not low <= (rate := _number(options, "rate", text)) <= high:
-        raise _refused(text, f"rate must be {low:.0f} to {high:.0f} Hz, as the converter allows")
-    return float(rate)
+    try:
+        rate = float(options.pop("rate"))
+    except ValueError:
+        rate = math.nan
+    if not low <= rate <= high:
+        raise _refused(text, f"rate, the clock of the I²C bus in Hz, must be {low:.0f} to {high:.0f}")
+    return rate
 
 
 def _address(given: str | None, text: str, default: int = ADDRESSES[0]) -> int:

@@ -211,3 +211,32 @@ def test_a_circuit_is_not_needed_for_the_states():
     found = budget_of(design, np.full(2, 2e6), np.full(2, 10.0))
     drift = of(found, "resistance of the switches").drift
     assert drift[0] / drift[1] == pytest.approx(4.0)
+
+
+def test_a_size_that_is_given_is_not_assumed_even_where_it_is_the_usual_one():
+    entries = {"capacitor_ppm_per_K": 30.0, "resolution_ppm": 0.8, "clock_jitter_ps": 0.0}
+    design = build_design({**design_document(PAPER), "readout": entries})
+    given, left = (budget_of(one, *SIX) for one in (design, PAPER))
+    for name in ("capacitor", "resolution"):
+        assert (of(given, name).assumed, of(left, name).assumed) == (False, True)
+        assert of(given, name).source == "[readout] of the design"
+    assert given.sigma == pytest.approx(left.sigma)
+    assert design_document(design)["readout"] == entries
+
+
+def test_nothing_is_assumed_of_a_jitter_that_is_not_counted():
+    assert of(budget(), "jitter").size == "none"
+    assert of(budget(Readout(clock_jitter=1e-12)), "jitter").size == "known"
+
+
+def test_a_board_without_switches_has_none_of_their_drift():
+    found = budget_of(PAPER, *SIX, switches=Switches(on_resistance=0.0))
+    assert of(found, "resistance of the switches").size == "none"
+    assert of(budget(), "resistance of the switches").size == "assumed"
+
+
+def test_some_states_are_chosen_by_name():
+    chosen = budget(quality=np.linspace(30, 40, 6)).select(["coil5", "coil2"])
+    whole = budget(quality=np.linspace(30, 40, 6))
+    assert chosen.sigma == pytest.approx(whole.sigma[[4, 1]])
+    refused(NetworkError, "the budget has no state 'far'", whole.select, ["far"])

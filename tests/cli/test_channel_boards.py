@@ -3,6 +3,7 @@
 import json
 
 import pytest
+import tomli_w
 from support import recorded_boards
 from support.command_line import runner, successes
 
@@ -34,8 +35,20 @@ def measured(capsys, *arguments):
     return {state["state"]: state["inductance_H"] for state in states}
 
 
-def test_one_line_gives_the_inductances(board, design, capsys):
-    switched = measured(capsys, *board)
+@pytest.fixture(scope="module")
+def ideal(board, tmp_path_factory):
+    """The switched board with switches without resistance, as arguments."""
+    document = recorded_boards.two_coils_document()
+    path = tmp_path_factory.mktemp("ideal") / "two_coils.toml"
+    path.write_text(tomli_w.dumps({**document, "circuit": {**document["circuit"], "short_resistance_ohm": 0.0}}))
+    return (path, *board[1:])
+
+
+def test_one_line_gives_the_inductances(board, ideal, design, capsys):
+    """Of the design's switches there are none: as with ideal ones, whatever resistance the design gives them."""
+    switched = measured(capsys, *ideal)
+    # L (1 + 1/Q²), with 5 Ω more
+    assert measured(capsys, *board)["coil1"] > switched["coil1"] * (1 + 1e-4)
     for port in (
         GROVE,
         FOUR,
@@ -48,7 +61,7 @@ def test_one_line_gives_the_inductances(board, design, capsys):
     one = measured(capsys, design, "--port", "emulator?board=btt-eddy", "--coils", "coil2")
     # the other coil is open here, not grounded: its coupling no longer lowers the inductance
     assert one["coil2"] > switched["coil2"] * 1.001
-    assert measured(capsys, *board, "--undivided") == pytest.approx(switched, rel=4e-7)
+    assert measured(capsys, *ideal, "--undivided") == pytest.approx(switched, rel=4e-7)
 
 
 def test_a_recording_is_made_shown_calibrated_and_replayed(design, tmp_path, capsys):

@@ -17,7 +17,15 @@ from support.quick_coils import series_tank
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.converters import CONVERTERS
-from coilarray.hardware.emulator import Drift, Ldc1614, OpenPoints, Oscillator, UndocumentedUse, VirtualClock
+from coilarray.hardware.emulator import (
+    Drift,
+    Ldc1614,
+    OpenPoints,
+    Oscillator,
+    UndocumentedUse,
+    VirtualClock,
+    conditions,
+)
 from coilarray.hardware.emulator.conversion import WATCHDOG, Resonator
 from coilarray.hardware.emulator.ldc1614_chip import EmulatedBus, Misuse
 from coilarray.hardware.wire.faults import BusFault, BusTimeout
@@ -678,3 +686,25 @@ def test_a_coil_with_losses(L, C, R):
     critical = math.sqrt(L / C)  # where ω² = 1/(LC) − (R/L)² is 0: nothing oscillates with larger losses
     assert series_tank(L, C, critical * (1 + 1e-9)) is None
     assert series_tank(L, C, critical * (1 - 1e-9)).frequency > 0
+
+
+def test_a_paced_clock_counts_short_waits_exactly_and_keeps_pace(monkeypatch):
+    """A computer whose waits take 0.2 ms longer, and that computes for 1 ms in between: the board's second is one."""
+    real = [100.0]
+
+    def late(seconds):
+        real[0] += seconds + 0.2e-3
+
+    monkeypatch.setattr(conditions.time, "monotonic", lambda: real[0])
+    monkeypatch.setattr(conditions.time, "sleep", late)
+    clock = conditions.PacedClock()
+    for _ in range(1000):
+        clock.sleep(0.1e-3)
+    assert clock.now() == pytest.approx(100.1, abs=1e-9)
+    assert real[0] == pytest.approx(clock.now(), abs=1.3e-3)  # what is ahead, and a wait that was late
+    for _ in range(10):
+        real[0] += 1e-3
+        clock.sleep(2e-3)
+    assert clock.now() == pytest.approx(100.12, abs=1e-9)
+    real[0] += 5.0  # it was busy: the time is gone, for the board too
+    assert clock.now() == pytest.approx(105.12, abs=0.06)

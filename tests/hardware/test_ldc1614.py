@@ -181,7 +181,7 @@ def test_settle_count(quality, count):
     (lambda: reference_divider(-1.0), "clock must be positive; got -1.0"),
     (lambda: input_divider(0.0, 1e6), "frequency must be positive; got 0.0"),
     (lambda: input_divider(1e6, 0.0), "reference must be positive; got 0.0"),
-    *((partial(deglitch_for, f), "frequency must be 1000 to 1e") for f in (999.0, 10.1e6)),
+    *((partial(deglitch_for, f), "frequency must be 1 kHz to 10 MHz") for f in (999.0, 10.1e6)),
     (lambda: drive_for(0), "parallel_resistance must be positive; got 0"),
     (lambda: check_channel(0, 1e3, 10), "frequency must be positive; got 0"),
     (lambda: settle_count(1e6, -1), "quality_factor must be positive; got -1"),

@@ -5,6 +5,8 @@ import pytest
 from support.localize_boards import FIELD, bells, board
 from support.refusals import refused
 
+from coilarray.circuit.noise_budget import Cause, NoiseBudget
+from coilarray.design.readout import Readout
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.live_tracking import LiveTracker
 from coilarray.hardware.scan.readings import Reason, ScanReading, StateReading
@@ -148,3 +150,56 @@ def test_bad_input():
     refused(HardwareError, "at least 2 scans; got 1", LiveTracker, MODEL, baseline_scans=1)
     for noise in (0.0, float("nan")):
         refused(HardwareError, f"noise must be positive and finite; got {noise:g}", LiveTracker, MODEL, noise=noise)
+
+
+def budget(own=0.0, clock=0.0):
+    """A budget of the five coils with changes of each coil's own and of a common clock, and noise of a scan of 5e-6."""
+    none, every = np.zeros(len(NAMES)), np.ones(len(NAMES))
+    causes = (
+        Cause("converter", 5e-6 * every, none, none, False, "", assumed=False),
+        Cause("capacitors", none, none, own * every, False, "", assumed=False),
+        Cause("clock", none, none, clock * every, True, "", assumed=False),
+    )
+    return NoiseBudget(tuple(NAMES), causes, Readout(averaged_scans=1, baseline_scans=200))
+
+
+@pytest.mark.parametrize("model", [MODEL, None])
+def test_noise_is_measured_and_changes_are_of_the_budget(model):
+    """1e-6 of a scan as measured, not the budget's 5e-6; 1000 values tell it to 2 %."""
+    random = np.random.default_rng(3)
+    tracker = LiveTracker(model, baseline_scans=200, budget=budget(own=2e-6, clock=7e-6))
+    for number in range(200):
+        reading = tracker.take(scan(number, noise=random))
+    assert reading.noise == pytest.approx(np.hypot(2e-6, 1e-6), rel=0.02)
+    assert reading.common_noise == pytest.approx(7e-6)
+
+
+@pytest.mark.parametrize("model", [MODEL, None])
+@pytest.mark.parametrize("reference", [NAMES[3:], NAMES[4:]])
+def test_white_noise_counts_once_with_a_reference(model, reference):
+    """Each δ has 1e-6 of its own, and all have that of the mean of the references, once; the clock goes."""
+    random = np.random.default_rng(4)
+    tracker = LiveTracker(model, baseline_scans=200, budget=budget(clock=7e-6), reference=reference)
+    for number in range(200):
+        reading = tracker.take(scan(number, noise=random))
+    # 800 differences with a scatter in common tell it to 4 %
+    assert reading.noise == pytest.approx(1e-6, rel=0.1)
+    assert reading.common_noise == pytest.approx(1e-6 / np.sqrt(len(reference)), rel=0.1)
+
+
+def test_a_location_takes_the_noise_that_is_said():
+    """Twice as much of each coil's own, twice the errors; what is common to all goes for the most part with depth."""
+    tracker = LiveTracker(MODEL, budget=budget(own=2e-6))
+    for number in range(10):
+        tracker.take(scan(number, noise=np.random.default_rng(number)))
+    reading = tracker.take(scan(10, PRESSED))
+    expected = locate(MODEL, dict(zip(NAMES, PRESSED, strict=True)), noise=reading.noise)
+    assert reading.location.best.known_deviations == pytest.approx(expected.best.known_deviations, rel=1e-3)
+
+
+def test_a_baseline_without_any_scatter_has_the_noise_of_the_budget():
+    tracker = LiveTracker(None, budget=budget())
+    for number in range(10):
+        reading = tracker.take(scan(number))
+    assert reading.noise == pytest.approx(5e-6 * np.sqrt(1 + 1 / 200))
+    assert reading.common_noise == 0.0

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError
 from coilarray.localize.inverse import location_lines
-from coilarray.localize.presses import Press
+from coilarray.localize.presses import Press, baseline_text
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.history import SPANS, History
 from coilarray.viz.studio.job import Outcome
@@ -247,7 +247,7 @@ def _lines(frame: BoardFrame) -> list[str]:
     if not frame.delta:
         return []
     if frame.waiting:
-        where = [f"baseline: scans without an indentation still wanted: {frame.waiting}"]
+        where = [baseline_text(frame.waiting)]
     elif frame.location is not None:
         where = location_lines(frame.location)
     else:
