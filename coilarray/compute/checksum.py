@@ -31,7 +31,7 @@ def canonical(*parts: Any) -> bytes:
     The parts are tables, lists, texts, numbers, arrays and dataclasses of these. The order of a table's entries does
     not matter; 1 and 1.0 are different.
     """
-    return json.dumps(parts, sort_keys=True, default=_plain).encode()
+    return _ENCODER.encode(parts).encode()
 
 
 def checksum(*parts: Any) -> str:
@@ -117,3 +117,6 @@ def _plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
         return [type(value).__name__, {item.name: getattr(value, item.name) for item in dataclasses.fields(value)}]
     raise TypeError(f"a {type(value).__name__} cannot be part of a key.")
+
+
+_ENCODER = json.JSONEncoder(sort_keys=True, default=_plain)  # one for all: `json.dumps` makes a new one at every call

@@ -25,11 +25,16 @@ from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import Board
 from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
 from coilarray.hardware.record.recording_file import (
+    add_checksums,
     add_temperatures,
     create_tables,
+    has_checksums,
+    insert_row,
+    insert_scan,
     is_blank,
     reading,
     require_recording,
+    sign_row,
 )
 from coilarray.hardware.scan.reader import RawScan, Reader
 from coilarray.hardware.scan.settings import ScanSettings
@@ -78,13 +83,12 @@ class Recorder:
             if is_blank(connection):
                 create_tables(connection)
                 if campaign is not None:
-                    connection.execute("INSERT INTO campaign (plan) VALUES (?)", (campaign,))
+                    insert_row(connection, "campaign", {"plan": campaign})
+            elif not has_checksums(connection):
+                add_checksums(connection, Recording(self.path, connection).scan_checksums())
             if thermometer is not None:
                 add_temperatures(connection)
-            values = _row(session)
-            names, marks = ", ".join(values), ", ".join("?" * len(values))
-            row = connection.execute(f"INSERT INTO session ({names}) VALUES ({marks})", list(values.values()))
-            return int(row.lastrowid or 0)
+            return insert_row(connection, "session", _session_row(session))
 
         with reading(self.path):
             blank = is_blank(self._connection)
@@ -117,19 +121,7 @@ class Recorder:
         temperature = None if self.thermometer is None else self.thermometer()
 
         def write(connection: sqlite3.Connection) -> None:
-            row = connection.execute(
-                "INSERT INTO scan (session, position, stage, depth, sequence, time, received) VALUES (?,?,?,?,?,?,?)",
-                (self._number, position, stage, depth, scan.sequence, scan.time, scan.received),
-            )
-            connection.executemany(
-                "INSERT INTO sample (scan, state, msb, lsb, status, fault) VALUES (?,?,?,?,?,?)",
-                [
-                    (row.lastrowid, k, sample.msb, sample.lsb, sample.status, int(sample.fault))
-                    for k, sample in enumerate(scan.samples)
-                ],
-            )
-            if temperature is not None:
-                connection.execute("INSERT INTO temperature (scan, celsius) VALUES (?,?)", (row.lastrowid, temperature))
+            insert_scan(connection, self._number, position, stage, depth, temperature, scan)
 
         self._write(write, durable=time.monotonic() - self._durable > _DURABLE)
 
@@ -148,32 +140,25 @@ class Recorder:
         """Begin a place of the campaign and return the number of this position."""
 
         def write(connection: sqlite3.Connection) -> int:
-            row = connection.execute(
-                "INSERT INTO position (session, place, repeat, depth, y, x) VALUES (?,?,?,?,?,?)",
-                (self._number, place.number, place.repeat, place.depth, place.y, place.x),
-            )
-            return int(row.lastrowid or 0)
+            values = {"place": place.number, "repeat": place.repeat, "depth": place.depth, "y": place.y, "x": place.x}
+            return insert_row(connection, "position", {"session": self._number, **values})
 
         return self._write(write, durable=False)
 
     def finish(self, position: int) -> None:
         """Mark a position as measured to its end: from then on it counts."""
-        self._write(
-            lambda connection: connection.execute(
-                "UPDATE position SET finished = ? WHERE id = ?", (time.time(), position)
-            ),
-            durable=True,
-        )
+
+        def write(connection: sqlite3.Connection) -> None:
+            connection.execute("UPDATE position SET finished = ? WHERE id = ?", (time.time(), position))
+            sign_row(connection, "position", position)
+
+        self._write(write, durable=True)
 
     def add_self_test(self, symptoms: Sequence[str], findings: Sequence[str]) -> None:
         """Write the symptoms and findings of a `coilarray.hardware.board.self_test.SelfTest`."""
-        values = (self._number, time.time(), json.dumps(list(symptoms)), json.dumps(list(findings)))
-        self._write(
-            lambda connection: connection.execute(
-                "INSERT INTO self_test (session, time, symptoms, findings) VALUES (?,?,?,?)", values
-            ),
-            durable=True,
-        )
+        values = {"session": self._number, "time": time.time()}
+        values |= {"symptoms": json.dumps(list(symptoms)), "findings": json.dumps(list(findings))}
+        self._write(lambda connection: insert_row(connection, "self_test", values), durable=True)
 
     def _require_ours(self, scan: RawScan) -> None:
         settings, boot = self.session.settings, self.session.identity.boot
@@ -342,7 +327,7 @@ def _kind(session: RecordedSession) -> str:
     return "emulated" if session.identity.emulated else "real"
 
 
-def _row(session: RecordedSession) -> dict[str, object]:
+def _session_row(session: RecordedSession) -> dict[str, object]:
     return {
         "started": session.started,
         "identity": json.dumps(asdict(session.identity)),
