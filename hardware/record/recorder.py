@@ -35,6 +35,7 @@ from coilarray.hardware.record.recording_file import (
     reading,
     require_recording,
     sign_row,
+    writing,
 )
 from coilarray.hardware.scan.reader import RawScan, Reader
 from coilarray.hardware.scan.settings import ScanSettings
@@ -173,7 +174,7 @@ class Recorder:
             raise HardwareError(f"scan {scan.sequence} must have finite times; got {scan.time} and {scan.received} s.")
 
     def _write(self, write: Callable[[sqlite3.Connection], _T], *, durable: bool) -> _T:
-        with held_signals(), _writing(self.path):  # Ctrl-C comes before a write or after it
+        with held_signals(), writing(self.path):  # Ctrl-C comes before a write or after it
             if durable:
                 self._connection.execute("PRAGMA synchronous = FULL")
             try:
@@ -287,7 +288,7 @@ def record_stream(
 
 def _log_ahead(path: Path, connection: sqlite3.Connection) -> None:
     """Write the log first, so that readers and a recorder do not wait for each other; makes a file where none is."""
-    with _writing(path):
+    with writing(path):
         connection.execute("PRAGMA journal_mode = WAL")
 
 
@@ -361,14 +362,6 @@ def _connected(path: Path) -> sqlite3.Connection:
     try:
         return sqlite3.connect(path, isolation_level=None, timeout=5.0)
     except (sqlite3.Error, OSError, ValueError) as error:
-        raise OutputError(f"cannot write {path}: {error}.") from None
-
-
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except sqlite3.Error as error:
         raise OutputError(f"cannot write {path}: {error}.") from None
 
 

@@ -112,10 +112,10 @@ class Recording:
         with reading(path):
             require_recording(connection, path)
             self.has_checksums, self.has_temperatures = has_checksums(connection), has_temperatures(connection)
-        rows = self._rows("session")
+        rows = self.rows("session")
         self._sessions = {int(row["id"]): k for k, row in enumerate(rows)}
         self.sessions = tuple(self._session(row) for row in rows)
-        self.campaign = next((str(row["plan"]) for row in self._rows("campaign")), None)
+        self.campaign = next((str(row["plan"]) for row in self.rows("campaign")), None)
         if not self.sessions:
             raise HardwareError(f"{path} is damaged: it has no session.")
 
@@ -136,7 +136,7 @@ class Recording:
 
     def self_tests(self) -> tuple[RecordedSelfTest, ...]:
         """Return the self-tests in the order of time; HardwareError for a damaged file."""
-        return tuple(self._self_test(row) for row in self._rows("self_test"))
+        return tuple(self._self_test(row) for row in self.rows("self_test"))
 
     def count(self) -> int:
         """Return how many scans there are."""
@@ -145,7 +145,7 @@ class Recording:
 
     def positions(self) -> dict[int, GridPlace]:
         """Return the finished places in the order of the campaign, by the numbers of their positions."""
-        rows = [row for row in self._rows("position") if row["finished"] is not None]
+        rows = [row for row in self.rows("position") if row["finished"] is not None]
         rows.sort(key=lambda row: row["place"])
         return {row["id"]: GridPlace(*(row[name] for name in _PLACE)) for row in rows}
 
@@ -170,6 +170,10 @@ class Recording:
             for scan, _, _ in found:
                 return scan
         raise HardwareError(f"{self.path} is damaged: scan {number} is missing.")
+
+    def session_number(self, index: int) -> int:
+        """Return the number of the row of a session, by its index in `sessions`."""
+        return next(number for number, k in self._sessions.items() if k == index)
 
     def scan_checksums(self) -> list[tuple[str, int]]:
         """Return what the checksum of every scan must be, with the number of the scan."""
@@ -203,8 +207,8 @@ class Recording:
         for _ in self.scans():
             pass
 
-    def _rows(self, table: str, which: str = "", *values: Any) -> list[dict[str, Any]]:
-        """Read rows of a table other than that of the scans, each checked against its checksum."""
+    def rows(self, table: str, which: str = "", *values: Any) -> list[dict[str, Any]]:
+        """Read rows of a table other than that of the scans; HardwareError for one that is not as its checksum says."""
         with reading(self.path):
             rows = table_rows(self._connection, table, which, *values)
         for row in rows:
@@ -271,7 +275,7 @@ class _Positions(dict[int, tuple[GridPlace, bool]]):
         self._recording = recording
 
     def __missing__(self, number: int) -> tuple[GridPlace, bool]:
-        for row in self._recording._rows("position", "WHERE id = ?", number):
+        for row in self._recording.rows("position", "WHERE id = ?", number):
             place, repeat, *where = (row[name] for name in _PLACE)
             self[number] = GridPlace(int(place), int(repeat), *map(_finite, where)), row["finished"] is not None
             return self[number]

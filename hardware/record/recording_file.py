@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import quote
 
 from coilarray.compute.checksum import checksum
-from coilarray.errors import HardwareError
+from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.scan.reader import RawScan
 
 APPLICATION = 0x636F696C
@@ -26,6 +26,7 @@ SCHEMA = 2
 _TABLES = """
 CREATE TABLE session (              -- from opening a board to letting go of it
     id INTEGER PRIMARY KEY,
+    checksum TEXT NOT NULL,         -- of this row, as of the others below
     started REAL NOT NULL,          -- s since the epoch
     identity TEXT NOT NULL,         -- JSON: what answered
     boot INTEGER NOT NULL,
@@ -38,44 +39,43 @@ CREATE TABLE session (              -- from opening a board to letting go of it
     design TEXT NOT NULL,           -- its name
     design_hash TEXT NOT NULL,
     design_document TEXT NOT NULL,  -- JSON: the design file
-    version TEXT NOT NULL,          -- of this program
-    checksum TEXT NOT NULL          -- of this row, as of the others below
+    version TEXT NOT NULL           -- of this program
 );
 CREATE TABLE self_test (            -- of the switches and coils, before and after a campaign
     id INTEGER PRIMARY KEY,
+    checksum TEXT NOT NULL,
     session INTEGER NOT NULL REFERENCES session (id),
     time REAL NOT NULL,             -- s since the epoch
     symptoms TEXT NOT NULL,         -- JSON: what a good board does not show; none where it has passed
-    findings TEXT NOT NULL,         -- JSON: faults that each alone explain it
-    checksum TEXT NOT NULL
+    findings TEXT NOT NULL          -- JSON: faults that each alone explain it
 );
 CREATE TABLE campaign (             -- none or one row
     id INTEGER PRIMARY KEY CHECK (id = 1),
-    plan TEXT NOT NULL,             -- JSON: grid and sequence
-    checksum TEXT NOT NULL
+    checksum TEXT NOT NULL,
+    plan TEXT NOT NULL              -- JSON: grid and sequence
 );
 CREATE TABLE position (             -- of the indenter, one row for every time it was begun
     id INTEGER PRIMARY KEY,
+    checksum TEXT NOT NULL,
     session INTEGER NOT NULL REFERENCES session (id),
     place INTEGER NOT NULL,         -- in the order of the campaign, from 0
     repeat INTEGER NOT NULL,        -- of the whole grid, from 0
     depth REAL NOT NULL,            -- to which is pressed, in m
     y REAL NOT NULL,                -- in m from the map's origin
     x REAL NOT NULL,
-    finished REAL,                  -- s since the epoch; null while it is measured, or where it was broken off
-    checksum TEXT NOT NULL
+    finished REAL                   -- s since the epoch; null while it is measured, or where it was broken off
 );
 CREATE UNIQUE INDEX finished_places ON position (place) WHERE finished IS NOT NULL;
 CREATE TABLE scan (
     id INTEGER PRIMARY KEY,
+    checksum TEXT NOT NULL,         -- with that of its samples and its temperature
     session INTEGER NOT NULL REFERENCES session (id),
     position INTEGER REFERENCES position (id),
     stage TEXT NOT NULL,            -- what was going on: stream, single, baseline, peak
     depth REAL,                     -- of the indenter in m where it is known, 0 where it does not touch
     sequence INTEGER NOT NULL,      -- as the board counts
     time REAL NOT NULL,             -- s by the board's clock
-    received REAL NOT NULL,         -- s since the epoch by the computer's clock
-    checksum TEXT NOT NULL          -- with that of its samples and its temperature
+    received REAL NOT NULL          -- s since the epoch by the computer's clock
 );
 CREATE INDEX scans_of_positions ON scan (position);
 CREATE TABLE sample (
@@ -267,6 +267,15 @@ def reading(path: Path) -> Iterator[None]:
     except sqlite3.DatabaseError as error:
         what = "no recording" if "not a database" in str(error) else "damaged"
         raise HardwareError(f"{path} is {what}: {_one_line(str(error))}.") from None
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn what SQLite says of a file that cannot be written into one line."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise OutputError(f"cannot write {path}: {error}.") from None
 
 
 def check_pages(connection: sqlite3.Connection, path: Path) -> None:
