@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli.board_options import print_marked
-from coilarray.cli.shared import AsJson, check_file, table_text, write_numbers
+from coilarray.cli.maps import is_recording
+from coilarray.cli.replacing import replacing
+from coilarray.cli.shared import AsJson, Force, check_file, print_result, table_text, write_numbers
 from coilarray.errors import HardwareError, OutputError
 
 if TYPE_CHECKING:
@@ -17,13 +19,19 @@ if TYPE_CHECKING:
 
     from coilarray.hardware.record.recording import Recording
     from coilarray.hardware.record.recording_summary import RecordingSummary
+    from coilarray.hardware.record.recovery import Damage
 
 FORMATS = ("nc", "csv")
 """Endings of the files that a recording is converted to."""
+_MOST_NAMED = 20  # damaged scans of which a message gives the number
+_SEALED = (".nc", ".toml")
 
 
 def scan_info(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Recording of coilarray measure or campaign.")],
+    run: Annotated[
+        Path,
+        typer.Argument(metavar="RUN", help="Recording of coilarray measure or campaign; with --verify other files."),
+    ],
     to: Annotated[str | None, typer.Option(help="Format to convert to: nc (netCDF) or csv.")] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="File to write; RUN with the ending .nc or .csv by default.")
@@ -38,18 +46,36 @@ def scan_info(
     calibration: Annotated[
         Path | None, typer.Option(help="Constants of the board, from coilarray calibrate-board, for a response.")
     ] = None,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Only check the file against its checksums; also .nc and .toml files.")
+    ] = False,
+    recover: Annotated[
+        Path | None, typer.Option(metavar="OUT", help="Write a new recording of the scans of a damaged one.")
+    ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Show what is in a recording, and convert it.
 
     A campaign becomes a response, as `coilarray response` writes it: netCDF, or a CSV with a line for every position
     and state. Anything else becomes a time series: netCDF with all raw words, or a CSV of time_s and the δ of every
-    coil, which `coilarray locate` reads. The whole file is checked for damage.
+    coil, which `coilarray locate` reads. The whole file is checked for damage: one scan that is not as its checksum
+    says, and it is refused. --verify names all such scans, and --recover writes a new recording without them.
 
     Example: coilarray scan-info run.sqlite
 
     Example: coilarray scan-info campaign.sqlite --to nc --out measured.nc
+
+    Example: coilarray scan-info campaign.sqlite --recover whole.sqlite
     """
+    if verify and recover is not None:
+        raise HardwareError("--verify and --recover cannot be given together.")
+    if verify:
+        _verify(run, as_json=as_json)
+        return
+    if recover is not None:
+        _recover(run, recover, force=force, as_json=as_json)
+        return
     target = _target(run, to, out)
     if baseline < 1:
         raise HardwareError(f"--baseline must be at least 1; got {baseline}.")
@@ -70,6 +96,54 @@ def scan_info(
             wrote = [write_response(recording, target, calibration, partial=partial)]
     data = {**summary.to_record(), "wrote": None if target is None else str(target)}
     print_marked(data, [*summary_lines(summary), *wrote], as_json=as_json, emulated=summary.emulated)
+
+
+def _verify(path: Path, *, as_json: bool) -> None:
+    """Check a file against its checksums, and say what was found; HardwareError names damaged scans."""
+    if is_recording(str(path)) or path.suffix.lower() not in _SEALED:
+        from coilarray.hardware.record.recovery import find_damage
+
+        damage = find_damage(path)
+        if damage.damaged or damage.others:
+            raise HardwareError(f"{path} is damaged: {_named(damage)}.")
+        scans = f"{damage.scans} scans, which "
+        checksums, without = damage.checksums, "can be read; an older version wrote them, without checksums"
+    else:
+        from coilarray.compute.checksum import check_seal
+
+        try:
+            checksums = check_seal(path)
+        except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
+            raise HardwareError(f"cannot read {path}: {getattr(error, 'strerror', error)}.") from None
+        scans, without = "", "carries no checksum: an older version, another program or a person wrote it"
+    right = "are as their checksums say" if scans else "is as its checksum says"
+    line = f"{path}: {scans}{right if checksums else without}"
+    print_result({"file": str(path), "checksums": checksums}, as_json=as_json, lines=[line])
+
+
+def _recover(path: Path, target: Path, *, force: bool, as_json: bool) -> None:
+    """Write a new recording of the whole scans of another one, and say how many were lost."""
+    from coilarray.hardware.record.recovery import recover_recording
+
+    if target.resolve() == path.resolve():
+        raise OutputError(f"--recover must name another file than the recording {path}.")
+    with replacing("scan-info", target, force=force):
+        damage = recover_recording(path, target)
+    kept = damage.scans - len(damage.damaged)
+    lost = f"lost: {_named(damage)}" if damage.damaged or damage.others else "nothing is lost"
+    lines = [f"wrote {target}: {kept} of {damage.scans} scans; {lost}"]
+    if damage.unfinished:
+        lines.append(f"{damage.unfinished} positions of the campaign lack a scan: coilarray campaign --resume")
+    data = {"file": str(target), "scans": kept, "lost_scans": list(damage.damaged), "lost_others": list(damage.others)}
+    print_result({**data, "unfinished_positions": damage.unfinished}, as_json=as_json, lines=lines)
+
+
+def _named(damage: Damage) -> str:
+    """Return what is damaged, with the numbers of the scans."""
+    count, some = len(damage.damaged), ", ".join(map(str, damage.damaged[:_MOST_NAMED]))
+    more = f" and {count - _MOST_NAMED} more" if count > _MOST_NAMED else ""
+    scans = [f"scan{'s' if count > 1 else ''} {some}{more} of {damage.scans}"] if count else []
+    return "; ".join([*scans, *damage.others])
 
 
 def summary_lines(summary: RecordingSummary) -> list[str]:

@@ -25,11 +25,17 @@ from coilarray.errors import HardwareError, OutputError
 from coilarray.hardware.board.connect import Board
 from coilarray.hardware.record.recording import GridPlace, RecordedSession, Recording
 from coilarray.hardware.record.recording_file import (
+    add_checksums,
     add_temperatures,
     create_tables,
+    has_checksums,
+    insert_row,
+    insert_scan,
     is_blank,
     reading,
     require_recording,
+    sign_row,
+    writing,
 )
 from coilarray.hardware.scan.reader import RawScan, Reader
 from coilarray.hardware.scan.settings import ScanSettings
@@ -78,13 +84,12 @@ class Recorder:
             if is_blank(connection):
                 create_tables(connection)
                 if campaign is not None:
-                    connection.execute("INSERT INTO campaign (plan) VALUES (?)", (campaign,))
+                    insert_row(connection, "campaign", {"plan": campaign})
+            elif not has_checksums(connection):
+                add_checksums(connection, Recording(self.path, connection).scan_checksums())
             if thermometer is not None:
                 add_temperatures(connection)
-            values = _row(session)
-            names, marks = ", ".join(values), ", ".join("?" * len(values))
-            row = connection.execute(f"INSERT INTO session ({names}) VALUES ({marks})", list(values.values()))
-            return int(row.lastrowid or 0)
+            return insert_row(connection, "session", _session_row(session))
 
         with reading(self.path):
             blank = is_blank(self._connection)
@@ -117,19 +122,7 @@ class Recorder:
         temperature = None if self.thermometer is None else self.thermometer()
 
         def write(connection: sqlite3.Connection) -> None:
-            row = connection.execute(
-                "INSERT INTO scan (session, position, stage, depth, sequence, time, received) VALUES (?,?,?,?,?,?,?)",
-                (self._number, position, stage, depth, scan.sequence, scan.time, scan.received),
-            )
-            connection.executemany(
-                "INSERT INTO sample (scan, state, msb, lsb, status, fault) VALUES (?,?,?,?,?,?)",
-                [
-                    (row.lastrowid, k, sample.msb, sample.lsb, sample.status, int(sample.fault))
-                    for k, sample in enumerate(scan.samples)
-                ],
-            )
-            if temperature is not None:
-                connection.execute("INSERT INTO temperature (scan, celsius) VALUES (?,?)", (row.lastrowid, temperature))
+            insert_scan(connection, self._number, position, stage, depth, temperature, scan)
 
         self._write(write, durable=time.monotonic() - self._durable > _DURABLE)
 
@@ -148,32 +141,25 @@ class Recorder:
         """Begin a place of the campaign and return the number of this position."""
 
         def write(connection: sqlite3.Connection) -> int:
-            row = connection.execute(
-                "INSERT INTO position (session, place, repeat, depth, y, x) VALUES (?,?,?,?,?,?)",
-                (self._number, place.number, place.repeat, place.depth, place.y, place.x),
-            )
-            return int(row.lastrowid or 0)
+            values = {"place": place.number, "repeat": place.repeat, "depth": place.depth, "y": place.y, "x": place.x}
+            return insert_row(connection, "position", {"session": self._number, **values})
 
         return self._write(write, durable=False)
 
     def finish(self, position: int) -> None:
         """Mark a position as measured to its end: from then on it counts."""
-        self._write(
-            lambda connection: connection.execute(
-                "UPDATE position SET finished = ? WHERE id = ?", (time.time(), position)
-            ),
-            durable=True,
-        )
+
+        def write(connection: sqlite3.Connection) -> None:
+            connection.execute("UPDATE position SET finished = ? WHERE id = ?", (time.time(), position))
+            sign_row(connection, "position", position)
+
+        self._write(write, durable=True)
 
     def add_self_test(self, symptoms: Sequence[str], findings: Sequence[str]) -> None:
         """Write the symptoms and findings of a `coilarray.hardware.board.self_test.SelfTest`."""
-        values = (self._number, time.time(), json.dumps(list(symptoms)), json.dumps(list(findings)))
-        self._write(
-            lambda connection: connection.execute(
-                "INSERT INTO self_test (session, time, symptoms, findings) VALUES (?,?,?,?)", values
-            ),
-            durable=True,
-        )
+        values = {"session": self._number, "time": time.time()}
+        values |= {"symptoms": json.dumps(list(symptoms)), "findings": json.dumps(list(findings))}
+        self._write(lambda connection: insert_row(connection, "self_test", values), durable=True)
 
     def _require_ours(self, scan: RawScan) -> None:
         settings, boot = self.session.settings, self.session.identity.boot
@@ -188,7 +174,7 @@ class Recorder:
             raise HardwareError(f"scan {scan.sequence} must have finite times; got {scan.time} and {scan.received} s.")
 
     def _write(self, write: Callable[[sqlite3.Connection], _T], *, durable: bool) -> _T:
-        with held_signals(), _writing(self.path):  # Ctrl-C comes before a write or after it
+        with held_signals(), writing(self.path):  # Ctrl-C comes before a write or after it
             if durable:
                 self._connection.execute("PRAGMA synchronous = FULL")
             try:
@@ -302,7 +288,7 @@ def record_stream(
 
 def _log_ahead(path: Path, connection: sqlite3.Connection) -> None:
     """Write the log first, so that readers and a recorder do not wait for each other; makes a file where none is."""
-    with _writing(path):
+    with writing(path):
         connection.execute("PRAGMA journal_mode = WAL")
 
 
@@ -342,7 +328,7 @@ def _kind(session: RecordedSession) -> str:
     return "emulated" if session.identity.emulated else "real"
 
 
-def _row(session: RecordedSession) -> dict[str, object]:
+def _session_row(session: RecordedSession) -> dict[str, object]:
     return {
         "started": session.started,
         "identity": json.dumps(asdict(session.identity)),
@@ -376,14 +362,6 @@ def _connected(path: Path) -> sqlite3.Connection:
     try:
         return sqlite3.connect(path, isolation_level=None, timeout=5.0)
     except (sqlite3.Error, OSError, ValueError) as error:
-        raise OutputError(f"cannot write {path}: {error}.") from None
-
-
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except sqlite3.Error as error:
         raise OutputError(f"cannot write {path}: {error}.") from None
 
 

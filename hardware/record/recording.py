@@ -18,13 +18,21 @@ from coilarray.design.model import Design, build_design
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.recording_file import (
     check_pages,
+    check_references,
     connect_to_read,
+    has_checksums,
     has_temperatures,
+    is_whole,
     reading,
     require_recording,
+    scan_checksum,
+    table_rows,
 )
 from coilarray.hardware.scan.reader import Identity, RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
+
+_PLACE = ("place", "repeat", "depth", "y", "x")
+"""Columns of a position that are the fields of its `GridPlace`."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +102,8 @@ class Recording:
         Plan of the campaign as JSON (`coilarray.hardware.record.campaign.Campaign.from_json`), where there is one.
     has_temperatures : bool
         Whether a thermometer was given in any session.
+    has_checksums : bool
+        Whether it is of a version that writes checksums; all that is read is then checked against them.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
@@ -101,14 +111,11 @@ class Recording:
         self._connection = connection
         with reading(path):
             require_recording(connection, path)
-            found = connection.execute("SELECT * FROM session ORDER BY id")
-            names = [column[0] for column in found.description]
-            rows = [dict(zip(names, row, strict=True)) for row in found]
-            plan = connection.execute("SELECT plan FROM campaign").fetchone()
-            self.has_temperatures = has_temperatures(connection)
+            self.has_checksums, self.has_temperatures = has_checksums(connection), has_temperatures(connection)
+        rows = self.rows("session")
         self._sessions = {int(row["id"]): k for k, row in enumerate(rows)}
         self.sessions = tuple(self._session(row) for row in rows)
-        self.campaign: str | None = None if plan is None else str(plan[0])
+        self.campaign = next((str(row["plan"]) for row in self.rows("campaign")), None)
         if not self.sessions:
             raise HardwareError(f"{path} is damaged: it has no session.")
 
@@ -129,9 +136,7 @@ class Recording:
 
     def self_tests(self) -> tuple[RecordedSelfTest, ...]:
         """Return the self-tests in the order of time; HardwareError for a damaged file."""
-        with reading(self.path):
-            rows = self._connection.execute("SELECT * FROM self_test ORDER BY id").fetchall()
-        return tuple(self._self_test(*row) for row in rows)
+        return tuple(self._self_test(row) for row in self.rows("self_test"))
 
     def count(self) -> int:
         """Return how many scans there are."""
@@ -140,11 +145,9 @@ class Recording:
 
     def positions(self) -> dict[int, GridPlace]:
         """Return the finished places in the order of the campaign, by the numbers of their positions."""
-        with reading(self.path):
-            rows = self._connection.execute(
-                "SELECT id, place, repeat, depth, y, x FROM position WHERE finished IS NOT NULL ORDER BY place"
-            ).fetchall()
-        return {number: GridPlace(*place) for number, *place in rows}
+        rows = [row for row in self.rows("position") if row["finished"] is not None]
+        rows.sort(key=lambda row: row["place"])
+        return {row["id"]: GridPlace(*(row[name] for name in _PLACE)) for row in rows}
 
     def scans(self, *, after: int = 0, finished: bool = False) -> Generator[RecordedScan]:
         """Read the scans in the order in which they were measured; HardwareError for a damaged file.
@@ -156,52 +159,91 @@ class Recording:
         finished : bool
             Whether to read only scans of positions that were measured to their end.
         """
-        wanted = "AND position.finished IS NOT NULL" if finished else ""
+        with closing(self._scans(after, math.inf)) as found:
+            for scan, _, ended in found:
+                if ended or not finished:
+                    yield scan
+
+    def scan(self, number: int) -> RecordedScan:
+        """Read one scan, also of a file of which other parts are damaged; HardwareError where it is itself."""
+        with closing(self._scans(number - 1, number)) as found:
+            for scan, _, _ in found:
+                return scan
+        raise HardwareError(f"{self.path} is damaged: scan {number} is missing.")
+
+    def session_number(self, index: int) -> int:
+        """Return the number of the row of a session, by its index in `sessions`."""
+        return next(number for number, k in self._sessions.items() if k == index)
+
+    def scan_checksums(self) -> list[tuple[str, int]]:
+        """Return what the checksum of every scan must be, with the number of the scan."""
+        return [(expected, scan.number) for scan, expected, _ in self._scans(0, math.inf)]
+
+    def _scans(self, after: int, last: float) -> Generator[tuple[RecordedScan, str, bool]]:
+        """Read scans up to a last number: each with its checksum, and whether its position was finished."""
         celsius, beside = "NULL", ""
         if self.has_temperatures:
             celsius, beside = "temperature.celsius", "LEFT JOIN temperature ON temperature.scan = scan.id"
+        kept = "scan.checksum" if self.has_checksums else "NULL"
         query = f"""
-            SELECT scan.id, scan.session, scan.stage, scan.depth, scan.sequence, scan.time, scan.received,
-                   position.id, position.place, position.repeat, position.depth, position.y, position.x,
-                   {celsius}, sample.state, sample.msb, sample.lsb, sample.status, sample.fault
-            FROM scan JOIN sample ON sample.scan = scan.id LEFT JOIN position ON position.id = scan.position
-                 {beside}
-            WHERE scan.id > ? {wanted} ORDER BY scan.id, sample.state
+            SELECT scan.id, scan.session, scan.position, scan.stage, scan.depth, scan.sequence, scan.time,
+                   scan.received, {celsius}, {kept}, sample.state, sample.msb, sample.lsb, sample.status, sample.fault
+            FROM scan JOIN sample ON sample.scan = scan.id {beside}
+            WHERE scan.id > ? AND scan.id <= ? ORDER BY scan.id, sample.state
         """
-        with reading(self.path), closing(self._connection.execute(query, (after,))) as rows:
-            for _, group in groupby(rows, key=lambda row: row[0]):
-                yield self._scan(list(group))
+        before, positions = after, _Positions(self)
+        with reading(self.path), closing(self._connection.execute(query, (after, last))) as rows:
+            for number, group in groupby(rows, key=lambda row: row[0]):
+                if self.has_checksums and number != before + 1:
+                    raise HardwareError(f"{self.path} is damaged: scan {before + 1} is missing.")
+                before = number
+                yield self._scan(list(group), positions)
 
     def check(self) -> None:
-        """Check the whole file for damage; HardwareError names the first that is found."""
-        check_pages(self._connection, self.path)
+        """Read everything, and so check the whole file for damage; HardwareError names the first that is found."""
+        check_references(self._connection, self.path)
         self.self_tests()
+        self.positions()
         for _ in self.scans():
             pass
 
-    def _scan(self, rows: list[tuple[Any, ...]]) -> RecordedScan:
-        _, session, stage, depth, sequence, time, received, position, place, repeat, *where, celsius = rows[0][:14]
+    def rows(self, table: str, which: str = "", *values: Any) -> list[dict[str, Any]]:
+        """Read rows of a table other than that of the scans; HardwareError for one that is not as its checksum says."""
+        with reading(self.path):
+            rows = table_rows(self._connection, table, which, *values)
+        for row in rows:
+            if not is_whole(table, row):
+                name = {"self_test": "self-test"}.get(table, table)
+                raise HardwareError(f"{self.path} is damaged: {name} {row['id']}: its checksum is wrong.")
+        return rows
+
+    def _scan(self, rows: list[tuple[Any, ...]], positions: _Positions) -> tuple[RecordedScan, str, bool]:
+        number, session, position, stage, depth, sequence, time, received, celsius, kept = rows[0][:10]
         try:
             index = self._sessions[session]
             settings, identity = self.sessions[index].settings, self.sessions[index].identity
-            if [row[14] for row in rows] != list(range(len(settings.states))):
+            if [row[10] for row in rows] != list(range(len(settings.states))):
                 raise ValueError(f"a scan has {len(rows)} samples of {len(settings.states)} states")
             samples = tuple(
                 RawSample(_word(msb), _word(lsb), _word(status), SampleFault(fault))
-                for msb, lsb, status, fault in (row[15:] for row in rows)
+                for msb, lsb, status, fault in (row[11:] for row in rows)
             )
             scan = RawScan(int(sequence), _finite(time), _finite(received), settings.hash, identity.boot, samples)
-            at = None if position is None else GridPlace(int(place), int(repeat), *map(_finite, where))
-            known = (None if value is None else _finite(value) for value in (depth, celsius))
-            return RecordedScan(int(rows[0][0]), scan, index, str(stage), position, at, *known)
+            known = [None if value is None else _finite(value) for value in (depth, celsius)]
+            expected = scan_checksum(number, session, position, str(stage), *known, scan)
+            if self.has_checksums and kept != expected:
+                raise ValueError("its checksum is wrong")
+            place, ended = (None, False) if position is None else positions[position]
+            return RecordedScan(number, scan, index, str(stage), position, place, *known), expected, ended
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise HardwareError(f"{self.path} is damaged: scan {rows[0][0]}: {error}.") from None
+            raise HardwareError(f"{self.path} is damaged: scan {number}: {error}.") from None
 
-    def _self_test(self, number: Any, session: Any, time: Any, symptoms: Any, findings: Any) -> RecordedSelfTest:
+    def _self_test(self, row: Mapping[str, Any]) -> RecordedSelfTest:
         try:
-            return RecordedSelfTest(self._sessions[session], _date(time), _texts(symptoms), _texts(findings))
+            session, time = self._sessions[row["session"]], _date(row["time"])
+            return RecordedSelfTest(session, time, _texts(row["symptoms"]), _texts(row["findings"]))
         except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
-            raise HardwareError(f"{self.path} is damaged: self-test {number}: {error}.") from None
+            raise HardwareError(f"{self.path} is damaged: self-test {row['id']}: {error}.") from None
 
     def _session(self, row: Mapping[str, Any]) -> RecordedSession:
         try:
@@ -225,13 +267,30 @@ class Recording:
             raise HardwareError(f"{self.path} is damaged: session {row['id']}: {error}.") from None
 
 
+class _Positions(dict[int, tuple[GridPlace, bool]]):
+    """Place of every position by its number, and whether it was finished, read when a scan first asks for it."""
+
+    def __init__(self, recording: Recording) -> None:
+        super().__init__()
+        self._recording = recording
+
+    def __missing__(self, number: int) -> tuple[GridPlace, bool]:
+        for row in self._recording.rows("position", "WHERE id = ?", number):
+            place, repeat, *where = (row[name] for name in _PLACE)
+            self[number] = GridPlace(int(place), int(repeat), *map(_finite, where)), row["finished"] is not None
+            return self[number]
+        raise ValueError(f"its position {number} is missing")
+
+
 @contextmanager
 def open_recording(path: Path) -> Iterator[Recording]:
     """Open a recording for reading; a program that writes it at the same time is not disturbed.
 
-    HardwareError for a file that is missing, not a recording, of another schema, or damaged.
+    HardwareError for a file that is missing, not a recording, of another schema, or damaged: its structure is checked
+    at once, what it holds when it is read.
     """
     with closing(connect_to_read(path)) as connection:
+        check_pages(connection, path)
         yield Recording(path, connection)
 
 

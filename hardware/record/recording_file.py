@@ -1,4 +1,9 @@
-"""The SQLite file of a recording: its tables, what tells it from other files, and its errors in one line."""
+"""The SQLite file of a recording: its tables, what tells it from other files, its checksums, its errors in one line.
+
+Every row has a checksum of its values and its number, and that of a scan counts its samples and its temperature in. As
+scans are numbered from 1 without a gap, and SQLite's own check notices pages and entries of a page that are lost, no
+single flipped bit takes away or changes what a result is made of without being noticed.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +11,22 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
-from coilarray.errors import HardwareError
+from coilarray.compute.checksum import checksum
+from coilarray.errors import HardwareError, OutputError
+from coilarray.hardware.scan.reader import RawScan
 
 APPLICATION = 0x636F696C
 """"coil", by which a database of this program is known: SQLite's application_id."""
-SCHEMA = 1
-"""Of the tables: SQLite's user_version."""
+SCHEMA = 2
+"""Of the tables: SQLite's user_version; 1 had no checksums."""
 
 _TABLES = """
 CREATE TABLE session (              -- from opening a board to letting go of it
     id INTEGER PRIMARY KEY,
+    checksum TEXT NOT NULL,         -- of this row, as of the others below
     started REAL NOT NULL,          -- s since the epoch
     identity TEXT NOT NULL,         -- JSON: what answered
     boot INTEGER NOT NULL,
@@ -34,6 +43,7 @@ CREATE TABLE session (              -- from opening a board to letting go of it
 );
 CREATE TABLE self_test (            -- of the switches and coils, before and after a campaign
     id INTEGER PRIMARY KEY,
+    checksum TEXT NOT NULL,
     session INTEGER NOT NULL REFERENCES session (id),
     time REAL NOT NULL,             -- s since the epoch
     symptoms TEXT NOT NULL,         -- JSON: what a good board does not show; none where it has passed
@@ -41,10 +51,12 @@ CREATE TABLE self_test (            -- of the switches and coils, before and aft
 );
 CREATE TABLE campaign (             -- none or one row
     id INTEGER PRIMARY KEY CHECK (id = 1),
+    checksum TEXT NOT NULL,
     plan TEXT NOT NULL              -- JSON: grid and sequence
 );
 CREATE TABLE position (             -- of the indenter, one row for every time it was begun
     id INTEGER PRIMARY KEY,
+    checksum TEXT NOT NULL,
     session INTEGER NOT NULL REFERENCES session (id),
     place INTEGER NOT NULL,         -- in the order of the campaign, from 0
     repeat INTEGER NOT NULL,        -- of the whole grid, from 0
@@ -56,6 +68,7 @@ CREATE TABLE position (             -- of the indenter, one row for every time i
 CREATE UNIQUE INDEX finished_places ON position (place) WHERE finished IS NOT NULL;
 CREATE TABLE scan (
     id INTEGER PRIMARY KEY,
+    checksum TEXT NOT NULL,         -- with that of its samples and its temperature
     session INTEGER NOT NULL REFERENCES session (id),
     position INTEGER REFERENCES position (id),
     stage TEXT NOT NULL,            -- what was going on: stream, single, baseline, peak
@@ -83,6 +96,7 @@ CREATE TABLE IF NOT EXISTS temperature (
 )
 """
 _NAMES = {"session", "self_test", "campaign", "position", "scan", "sample"}
+_WITH_CHECKSUM = ("session", "self_test", "campaign", "position", "scan")
 
 
 def create_tables(connection: sqlite3.Connection) -> None:
@@ -92,6 +106,95 @@ def create_tables(connection: sqlite3.Connection) -> None:
     for statement in _TABLES.split(";\n"):
         if statement.strip():
             connection.execute(statement)
+
+
+def insert_row(connection: sqlite3.Connection, table: str, values: dict[str, Any]) -> int:
+    """Add a row with its checksum to a table other than that of the scans; return its number."""
+    names, marks = ", ".join([*values, "checksum"]), "?, " * len(values)
+    row = connection.execute(f"INSERT INTO {table} ({names}) VALUES ({marks}'')", list(values.values()))
+    sign_row(connection, table, int(row.lastrowid or 0))
+    return int(row.lastrowid or 0)
+
+
+def insert_scan(
+    connection: sqlite3.Connection,
+    session: int,
+    position: int | None,
+    stage: str,
+    depth: float | None,
+    temperature: float | None,
+    scan: RawScan,
+) -> None:
+    """Add a scan with its samples, its temperature and its checksum; arguments as of `scan_checksum`."""
+    (number,) = connection.execute("SELECT coalesce(max(id), 0) + 1 FROM scan").fetchone()
+    when = (scan.sequence, scan.time, scan.received)
+    known = scan_checksum(number, session, position, stage, depth, temperature, scan)
+    connection.execute(
+        "INSERT INTO scan (id, session, position, stage, depth, sequence, time, received, checksum) "
+        "VALUES (?,?,?,?,?,?,?,?,?)",
+        (number, session, position, stage, depth, *when, known),
+    )
+    connection.executemany(
+        "INSERT INTO sample (scan, state, msb, lsb, status, fault) VALUES (?,?,?,?,?,?)",
+        [
+            (number, k, sample.msb, sample.lsb, sample.status, int(sample.fault))
+            for k, sample in enumerate(scan.samples)
+        ],
+    )
+    if temperature is not None:
+        connection.execute("INSERT INTO temperature (scan, celsius) VALUES (?,?)", (number, temperature))
+
+
+def sign_row(connection: sqlite3.Connection, table: str, number: int) -> None:
+    """Give a row the checksum of its values as they are in the file."""
+    (row,) = table_rows(connection, table, "WHERE id = ?", number)
+    connection.execute(f"UPDATE {table} SET checksum = ? WHERE id = ?", (_row_checksum(table, row), number))
+
+
+def table_rows(connection: sqlite3.Connection, table: str, which: str = "", *values: Any) -> list[dict[str, Any]]:
+    """Return rows of a table by the names of their columns, in the order of their numbers."""
+    found = connection.execute(f"SELECT * FROM {table} NOT INDEXED {which} ORDER BY id", values)
+    names = [column[0] for column in found.description]
+    return [dict(zip(names, row, strict=True)) for row in found]
+
+
+def is_whole(table: str, row: dict[str, Any]) -> bool:
+    """Whether the values of a row are those of its checksum, or it is of a time when there was none."""
+    return "checksum" not in row or row["checksum"] == _row_checksum(table, row)
+
+
+def scan_checksum(
+    number: int,
+    session: int,
+    position: int | None,
+    stage: str,
+    depth: float | None,
+    temperature: float | None,
+    scan: RawScan,
+) -> str:
+    """Return the checksum of a scan; `session` and `position` are numbers of rows, the others as of `RecordedScan`."""
+    known = [None if value is None else float(value) for value in (depth, temperature, scan.time, scan.received)]
+    words = [(sample.msb, sample.lsb, sample.status, int(sample.fault)) for sample in scan.samples]
+    return checksum("scan", number, session, position, stage, known, scan.sequence, words)
+
+
+def add_checksums(connection: sqlite3.Connection, of_scans: list[tuple[str, int]]) -> None:
+    """Make a recording of schema 1 one with checksums, within the transaction that is open.
+
+    `of_scans` are the checksums of its scans, with their numbers.
+    """
+    for table in _WITH_CHECKSUM:
+        connection.execute(f"ALTER TABLE {table} ADD COLUMN checksum TEXT NOT NULL DEFAULT ''")
+        if table != "scan":
+            for (number,) in connection.execute(f"SELECT id FROM {table}").fetchall():
+                sign_row(connection, table, number)
+    connection.executemany("UPDATE scan SET checksum = ? WHERE id = ?", of_scans)
+    connection.execute(f"PRAGMA user_version = {SCHEMA}")
+
+
+def has_checksums(connection: sqlite3.Connection) -> bool:
+    """Whether a recording is of a version that writes checksums."""
+    return _pragma(connection, "user_version") > 1
 
 
 def add_temperatures(connection: sqlite3.Connection) -> None:
@@ -118,10 +221,10 @@ def require_recording(connection: sqlite3.Connection, path: Path) -> None:
     if _pragma(connection, "application_id") != APPLICATION:
         raise HardwareError(f"{path} is no recording: it is a database of another program.")
     schema = _pragma(connection, "user_version")
-    if schema != SCHEMA:
+    if not 1 <= schema <= SCHEMA:
         raise HardwareError(
             f"{path} is a recording of schema {schema}, which another version of coilarray wrote; "
-            f"this one reads schema {SCHEMA}."
+            f"this one reads schema 1 to {SCHEMA}."
         )
     names = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     if not names >= _NAMES:
@@ -166,13 +269,30 @@ def reading(path: Path) -> Iterator[None]:
         raise HardwareError(f"{path} is {what}: {_one_line(str(error))}.") from None
 
 
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn what SQLite says of a file that cannot be written into one line."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise OutputError(f"cannot write {path}: {error}.") from None
+
+
 def check_pages(connection: sqlite3.Connection, path: Path) -> None:
-    """Look through the whole file for damage; HardwareError names the first that is found."""
+    """Look through the structure of the whole file for damage; HardwareError names the first that is found."""
+    _check(connection, path, "integrity_check(1)")
+
+
+def check_references(connection: sqlite3.Connection, path: Path) -> None:
+    """Check that every row that another one refers to is there; HardwareError names the first that is not."""
+    _check(connection, path, "foreign_key_check")
+
+
+def _check(connection: sqlite3.Connection, path: Path, pragma: str) -> None:
     with reading(path):
-        for pragma in ("integrity_check(1)", "foreign_key_check"):
-            first = connection.execute(f"PRAGMA {pragma}").fetchone()
-            if first is not None and first != ("ok",):
-                raise HardwareError(f"{path} is damaged: {_one_line(' '.join(map(str, first)))}.")
+        first = connection.execute(f"PRAGMA {pragma}").fetchone()
+    if first is not None and first != ("ok",):
+        raise HardwareError(f"{path} is damaged: {_one_line(' '.join(map(str, first)))}.")
 
 
 def _connected(path: Path, how: str) -> sqlite3.Connection:
@@ -185,6 +305,10 @@ def _connected(path: Path, how: str) -> sqlite3.Connection:
         connection.close()
         raise
     return connection
+
+
+def _row_checksum(table: str, row: dict[str, Any]) -> str:
+    return checksum(table, {name: value for name, value in row.items() if name != "checksum"})
 
 
 def _one_line(text: str) -> str:

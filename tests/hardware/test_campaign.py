@@ -11,7 +11,16 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
-from support.recorded_boards import QuickWorld, configured, dent, quick_board, session_of, two_coil_wiring, two_coils
+from support.recorded_boards import (
+    QuickWorld,
+    configured,
+    dent,
+    quick_board,
+    session_of,
+    two_coil_wiring,
+    two_coils,
+    without_checksums,
+)
 from support.refusals import refused
 
 from coilarray import load_design
@@ -425,6 +434,8 @@ def test_places_out_of_reach_are_refused_before_anything_moves(path):
 def test_a_place_that_is_not_of_the_campaign(path):
     with closing(sqlite3.connect(run(path, SMALL))) as connection:
         connection.executescript("UPDATE position SET x = 0.5 WHERE id = 3")
+    refused(HardwareError, "damaged: position 3: its checksum is wrong", response_of, path)
+    without_checksums(path)
     refused(HardwareError, "damaged: position 2 is not of its campaign", response_of, path)
 
 

@@ -19,7 +19,7 @@ import pytest
 import xarray as xr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from support.recorded_boards import QuickWorld, configured, quick_board, session_of, two_coils
+from support.recorded_boards import QuickWorld, configured, quick_board, session_of, two_coils, without_checksums
 from support.refusals import refused
 
 from coilarray.cli.readings import read_readings
@@ -263,7 +263,7 @@ WRONG_FILES = {
     "other": (lambda path: (path.unlink(), changed(path, "CREATE TABLE a (id INTEGER)")), "of another program"),
     "newer": (
         lambda path: changed(path, f"PRAGMA user_version = {SCHEMA + 1}"),
-        f"is a recording of schema {SCHEMA + 1}, which another version .* reads schema {SCHEMA}",
+        f"is a recording of schema {SCHEMA + 1}, which another version .* reads schema 1 to {SCHEMA}",
     ),
     "no table": (lambda path: changed(path, "DROP TABLE campaign"), "damaged: the table campaign is missing"),
     "cut off": (lambda path: os.truncate(path, 6000), "damaged"),
@@ -319,8 +319,34 @@ def test_values_are_data(path, session, statement, message):
         recorder.add_self_test((), ())
         for k in range(3):
             recorder.add(raw_scan(session, k), "stream")
+    old = shutil.copy(path, path.with_name("old.sqlite"))
+    without_checksums(old)
+    changed(path, statement)
+    refused(HardwareError, "damaged", read, path, Recording.check)
+    path = old
     changed(path, statement)
     refused(HardwareError, f"{re.escape(str(path))}.*{message}", read, path, Recording.check)
+
+
+def test_a_recording_without_checksums_is_read_and_gets_them_where_it_is_gone_on_with(path, session):
+    scans = [raw_scan(session, k, time=k / 7) for k in range(3)]
+    recorded(path, session, scans)
+    new = path.read_bytes()
+    without_checksums(path)
+    with open_recording(path) as recording:
+        assert not recording.has_checksums
+        assert [one.scan for one in recording.scans()] == scans
+    recorded(path, session, [raw_scan(session, 3)], resume=True)
+    with open_recording(path) as recording:
+        assert recording.has_checksums
+        assert [one.scan for one in recording.scans()] == [*scans, raw_scan(session, 3)]
+        assert len(recording.sessions) == 2
+    for row in ("scan", "session"):
+        changed(path, f"UPDATE {row} SET checksum = '' WHERE id = 1")
+        refused(HardwareError, f"damaged: {row} 1: its checksum is wrong", read, path, Recording.check)
+    path.write_bytes(new)
+    changed(path, "DELETE FROM sample WHERE scan = 2; DELETE FROM scan WHERE id = 2")
+    refused(HardwareError, "damaged: scan 2 is missing", read, path, Recording.check)
 
 
 @pytest.mark.parametrize("place", ["no folder/run.sqlite", "\0.sqlite", "/proc/self/run.sqlite"])

@@ -1,6 +1,8 @@
 """Small boards for the tests of recordings: two coils, with physics that is quick or with all of it."""
 
 import math
+import sqlite3
+from contextlib import closing
 
 import pytest
 import tomli_w
@@ -109,3 +111,13 @@ def configured(board, **options):
 
 
 session_of = begin_session
+
+
+def without_checksums(path):
+    """Make a recording one of schema 1, which had no checksums."""
+    with closing(sqlite3.connect(path)) as connection:
+        for table in ("session", "self_test", "campaign", "position", "scan"):
+            connection.execute(f"ALTER TABLE {table} DROP COLUMN checksum")
+        connection.execute("PRAGMA user_version = 1")
+        connection.commit()
+    return path
