@@ -55,5 +55,9 @@ class OutputError(CoilarrayError):
     """A result that cannot be written: the path and the reason."""
 
 
+class DamagedError(CoilarrayError):
+    """A file whose content is not what this package wrote, as its checksum shows: which file."""
+
+
 class MissingDependencyError(CoilarrayError):
     """A library or system package that a command needs and the machine lacks; the text names it."""

@@ -37,7 +37,20 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write a UTF-8 text file, whole or not at all; OutputError where that fails."""
-    write_atomically(path, lambda temporary: _fill(temporary, text))
+
+    def write(temporary: Path) -> None:
+        temporary.write_text(text, encoding="utf-8")
+
+    write_atomically(path, write)
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a file, whole or not at all; OutputError where that fails."""
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(data)
+
+    write_atomically(path, write)
 
 
 def make_folder(path: Path) -> None:
@@ -48,7 +61,3 @@ def make_folder(path: Path) -> None:
         raise OutputError(f"cannot make the folder {path}: a file has that name.") from None
     except OSError as error:
         raise OutputError(f"cannot make the folder {path}: {error.strerror}.") from None
-
-
-def _fill(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

@@ -3,11 +3,15 @@
 The file is laid out before the first number is computed: its variables are contiguous, so that each block is written
 straight to its place and the structure of the file never changes. Until all blocks are done the file lies in a folder
 beside the target, together with a journal of the finished blocks. A run that is killed loses only the blocks that it
-was computing.
+was computing. The journal has a checksum of what was written of every block: one that has changed since is computed
+anew. The finished file ends in a checksum of all of it, see `coilarray.compute.checksum`.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
+import logging
 import math
 import os
 import shutil
@@ -21,6 +25,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.checksum import checksum, checksum_of_bytes, seal_file
 from coilarray.compute.files import make_folder, write_atomically
 from coilarray.compute.store import locked_database
 from coilarray.compute.threads import Progress
@@ -33,9 +38,17 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+_LOG = logging.getLogger(__name__)
 _DATA, _JOURNAL = "data.nc", "journal.db"
 _ITEM = 8  # bytes
-_FORMAT = "1"
+_FORMAT = "2"
+_AT_ONCE = 1 << 20  # bytes
+_TABLES = {
+    # of the file without values: the first byte of every variable, its length in bytes, the checksum of the rest of it
+    "layout": "key TEXT, starts TEXT, size INTEGER, frame TEXT, checksum TEXT",
+    # pieces of a block are [first byte, number of bytes, checksum]
+    "block": "number INTEGER PRIMARY KEY, figure REAL, pieces TEXT, checksum TEXT",
+}
 
 
 @dataclass(frozen=True)
@@ -54,6 +67,7 @@ class LargeFile:
     def __init__(self, path: Path, starts: dict[str, int], connection: sqlite3.Connection, blocks: int) -> None:
         self._path, self._starts, self._connection, self._blocks = path, starts, connection, blocks
         self._stream = path.open("r+b")
+        self._pieces: list[tuple[int, int, str]] = []  # of the block that is being written
 
     @property
     def finished(self) -> dict[int, float]:
@@ -68,9 +82,11 @@ class LargeFile:
 
     def write(self, name: str, start: int, values: FloatArray) -> None:
         """Write consecutive values of a variable from the flat index `start` on; OutputError where that fails."""
+        first, data = self._starts[name] + _ITEM * start, np.ascontiguousarray(values, dtype="<f8").tobytes()
+        self._pieces.append((first, len(data), checksum_of_bytes(data)))
         try:
-            self._stream.seek(self._starts[name] + _ITEM * start)
-            self._stream.write(np.ascontiguousarray(values, dtype="<f8").tobytes())
+            self._stream.seek(first)
+            self._stream.write(data)
         except OSError as error:
             raise OutputError(f"cannot write {self._path}: {error.strerror or error}.") from None
 
@@ -79,7 +95,9 @@ class LargeFile:
         try:
             self._stream.flush()
             os.fsync(self._stream.fileno())  # on the disk before the journal says so
-            self._connection.execute("INSERT OR REPLACE INTO block VALUES (?, ?)", (number, figure))
+            row = (number, float(figure), json.dumps(self._pieces))
+            self._connection.execute("INSERT OR REPLACE INTO block VALUES (?, ?, ?, ?)", (*row, checksum(*row)))
+            self._pieces.clear()
         except (OSError, sqlite3.Error) as error:
             raise OutputError(f"cannot write {self._path}: {getattr(error, 'strerror', None) or error}.") from None
 
@@ -111,18 +129,20 @@ def open_large(
     try:
         with _journal(folder) as connection:
             try:
-                _lay_out(path, connection, frame, variables, f"{_FORMAT} {key} {blocks}")
-                starts = _starts(folder / _DATA, variables)
+                starts = _lay_out(path, connection, frame, variables, f"{_FORMAT} {key} {blocks}")
                 with closing(LargeFile(folder / _DATA, starts, connection, blocks)) as file:
                     yield file
                     complete = not file.missing
             finally:
                 empty = connection.execute("SELECT count(*) FROM block").fetchone() == (0,)
         if complete:
+            seal_file(folder / _DATA)
             (folder / _DATA).replace(path)
             named = True
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}.") from None
+    except sqlite3.Error as error:
+        raise OutputError(f"cannot use {folder / _JOURNAL}: {error}; delete the folder to begin anew.") from None
     finally:
         if named or empty:  # else finished blocks stay, and so does the file of another run
             _discard(folder)
@@ -167,33 +187,87 @@ def _journal(folder: Path) -> Iterator[sqlite3.Connection]:
     """Open the journal, which no other process can open meanwhile."""
     busy = f"another run is filling {folder}; wait for it or give another file."
     with locked_database(folder / _JOURNAL, busy) as connection:
-        connection.execute("CREATE TABLE IF NOT EXISTS layout (key TEXT)")
-        connection.execute("CREATE TABLE IF NOT EXISTS block (number INTEGER PRIMARY KEY, figure REAL)")
+        for name, columns in _TABLES.items():
+            connection.execute(f"CREATE TABLE IF NOT EXISTS {name} ({columns})")
         yield connection
 
 
 def _lay_out(
     path: Path, connection: sqlite3.Connection, frame: xr.Dataset, variables: Sequence[Variable], key: str
-) -> None:
-    """Make the file where there is none yet."""
+) -> dict[str, int]:
+    """Make the file where there is none yet that is whole; return the first byte of every variable."""
     data = parts_folder(path) / _DATA
     laid_out = connection.execute("SELECT key FROM layout").fetchone()
     begun = data.exists() and connection.execute("SELECT count(*) FROM block").fetchone() != (0,)
-    if begun and laid_out == (key,):
-        return
-    if begun:
+    if begun and laid_out != (key,):
         raise OutputError(
             f"{data.parent} holds another unfinished file, of other inputs or another version; "
             "delete it or give another file."
         )
-    for table in ("layout", "block"):
-        connection.execute(f"DELETE FROM {table}")
-    size = sum(_ITEM * math.prod(frame.sizes[dim] for dim in variable.dims) for variable in variables)
-    free = shutil.disk_usage(data.parent).free
+    sizes = {variable.name: _ITEM * math.prod(frame.sizes[dim] for dim in variable.dims) for variable in variables}
+    if begun:
+        if (starts := _whole_layout(connection, data, sizes)) is not None:
+            _discard_damaged(connection, data)
+            return starts
+        _LOG.warning("coilarray: %s is damaged; all of it is computed anew.", data)
+    for table, columns in _TABLES.items():
+        connection.execute(f"DROP TABLE {table}")
+        connection.execute(f"CREATE TABLE {table} ({columns})")
+    size, free = sum(sizes.values()), shutil.disk_usage(data.parent).free
     if size > free:
         raise OutputError(f"{path} needs {size / 1e9:.3g} GB on the disk; {free / 1e9:.3g} GB are free.")
     write_atomically(data, lambda temporary: _make(temporary, frame, variables))
-    connection.execute("INSERT INTO layout VALUES (?)", (key,))
+    starts = _starts(data, variables)
+    row = (key, json.dumps(starts), data.stat().st_size)
+    row = (*row, _frame_checksum(data, starts, sizes, row[2]))
+    connection.execute("INSERT INTO layout VALUES (?, ?, ?, ?, ?)", (*row, checksum(*row)))
+    return starts
+
+
+def _whole_layout(connection: sqlite3.Connection, data: Path, sizes: dict[str, int]) -> dict[str, int] | None:
+    """Return the first byte of every variable of an unfinished file; None where its frame is not as it was written."""
+    *row, expected = connection.execute("SELECT key, starts, size, frame, checksum FROM layout").fetchone()
+    if checksum(*row) != expected or data.stat().st_size < row[2]:
+        return None
+    starts: dict[str, int] = json.loads(row[1])
+    if _frame_checksum(data, starts, sizes, row[2]) != row[3]:
+        return None
+    os.truncate(data, row[2])  # a run that was killed while it gave the file its name has left a seal
+    return starts
+
+
+def _frame_checksum(data: Path, starts: dict[str, int], sizes: dict[str, int], size: int) -> str:
+    """Return the checksum of all of a file but the values of its variables: of coordinates, attributes, structure."""
+    digest, at = hashlib.blake2b(), 0
+    with data.open("rb") as file:
+        for start, end in [*sorted((start, start + sizes[name]) for name, start in starts.items()), (size, size)]:
+            file.seek(at)
+            while block := file.read(min(_AT_ONCE, start - at)):
+                digest.update(block)
+                at += len(block)
+            at = end
+    return digest.hexdigest()
+
+
+def _discard_damaged(connection: sqlite3.Connection, data: Path) -> None:
+    """Take back the blocks whose values, or whose rows in the journal, are not as they were written."""
+    rows = connection.execute("SELECT number, figure, pieces, checksum FROM block").fetchall()
+    with data.open("rb") as file:
+
+        def whole(first: int, length: int, expected: str) -> bool:
+            file.seek(first)
+            return checksum_of_bytes(file.read(length)) == expected
+
+        damaged = [
+            number
+            for number, figure, pieces, expected in rows
+            if checksum(number, figure, pieces) != expected or not all(whole(*piece) for piece in json.loads(pieces))
+        ]
+    if damaged:
+        connection.executemany("DELETE FROM block WHERE number = ?", [(number,) for number in damaged])
+        _LOG.warning(
+            "coilarray: %d of %d blocks in %s are damaged; they are computed anew.", len(damaged), len(rows), data
+        )
 
 
 def _make(path: Path, frame: xr.Dataset, variables: Sequence[Variable]) -> None:

@@ -1,4 +1,4 @@
-"""Datasets on disk as netCDF, written whole or not at all."""
+"""Datasets on disk as netCDF, written whole or not at all, with a checksum behind them that is checked on reading."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import xarray as xr
 
+from coilarray.compute.checksum import check_seal, seal_file
 from coilarray.compute.files import write_atomically
 
 
@@ -25,13 +26,19 @@ def save_dataset(dataset: xr.Dataset, path: Path) -> None:
 
     def write(temporary: Path) -> None:
         dataset.to_netcdf(temporary, engine="h5netcdf")
+        seal_file(temporary)
 
     write_atomically(path, write)
 
 
 def load_part(path: Path) -> xr.Dataset | None:
-    """Read a dataset from a netCDF file; None where there is no such file, or none that can be read."""
+    """Read a dataset from a netCDF file; None where there is no such file, or none that can be read.
+
+    DamagedError for a file that `save_dataset` wrote and that has changed since. Files of other programs have no
+    checksum, and are read as they are.
+    """
     try:
+        check_seal(path)
         with xr.open_dataset(path, engine="h5netcdf") as dataset:
             return dataset.load()
     except (OSError, ValueError, KeyError):

@@ -2,8 +2,9 @@
 
 An entry is a small JSON file or a netCDF file. Its name is the SHA-256 of everything that decides the result: the
 inputs, the source code of the package and the versions of numpy, scipy and numba. The processor is not part of it,
-although it changes last digits. Entries are written whole or not at all, and one that cannot be read counts as missing.
-The folder may be deleted at any time, and several runs may use it at once.
+although it changes last digits. Entries are written whole or not at all and end in a checksum: one that is damaged
+counts as missing, which a line on standard error says. The folder may be deleted at any time, and several runs may use
+it at once.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import logging
 import os
 import re
 import sqlite3
@@ -19,11 +21,10 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from coilarray.compute.checksum import canonical, sealed, unsealed
 from coilarray.compute.code_version import code_version
-from coilarray.compute.files import make_folder, write_text
-from coilarray.errors import OutputError
+from coilarray.compute.files import make_folder, write_bytes
+from coilarray.errors import DamagedError, OutputError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 FOLDER_VARIABLE = "COILARRAY_CACHE"
 """Environment variable that names the default folder of the store."""
 
+_LOG = logging.getLogger(__name__)
 _ENTRY = re.compile(r"([0-9a-f]{64})\.(json|nc)")
 
 
@@ -41,23 +43,31 @@ class Store:
     folder: Path
 
     def get(self, key: str) -> Any | None:
-        """Return the JSON value kept under a key; None where there is none, or none that can be read."""
+        """Return the JSON value kept under a key; None where there is none, or none that is whole."""
+        path = self._path(key, "json")
         try:
-            return json.loads(self._path(key, "json").read_text(encoding="utf-8"))
-        except (OSError, ValueError):  # ValueError also for blocks that the disk has lost
+            return json.loads(unsealed(path.read_bytes(), path))
+        except FileNotFoundError:
             return None
+        except (OSError, ValueError, RecursionError, DamagedError):  # ValueError also for blocks that the disk has lost
+            return _damaged(path)
 
     def put(self, key: str, value: Any) -> None:
         """Keep a JSON value under a key; OutputError where the file cannot be written."""
         path = self._path(key, "json")
         make_folder(path.parent)
-        write_text(path, json.dumps(value) + "\n")
+        write_bytes(path, sealed(json.dumps(value).encode() + b"\n"))
 
     def get_dataset(self, key: str) -> xr.Dataset | None:
-        """Return the dataset kept under a key; None where there is none, or none that can be read."""
+        """Return the dataset kept under a key; None where there is none, or none that is whole."""
         from coilarray.compute.netcdf import load_part
 
-        return load_part(self._path(key, "nc"))
+        path = self._path(key, "nc")
+        with suppress(DamagedError):
+            found = load_part(path)
+            if found is not None or not path.exists():
+                return found
+        return _damaged(path)
 
     def put_dataset(self, key: str, dataset: xr.Dataset) -> None:
         """Keep a dataset under a key; OutputError where the file cannot be written."""
@@ -123,11 +133,9 @@ def kept_dataset(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.
 def content_key(*parts: Any) -> str:
     """Return the key of a result: SHA-256, hexadecimal, of the parts and of `code_version`.
 
-    The parts are everything that decides the result besides the code: tables, lists, texts, numbers, arrays and
-    dataclasses of these. The order of a table's entries does not matter; 1 and 1.0 are different.
+    The parts are everything that decides the result besides the code, as `canonical` takes them.
     """
-    text = json.dumps([code_version(), *parts], sort_keys=True, default=_plain)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return hashlib.sha256(canonical(code_version(), *parts)).hexdigest()
 
 
 @contextmanager
@@ -154,12 +162,6 @@ def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
         yield connection
 
 
-def _plain(value: Any) -> Any:
-    """Return arrays and dataclasses as JSON can hold them."""
-    if isinstance(value, np.ndarray):
-        return [value.dtype.str, value.shape, hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()]
-    if isinstance(value, np.generic):
-        return value.item()
-    if dataclasses.is_dataclass(value):
-        return [type(value).__name__, {item.name: getattr(value, item.name) for item in dataclasses.fields(value)}]
-    raise TypeError(f"a {type(value).__name__} cannot be part of a key.")
+def _damaged(path: Path) -> None:
+    """Say that an entry is of no use."""
+    _LOG.warning("coilarray: %s is damaged; what it held is computed anew.", path)
