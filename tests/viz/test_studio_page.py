@@ -537,7 +537,8 @@ def test_a_page_of_another_origin_and_a_planted_one_reach_nothing(chromium, stud
     planted = folder / "planted.html"
     planted.write_text("<title>planted</title><script>document.title = 'ran'</script>", encoding="utf-8")
     (folder / "<img src=x onerror=alert(1)>.toml").write_text("schema = 1", encoding="utf-8")
-    attack = f"<!doctype html><body><a href='{studio.url}files/planted.html'>a link</a><script>{ATTACK % studio.url}</script>"
+    link = f"<a href='{studio.url}files/planted.html'>a link</a>"
+    attack = f"<!doctype html><body>{link}<script>{ATTACK % studio.url}</script>"
     context = browser.profile(chromium)
     page, statuses, dialogs = context.new_page(), {}, []
     page.on("dialog", lambda dialog: dialogs.append(dialog.message))
