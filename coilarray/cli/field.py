@@ -113,16 +113,18 @@ def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float
 def _write(design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: Path, **setting: Any) -> float:
     """Compute the field in memory for a current in A and write it; return the largest |B_z| in T."""
     from coilarray.circuit.operating_field import operating_field
-    from coilarray.compute.files import write_atomically
+    from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
     from coilarray.viz import field_grid
+    from coilarray.viz.datasets.vtk_file import vtk_text
 
     with shared.progress_bar(f"field at {math.prod(map(len, axes))} points") as progress:
         result = operating_field(design, coupling, active, *axes, **setting, progress=progress)
     if out.suffix.lower() == ".nc":
         save_dataset(result, out)
     else:
-        write_atomically(out, field_grid(result.x.values, result.y.values, result.z.values, result.B.values).save)
+        grid = field_grid(result.x.values, result.y.values, result.z.values, result.B.values)
+        write_text(out, vtk_text(grid))
     return float(abs(result.B.sel(component="z")).max())
 
 

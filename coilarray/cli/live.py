@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +20,7 @@ from coilarray.cli.keys import pressed_keys
 from coilarray.cli.live_source import LiveOptions, live_readings, live_source
 from coilarray.cli.live_window import show_window
 from coilarray.cli.maps import kept_table
-from coilarray.cli.shared import AllowViolations, References, check_file, open_design_file, progress_bar
+from coilarray.cli.shared import AllowViolations, References, check_file, drop_output, open_design_file, progress_bar
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
@@ -137,8 +136,8 @@ def live(
         for reading in opened.enter_context(closing(readings)):
             try:
                 show(reading)
-            except BrokenPipeError:  # the reader of the pipe has ended; Python would raise again on closing the stream
-                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            except BrokenPipeError:  # the reader of the pipe has ended
+                drop_output()
                 return
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -133,8 +132,8 @@ def _stream(solve: Solver) -> None:
             first = first or record.get("error")
             sys.stdout.write(json.dumps(record, allow_nan=False) + "\n")
             sys.stdout.flush()
-    except BrokenPipeError:  # nobody listens any more; Python would complain again when it closes the stream
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # nobody listens any more
+        shared.drop_output()
         return
     if not good:
         raise LocalizeError(f"there is no reading in the stream: {first or 'it is empty'}")

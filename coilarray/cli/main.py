@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import os
 import sys
@@ -42,11 +43,14 @@ from coilarray.cli import (
     tolerance,
     view,
 )
+from coilarray.cli.shared import drop_output
 from coilarray.compute.memory import collect_seldom
 from coilarray.errors import CoilarrayError
 
 _BAD_INPUT = 2
+_UNREAD = 1  # as typer has it
 _INTERRUPTED = 130
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, of the user, in a file
 # Our matrices are small and our own threads use the cores: more threads of the linear algebra only wait for each other.
 # It reads these when NumPy is first imported, which no module here does before a command runs.
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
@@ -134,11 +138,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     try:
         code = program(arguments[0])(arguments, prog_name="coilarray", standalone_mode=False)
+        _flush()
     except CoilarrayError as error:
         return _refuse(str(error))
     except (KeyboardInterrupt, typer.Abort):
         typer.echo("coilarray: interrupted", err=True)
         return _INTERRUPTED
+    except OSError as error:
+        if error.errno not in (*_NO_ROOM, errno.EPIPE):
+            raise
+        try:
+            _flush()
+        except OSError:
+            drop_output()
+        if error.errno == errno.EPIPE:  # who read the output has ended
+            return _UNREAD
+        return _refuse(f"cannot write {error.filename or 'the output'}: {error.strerror}.")
     except Exception as error:
         # typer brings its own copy of click in some versions; both kinds of usage error have this method
         format_message = getattr(error, "format_message", None)
@@ -154,6 +169,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 def run() -> None:
     """Entry point of the installed program."""
     sys.exit(main())
+
+
+def _flush() -> None:
+    """Write what standard output still holds, where there is one."""
+    if sys.stdout is not None:
+        sys.stdout.flush()
 
 
 def _refuse(message: str) -> int:

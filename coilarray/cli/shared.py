@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import sys
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -351,6 +352,11 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def drop_output() -> None:
+    """Let standard output, which cannot be written, go nowhere: Python would fail once more when it closes it."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextmanager

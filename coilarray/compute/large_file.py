@@ -10,6 +10,7 @@ anew. The finished file ends in a checksum of all of it, see `coilarray.compute.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import logging
 import math
@@ -20,7 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -43,6 +44,7 @@ _DATA, _JOURNAL = "data.nc", "journal.db"
 _ITEM = 8  # bytes
 _FORMAT = "2"
 _AT_ONCE = 1 << 20  # bytes
+_PAGE = 4096  # bytes
 _TABLES = {
     # of the file without values: the first byte of every variable, its length in bytes, the checksum of the rest of it
     "layout": "key TEXT, starts TEXT, size INTEGER, frame TEXT, checksum TEXT",
@@ -272,18 +274,78 @@ def _discard_damaged(connection: sqlite3.Connection, data: Path) -> None:
 
 def _make(path: Path, frame: xr.Dataset, variables: Sequence[Variable]) -> None:
     """Write a frame and contiguous variables without values; their disk space is allocated at once."""
-    import h5netcdf
     from h5py import h5d, h5p
 
-    frame.to_netcdf(path, engine="h5netcdf")
+    from coilarray.compute.netcdf import netcdf_in
+
     layout = h5p.create(h5p.DATASET_CREATE)
     layout.set_layout(h5d.CONTIGUOUS)
     layout.set_alloc_time(h5d.ALLOC_TIME_EARLY)
     layout.set_fill_time(h5d.FILL_TIME_NEVER)
-    with h5netcdf.File(path, "a") as file:
+    memory = _SparseFile()
+    with netcdf_in(memory, frame) as file:
         for variable in variables:
             made = file.create_variable(variable.name, variable.dims, np.dtype("<f8"), dcpl=layout)
             made.attrs.update(units=variable.units, long_name=variable.long_name)
+    memory.copy_to(path)
+
+
+class _SparseFile(io.RawIOBase):
+    """A file in memory, of which only what was written takes any; all else is zero."""
+
+    def __init__(self) -> None:
+        self._pages: dict[int, bytearray] = {}  # by number
+        self._at = self._size = 0
+
+    def copy_to(self, path: Path) -> None:
+        """Write it to the disk; OSError where that fails."""
+        with path.open("wb") as file:
+            for number, page in sorted(self._pages.items()):
+                file.seek(number * _PAGE)
+                file.write(page)
+            file.truncate(self._size)
+
+    def readable(self) -> bool:
+        return True
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
+        return self._at
+
+    def truncate(self, size: int | None = None) -> int:
+        self._size = self._at if size is None else size
+        return self._size
+
+    def write(self, data: Any) -> int:
+        values = memoryview(data).cast("B")
+        for number, inside, part in self._parts(len(values)):
+            self._pages.setdefault(number, bytearray(_PAGE))[inside] = values[part]
+        self._at += len(values)
+        self._size = max(self._size, self._at)
+        return len(values)
+
+    def readinto(self, buffer: Any) -> int:
+        values = memoryview(buffer).cast("B")
+        count = min(len(values), max(0, self._size - self._at))
+        for number, inside, part in self._parts(count):
+            values[part] = self._pages.get(number, bytearray(_PAGE))[inside]
+        self._at += count
+        return count
+
+    def _parts(self, count: int) -> Iterator[tuple[int, slice, slice]]:
+        """Return page, place in the page and place in the data of the next bytes."""
+        done = 0
+        while done < count:
+            number, first = divmod(self._at + done, _PAGE)
+            last = min(_PAGE, first + count - done)
+            yield number, slice(first, last), slice(done, done + last - first)
+            done += last - first
 
 
 def _starts(path: Path, variables: Sequence[Variable]) -> dict[str, int]:

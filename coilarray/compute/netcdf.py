@@ -1,7 +1,13 @@
-"""Datasets on disk as netCDF, written whole or not at all, with a checksum behind them that is checked on reading."""
+"""Datasets on disk as netCDF, written whole or not at all, with a checksum behind them that is checked on reading.
+
+A file is made in memory and written as a whole: HDF5 crashes the process where it cannot write, as on a full disk.
+"""
 
 from __future__ import annotations
 
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +29,26 @@ def variables(
 
 def save_dataset(dataset: xr.Dataset, path: Path) -> None:
     """Write a dataset as netCDF, whole or not at all; OutputError where that fails."""
+    memory = io.BytesIO()
+    with netcdf_in(memory, dataset):
+        pass
 
     def write(temporary: Path) -> None:
-        dataset.to_netcdf(temporary, engine="h5netcdf")
+        temporary.write_bytes(memory.getbuffer())
         seal_file(temporary)
 
     write_atomically(path, write)
+
+
+@contextmanager
+def netcdf_in(memory: io.IOBase, dataset: xr.Dataset) -> Iterator[Any]:
+    """Write a dataset into a file in memory; within the block more can be added to the h5netcdf.File that it gets."""
+    import h5netcdf
+    from xarray.backends import H5NetCDFStore
+
+    with h5netcdf.File(memory, "w") as file:
+        dataset.dump_to_store(H5NetCDFStore(file))
+        yield file
 
 
 def load_part(path: Path) -> xr.Dataset | None:

@@ -323,7 +323,10 @@ def slow_report(document, name, folder, progress):
         time.sleep(_SLOW / 6000)
     folder.mkdir(exist_ok=True)
     page = folder / "report.html"
-    page.write_text(f"<!doctype html><meta charset=utf-8><title>{name}</title><p>A report.", encoding="utf-8")
+    # what a script of a report could do in the origin of the studio
+    script = "document.title = 'ran'; fetch('/open/stolen', {method: 'POST'})"
+    text = f"<!doctype html><meta charset=utf-8><title>{name}</title><p>A report.<script>{script}</script>"
+    page.write_text(text, encoding="utf-8")
     return page
 
 

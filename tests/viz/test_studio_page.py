@@ -16,6 +16,7 @@ from support.patience import until
 from coilarray import load_design
 from coilarray.circuit.coupling import design_circuit
 from coilarray.circuit.network import resonate
+from coilarray.design import bundled
 from coilarray.design.model import build_design, load_design_file
 from coilarray.design.vary import vary
 from coilarray.localize.forward import forward_model
@@ -115,14 +116,15 @@ def hold(page, selector, across=0.5, down=0.5):
 
 
 @contextmanager
-def answering(port):
-    """Another server where the studio was."""
+def answering(port, text=b"here again"):
+    """Another server where the studio was, or on a free port for 0; the port."""
 
     class Answer(BaseHTTPRequestHandler):
         def do_GET(self):
             self.send_response(200)
+            self.send_header("Content-Type", "text/html")
             self.end_headers()
-            self.wfile.write(b"here again")
+            self.wfile.write(text)
 
         do_HEAD = do_GET  # noqa: N815 - the name that the base class calls
 
@@ -131,7 +133,7 @@ def answering(port):
 
     with HTTPServer(("127.0.0.1", port), Answer) as server:
         Thread(target=server.serve_forever, daemon=True).start()
-        yield
+        yield server.server_port
         server.shutdown()
 
 
@@ -491,8 +493,78 @@ def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, 
     page.click("#report")
     page.wait_for_selector("#report-link")
     assert (folder / "starter-report" / "report.html").is_file()
-    answer = page.request.get(studio.url + page.get_attribute("#report-link", "href"))
-    assert "A report." in answer.text()
+    with page.context.expect_page() as opening:
+        page.click("#report-link")
+    report = opening.value
+    report.wait_for_selector("text=A report.")
+    assert report.title() == "starter"  # its script has not run
+    report.close()
+    written = folder / "starter-report" / "report.html"
+    written.write_text("<script>document.title = 'planted'</script>", encoding="utf-8")
+    assert page.request.get(studio.url + page.get_attribute("#report-link", "href")).status == 404
+    assert page.request.get(f"{studio.url}files/starter-report/report.html").status == 404
+
+
+def test_a_client_that_leaves_in_the_middle_of_a_run_takes_its_run_along(page, chromium, studio, folder):
+    (folder / browser.QUICK).unlink(missing_ok=True)
+    before = set(studio.children())
+    with browser.opened(chromium, studio.url) as other:
+        other.click("#report")
+        other.wait_for_selector("#job [role=progressbar][aria-valuenow]")
+        (child,) = set(studio.children()) - before
+    browser.wait_until_gone([child])
+    change(page, "array.pitch_mm", "12")  # the others go on
+    browser.at_rest(page)
+    np.testing.assert_array_equal(browser.matrix(page), numbers_of(changed(array__pitch_mm=12)).k)
+
+
+ATTACK = """
+window.failed = [];
+const note = what => () => window.failed.push(what);
+const studio = "%s";
+for (const [tag, path] of [["script", "vue.global.js"], ["img", "files/planted.html"], ["iframe", ""]]) {
+  const part = document.createElement(tag);
+  part.onerror = note(tag);
+  part.src = studio + path;
+  document.body.append(part);
+}
+fetch(studio + "open/stolen", {method: "POST", mode: "no-cors"}).catch(note("post"));
+new WebSocket(studio.replace("http", "ws") + "ws/" + "0".repeat(32)).onerror = note("socket");
+"""
+
+
+def test_a_page_of_another_origin_and_a_planted_one_reach_nothing(chromium, studio, folder):
+    planted = folder / "planted.html"
+    planted.write_text("<title>planted</title><script>document.title = 'ran'</script>", encoding="utf-8")
+    (folder / "<img src=x onerror=alert(1)>.toml").write_text("schema = 1", encoding="utf-8")
+    link = f"<a href='{studio.url}files/planted.html'>a link</a>"
+    attack = f"<!doctype html><body>{link}<script>{ATTACK % studio.url}</script>"
+    context = browser.profile(chromium)
+    page, statuses, dialogs = context.new_page(), {}, []
+    page.on("dialog", lambda dialog: dialogs.append(dialog.message))
+    page.on("response", lambda one: statuses.update({one.url.removeprefix(studio.url): one.status}))
+    with answering(0, attack.encode()) as port:
+        page.goto(f"http://127.0.0.1:{port}/")
+        page.wait_for_function("['script', 'img', 'post', 'socket'].every(one => failed.includes(one))")
+        page.click("text=a link")
+        page.wait_for_selector("text=a request from another page")
+        assert [path for path, status in statuses.items() if status < 400] == [f"http://127.0.0.1:{port}/"]
+    assert page.goto(f"{studio.url}files/planted.html").status == 404
+    page.goto(studio.url)
+    browser.at_rest(page)
+    page.click("#open")
+    page.wait_for_selector("#shelf >> text=starter")
+    assert "onerror" not in page.inner_text("#shelf")
+    hostile = "<img src=x onerror=alert(2)>{{ 6*7 }}"
+    text = bundled.read("starter").replace("Three overlapping hexagonal coils", hostile)
+    (folder / "hostile.toml").write_text(text, encoding="utf-8")
+    page.keyboard.press("Escape")
+    page.click("#open")
+    page.click("#shelf >> text=hostile.toml")
+    page.wait_for_selector("#file:has-text('hostile.toml')")
+    assert hostile in page.inner_text("body")
+    assert dialogs == []
+    context.close()
 
 
 @scenes

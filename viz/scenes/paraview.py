@@ -7,10 +7,12 @@ import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 from coilarray.compute.files import make_folder
 from coilarray.errors import OutputError
-from coilarray.viz.scenes.scene import Scene
+from coilarray.viz.datasets.vtk_file import VTK_SUFFIXES, vtk_text
+from coilarray.viz.scenes.scene import Part, Scene
 
 _UNSAFE = re.compile(r"[^0-9A-Za-z._-]+")
 
@@ -36,22 +38,39 @@ def save_vtk(scene: Scene, path: Path) -> tuple[Path, ...]:
     OutputError
         If the files cannot be written; earlier files are kept.
     """
-    import pyvista
-
     if path.suffix.lower() == ".vtm":
-        blocks = pyvista.MultiBlock({part.name: part.mesh for part in scene.parts})
-        return _placed(lambda folder: blocks.save(folder / path.name), path.parent, [path.stem, path.name])
+        files = [f"{path.stem}/{path.stem}_{k}{_suffix(part)}" for k, part in enumerate(scene.parts)]
+
+        def write_blocks(folder: Path) -> None:
+            (folder / path.stem).mkdir()
+            _write(scene, files, folder)
+            (folder / path.name).write_text(_index(scene, files), encoding="utf-8")
+
+        return _placed(write_blocks, path.parent, [path.stem, path.name])
     make_folder(path)
-    suffixes = {"PolyData": ".vtp", "RectilinearGrid": ".vtr", "UnstructuredGrid": ".vtu"}
-    names = {part.name: _UNSAFE.sub("_", part.name) + suffixes[type(part.mesh).__name__] for part in scene.parts}
-    if len(set(names.values())) < len(names):  # two layers whose names differ in signs alone
-        names = {part: f"{k:02d}_{name}" for k, (part, name) in enumerate(names.items())}
+    names = [_UNSAFE.sub("_", part.name) + _suffix(part) for part in scene.parts]
+    if len(set(names)) < len(names):  # two layers whose names differ in signs alone
+        names = [f"{k:02d}_{name}" for k, name in enumerate(names)]
+    return _placed(lambda folder: _write(scene, names, folder), path, names)
 
-    def write(folder: Path) -> None:
-        for part in scene.parts:
-            part.mesh.save(folder / names[part.name])
 
-    return _placed(write, path, list(names.values()))
+def _suffix(part: Part) -> str:
+    return VTK_SUFFIXES[type(part.mesh).__name__]
+
+
+def _write(scene: Scene, names: Sequence[str], folder: Path) -> None:
+    for part, name in zip(scene.parts, names, strict=True):
+        (folder / name).write_text(vtk_text(part.mesh), encoding="utf-8")
+
+
+def _index(scene: Scene, files: Sequence[str]) -> str:
+    """Return the text of a file .vtm, which names the files of its blocks."""
+    blocks = [
+        f"<DataSet index={quoteattr(str(k))} name={quoteattr(part.name)} file={quoteattr(file)}/>\n"
+        for k, (part, file) in enumerate(zip(scene.parts, files, strict=True))
+    ]
+    kind = "vtkMultiBlockDataSet"
+    return f'<VTKFile type="{kind}" version="1.0">\n<{kind}>\n{"".join(blocks)}</{kind}>\n</VTKFile>\n'
 
 
 def _placed(write: Callable[[Path], None], folder: Path, names: Sequence[str]) -> tuple[Path, ...]:

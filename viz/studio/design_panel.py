@@ -135,7 +135,10 @@ class DesignPanel(Panel):
 
         def done(result: Path) -> None:
             if page.work.design.digest == design.digest:
-                page.state.report_url = f"files/{result.parent.name}/{result.name}"
+                try:
+                    page.state.report_url = f"reports/{page.setup.reports.add(result)}"
+                except OSError as error:
+                    failed(f"cannot read {result}: {error.strerror}.")
                 page.state.file_note = f"wrote {result}"
             else:
                 page.state.file_note = f"wrote {result}, of the design before it was changed"

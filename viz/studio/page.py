@@ -23,6 +23,7 @@ from coilarray.viz.studio.metal_panel import MetalPanel
 from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers_panel import NumbersPanel
 from coilarray.viz.studio.panel import template
+from coilarray.viz.studio.report_pages import ReportPages
 from coilarray.viz.studio.runs_panel import RunsPanel
 from coilarray.viz.studio.scene_panel import ScenePanel
 from coilarray.viz.studio.services import Services
@@ -41,6 +42,7 @@ class Setup:
 
     shelf: Shelf
     services: Services
+    reports: ReportPages  # that its pages have written
     threads: Executor  # in which steps are computed
     rendering_problem: str | None  # why there is no picture in three dimensions
 

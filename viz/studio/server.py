@@ -22,6 +22,7 @@ from coilarray.errors import CoilarrayError, OutputError
 from coilarray.geometry.extras import import_extra
 from coilarray.viz.offscreen import rendering_problem
 from coilarray.viz.studio.panel import template
+from coilarray.viz.studio.report_pages import ReportPages
 from coilarray.viz.studio.services import Services
 from coilarray.viz.studio.shelf import Shelf
 from coilarray.viz.studio.work import Work
@@ -43,6 +44,7 @@ _GOODBYE = 2.0  # s; time for requests to end
 _THREADS = 2
 _MOST_PAGES = 12
 _TOO_MANY = f"the studio serves at most {_MOST_PAGES} pages at once"
+_ANOTHER_PAGE = "a request from another page."
 _MOST_TABS = 200  # number of tabs whose design is kept for a reload
 # the connection of trame's client decides which scripts run, so that only the studio is allowed
 _POLICY = (
@@ -50,8 +52,16 @@ _POLICY = (
     "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; frame-ancestors 'none'; "
     "base-uri 'self'; form-action 'none'; object-src 'none'; connect-src 'self'"
 )
+# a report runs no script, loads nothing, and has an origin of its own: it cannot speak to the studio
+_REPORT_POLICY = (
+    "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; base-uri 'none'; "
+    "form-action 'none'"
+)
 _HOST = re.compile(r"[A-Za-z0-9_.-]+(:\d+)?|\[[0-9A-Fa-f:.]+\](:\d+)?")
-_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "Cache-Control": "no-cache"}
+_HEADERS = {
+    "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "Cache-Control": "no-cache",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}  # fmt: skip
 # a tab keeps its name through a reload, and every tab has its own; all of the address but the token is removed, because
 # trame's client would take its connection from it
 _TAB = """<script>{
@@ -143,6 +153,7 @@ class _Studio:
         self._tabs: dict[str, Work] = {}
         self._of_page: dict[str, str] = {}
         self._static: dict[str, Path] = {}
+        self._reports = ReportPages()
         self._cookie = ""
         self._had_page = self._begun = False
         self._unused: dict[str, asyncio.TimerHandle] = {}
@@ -174,7 +185,7 @@ class _Studio:
             app.router.add_get("/ws/{key}", self._talk)
             app.router.add_get("/favicon.ico", self._nothing)
             app.router.add_get("/loading.tpl", self._loading)
-            app.router.add_get("/files/{path:.+}", self._file)
+            app.router.add_get("/reports/{key}", self._report)
             app.router.add_get("/{path:.+}", self._asset)
             runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=_GOODBYE)
             await runner.setup()
@@ -204,7 +215,8 @@ class _Studio:
             return web.Response(status=403, text=f"coilarray studio: {problem}\n", headers=_headers(request))
         response: web.StreamResponse = await handler(request)
         if not response.prepared:
-            response.headers.update(_headers(request))
+            for name, value in _headers(request).items():
+                response.headers.setdefault(name, value)  # a report has a policy of its own
             if self._address.token:
                 response.set_cookie(self._cookie, self._address.token, httponly=True, samesite="Strict", path="/")
         return response
@@ -213,7 +225,12 @@ class _Studio:
         host = request.headers.get("Host", "")
         origin = request.headers.get("Origin")
         if origin is not None and origin.partition("://")[2] != host:
-            return "a request from another page."
+            return _ANOTHER_PAGE
+        # programs send none; a link of another site may open the page itself, as a user does, and nothing else of it
+        site = request.headers.get("Sec-Fetch-Site", "none")
+        opens = request.path == "/" and request.headers.get("Sec-Fetch-Dest") == "document"
+        if site not in ("same-origin", "none") and not opens:
+            return _ANOTHER_PAGE
         if not self._address.token:
             if host.rpartition(":")[0] not in _OWN_HOSTS and host not in _OWN_HOSTS:
                 return "it is served to this computer alone."
@@ -257,7 +274,7 @@ class _Studio:
         if len(self._pages) >= _MOST_PAGES:
             return web.json_response({"error": _TOO_MANY}, status=503)
         tab = request.match_info["tab"]
-        setup = Setup(self._shelf, self._services, self._threads, self._problem)
+        setup = Setup(self._shelf, self._services, self._reports, self._threads, self._problem)
         try:
             page = Page(setup, self._work_of(tab))
         except CoilarrayError as error:
@@ -310,9 +327,15 @@ class _Studio:
             await self._close(page.key)
         return socket_
 
-    async def _file(self, request: web.Request) -> web.StreamResponse:
-        """Serve a report that a page wrote into the folder of the designs."""
-        return _file_of(self._shelf.folder, request.match_info["path"], (".html",))
+    async def _report(self, request: web.Request) -> web.Response:
+        """Serve a report that a page wrote in this run, and no other file of the folder."""
+        from aiohttp import web
+
+        page = await asyncio.to_thread(self._reports.read, request.match_info["key"])
+        if page is None:
+            raise web.HTTPNotFound
+        policy = {"Content-Security-Policy": _REPORT_POLICY}
+        return web.Response(body=page, content_type="text/html", charset="utf-8", headers=policy)
 
     async def _asset(self, request: web.Request) -> web.StreamResponse:
         """Serve scripts, styles and fonts, all of them from installed packages."""
@@ -367,7 +390,7 @@ def _client_folder() -> Path:
     return Path(vue3.www)
 
 
-def _file_of(folder: Path, name: str, suffixes: tuple[str, ...] = ()) -> web.StreamResponse:
+def _file_of(folder: Path, name: str) -> web.StreamResponse:
     """Return a file below a folder; none outside of it."""
     from aiohttp import web
 
@@ -376,6 +399,6 @@ def _file_of(folder: Path, name: str, suffixes: tuple[str, ...] = ()) -> web.Str
         inside = path.is_relative_to(folder.resolve()) and path.is_file()
     except (OSError, ValueError):
         inside = False
-    if not inside or (suffixes and path.suffix not in suffixes):
+    if not inside:
         raise web.HTTPNotFound
     return web.FileResponse(path)

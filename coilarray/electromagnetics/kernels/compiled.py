@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, NoReturn, TypeVar, cast
 
 from numba import njit
+from numba.core.caching import FunctionCache
 from numba.core.registry import CPUDispatcher
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -25,7 +27,7 @@ def kernel(function: Function) -> Function:
     released. numba renews the stored code when the kernel's own file changes, not when a kernel it calls does:
     after editing one, delete ``coilarray/electromagnetics/kernels/__pycache__``.
     """
-    return cast(Function, njit(**_OPTIONS)(function))
+    return cast(Function, _compiled(function, _OPTIONS))
 
 
 def inner_kernel(function: Function) -> Function:
@@ -33,10 +35,25 @@ def inner_kernel(function: Function) -> Function:
 
     Called from Python it raises TypeError, but where numba is switched off.
     """
-    made = njit(**_OPTIONS | {"no_cpython_wrapper": True})(function)
+    made = _compiled(function, _OPTIONS | {"no_cpython_wrapper": True})
     if isinstance(made, CPUDispatcher):
         made.__class__ = _Inner
     return cast(Function, made)
+
+
+def _compiled(function: Function, options: dict[str, Any]) -> Any:
+    made = njit(**options)(function)
+    if isinstance(made, CPUDispatcher):  # else numba is switched off
+        made._cache.__class__ = _Disk
+    return made
+
+
+class _Disk(FunctionCache):
+    """Machine code on a disk that may be full: what cannot be kept is compiled again by the next process."""
+
+    def save_overload(self, *arguments: Any) -> None:
+        with suppress(OSError):
+            super().save_overload(*arguments)
 
 
 class _Inner(CPUDispatcher):
