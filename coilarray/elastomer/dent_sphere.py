@@ -18,7 +18,6 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import run_blocks
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.scattering import DentedSpace, LayerMesh, radial_pattern
-from coilarray.electromagnetics.flat_stack import flat_profile
 
 _NODES = 48  # of the integral over the sphere, from pole to pole
 
@@ -51,16 +50,15 @@ def sphere_in_dent(
     r, z = radius * np.sqrt(1 - nodes**2), height + radius * nodes
     unmoved = _unmoved(dent, r, z)
     at = space.basis.probes(np.array([r, unmoved]))
-    flat = flat_profile(wavenumbers, unmoved, dent.thicknesses, dent.permeabilities)
-    profiles, air = space.profiles(wavenumbers), space.air()
+    profile = space.background(z, wavenumbers) + space.reaction(unmoved, wavenumbers)
+    air = space.air()
 
     def solve(m: int) -> tuple[FloatArray, FloatArray]:
         harmonics = _normalised(orders, m, nodes) * weights
         layers = np.asarray(at.T @ harmonics.T)
-        incident = space.radial(m, wavenumbers) * profiles
         count = layers.shape[1]
-        solved = space.energies(m, np.hstack((layers, space.force(m, incident))))
-        seen = harmonics @ (radial_pattern("axial", m, r, wavenumbers) * flat)
+        solved = space.energies(m, np.hstack((layers, space.force(m, space.waves(m, wavenumbers)))))
+        seen = harmonics @ (radial_pattern("axial", m, r, wavenumbers) * profile)
         return seen - solved[:count, count:], solved[:count, :count] - space.energies(m, layers, air)
 
     every = run_blocks(solve, range(orders + 1))

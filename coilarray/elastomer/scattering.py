@@ -8,8 +8,22 @@ sheets, and Δa = a_d − a_f. The sources of the field are the same, so the den
 and the inductance matrix changes by ΔL_ij = μ0 Δa(U_f,i, U_d,j). With permittivities and electrodes that hold the
 potential at z = 0, where then ψ = V = 0, it is the capacitance matrix that changes so, by ε0 Δa(U_f,i, U_d,j). The
 dented space is mapped to the flat one by moving heights only, z = Z + w(r, Z); there Δa is an integral of known
-coefficients that vanish where nothing moves, and U_f is known in closed form, so no small difference of large numbers
-is ever taken and the air far away does not matter.
+coefficients that vanish where nothing moves, and U_f is known in closed form.
+
+Only the faces that move may count, or the elements err by as much where the sheets hardly differ from air. So let U be
+the field in the lowest sheet's medium without end, a_0 its energy and c = a − a_0. It satisfies Laplace's equation
+wherever something moves, so that U at the moved places, Ũ = U(r, z), has a_0,d(Ũ, V) = a_0,f(U, V). With the flat
+faces' own part χ = U_f − U the dented potential is U_d = Ũ + χ + η, where
+
+    a_d(η, V) = −F(V),   F(V) = Δa(χ, V) + h(V),   h(V) = c_d(Ũ, V) − c_f(U, V) = Σ (μ_b − μ_a) ∫ V (∂_n Ũ − ∂_n U) dS
+
+is a sum over the faces with μ_b below and μ_a above, where V is the same on the dented and on the flat face, and
+
+    Δa(U_f,i, U_d,j) = h_i(Ũ_j) + Σ (μ_b − μ_a) ∫ (Ũ_j − U_j) ∂_n U_i dS
+                     + h_i(χ_j) + h_j(χ_i) + Δa(χ_i, χ_j) + F_j(η_i).
+
+Every term is a factor of the moved faces' contrast. The elements see U nowhere but on these faces: how strong it is
+near the coils is nothing to them. The air far away does not matter.
 
 Layers below the coils send the field of coils and dent back up. With the energies Γ of the dent over air, amplitudes a
 of the potential make the wave D(k) = −½ Γ a below the sheets (by reciprocity with a coil there). The layers return −w D
@@ -29,8 +43,8 @@ from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.special import jv
+from scipy.sparse import csr_matrix, vstack
+from scipy.special import jv, jvp
 from skfem import Basis, BilinearForm, ElementQuad2, MeshQuad
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
@@ -42,6 +56,8 @@ from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
 from coilarray.errors import ElastomerError
 
 _MOST_WAVENUMBERS = 2000
+_FACE_NODES = 3  # of a Gauss–Legendre rule between the knots of a dented face
+_SAME = 1e-12  # m; places that are nearer are one
 
 Blocks: TypeAlias = tuple[FloatArray, FloatArray | None]
 """Energies of all harmonics as a `TensorGrid` parts them: without and with m²."""
@@ -170,20 +186,46 @@ def scatter(
     default. Below the sheets is air ("open"), or electrodes at z = 0 hold the potential ("grounded").
     """
     space = DentedSpace(dent, mesh, deepest, base)
-    profiles = space.profiles(wavenumbers)
     scale = np.sqrt(wavenumbers * weights)
     kinds: Sequence[int] = range(mesh.harmonics + 1) if dent.symmetry == "axial" else (0, 1)
 
     def solve(m: int) -> tuple[FloatArray, FloatArray]:
-        incident = space.radial(m, wavenumbers) * profiles * scale
+        waves = space.waves(m, wavenumbers)
+        incident = waves.dented * scale
         strengths, mixed = np.linalg.eigh(incident.T @ incident)  # squares of the singular values
         mixed = mixed[:, strengths > mesh.rank**2 * strengths[-1]]
-        patterns = incident @ mixed
+        patterns = waves.mixed(scale[:, None] * mixed)
         force = space.force(m, patterns)
-        return mixed.T / scale, patterns.T @ force[space.moved] - space.energies(m, force)
+        return mixed.T / scale, space.unanswered(m, patterns) - space.energies(m, force)
 
     solved = run_blocks(solve, kinds)
     return Scattering(wavenumbers, weights, tuple(p for p, _ in solved), tuple(e for _, e in solved))
+
+
+@dataclass(frozen=True, eq=False)
+class Waves:
+    """Incident waves of one harmonic where a `DentedSpace` needs them, each of shape (points, n).
+
+    Parameters
+    ----------
+    reaction : ndarray
+        χ, the flat faces' own part of the potential, at the moved nodes.
+    reflected, flat, dented : ndarray
+        χ, U and Ũ at the points on the faces.
+    normal, dented_normal : ndarray
+        Their ∂_n U and ∂_n Ũ in 1/m, times the area over that of the flat face.
+    """
+
+    reaction: FloatArray
+    reflected: FloatArray
+    flat: FloatArray
+    dented: FloatArray
+    normal: FloatArray
+    dented_normal: FloatArray
+
+    def mixed(self, shares: FloatArray) -> Waves:
+        """Superpose them: shares (n, patterns)."""
+        return Waves(**{name: values @ shares for name, values in vars(self).items()})
 
 
 class DentedSpace:
@@ -206,28 +248,49 @@ class DentedSpace:
         both = None if flat.around is None or self._change.around is None else flat.around + self._change.around
         self._dented = self._blocks(flat.gradient + self._change.gradient, both)
         self._mapping = one, 1 + stretch, -shear, rise
+        self._faces = _faces(self.basis, dent)
 
     def _blocks(self, gradient: csr_matrix, around: csr_matrix | None) -> Blocks:
         """Parts of the energies without and with m²."""
         return self._parted.blocks(gradient), None if around is None else self._parted.blocks(around)
 
-    def profiles(self, wavenumbers: FloatArray) -> FloatArray:
-        """Profiles of the flat sheets' potential at the moved nodes, shape (moved, k), for wavenumbers in 1/m."""
+    def background(self, z: FloatArray, wavenumbers: FloatArray) -> FloatArray:
+        """Profile of U at heights (n,) in m, shape (n, k), for wavenumbers in 1/m."""
+        transmitted = 2 / (1 + self.dent.permeabilities[0]) if self.base == "open" else 1.0
+        return np.asarray(transmitted * np.exp(-np.outer(z, wavenumbers)))
+
+    def reaction(self, z: FloatArray, wavenumbers: FloatArray) -> FloatArray:
+        """Profile of χ, as that of the `background`."""
         dent = self.dent
-        return _by_value(
-            self.basis.doflocs[1, self.moved],
-            lambda z: flat_profile(wavenumbers, z, dent.thicknesses, dent.permeabilities, self.base),
-        )
+        total = flat_profile(wavenumbers, z, dent.thicknesses, dent.permeabilities, self.base)
+        return total - self.background(z, wavenumbers)
 
-    def radial(self, m: int, wavenumbers: FloatArray) -> FloatArray:
-        """Lateral pattern of the potential of one harmonic at the moved nodes, shape (moved, k)."""
-        return _by_value(
-            self.basis.doflocs[0, self.moved], lambda r: radial_pattern(self.dent.symmetry, m, r, wavenumbers)
-        )
+    def waves(self, m: int, wavenumbers: FloatArray) -> Waves:
+        """Waves of one harmonic, one for each of the wavenumbers in 1/m."""
+        faces, symmetry = self._faces, self.dent.symmetry
+        nodes_r, nodes_z = self.basis.doflocs[:, self.moved]
+        reaction = _by_value(nodes_z, lambda z: self.reaction(z, wavenumbers))
+        reaction *= _by_value(nodes_r, lambda r: radial_pattern(symmetry, m, r, wavenumbers))
+        lateral = radial_pattern(symmetry, m, faces.r, wavenumbers)
+        slope = faces.slope[:, None] * radial_slope(symmetry, m, faces.r, wavenumbers)
+        flat, dented = (self.background(z, wavenumbers) for z in (faces.z, faces.z + faces.up))
+        reflected = lateral * _by_value(faces.z, lambda z: self.reaction(z, wavenumbers))
+        normal, dented_normal = -wavenumbers * lateral * flat, -(wavenumbers * lateral + slope) * dented
+        return Waves(reaction, reflected, lateral * flat, lateral * dented, normal, dented_normal)
 
-    def force(self, m: int, potentials: FloatArray) -> FloatArray:
-        """Δa(U, V) for all V, shape (nodes, n), of potentials (moved, n) of one harmonic."""
-        return np.asarray(self._change.harmonic(m)[:, self.moved] @ potentials)
+    def force(self, m: int, waves: Waves) -> FloatArray:
+        """F(V) for all V, shape (nodes, n), of n waves of one harmonic."""
+        faces = self._faces
+        of_faces = faces.trace.T @ (faces.weights[:, None] * (waves.dented_normal - waves.normal))
+        return np.asarray(self._change.harmonic(m)[:, self.moved] @ waves.reaction + of_faces)
+
+    def unanswered(self, m: int, waves: Waves) -> FloatArray:
+        """Δa(U_f, U_d) − F(η) between n waves of one harmonic, shape (n, n)."""
+        weights, gained = self._faces.weights[:, None], waves.dented_normal - waves.normal
+        own = (waves.dented + 2 * waves.reflected).T @ (weights * gained)
+        own += (waves.dented - waves.flat).T @ (weights * waves.normal)
+        change = self._change.harmonic(m)[self.moved][:, self.moved]
+        return np.asarray((own + own.T) / 2 + waves.reaction.T @ (change @ waves.reaction))
 
     def air(self) -> Blocks:
         """Energies of the same elements, moved alike, without any permeability."""
@@ -240,6 +303,56 @@ class DentedSpace:
         # on the axis the potential is zero, unless it is the same all round
         parts = self._parted.forces(forces)[: self._parted.columns - 1 - min(m, 1)]
         return energies(gradient if around is None else gradient + m**2 * around, parts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Faces:
+    """Points on the flat faces that move, (n,): where, the rise there and its slope, weights with the contrast.
+
+    `trace`, shape (n, nodes), gives the values of elements there.
+    """
+
+    r: FloatArray
+    z: FloatArray
+    up: FloatArray
+    slope: FloatArray
+    weights: FloatArray
+    trace: csr_matrix
+
+
+def _faces(basis: Basis, dent: Dent) -> _Faces:
+    """Gauss points on the faces between the edges of elements and the places where the dent is known.
+
+    Between those its shape is a cubic. The sheets hardly change their volume: the elements' own points would add up to
+    so much of it that the energy would be 10 % off.
+    """
+    mu, heights = np.array([*dent.permeabilities, 1.0]), dent.heights
+    edges = np.unique(basis.mesh.p[0])
+    knots = np.unique(np.concatenate((edges, dent.radius)).round(12))
+    knots = knots[knots <= dent.extent]
+    nodes, rule = np.polynomial.legendre.leggauss(_FACE_NODES)
+    half = np.diff(knots)[:, None] / 2
+    r = (knots[:-1, None] + half * (1 + nodes)).ravel()
+    area = (half * rule).ravel() * (r if dent.symmetry == "axial" else 1.0)
+    up, slope = dent.faces(r), dent.faces(r, 1)
+    element = np.searchsorted(edges, r) - 1
+    t = (r - edges[element]) / np.diff(edges)[element]
+    shapes = np.column_stack(((1 - t) * (1 - 2 * t), 4 * t * (1 - t), t * (2 * t - 1)))
+    columns, rows = 2 * element[:, None] + np.arange(3), np.repeat(np.arange(len(r)), 3)
+    moving = [face for face in dent.contrasts if dent.displacement[:, face].any()]
+    traces = []
+    for face in moving:
+        along = np.flatnonzero(np.abs(basis.doflocs[1] - heights[face]) < _SAME)
+        along = along[np.argsort(basis.doflocs[0, along])]  # corners and middles of the edges in turn
+        traces.append(csr_matrix((shapes.ravel(), (rows, along[columns].ravel())), (len(r), basis.N)))
+    return _Faces(
+        np.tile(r, len(moving)),
+        np.repeat(heights[moving], len(r)),
+        up[:, moving].T.ravel(),
+        slope[:, moving].T.ravel(),
+        np.concatenate([(mu[face - 1] - mu[face]) * area for face in moving]),
+        vstack(traces, format="csr"),
+    )
 
 
 def _gradient(dent: Dent, deepest: float | None, r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -290,6 +403,13 @@ def radial_pattern(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray
     if symmetry == "axial":
         return np.asarray(jv(m, kr))
     return np.cos(kr) if m == 0 else np.sin(kr)
+
+
+def radial_slope(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> FloatArray:
+    """Differentiate the `radial_pattern` by r, in 1/m, for r > 0; shape (r, k)."""
+    if symmetry == "axial":
+        return np.asarray(jvp(m, np.outer(r, wavenumbers)) * wavenumbers)
+    return radial_pattern(symmetry, 1 - m, r, wavenumbers) * wavenumbers * (2 * m - 1)
 
 
 def _by_value(values: FloatArray, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
