@@ -38,6 +38,8 @@ source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "fieldlist"]
 myst_heading_anchors = 3
 
+smartquotes_action = "qe"  # quotes and ellipses: two hyphens begin an option
+
 html_theme = "pydata_sphinx_theme"
 html_title = "coilarray"
 html_static_path = ["static"]
