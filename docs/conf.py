@@ -26,10 +26,12 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "command_pages",
+    "figures",
     "file_pages",
     "link_check",
     "name_pages",
     "native_math",
+    "report_pages",
     "result_pages",
     "validation_pages",
 ]

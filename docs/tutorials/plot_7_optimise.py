@@ -39,7 +39,7 @@ error = "position_error_mm[region_mm=-16:16:1:3]"
 # ``coilarray sweep`` computes quantities of a design over any of its entries. ``coilarray optimize --list-quantities``
 # prints all of them: couplings, inductance, quality factor, margins of fabrication, response, errors of position.
 
-around = ca.sweep(strip, {"array.pitch_mm": [9.0, 10.0, 11.0, 12.0]}, [error], accuracy="screen")
+around = ca.sweep(strip, {"array.pitch_mm": [9.0, 10.5, 12.0]}, [error], accuracy="screen")
 plot_sweep_lines(around, error)
 
 # %%
