@@ -26,10 +26,12 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "command_pages",
+    "figures",
     "file_pages",
     "link_check",
     "name_pages",
     "native_math",
+    "report_pages",
     "result_pages",
     "validation_pages",
 ]
@@ -37,6 +39,8 @@ exclude_patterns = ["_build", "extensions", "gallery", "tutorials"]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "fieldlist"]
 myst_heading_anchors = 3
+
+smartquotes_action = "qe"  # quotes and ellipses: two hyphens begin an option
 
 html_theme = "pydata_sphinx_theme"
 html_title = "coilarray"

@@ -184,6 +184,7 @@ class PolygonCoil(WoundTable):
     """``[coils.NAME]`` with ``shape = "polygon"``; one with round corners starts in the middle of its first side."""
 
     shape: Literal["polygon"]
+    """A winding with straight sides: hexagon, square, octagon and so on."""
     sides: Annotated[int, Field(ge=3, le=1000)] = 6
     """Number of sides."""
     outer_across_flats_mm: Millimetres | None = None
@@ -220,6 +221,7 @@ class CircleCoil(WoundTable):
     """``[coils.NAME]`` with ``shape = "circle"``."""
 
     shape: Literal["circle"]
+    """A circular winding."""
     outer_diameter_mm: Millimetres
     """Outer diameter of the copper."""
     first_corner_deg: Degrees = 0.0
@@ -253,6 +255,7 @@ class RectangleCoil(OblongTable):
     """``[coils.NAME]`` with ``shape = "rectangle"``."""
 
     shape: Literal["rectangle"]
+    """A rectangular winding."""
     corner_radius_mm: LimitMillimetres = 0.0
     """Radius of the outer copper edge at the corners; sharp corners by default."""
 
@@ -265,6 +268,7 @@ class RacetrackCoil(OblongTable):
     """``[coils.NAME]`` with ``shape = "racetrack"``: the shorter sides are half circles."""
 
     shape: Literal["racetrack"]
+    """Two straight sides, and a half circle at each end."""
 
     def build(self, name: str) -> Coil:
         """Return the coil in SI."""
@@ -291,6 +295,7 @@ class PathCoil(Table):
     """``[coils.NAME]`` with ``shape = "path"``: any centre lines, each on one copper layer."""
 
     shape: Literal["path"]
+    """Centre lines of your own."""
     lines_mm: list[list[Point]] = Field(min_length=1)
     """Centre lines as corners [x, y], one line for each copper layer; each starts where the one before ends."""
     trace_width_mm: TraceWidths
@@ -350,6 +355,7 @@ class FreeArray(Table):
     """``[array]`` with ``lattice = "free"``."""
 
     lattice: Literal["free"]
+    """Every coil has a shape, layers, a place and a rotation of its own."""
     placements: list[PlacementTable] = Field(min_length=1)
     """The coils, one table each."""
 
@@ -368,7 +374,7 @@ class LatticeArray(Table):
     """``[array]`` with a regular lattice or a single coil."""
 
     lattice: LatticeKind
-    """Arrangement of the coils."""
+    """One coil, a row, rows and columns, rows shifted by half a pitch, or rings of hexagons around a middle coil."""
     coil: str
     """Name of their shape, a table of `[coils]`."""
     columns: Annotated[int, Field(ge=1, le=1000)] | None = None
@@ -489,6 +495,7 @@ class PunchTable(MaterialTable):
     """``[indenter]`` with ``shape = "flat_punch"``."""
 
     shape: Literal["flat_punch"]
+    """A cylinder that presses with its flat end."""
     radius_mm: Millimetres
     """Radius of the punch."""
     edge_radius_mm: Millimetres | None = None
@@ -503,6 +510,7 @@ class ConeTable(MaterialTable):
     """``[indenter]`` with ``shape = "cone"``; the angle is between its axis and its side."""
 
     shape: Literal["cone"]
+    """A cone that presses with its tip."""
     half_angle_deg: HalfAngle
     """Angle between its axis and its side."""
     radius_mm: Millimetres | None = None

@@ -57,6 +57,7 @@ class SphereTarget(MaterialTable, MovedTable):
     """``[target]`` with ``shape = "sphere"``."""
 
     shape: Literal["sphere"]
+    """A ball."""
     diameter_mm: Millimetres
     """Diameter of the sphere."""
 

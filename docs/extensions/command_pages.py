@@ -50,9 +50,14 @@ def _table(lines: list[str], first: str) -> list[str]:
     rows = [re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in joined.splitlines() if line.strip()]
     table = [f"| {first} | meaning |", "| --- | --- |"]
     for name, *meaning in rows:
-        text = " ".join(meaning).replace("|", "\\|").replace("<", "&lt;")
+        text = _prose(" ".join(meaning)).replace("|", "\\|")
         table.append(f"| `` {name.replace('|', '¦')} `` | {text} |")
-    return [*table, ""]
+    return [":::{div} stacked", *table, ":::", ""]
+
+
+def _prose(text: str) -> str:
+    """Return a line of the help in Markdown; options are set as code."""
+    return re.sub(r"(?<![\w`-])--\w[\w-]*", r"`\g<0>`", text.replace("<", "&lt;"))
 
 
 def page(name: str) -> str:
@@ -63,7 +68,7 @@ def page(name: str) -> str:
     examples = [text.removeprefix("Example: ") for text in paragraphs if text.startswith("Example: ")]
     for text in paragraphs:
         if text and not text.startswith("Example: "):
-            lines += [text.replace("<", "&lt;"), ""]
+            lines += [_prose(text), ""]
     if examples:
         lines += ["```sh", *examples, "```", ""]
     for heading, first in (("Arguments", "argument"), ("Options", "option")):

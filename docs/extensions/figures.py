@@ -1,27 +1,108 @@
-"""Pictures of gallery programs: matplotlib figures that pyplot knows, and the one that the last line returns."""
+"""Pictures that code makes: of gallery programs, and of programs that stand in a page as ``{picture}``."""
 
+from __future__ import annotations
+
+import ast
+import hashlib
+import re
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from docutils import nodes
+from docutils.parsers.rst import Directive
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from sphinx.errors import ExtensionError
 from sphinx_gallery.scrapers import figure_rst
 
+from coilarray.compute.code_version import code_version
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+    from sphinx.environment import BuildEnvironment
+
 _DPI = 110
+_FOLDER = "made/pictures"
+_PROGRAM = re.compile(r"^```\{picture\}[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def _figures(last: object) -> list[Figure]:
+    """Return the figures that pyplot knows, and the one that the last line returned."""
+    found = [pyplot.figure(number) for number in pyplot.get_fignums()]
+    figure = last.get_figure(root=True) if isinstance(last, Axes) else last
+    if isinstance(figure, Figure) and not isinstance(figure, SubFigure) and figure not in found:
+        found.append(figure)
+    return found
 
 
 def of_program(block: tuple[Any, ...], block_vars: Mapping[str, Any], gallery_conf: Mapping[str, Any]) -> str:
     """Save the figures of a block of code and return what shows them."""
-    found = [pyplot.figure(number) for number in pyplot.get_fignums()]
-    last = block_vars["example_globals"].get("___")
-    figure = last.get_figure(root=True) if isinstance(last, Axes) else last
-    if isinstance(figure, Figure) and not isinstance(figure, SubFigure) and figure not in found:
-        found.append(figure)
     paths = []
-    for one in found:
+    for one in _figures(block_vars["example_globals"].get("___")):
         path = next(block_vars["image_path_iterator"])
         one.savefig(path, dpi=_DPI)
         paths.append(path)
     pyplot.close("all")
     return figure_rst(paths, gallery_conf["src_dir"])
+
+
+def figure_of(code: str) -> Figure:
+    """Run a program, and return the figure that it draws or that its last line returns."""
+    *body, last = ast.parse(code).body
+    names: dict[str, Any] = {}
+    exec(compile(ast.Module(body, []), "<picture>", "exec"), names)
+    if isinstance(last, ast.Expr):
+        value = eval(compile(ast.Expression(last.value), "<picture>", "eval"), names)
+    else:
+        value = exec(compile(ast.Module([last], []), "<picture>", "exec"), names)
+    (figure,) = _figures(value)
+    return figure
+
+
+def _path(app: Sphinx | BuildEnvironment, code: str) -> Path:
+    """Return where the picture of a program is kept: another place when the program changes, or what it computes."""
+    name = hashlib.sha256(f"{code_version()}\n{code.strip()}".encode()).hexdigest()[:12]
+    return Path(app.srcdir) / _FOLDER / f"{name}.png"
+
+
+def _make(app: Sphinx) -> None:
+    """Make the pictures of all pages, in the process that may also use threads."""
+    (Path(app.srcdir) / _FOLDER).mkdir(parents=True, exist_ok=True)
+    for page in sorted(Path(app.srcdir).glob("*/*.md")) + sorted(Path(app.srcdir).glob("*.md")):
+        for code in _PROGRAM.findall(page.read_text(encoding="utf-8")):
+            if not (path := _path(app, code)).exists():
+                try:
+                    figure_of(code).savefig(path, dpi=_DPI)
+                except Exception as error:
+                    raise ExtensionError(f"{page.name}: the program of a picture fails: {error}\n{code}") from error
+                finally:
+                    pyplot.close("all")
+
+
+class _Picture(Directive):
+    """The figure of a program, which is its content, with a caption; the program itself can be unfolded."""
+
+    required_arguments = 1
+    final_argument_whitespace = True
+    has_content = True
+
+    def run(self) -> list[nodes.Node]:
+        code = "\n".join(self.content)
+        caption = self.arguments[0]
+        text, messages = self.state.inline_text(caption, self.lineno)
+        image = nodes.image(
+            uri=f"/{_FOLDER}/{_path(self.state.document.settings.env, code).name}", alt=caption.replace("$", "")
+        )
+        shown = nodes.literal_block(code, code, language="python")
+        summary = nodes.raw("", "<details><summary>The program of this picture</summary>", format="html")
+        figure = nodes.figure("", image, nodes.caption("", "", *text))
+        return [figure, summary, shown, nodes.raw("", "</details>", format="html"), *messages]
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Add the directive, and make the pictures before Sphinx looks for them."""
+    app.add_directive("picture", _Picture)
+    app.connect("builder-inited", _make)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

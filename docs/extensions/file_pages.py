@@ -90,7 +90,7 @@ def _bounds(metadata: tuple[Any, ...] | list[Any]) -> str:
     ends = [rule for rule in metadata if isinstance(rule, Ge | Le)]
     match ends:
         case [Ge(ge=low), Le(le=high)] if low == high:
-            return f"which is {low}"
+            return f"always {low}"
     words = []
     for rule in metadata:
         match rule:
@@ -134,7 +134,7 @@ def _allowed(annotation: Any) -> str:
 
 def _default(field: FieldInfo) -> str:
     if field.is_required():
-        return "required"
+        return "none, required"
     value = field.default_factory() if field.default_factory is not None else field.default  # type: ignore[call-arg]
     if value in (None, PydanticUndefined) or value == [] or value == {}:
         return ""
@@ -183,7 +183,8 @@ def _sections(table: type[Table], path: str, seen: set[tuple[type[Table], str]])
     if rows := _rows(table):
         title = (inspect.getdoc(table) or "").split("\n\n")[0].replace("\n", " ")
         yield from ("", f"## {_heading(table, path)}", "", *([title, ""] if path else []))
-        yield from ("| key | unit | allowed | default | meaning |", "| --- | --- | --- | --- | --- |", *rows)
+        lines = ("| key | unit | allowed | default | meaning |", "| --- | --- | --- | --- | --- |", *rows)
+        yield from (":::{div} stacked", *lines, ":::")
     for name, field in table.model_fields.items():
         for inner in _tables(field.annotation):
             key = f"{path}.{field.alias or name}".removeprefix(".")

@@ -25,8 +25,8 @@ print(f"{len(design.array.names)} coils, {len(design.sheets)} sheets, {design.in
 plot_copper(design.array, "L1")
 
 # %%
-# Neighbours lie on different layers, for they overlap: where two coils overlap by the right amount, the flux of one
-# through the other is zero.
+# Neighbours overlap, so they lie on different layers. Where two coils overlap by the right amount, the flux of one
+# through the other is zero, and they do not couple.
 #
 # Couplings
 # ---------
@@ -61,8 +61,8 @@ response = ca.response_map(design, x=x, y=[0.0])
 plot_response_profile(response)
 
 # %%
-# Every coil answers within about its own width: by 1.1 parts in a thousand below, and by 1.5 for the coils on the upper
-# layers, which are nearer. Over the plane:
+# Every coil answers within about its own width: by 1.1 parts in a thousand, or by 1.5 if it lies on the upper layers, which
+# are nearer to the sheet. Over the plane:
 
 plane = ca.response_map(design, x=np.linspace(-26e-3, 26e-3, 27), y=np.linspace(-12e-3, 12e-3, 13))
 plot_response(plane, "coil2")

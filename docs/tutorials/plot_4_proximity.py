@@ -25,9 +25,22 @@ response = ca.target_map(design, distances=distances)
 target_figure(response)
 
 # %%
-# How far does it see? With the converter's noise, a step of the distance is resolved where the change of δ exceeds it:
+# How far does it see? δ, the relative change of the inductance, falls off with the distance, until it vanishes in the
+# noise of the readings, the dotted line:
 
 plot_target(response, "delta")
+
+# %%
+# A small change of the distance is seen as long as it changes δ by more than the noise:
+
+for step, resolved, beyond in zip(
+    response.step.values,
+    response.resolved_distance.values[:, 0],
+    response.resolved_is_least.values[:, 0],
+    strict=True,
+):
+    text = "at no distance" if np.isnan(resolved) else f"up to {resolved * 1e3:.1f} mm{' at least' if beyond else ''}"
+    print(f"a step of {step * 1e6:g} µm is resolved {text}")
 
 # %%
 # Aluminium or steel

@@ -2,7 +2,7 @@
 Decoupling by overlap, and why
 ==============================
 
-Two coils on different layers, one moved over the other.
+The coupling of two coils on different layers, as one is moved over the other: it has a zero.
 """
 
 import matplotlib.pyplot as plt
@@ -31,9 +31,9 @@ ax.plot(pitches * 1e3, k, "o-")
 ax.set(xlabel="pitch (mm)", ylabel="coupling coefficient k", title=f"zero at {zero * 1e3:.2f} mm")
 
 # %%
-# The flux of the first coil goes up inside of it and comes down outside. A second coil far away links the flux that
-# comes down: k is negative. On top of the first it links the flux that goes up: k is positive. In between both parts
-# cancel.
+# The flux of the first coil goes up inside of it and comes down outside. A second coil beside it links the flux that
+# comes down, so that k is negative. A second coil on top of it links the flux that goes up, so that k is positive. In
+# between there is a place where both parts are equal and cancel: k is zero.
 
 design = ca.Design(pair(zero))
 coupling = ca.couple_design(design, ideal=True)
@@ -44,8 +44,9 @@ field = ca.operating_field(
 plot_field_map(field, outlines=[place.to_board(place.coil.outline) for place in design.array.placements])
 
 # %%
-# Beyond that pitch k has a minimum, and falls off with the third power of the distance: the field of a dipole.
+# Beyond that pitch k has a minimum. Far away it falls off with the third power of the distance, as the field of a dipole
+# does.
 
 far = np.array([40e-3, 80e-3, 160e-3])
 values = [ca.coupling_matrix(ca.inductance_matrix(pair(pitch).conductors()))[0, 1] for pitch in far]
-print("k halves by doubling the distance to the power", np.round(np.diff(np.log2(np.abs(values))), 2))
+print("exponent of k from 40 to 80 and from 80 to 160 mm:", np.round(np.diff(np.log2(np.abs(values))), 2))
