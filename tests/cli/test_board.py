@@ -71,6 +71,17 @@ def test_the_emulator_has_the_coils_of_any_design(capsys):
     assert "the wiring has the coil 'coil4', the design starter only coil1, coil2, coil3" in line
 
 
+def test_capacitances_that_the_design_leaves_out_are_told(capsys):
+    said = "[emulator] capacitance at a coil: 120 pF, as the design says; with those of ADG739 it would be 217.5 pF"
+    assert said in good(capsys)
+    for others in (
+        ("--emulate", "switches=counted"),
+        ("starter",),
+        ("--port", "emulator?channels=0", "--coils", "coil1"),
+    ):
+        assert "capacitance at a coil" not in good(capsys, *others)
+
+
 def test_a_good_board_passes_its_self_test(capsys):
     out = good(capsys, "--self-test", "--find-drives")
     assert all(line.startswith("[emulator] ") for line in out.splitlines())
