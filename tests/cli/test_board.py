@@ -52,7 +52,7 @@ def test_it_says_who_answers_and_what_ports_there_are(capsys):
         "[emulator] adapters: none",
     ]
     assert lines[3].startswith("[emulator] emulator: emulator; LDC1614 (5449/3055); wiring six_coils; session ")
-    assert len(lines) == 4
+    assert len(lines) == 5  # and the capacitance that it leaves out
 
 
 def test_the_same_as_json(capsys):
