@@ -100,7 +100,7 @@ def board(
         raise HardwareError("--reference and --plot are for --noise.")
     from coilarray.hardware.board.connect import open_board, wiring_of_board
     from coilarray.hardware.board.first_conversions import DISCARDS
-    from coilarray.hardware.wire.ports import parse_port
+    from coilarray.hardware.wire.ports import board_of, parse_port
 
     place = parse_port(options.port)
     opened = open_design(design, allow_violations=allow_violations)
@@ -114,6 +114,8 @@ def board(
             drives, first, result, record, line = None, None, None, _record(one), one.line
     nothing = {"drives": None, "first_conversions": None, "self_test": None}
     data, parts = record | nothing, [_ports_text(record["ports"]), line]
+    if record["emulated"] and board_of(place) is None and (left_out := _left_out(opened, options)):
+        parts.append(left_out)
     if "board" in record["assumed"]:
         parts.append(f"board: {record['assumed']['board']}")
     if record["chain"] is not None:
@@ -157,6 +159,20 @@ def _tried(
             trying = replace(trying, discard=max(trying.discard, first.recommended))
             result = test(one.reader, one.wiring, trying, progress=progress)
         return drives, first, result, _record(one, chain), one.line
+
+
+def _left_out(design: Design, options: BoardOptions) -> str:
+    """Say that the emulator leaves out capacitances of the switches' part, where the design does; else nothing."""
+    from coilarray.circuit.impedance import part_switches
+
+    switches = design.circuit.switches
+    if options.emulation.get("count_parts") or part_switches(design).across_coil == switches.across_coil:
+        return ""
+    return (
+        f"capacitance at a coil: {switches.across_coil * 1e12:.4g} pF, as the design says; with those of "
+        f"{design.circuit.part} it would be {part_switches(design).across_coil * 1e12:.4g} pF: "
+        "--emulate switches=counted"
+    )
 
 
 def _record(one: Board, chain: str | None = None) -> dict[str, Any]:

@@ -153,7 +153,8 @@ def _computed(design: Design, beside: xr.Dataset | None, largest_shift: float | 
     from coilarray.response.setup import indentation_of
 
     indentation_of(design)  # refused before the network is computed
-    network = board_network(design, open_store())
+    # beside a recording of coils at the channels of a converter there are no switches
+    network = board_network(design, open_store(), wired=beside is not None and bool(beside.attrs.get("wired", False)))
     with shared.progress_bar(f"response of {design.name}") as progress:
 
         def at(*axes: FloatArray | None) -> xr.Dataset:

@@ -345,6 +345,7 @@ def _provenance(recording: Recording) -> dict[str, str | int]:
         "design": session.design,
         "design_hash": session.design_hash,
         "wiring": session.wiring,
+        "wired": int(session.settings.wired),
         "settings_hash": f"{session.settings.hash:04X}",
         "coilarray_version": session.version,
     }

@@ -62,11 +62,11 @@ def board_budget(
 
 def _without_switches(design: Design) -> Switches:
     """Return leads and tank of a design; of what its part would add, the pins of the converter stay."""
-    circuit, pins = design.circuit, {}
-    if circuit.part is not None:
-        bus = min(circuit.switches.bus_capacitance, CONVERTER_PIN)
-        pins = {"off_capacitance": 0.0, "terminal_capacitance": 0.0, "bus_capacitance": bus}
-    return replace(circuit.switches, on_resistance=0.0, **pins)
+    switches = replace(design.circuit.switches, on_resistance=0.0)
+    if design.circuit.part is None:
+        return switches
+    bus = min(switches.bus_capacitance, CONVERTER_PIN)
+    return replace(switches, off_capacitance=0.0, terminal_capacitance=0.0, bus_capacitance=bus)
 
 
 def _circuit(design: Design) -> xr.Dataset:

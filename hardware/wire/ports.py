@@ -277,7 +277,7 @@ def _stated_rate(options: dict[str, str], text: str) -> float | None:
     except ValueError:
         rate = math.nan
     if not low <= rate <= high:
-        raise _refused(text, f"rate, the clock of the I²C bus in Hz, must be {low:.0f} to {high:.0f}")
+        raise _refused(text, f"rate must be {low:.0f} to {high:.0f} Hz, as the converter allows")
     return rate
 
 

@@ -52,7 +52,7 @@ def test_it_says_who_answers_and_what_ports_there_are(capsys):
         "[emulator] adapters: none",
     ]
     assert lines[3].startswith("[emulator] emulator: emulator; LDC1614 (5449/3055); wiring six_coils; session ")
-    assert len(lines) == 4
+    assert len(lines) == 5  # and the capacitance that it leaves out
 
 
 def test_the_same_as_json(capsys):
@@ -69,6 +69,17 @@ def test_the_emulator_has_the_coils_of_any_design(capsys):
     assert (reported["wiring"], reported["chain"]) == ("one_device_a_coil", None)
     line = refused(capsys, "starter", "--wiring", "six_coils")
     assert "the wiring has the coil 'coil4', the design starter only coil1, coil2, coil3" in line
+
+
+def test_capacitances_that_the_design_leaves_out_are_told(capsys):
+    said = "[emulator] capacitance at a coil: 120 pF, as the design says; with those of ADG739 it would be 217.5 pF"
+    assert said in good(capsys)
+    for others in (
+        ("--emulate", "switches=counted"),
+        ("starter",),
+        ("--port", "emulator?channels=0", "--coils", "coil1"),
+    ):
+        assert "capacitance at a coil" not in good(capsys, *others)
 
 
 def test_a_good_board_passes_its_self_test(capsys):

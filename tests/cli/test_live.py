@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import dataclasses
 import itertools
 import json
 import os
@@ -383,7 +384,9 @@ def test_screen_lines():
     assert "█" not in third
     assert third.endswith("bad: under-range")
     assert place == "too few"
-    assert last.startswith("3.40 scans/s, 2 lost, noise of δ 1.0e-05")
+    assert last.startswith("3.40 scans/s, 2 lost, noise of δ 1.0e-05 of each coil; z zero")
+    whole = live_command.screen_lines(dataclasses.replace(reading, common_noise=4e-6), 1e-3)[-1]
+    assert "noise of δ 1.0e-05 of each coil, 4.0e-06 common to all" in whole
     assert live_command.plain_line(reading) == "1.500 s  coil1 +1000.0  coil22 −500.0  coil3 bad  too few"
     full = live_command.screen_lines(reading, 1e-4)
     assert full[1].count("█") == 32  # longer than the bar is the whole bar

@@ -186,7 +186,7 @@ def test_the_clock_of_the_bus_is_that_of_the_port(monkeypatch, tmp_path, port, r
 
 @pytest.mark.parametrize("rate", ["5000", "1000000", "fast", "0"])
 def test_a_clock_that_the_converter_cannot_follow_is_refused(rate):
-    with pytest.raises(HardwareError, match=r"rate must be (10000 to 400000 Hz|a whole number)"):
+    with pytest.raises(HardwareError, match="rate must be 10000 to 400000 Hz, as the converter allows"):
         ports.parse_port(f"i2c:1?rate={rate}")
 
 

@@ -17,5 +17,11 @@ figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
 for ax, kind, label in zip(axes, ("noise", "drift"), ("noise of one scan", "drift (1/K)"), strict=True):
     sizes = {cause: np.abs(getattr(cause, kind)).max() for cause in budget.causes}
     for cause in sorted((one for one in sizes if sizes[one] > 0), key=sizes.__getitem__):
-        ax.barh(cause.name, sizes[cause], color="tab:blue", hatch="//" if cause.assumed else None, edgecolor="white")
+        ax.barh(
+            cause.name,
+            sizes[cause],
+            color="tab:blue",
+            hatch="//" if cause.size == "assumed" else None,
+            edgecolor="white",
+        )
     ax.set(xscale="log", xlabel=label)
