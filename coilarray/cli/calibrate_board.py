@@ -75,8 +75,7 @@ def calibrate_board(
     if given and simulated:
         raise HardwareError("--inductance-uH and --simulated cannot be given together.")
     from coilarray.circuit.impedance import part_switches
-    from coilarray.compute.files import write_text
-    from coilarray.hardware.record.calibration_file import calibration_to_toml
+    from coilarray.hardware.record.calibration_file import save_calibration
     from coilarray.hardware.record.channel_calibration import calibrate_board as calibrate
     from coilarray.hardware.record.recording import open_recording
 
@@ -95,7 +94,7 @@ def calibrate_board(
         )
         design = opened.design if result.channels else None
     expected = None if design is None else part_switches(design)
-    write_text(out, calibration_to_toml(result))
+    save_calibration(result, out)
     print_marked(
         {**_data(result), "expected_capacitance_F": expected and expected.across_coil, "file": str(out)},
         [*_text(result, expected), f"wrote {out}"],

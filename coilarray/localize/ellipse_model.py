@@ -35,6 +35,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.checksum import checksum
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import PARAMETERS, Ellipse
 
@@ -57,6 +58,7 @@ SCHEMA = 1
 """Of the JSON file of a model."""
 
 _KIND = "coilarray ellipse model"
+_CHECKSUM = "checksum"  # key of the file
 _RANGE = ("lowest", "highest", "centre")
 _ASTRAY = 2.0  # semi-axes from the highest determined level's centre to that of an undetermined one: not the same hill
 _TOUCHING = 1e-9  # of B²: how far y² may lie from zero by rounding; y is then within 3e-5 B of the axis
@@ -183,7 +185,7 @@ def ellipse_model(fits: xr.Dataset) -> EllipseModel:
 
 
 def model_to_json(model: EllipseModel, source: str = "") -> str:
-    """Write a model and a free text on its origin as JSON, in SI units and full precision.
+    """Write a model and a free text on its origin as JSON, in SI units and full precision, with a checksum of it.
 
     Examples
     --------
@@ -199,14 +201,16 @@ def model_to_json(model: EllipseModel, source: str = "") -> str:
         }
         for coil in model.coils
     ]
-    return json.dumps({"schema": SCHEMA, "kind": _KIND, "source": source, "coils": coils}, indent=1) + "\n"
+    document = {"schema": SCHEMA, "kind": _KIND, "source": source, "coils": coils}
+    return json.dumps({**document, _CHECKSUM: checksum(document)}, indent=1) + "\n"
 
 
 def model_from_json(text: str) -> EllipseModel:
     """Read a model that `model_to_json` wrote.
 
-    LocalizeError for text that is no JSON, of another kind or schema, or with keys that are missing or no numbers, and
-    for what `EllipseModel` and `CoilEllipses` refuse.
+    LocalizeError for text that is no JSON, of another kind or schema, or with keys that are missing or no numbers, for
+    what `EllipseModel` and `CoilEllipses` refuse, and for a model that has changed since, as its checksum shows; one
+    that a person wrote needs none.
     """
     try:
         data = json.loads(text)
@@ -216,6 +220,8 @@ def model_from_json(text: str) -> EllipseModel:
         raise LocalizeError(f'an ellipse model must have "kind": "{_KIND}".')
     if data.get("schema") != SCHEMA:
         raise LocalizeError(f"the schema of an ellipse model must be {SCHEMA}; got {data.get('schema')}.")
+    if data.pop(_CHECKSUM, None) not in (None, checksum(data)):
+        raise LocalizeError("an ellipse model is damaged: its checksum is wrong; take that key out to use it as it is.")
     coils = data.get("coils")
     if not isinstance(coils, list):
         raise LocalizeError("an ellipse model must have a list of coils.")

@@ -1,4 +1,7 @@
-"""File with the constants of a board: TOML, units in the names of the keys, full precision, checked on reading."""
+"""File with the constants of a board: TOML, units in the names of the keys, full precision, checked on reading.
+
+A file of `save_calibration` ends in a checksum of all of it; one that a person wrote needs none.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,11 @@ from typing import Annotated, Any, Literal
 import tomli_w
 from pydantic import Field
 
+from coilarray.compute.checksum import check_seal, sealed
+from coilarray.compute.files import write_bytes
 from coilarray.design.toml_file import TomlFiles
 from coilarray.design.units import Table
-from coilarray.errors import HardwareError
+from coilarray.errors import DamagedError, HardwareError
 from coilarray.hardware.record.baseline_drift import HIGHEST_ORDER, Drift
 from coilarray.hardware.record.channel_calibration import BoardCalibration, Channel, ClockFrom, InductancesFrom
 
@@ -69,11 +74,23 @@ def calibration_from_toml(text: str, origin: str = "calibration") -> BoardCalibr
         raise HardwareError(f"{origin}: {error}") from None
 
 
+def save_calibration(calibration: BoardCalibration, path: Path) -> None:
+    """Write the constants of a board with a checksum behind them; OutputError where that fails."""
+    write_bytes(path, sealed(calibration_to_toml(calibration).encode()))
+
+
 def load_calibration(path: str | Path) -> BoardCalibration:
-    """Read a file with the constants of a board; HardwareError for one that cannot be read or is invalid."""
+    """Read a file with the constants of a board.
+
+    HardwareError for one that cannot be read, is invalid, or is not as its checksum says.
+    """
     with suppress(OSError, ValueError):  # reading says why it cannot be read
         if Path(path).stat().st_size > _MOST_BYTES:
             raise HardwareError(f"{path} must be at most {_MOST_BYTES} bytes long.")
+        try:
+            check_seal(Path(path))
+        except DamagedError as error:
+            raise HardwareError(f"{error} Delete its last line to use it as it is.") from None
     return calibration_from_toml(_CALIBRATIONS.text(path), str(path))
 
 

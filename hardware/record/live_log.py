@@ -1,6 +1,7 @@
 """Log of a live display: a line of CSV for every scan, in the file at once; netCDF is made of it at the end.
 
-A program that is killed loses at most the last line, a power cut at most the last second.
+A program that is killed loses at most the last line, a power cut at most the last second. The last column is a checksum
+of the line, which is checked on reading.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import IO, Any, TypeVar
 import numpy as np
 import xarray as xr
 
+from coilarray.compute.checksum import checksum
 from coilarray.compute.netcdf import save_dataset
 from coilarray.errors import OutputError
 from coilarray.hardware.record.live_tracking import LiveReading
@@ -28,6 +30,7 @@ _DURABLE = 1.0  # s
 _NETCDF = ".nc"
 _BEFORE = ("time_s", "unix_s", "sequence", "emulated")
 _TEMPERATURE = "temperature_C"
+_CHECKSUM = "checksum"
 _VERDICT = " verdict"  # behind the name of a state
 _LENGTHS = ("x_m", "y_m", "depth_m", "sigma_x_m", "sigma_y_m", "sigma_depth_m")
 _UNITS = {"time_s": "s", "unix_s": "s", **dict.fromkeys(_LENGTHS, "m"), "temperature_C": "degC"}
@@ -52,7 +55,8 @@ class LiveLog:
         row: list[object] = [reading.elapsed, reading.received, reading.sequence, self._emulated, *deltas, *verdicts]
         row += [*_position(reading), press, *([reading.temperature] if self._temperature else [])]
         try:
-            self._csv.writerow(["" if value is None else value for value in row])
+            fields = ["" if value is None else str(value) for value in row]
+            self._csv.writerow([*fields, checksum(fields)])
             self._file.flush()
             if time.monotonic() - self._durable > _DURABLE:
                 os.fsync(self._file.fileno())
@@ -70,7 +74,16 @@ def log_columns(states: Sequence[str], *, temperature: bool) -> list[str]:
     ['time_s', 'unix_s', 'sequence', 'emulated', 'L1', 'L1 verdict']
     """
     verdicts = [name + _VERDICT for name in states]
-    return [*_BEFORE, *states, *verdicts, "status", *_LENGTHS, "press", *([_TEMPERATURE] if temperature else [])]
+    return [
+        *_BEFORE,
+        *states,
+        *verdicts,
+        "status",
+        *_LENGTHS,
+        "press",
+        *([_TEMPERATURE] if temperature else []),
+        _CHECKSUM,
+    ]
 
 
 def check_log(path: Path, *, force: bool = False) -> None:
@@ -149,11 +162,14 @@ def read_log(path: Path) -> xr.Dataset:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise OutputError(f"cannot read the log {path}: {error}.") from None
     states = [name.removesuffix(_VERDICT) for name in head if name.endswith(_VERDICT)]
-    if head != log_columns(states, temperature=head[-1:] == [_TEMPERATURE]):
+    columns_of = log_columns(states, temperature=_TEMPERATURE in head[-2:])
+    if head not in (columns_of, columns_of[:-1]):  # earlier versions wrote no checksums
         raise OutputError(f"{path} is no log of a live display.")
     for line, row in enumerate(rows, start=2):
         if len(row) != len(head):
             raise OutputError(f"{path}, line {line}: must have {len(head)} columns; got {len(row)}.")
+        if head == columns_of and row[-1] != checksum(row[:-1]):
+            raise OutputError(f"{path}, line {line} is damaged: its checksum is wrong.")
     columns = dict(zip(head, zip(*rows, strict=True) if rows else [()] * len(head), strict=True))
 
     def read(name: str, kind: Callable[[str], _T], allowed: str) -> list[_T]:

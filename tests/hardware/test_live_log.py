@@ -45,6 +45,7 @@ def test_a_line_for_every_scan(tmp_path):
     with written(tmp_path / "run.csv", reading(0), PRESSED).open() as file:
         rows = list(csv.DictReader(file))
     first, second = rows
+    assert first.pop("checksum") != second.pop("checksum")
     assert first == {
         "time_s": "0.0", "unix_s": "1700000000.0", "sequence": "0", "emulated": "1", "coil1": "0.0001", "coil2": "",
         "coil1 verdict": "good", "coil2 verdict": "bad", "status": "", "x_m": "", "y_m": "", "depth_m": "",
@@ -136,6 +137,11 @@ def test_a_last_line_that_is_cut_within_its_last_field_is_no_other_number(tmp_pa
         assert read_log(path).sizes["scan"] == 1
 
 
+def without_checksums(text):
+    """The lines as earlier versions wrote them."""
+    return "".join(line.rpartition(",")[0] + "\n" for line in text.splitlines())
+
+
 @pytest.mark.parametrize(("old", "new", "message"), [
     (",20.5\n", "\n", "line 3: must have 17 columns; got 16"),
     ("0.25,", "soon,", "line 3, column time_s: must be a number; got 'soon'"),
@@ -144,10 +150,19 @@ def test_a_last_line_that_is_cut_within_its_last_field_is_no_other_number(tmp_pa
 ])  # fmt: skip
 def test_a_line_that_no_log_has_is_told(tmp_path, old, new, message):
     path = written(tmp_path / "run.csv", reading(0), reading(1))
-    head, first, second = path.read_text().splitlines(keepends=True)
+    whole = read_log(path)
+    head, first, second = without_checksums(path.read_text()).splitlines(keepends=True)
     assert old in second
+    path.write_text(head + first + second)
+    xr.testing.assert_identical(read_log(path), whole)
     path.write_text(head + first + second.replace(old, new, 1))
     refused(OutputError, f"run.csv, {message}", read_log, path)
+
+
+def test_a_line_that_has_changed_is_told(tmp_path):
+    path = written(tmp_path / "run.csv", reading(0), reading(1))
+    path.write_text(path.read_text().replace("0.0001", "0.0003", 1))
+    refused(OutputError, "run.csv, line 2 is damaged: its checksum is wrong", read_log, path)
 
 
 def test_what_is_no_log(tmp_path):

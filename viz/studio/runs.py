@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coilarray.errors import MissingDependencyError, OutputError
-from coilarray.studies.optimize.study_file import FILE, quiet
+from coilarray.studies.optimize.study_file import FILE, is_whole, quiet
 
 if TYPE_CHECKING:
     from optuna.study import Study
@@ -134,7 +134,7 @@ def _address(path: Path) -> str:
 def _run(study: Study) -> Run:
     from optuna.study import StudyDirection
 
-    trials = study.get_trials(deepcopy=False)
+    trials = [trial for trial in study.get_trials(deepcopy=False) if is_whole(trial)]
     maximized = tuple(direction == StudyDirection.MAXIMIZE for direction in study.directions)
     points = tuple(_point(trial) for trial in trials if trial.values is not None)
     return Run(study.study_name, maximized, points, len(trials))

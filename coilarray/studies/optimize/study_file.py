@@ -2,20 +2,23 @@
 
 A sampler that works on a study on disk takes one transaction for every parameter and attribute: 45 ms a trial with six
 variables. Here the sampler works on a study in memory, and each trial is written once it is finished, in one
-transaction. A killed run leaves no half-finished trial behind.
+transaction. A killed run leaves no half-finished trial behind. Every trial has a checksum among its attributes: one
+that has changed since counts as missing, and its point is computed anew.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from coilarray.compute.checksum import checksum
 from coilarray.compute.files import make_folder
 from coilarray.compute.store import content_key, locked_database
 from coilarray.design.model import Design
@@ -29,21 +32,33 @@ if TYPE_CHECKING:
 FILE = "study.db"
 """Name of the database in the folder of the results; any tool for Optuna reads it."""
 
+_LOG = logging.getLogger(__name__)
+_CHECKSUM = "checksum"
+
 
 class StudyFile:
     """The study on disk; `open_study` makes one."""
 
     def __init__(self, study: Study) -> None:
         self._study = study
+        self._damaged = 0  # trials of which the user has been told
 
     def trials(self) -> list[FrozenTrial]:
-        """Return every finished trial, in the order in which they were written."""
-        return self._study.get_trials(deepcopy=False)
+        """Return every finished trial that is as it was written, in that order."""
+        every = self._study.get_trials(deepcopy=False)
+        whole = [trial for trial in every if is_whole(trial)]
+        if (damaged := len(every) - len(whole)) > self._damaged:
+            _LOG.warning(
+                "coilarray: %d of %d trials in %s are damaged; they are computed anew.", damaged, len(every), FILE
+            )
+            self._damaged = damaged
+        return whole
 
     def add(self, trial: FrozenTrial) -> None:
         """Write a finished trial, whole or not at all; OutputError where that fails."""
         from optuna.exceptions import StorageInternalError
 
+        trial.set_user_attr(_CHECKSUM, _checksum(trial))
         try:
             self._study.add_trial(trial)
         except StorageInternalError as error:
@@ -70,6 +85,7 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
     busy = f"another search is running in {folder}; wait for it or give another folder."
     with locked_database(folder / "study.lock", busy), quiet():
         try:
+            check_database(path)
             storage = RDBStorage(f"sqlite:///{path.resolve()}")
             event.listen(storage.engine, "connect", _without_waiting)
             storage.engine.dispose()  # connections that are open do not know of it
@@ -85,6 +101,20 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
             storage.engine.dispose()
 
 
+def check_database(path: Path) -> None:
+    """Check the structure of a study's file, where there is one; sqlite3.Error for one that is damaged."""
+    if path.exists():
+        with closing(sqlite3.connect(path)) as connection:
+            (first,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
+        if first != "ok":
+            raise sqlite3.DatabaseError(f"it is damaged: {' '.join(str(first).split())}")
+
+
+def is_whole(trial: FrozenTrial) -> bool:
+    """Whether a trial of a study is as it was written; one that has no checksum is taken as it is."""
+    return trial.user_attrs.get(_CHECKSUM) in (None, _checksum(trial))
+
+
 def points_found(folder: Path, design: Design, goal: Goal) -> int:
     """Return the number of points that an earlier run left; errors as `open_study`, but it makes no files."""
     if not os.path.exists(folder / FILE):  # pathlib's raises where the folder may not be read
@@ -97,6 +127,14 @@ def study_name(design: Design, goal: Goal) -> str:
     """Return the name of a study: that of the design, and a hash of all that decides which points are tried."""
     key = content_key(design.digest, goal.searched(), metadata.version("optuna"))
     return f"{design.name}-{key[:16]}"
+
+
+def _checksum(trial: FrozenTrial) -> str:
+    """Return the checksum of all of a trial that a study keeps, but for its number and the times."""
+    attributes = {key: value for key, value in trial.user_attrs.items() if key != _CHECKSUM}
+    ranges = {name: repr(distribution) for name, distribution in trial.distributions.items()}
+    values = None if trial.values is None else list(trial.values)
+    return checksum(trial.state.name, values, trial.params, ranges, attributes, trial.system_attrs, trial.constraints)
 
 
 def _without_waiting(connection: sqlite3.Connection, _: object) -> None:
