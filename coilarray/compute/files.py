@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from coilarray.errors import OutputError
@@ -19,20 +20,25 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
 
     OutputError where the file cannot be written; `path` is then as it was before.
     """
-    try:
+    with writing(path):
         handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror}.") from None
-    temporary = Path(name)
+        temporary = Path(name)
+        try:
+            os.close(handle)
+            write(temporary)
+            temporary.chmod(0o666 & ~_UMASK)  # mkstemp's 0600 is for secrets
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def writing(path: object) -> Iterator[None]:
+    """Turn what the system says of a file that it cannot write into an OutputError that names the file."""
     try:
-        os.close(handle)
-        write(temporary)
-        temporary.chmod(0o666 & ~_UMASK)  # mkstemp's 0600 is for secrets
-        temporary.replace(path)
+        yield
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}.") from None
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:

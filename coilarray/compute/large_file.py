@@ -27,7 +27,7 @@ import numpy as np
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.checksum import checksum, checksum_of_bytes, seal_file
-from coilarray.compute.files import make_folder, write_atomically
+from coilarray.compute.files import make_folder, write_atomically, writing
 from coilarray.compute.store import locked_database
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import Pool
@@ -86,11 +86,9 @@ class LargeFile:
         """Write consecutive values of a variable from the flat index `start` on; OutputError where that fails."""
         first, data = self._starts[name] + _ITEM * start, np.ascontiguousarray(values, dtype="<f8").tobytes()
         self._pieces.append((first, len(data), checksum_of_bytes(data)))
-        try:
+        with writing(self._path):
             self._stream.seek(first)
             self._stream.write(data)
-        except OSError as error:
-            raise OutputError(f"cannot write {self._path}: {error.strerror or error}.") from None
 
     def finish(self, number: int, figure: float = 0.0) -> None:
         """Record a block as written, with a figure to keep of it; OutputError where that fails."""
@@ -129,25 +127,31 @@ def open_large(
     make_folder(folder)
     empty = complete = named = False
     try:
-        with _journal(folder) as connection:
+        # no other process can open the journal meanwhile
+        busy = f"another run is filling {folder}; wait for it or give another file."
+        with writing(path), locked_database(folder / _JOURNAL, busy) as connection:
             try:
+                for name, columns in _TABLES.items():
+                    connection.execute(f"CREATE TABLE IF NOT EXISTS {name} ({columns})")
                 starts = _lay_out(path, connection, frame, variables, f"{_FORMAT} {key} {blocks}")
                 with closing(LargeFile(folder / _DATA, starts, connection, blocks)) as file:
                     yield file
                     complete = not file.missing
             finally:
-                empty = connection.execute("SELECT count(*) FROM block").fetchone() == (0,)
+                empty = _is_empty(connection)
         if complete:
-            seal_file(folder / _DATA)
-            (folder / _DATA).replace(path)
+            with writing(path):
+                seal_file(folder / _DATA)
+                (folder / _DATA).replace(path)
             named = True
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}.") from None
     except sqlite3.Error as error:
-        raise OutputError(f"cannot use {folder / _JOURNAL}: {error}; delete the folder to begin anew.") from None
+        more = "" if empty else "; delete the folder to begin anew"
+        raise OutputError(f"cannot use {folder / _JOURNAL}: {error}{more}.") from None
     finally:
         if named or empty:  # else finished blocks stay, and so does the file of another run
             _discard(folder)
+        with suppress(OSError):  # where something is in it
+            folder.rmdir()
 
 
 def fill_large(
@@ -184,14 +188,12 @@ def fill_large(
         return file.finished
 
 
-@contextmanager
-def _journal(folder: Path) -> Iterator[sqlite3.Connection]:
-    """Open the journal, which no other process can open meanwhile."""
-    busy = f"another run is filling {folder}; wait for it or give another file."
-    with locked_database(folder / _JOURNAL, busy) as connection:
-        for name, columns in _TABLES.items():
-            connection.execute(f"CREATE TABLE IF NOT EXISTS {name} ({columns})")
-        yield connection
+def _is_empty(connection: sqlite3.Connection) -> bool:
+    """Return whether a journal has no finished block; False where it cannot be read."""
+    with suppress(sqlite3.Error):
+        (tables,) = connection.execute("SELECT count(*) FROM sqlite_master WHERE name = 'block'").fetchone()
+        return not tables or connection.execute("SELECT count(*) FROM block").fetchone() == (0,)
+    return False
 
 
 def _lay_out(
@@ -357,8 +359,6 @@ def _starts(path: Path, variables: Sequence[Variable]) -> dict[str, int]:
 
 
 def _discard(folder: Path) -> None:
-    """Delete the files of this module in a folder, and the folder once it is empty."""
+    """Delete the files of this module in a folder."""
     for name in (_DATA, _JOURNAL, f"{_JOURNAL}-journal"):
         (folder / name).unlink(missing_ok=True)
-    with suppress(OSError):
-        folder.rmdir()

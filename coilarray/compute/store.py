@@ -146,6 +146,7 @@ def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
     another process has locked, which `message` says, that cannot be written, or that is not a database.
     """
     try:
+        there = path.exists()
         connection = sqlite3.connect(path, timeout=0, isolation_level=None)
     except (sqlite3.Error, OSError, ValueError) as error:  # ValueError: a name with a zero byte
         raise OutputError(f"cannot write {path}: {error}.") from None
@@ -158,8 +159,17 @@ def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
             connection.execute("COMMIT")  # in this mode the lock stays
             connection.execute(f"PRAGMA journal_mode = {journal}")
         except sqlite3.Error as error:
-            raise OutputError(message if "locked" in str(error) else f"cannot use {path}: {error}.") from None
+            locked = "locked" in str(error)
+            if not (there or locked):
+                path.unlink(missing_ok=True)
+            raise OutputError(message if locked else f"cannot use {path}: {error}.") from None
         yield connection
+
+
+def delete_database(path: Path) -> None:
+    """Delete a SQLite file and what SQLite keeps beside it; all connections must be closed."""
+    for end in ("", "-wal", "-shm", "-journal"):
+        Path(f"{path}{end}").unlink(missing_ok=True)
 
 
 def _damaged(path: Path) -> None:

@@ -15,6 +15,7 @@ import xarray as xr
 
 from coilarray import viz
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.files import writing
 from coilarray.design.model import Design
 from coilarray.geometry import Indenter
 from coilarray.localize.ellipse_model import EllipseModel
@@ -240,7 +241,7 @@ def _outline(design: Design, coil: str) -> FloatArray:
 
 
 def _render(name: str, caption: str, save: Callable[[Path], None]) -> Picture:
-    with tempfile.TemporaryDirectory() as folder:
+    with writing("temporary files"), tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.png"
         save(path)
         return Picture(name, caption, _uri(path.read_bytes()))

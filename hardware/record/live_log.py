@@ -20,6 +20,7 @@ import numpy as np
 import xarray as xr
 
 from coilarray.compute.checksum import checksum
+from coilarray.compute.files import writing
 from coilarray.compute.netcdf import save_dataset
 from coilarray.errors import OutputError
 from coilarray.hardware.record.live_tracking import LiveReading
@@ -43,8 +44,9 @@ class LiveLog:
         self._file, self._csv = file, csv.writer(file, lineterminator="\n")
         self._states, self._emulated, self._temperature = tuple(states), int(emulated), temperature
         self._durable = -math.inf
-        self._csv.writerow(log_columns(states, temperature=temperature))
-        self._file.flush()
+        with writing(file.name):
+            self._csv.writerow(log_columns(states, temperature=temperature))
+            self._file.flush()
 
     def add(self, reading: LiveReading) -> None:
         """Write the line of a scan; OutputError where that fails, for example on a full disk."""
@@ -54,15 +56,13 @@ class LiveLog:
         press = None if reading.press is None else reading.press.number
         row: list[object] = [reading.elapsed, reading.received, reading.sequence, self._emulated, *deltas, *verdicts]
         row += [*_position(reading), press, *([reading.temperature] if self._temperature else [])]
-        try:
-            fields = ["" if value is None else str(value) for value in row]
+        fields = ["" if value is None else str(value) for value in row]
+        with writing(self._file.name):
             self._csv.writerow([*fields, checksum(fields)])
             self._file.flush()
             if time.monotonic() - self._durable > _DURABLE:
                 os.fsync(self._file.fileno())
                 self._durable = time.monotonic()
-        except OSError as error:
-            raise OutputError(f"cannot write {self._file.name}: {error.strerror}.") from None
 
 
 def log_columns(states: Sequence[str], *, temperature: bool) -> list[str]:
@@ -131,9 +131,17 @@ def open_log(
     except (OSError, ValueError) as error:
         raise OutputError(f"cannot write {lines}: {getattr(error, 'strerror', error)}.") from None
     try:
-        with file:
-            yield LiveLog(file, states, emulated=emulated, temperature=temperature)
+        log = LiveLog(file, states, emulated=emulated, temperature=temperature)
+    except OutputError:
+        with suppress(OSError):
+            file.close()
+        lines.unlink(missing_ok=True)
+        raise
+    try:
+        yield log
     finally:
+        with writing(lines):
+            file.close()
         if lines != path:
             save_dataset(read_log(lines).assign_attrs(attributes), path)
             with suppress(OSError):

@@ -17,7 +17,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TypeVar
 
-from coilarray.compute.store import locked_database
+from coilarray.compute.store import delete_database, locked_database
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.design.write import design_document
@@ -62,6 +62,11 @@ class Recorder:
         self._number = 0
         self._durable = -math.inf
         self.thermometer: Thermometer | None = None
+
+    @property
+    def started(self) -> bool:
+        """Whether a session has begun, and the recording is therefore no longer empty."""
+        return self._session is not None
 
     @property
     def session(self) -> RecordedSession:
@@ -217,19 +222,19 @@ def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
         except (OSError, ValueError) as error:
             raise OutputError(f"cannot write {path}: {error}.") from None
         with closing(_connected(path)) as connection:
-            if taken:
-                _require_resumable(path, connection, resume=resume)
-            else:
-                _log_ahead(path, connection)
+            recorder = Recorder(path, connection)
             try:
-                yield Recorder(path, connection)
+                if taken:
+                    _require_resumable(path, connection, resume=resume)
+                else:
+                    _log_ahead(path, connection)
+                yield recorder
             finally:
                 with suppress(sqlite3.Error):  # one file is left, which opens anywhere; unless it is being read
-                    blank = is_blank(connection)
                     connection.execute("PRAGMA journal_mode = DELETE")
-                    connection.close()
-                    if blank and not there:
-                        path.unlink()
+                connection.close()
+                if not (there or recorder.started):
+                    delete_database(path)
 
 
 def record_stream(

@@ -348,8 +348,7 @@ def _refused_permission():
     return refuse
 
 
-def _full_disk(dataset, path, **_):
-    path.write_bytes(b"half of it")
+def _full_disk(path):
     raise OSError(28, "No space left on device")
 
 
@@ -358,7 +357,7 @@ def _full_disk(dataset, path, **_):
     ("function", "failing", "message"),
     [
         ("coilarray.compute.files.tempfile.mkstemp", _refused_permission(), "report/summary.csv: Permission denied"),
-        ("xarray.Dataset.to_netcdf", _full_disk, "No space left on device"),
+        ("coilarray.compute.netcdf.seal_file", _full_disk, "No space left on device"),
     ],
 )
 def test_a_failed_report_leaves_nothing_half_written(capsys, monkeypatch, function, failing, message):

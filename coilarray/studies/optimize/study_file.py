@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from coilarray.compute.checksum import checksum
 from coilarray.compute.files import make_folder
-from coilarray.compute.store import content_key, locked_database
+from coilarray.compute.store import content_key, delete_database, locked_database
 from coilarray.design.model import Design
 from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.studies.optimize.goal import Goal
@@ -84,6 +84,7 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
     path = folder / FILE
     busy = f"another search is running in {folder}; wait for it or give another folder."
     with locked_database(folder / "study.lock", busy), quiet():
+        there = path.exists()
         try:
             check_database(path)
             storage = RDBStorage(f"sqlite:///{path.resolve()}")
@@ -93,6 +94,8 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
                 storage=storage, study_name=study_name(design, goal), directions=goal.directions, load_if_exists=True
             )
         except Exception as error:  # Optuna lets through what SQLAlchemy and Alembic raise
+            if not there:
+                delete_database(path)
             raise OutputError(f"cannot use {path}: {_first_line(error)}.") from None
         try:
             yield StudyFile(study)
