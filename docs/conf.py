@@ -31,6 +31,7 @@ extensions = [
     "name_pages",
     "native_math",
     "result_pages",
+    "theory_pictures",
     "validation_pages",
 ]
 exclude_patterns = ["_build", "extensions", "gallery", "tutorials"]
