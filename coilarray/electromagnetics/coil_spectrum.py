@@ -97,7 +97,7 @@ def segment_spectra(
     centres, radius = segment_centres(coils)
     known: dict[bytes, int] = {}
     shapes: list[Segments] = []
-    shape_of = []
+    shape_of: list[int] = []
     first = np.cumsum([0, *(coil.count for coil in coils[:-1])])
     for coil, centre in zip(coils, centres[first], strict=True):
         shape = replace(coil, start=coil.start - [*centre, 0.0], stop=coil.stop - [*centre, 0.0])

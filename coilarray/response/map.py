@@ -147,7 +147,9 @@ def response_map(
         ``metal_resistance_change`` in Ω, against the indenter at rest; the attributes ``indenter_material``,
         ``metal_frequency_Hz`` and ``rest_m`` say of what it is. Beside plates ``resistance_change`` (depth, y, x, coil,
         other) in Ω is what the dent adds to the loss in them; it and the inductance's change are those at the mean
-        frequency of the states, the attribute ``plate_frequency_Hz``. With only near coils, ``delta`` is 0 for the
+        frequency of the states, the attribute ``plate_frequency_Hz``. ``plate_inductance_change`` and
+        ``plate_resistance_change`` are both over ``plate_frequency`` in Hz, from which every state in ``delta`` has
+        those of its own. With only near coils, ``delta`` is 0 for the
         states beyond the attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out.
         The attribute ``error_of_peak`` is the error allowed by `reach`, 0 for every coil; ``noise`` is the standard
         deviation of δ of a reading by the noise budget of the design, which is not in ``delta``.

@@ -24,8 +24,8 @@ def check_metal(design: Design, axes: MapAxes, ball: Ball | None, rest: float) -
     """Refuse an indenter of metal where it is not computed, and depths that only such a one has."""
     if ball is not None and design.plates:
         raise MetalError(
-            f"an indenter of {ball.material.name} is not computed beside plates, and {design.name} has "
-            f"{design.plates[0].name!r}; leave its material out with metal=False (--no-metal)."
+            f"an indenter of {ball.material.name} (indenter.material) is not computed beside plates, and "
+            f"{design.name} has {design.plates[0].name!r}; leave its material out with metal=False (--no-metal)."
         )
     if not rest >= 0:
         raise MetalError(f"rest must be at least 0; got {rest} m.")

@@ -125,10 +125,10 @@ def test_a_wide_outline_is_an_infinite_plate() -> None:
     """In the map and in the flat inductance, but for the rim and for the dent's own field."""
     aluminium = MATERIALS["aluminium"]
     one = parse_design(first_coils(1).replace('"coil2"', '"coil1"'))
-    wide = FinitePlate("backplane", Disc(24e-3), (-13.28e-3, 0.0, -3.5e-3), 1e-3, aluminium)
+    wide = FinitePlate("backplane", Disc(24e-3), (*one.array.centres[0], -3.5e-3), 1e-3, aluminium)
     infinite = Plate("backplane", -4e-3, 1e-3, aluminium)
     alone, found, expected = (
-        mapped(replace(one, plates=plates), x=[-13.28e-3, -8e-3]) for plates in ((), (wide,), (infinite,))
+        mapped(replace(one, plates=plates), x=[0.0, 5e-3]) for plates in ((), (wide,), (infinite,))
     )
     # 12 mm of metal around the coil, and 1 % by the dent
     np.testing.assert_allclose(found.inductance, expected.inductance, rtol=5e-3)
