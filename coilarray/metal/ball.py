@@ -128,20 +128,38 @@ def ball_inductance(
                 f"z = {plate.heights[1] * 1e3:.4g} mm, the lowest copper lies at {lowest * 1e3:.4g} mm."
             )
     face, layers = stack_below(plates)
-
-    def change(some: FloatArray, progress: Progress | None) -> ComplexArray:
-        backing = Backing(face, layers, float(some[0])) if layers else None
-
-        def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
-            return _over_flat(height, sheets, backing, alpha, wavenumbers, ball)
-
-        return multipole_inductance(source, ball, at, some, answer, backing, progress=progress)
-
     frequency = checked_frequencies(frequencies)
     if not layers:
-        return change(frequency, progress)
-    each, count = np.split(frequency, len(frequency)), len(frequency)
-    return np.concatenate([change(f, part_of(progress, k, count)) for k, f in enumerate(each)], axis=1)
+        return ball_over(source, ball, at, frequency, sheets, None, progress=progress)
+    parts = [
+        ball_over(
+            source, ball, at, np.array([f]), sheets, Backing(face, layers, f),
+            progress=part_of(progress, number, len(frequency)),
+        )
+        for number, f in enumerate(frequency.tolist())
+    ]  # fmt: skip
+    return np.concatenate(parts, axis=1)
+
+
+def ball_over(
+    source: Source,
+    ball: Ball,
+    at: FloatArray,
+    frequencies: FloatArray,
+    sheets: Sequence[Sheet],
+    backing: Backing | None,
+    *,
+    progress: Progress | None = None,
+) -> ComplexArray:
+    """`ball_inductance` over what lies below the coils, at its frequency alone.
+
+    Currents in the backing are those without the ball.
+    """
+
+    def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
+        return _over_flat(height, sheets, backing, alpha, wavenumbers, ball)
+
+    return multipole_inductance(source, ball, at, frequencies, answer, backing, progress=progress)
 
 
 def multipole_inductance(
@@ -156,13 +174,13 @@ def multipole_inductance(
 ) -> ComplexArray:
     """`ball_inductance` with any surroundings that are the same all round the ball.
 
-    With a `backing` its multipoles are for the waves of the coils, then for those of their mirror images. `answer`
-    takes the height of the ball's centre in m, the wavenumbers (k,) in 1/m and the polarisabilities of the ball, shape
-    (f, orders), and returns its `Multipoles`.
+    With a `backing` of layers the multipoles are for the waves of the coils, then for those of their mirror images, see
+    `with_mirrored`. `answer` takes the height of the ball's centre in m, the wavenumbers (k,) in 1/m and the
+    polarisabilities of the ball, shape (f, orders), and returns its `Multipoles`.
     """
     frequency = checked_frequencies(frequencies)
     coils = coil_segments(source)
-    middles, radius = segment_centres(coils)
+    middles, radius = segment_centres(coils if backing is None else backing.sources(coils))
     copper = _highest_copper(coils, at, ball)
     shape = (len(at), len(frequency), len(coils), len(coils))
     require_memory(16.0 * math.prod(shape), f"a ball at {len(at)} places with {len(coils)} coils", "compute in pieces")
@@ -177,9 +195,10 @@ def multipole_inductance(
     alpha = polarisabilities(ball.radius, ball.material, frequency, orders)
     seen = [answer(height * _SAME, wavenumbers, alpha) for height in heights.tolist()]
     waves = [coils] if backing is None else backing.seen(coils)
+    currents = np.eye(len(coils)) if backing is None else backing.currents(len(coils))
     scale = np.tile(weights * wavenumbers / (2 * np.pi), len(waves))
     spectra = [segment_spectra(those, wavenumbers) for those in waves]
-    blocks = ranges(len(places), max(1, _AT_ONCE // (len(scale) * len(coils) * (orders + 1))))
+    blocks = ranges(len(places), max(1, _AT_ONCE // (len(scale) * len(currents) * (orders + 1))))
     for done, (start, stop) in enumerate(blocks, start=1):
         about = places[start:stop] * _SAME
         incident = np.concatenate([harmonics_about(one, about, orders) for one in spectra])
@@ -187,7 +206,8 @@ def multipole_inductance(
         for number, one in enumerate(seen):
             rows = np.flatnonzero((place_of >= start) & (place_of < stop) & (height_of == number))
             if len(rows):
-                change[rows] = -4 * np.pi * MU_0 * ball.radius * one.product(incident[:, place_of[rows] - start])
+                product = one.product(incident[:, place_of[rows] - start])
+                change[rows] = -4 * np.pi * MU_0 * ball.radius * (currents.T @ product @ currents)
         if progress is not None:
             progress(done, len(blocks))
     return change
@@ -239,16 +259,12 @@ def _over_flat(
     thicknesses = [sheet.thickness for sheet in sheets]
     permeabilities = [sheet.relative_permeability for sheet in sheets]
     top, orders = math.fsum(thicknesses), alpha.shape[1]
-    above: FloatArray | ComplexArray = flat_profile(wavenumbers, np.array([top]), thicknesses, permeabilities)[0]
-    falls = wavenumbers
+    above = flat_profile(wavenumbers, np.array([top]), thicknesses, permeabilities)[0]
     nodes, rule = np.polynomial.legendre.leggauss(_REFLECTED)
     highest = _highest(ball, orders)
     k, rule = (nodes + 1) / 2 * highest, rule / 2 * highest
     back: FloatArray | ComplexArray = reflection(k, thicknesses[::-1], permeabilities[::-1])
-    if backing is not None:
-        often, _ = backing.between(wavenumbers, thicknesses, permeabilities)
-        above = np.concatenate((above * often, above * often * backing.reflection(wavenumbers)))
-        falls = np.tile(wavenumbers, 2)
+    if backing is not None and backing.layers:
         down = [*(Layer(*each) for each in zip(thicknesses[::-1], permeabilities[::-1], strict=True)),
                 Layer(-backing.face), *backing.layers]  # fmt: skip
         back = -layer_waves(down, k, 2 * np.pi * backing.frequency).reflection
@@ -256,10 +272,25 @@ def _over_flat(
     fields, answers = [], []
     for m in range(orders + 1):
         order = np.arange(max(m, 1), orders + 1)
-        fields.append(_multipoles(falls * ball.radius, falls * (height - top), order, m) * above)
+        field = _multipoles(wavenumbers * ball.radius, wavenumbers * (height - top), order, m) * above
+        fields.append(with_mirrored(field, backing, wavenumbers, thicknesses, permeabilities))
         sent = _multipoles(k * ball.radius, k * (height - top), order, m)
         answers.append(answer_of(alpha[:, order[0] - 1 :], (sent * sent_back) @ sent.T))
     return Multipoles(fields, answers)
+
+
+def with_mirrored(
+    field: FloatArray,
+    backing: Backing | None,
+    wavenumbers: FloatArray,
+    thicknesses: Sequence[float],
+    permeabilities: Sequence[float],
+) -> FloatArray | ComplexArray:
+    """Multipoles (orders, k) of waves of the coils, and beside them over layers those of their mirror images."""
+    if backing is None or not backing.layers:
+        return field
+    often, _ = backing.between(wavenumbers, thicknesses, permeabilities)
+    return np.concatenate((field * often, field * often * backing.reflection(wavenumbers)), axis=1)
 
 
 def answer_of(alpha: ComplexArray, returned: FloatArray | ComplexArray) -> ComplexArray:

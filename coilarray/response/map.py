@@ -161,8 +161,8 @@ def response_map(
         lost on a tilted one, a `reach` outside its limits or together with `dielectric` or a material, and what
         `indent` and `dent_inductance` refuse.
     MetalError
-        A `rest` below 0; plates above the sheets, magnetic ones with an outline, or plates together with an indenter's
-        material; and what `ball_inductance` and `coilarray.metal.finite_plates.eddy_currents` refuse.
+        A `rest` below 0; plates above the sheets, or magnetic ones with an outline; and what `ball_inductance` and
+        `coilarray.metal.finite_plates.eddy_currents` refuse.
     NetworkError
         A state without a resonance; with `reach` also a network with stray capacitances, and states and switches that
         `coilarray.circuit.state_sensitivity` does not treat.
@@ -197,7 +197,7 @@ def response_map(
     beside_metal = ball is not None or bool(design.plates)
     error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=beside_metal)
     _require_room(axes, coils, len(design.plan), error, metal=beside_metal)
-    check_metal(design, axes, ball, rest)
+    check_metal(axes, ball, rest)
     pressed = experiment(design, axes, true)
 
     def flat_network() -> Network:
@@ -239,8 +239,8 @@ def response_map(
         if ball is not None:
             frequency = _mean_frequency(flat, design.plan)
             share = metal_share(pressed, design.array, ball, frequency, rest, mesh)
-            both = _through_circuit(flat, flats, _at_any(change + share), capacitance_change)
-            changes = metal_variables(axes, both - delta, share, frequency)
+            both = _through_circuit(flat, flats, _moved(changed, share), capacitance_change)
+            changes |= metal_variables(axes, both - delta, share, frequency)
             left_out |= metal_attributes(ball, frequency, rest)
             delta, change = both, change + share.real
         base = np.array([_converted(flat, one) for one in flats])
@@ -316,7 +316,7 @@ def respond(
     changed = _at_any(lossy)
     if "plate_frequency" in response.dims:
         over = _over_frequency(response)
-        changed = _moved(over, flat - over.at(response.attrs["plate_frequency_Hz"]).real)
+        changed = _moved(over.at, lossy - over.at(response.attrs["plate_frequency_Hz"]).real)
     delta = _through_circuit(network, flats, changed, capacitance_change)
     base = np.array([_converted(network, one) for one in flats])
     others = response.drop_dims("state")  # a share in δ of a material too
@@ -369,7 +369,7 @@ def with_material(
     solid = replace(design, indentation=replace(indentation_of(design), material=material))
     axes = map_axes(design, response.depth, response.x, response.y)
     ball = indentation_of(solid).ball
-    check_metal(solid, axes, ball, rest)
+    check_metal(axes, ball, rest)
     assert ball is not None  # it has the material
     capacitance = design.circuit.switches.tank_capacitance
     frequency = float((1 / np.sqrt(response.base_inductance * capacitance)).mean()) / (2 * np.pi)
@@ -404,7 +404,7 @@ def inductance_changes(
     `response_map`.
     """
     ball = None if frequency is None else indentation_of(design).ball
-    check_metal(design, axes, ball, 0.0)
+    check_metal(axes, ball, 0.0)
     source = design.array.conductors() if paths is None else paths
     pressed = experiment(design, axes, imperfections)
     change = np.zeros((len(pressed.axes.depth), len(pressed.points), len(source), len(source)))
@@ -529,9 +529,9 @@ def _at_any(change: FloatArray | ComplexArray) -> _Changed:
     return lambda frequency: change
 
 
-def _moved(over: ChangeOverFrequency, by: FloatArray) -> _Changed:
+def _moved(changed: _Changed, by: FloatArray | ComplexArray) -> _Changed:
     """Add the same to a change at all frequencies."""
-    return lambda frequency: over.at(frequency) + by
+    return lambda frequency: changed(frequency) + by
 
 
 def _band(flat: Network, plan: Sequence[ScanState]) -> FrequencyBand:
