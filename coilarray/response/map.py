@@ -28,7 +28,7 @@ from coilarray.errors import ElastomerError, NetworkError
 from coilarray.geometry import Conductor, Material
 from coilarray.metal.backing import backing_of
 from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
-from coilarray.response.coordinates import origin_attributes
+from coilarray.response.coordinates import map_coordinates, origin_attributes
 from coilarray.response.dent_changes import changes_by_bounds, changes_by_dents, changes_by_levels
 from coilarray.response.metal_share import Variable, check_metal, metal_attributes, metal_share, metal_variables
 from coilarray.response.near import near_response
@@ -233,7 +233,9 @@ def response_map(
             )
             changed, mean = over.at, _mean_frequency(flat, design.plan)
             change = over.at(mean).real
-            left_out |= {"plate_frequency_Hz": mean, "plate_band_Hz": (over.band.low, over.band.high)}
+            left_out |= {
+                "plate_frequency_Hz": mean, "plate_lowest_Hz": over.band.low, "plate_highest_Hz": over.band.high
+            }  # fmt: skip
             changes = _plate_variables(axes, over, mean)
         delta = _through_circuit(flat, flats, changed, capacitance_change)
         if ball is not None:
@@ -448,7 +450,6 @@ def response_dataset(
     setup, per = indentation_of(design), "/m" if per_length else ""
     names = list(design.array.names if coils is None else coils)
     kept = [design.array.names.index(name) for name in names]
-    centres = design.array.centres[kept] - setup.origin_point
     states = [state.name for state in design.plan] if states is None else states
     return xr.Dataset(
         {
@@ -468,13 +469,7 @@ def response_dataset(
         },
         coords={
             "depth": ("depth", axes.depth, {"units": "m", "long_name": "depth of the indentation"}),
-            "y": ("y", axes.y, {"units": "m"}),
-            "x": ("x", axes.x, {"units": "m"}),
-            "state": list(states),
-            "coil": names,
-            "other": names,
-            "coil_x": ("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
-            "coil_y": ("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
+            **map_coordinates(setup, axes.x, axes.y, states, names, design.array.centres[kept]),
         },
         attrs={
             **provenance(design),
@@ -569,7 +564,7 @@ def _over_frequency(response: xr.Dataset) -> ChangeOverFrequency:
     """Return the changes beside plates of a map, see `_plate_variables`."""
     f, L = response.plate_frequency.values, response.plate_inductance_change.values
     loss = response.plate_resistance_change.values / (2 * np.pi * f[:, None, None, None, None, None])
-    low, high = response.attrs["plate_band_Hz"]
+    low, high = (float(response.attrs[f"plate_{end}_Hz"]) for end in ("lowest", "highest"))
     values = np.moveaxis((L - 1j * loss).reshape(len(f), L.shape[1], -1, *L.shape[-2:]), 0, 2)
     return ChangeOverFrequency(FrequencyBand(low, high, _OVER_FREQUENCY), values)
 

@@ -27,7 +27,7 @@ from coilarray.geometry import FinitePlate, Target
 from coilarray.metal.finite_plates import moving_plate_error
 from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
 from coilarray.metal.target import require_apart, target_inductance
-from coilarray.response.coordinates import origin_attributes
+from coilarray.response.coordinates import map_coordinates, origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
 from coilarray.response.target_range import ranges_of, require_noise
 
@@ -305,7 +305,6 @@ def _dataset(
     omega = 2 * np.pi * middle[:, None, None]
     L, L_0 = by_state["effective_inductance"], base["effective_inductance"]
     shape = (*axes.shape, len(names), len(names))
-    centres = design.array.centres - target.origin_point
     rows = [
         ("delta", (*place, "state"), (L / L_0 - 1).reshape(*axes.shape, -1), "1", "δ"),
         ("base_inductance", ("state",), L_0, "H", "L_0 as the converter sees it"),
@@ -324,13 +323,9 @@ def _dataset(
         variables(*rows),
         coords={
             "distance": ("distance", axes.depth, {"units": "m", "long_name": "distance"}),
-            "y": ("y", axes.y, {"units": "m"}),
-            "x": ("x", axes.x, {"units": "m"}),
-            "state": [state.name for state in design.plan],
-            "coil": names,
-            "other": names,
-            "coil_x": ("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
-            "coil_y": ("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
+            **map_coordinates(
+                target, axes.x, axes.y, [state.name for state in design.plan], names, design.array.centres
+            ),
         },
         attrs={
             **provenance(design),
