@@ -11,7 +11,7 @@ from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet
-from coilarray.metal.finite_plates import EddyCurrents, eddy_currents
+from coilarray.metal.finite_plates import EddyCurrents, eddy_currents_over
 from coilarray.metal.flat_plates import stack_below
 
 _SAME_PLACE = 1e-9  # of the plate's size
@@ -40,6 +40,27 @@ def require_below(plates: Sequence[Plate | FinitePlate]) -> None:
             )
 
 
+def backings_of(
+    source: Source,
+    plates: Sequence[Plate | FinitePlate],
+    frequencies: Sequence[float],
+    sheets: Sequence[Sheet],
+    *,
+    fineness: float = 1.0,
+) -> list[Backing]:
+    """Return what plates below the coils send back up at each of the frequencies in Hz; empty where there are none.
+
+    The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`. MetalError for plates beside
+    which no indentation is computed, and the errors of `coilarray.metal.finite_plates.eddy_currents`.
+    """
+    require_below(plates)
+    face, layers = stack_below([plate for plate in plates if isinstance(plate, Plate)])
+    if any(isinstance(plate, FinitePlate) for plate in plates):
+        currents = eddy_currents_over(source, plates, frequencies, sheets, fineness=fineness)
+        return [Backing(face, layers, f, _pieces(one)) for f, one in zip(frequencies, currents, strict=True)]
+    return [Backing(face, layers, f) for f in frequencies] if layers else []
+
+
 def backing_of(
     source: Source,
     plates: Sequence[Plate | FinitePlate],
@@ -48,18 +69,8 @@ def backing_of(
     *,
     fineness: float = 1.0,
 ) -> Backing | None:
-    """Return what plates below the coils send back up at a frequency in Hz; None where there are none.
-
-    The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`. MetalError for plates beside
-    which no indentation is computed, and the errors of `coilarray.metal.finite_plates.eddy_currents`.
-    """
-    require_below(plates)
-    face, layers = stack_below([plate for plate in plates if isinstance(plate, Plate)])
-    outlined = any(isinstance(plate, FinitePlate) for plate in plates)
-    if not (layers or outlined):
-        return None
-    eddies = _pieces(eddy_currents(source, plates, frequency, sheets, fineness=fineness)) if outlined else None
-    return Backing(face, layers, frequency, eddies)
+    """`backings_of` at one frequency in Hz; None where there are no plates."""
+    return next(iter(backings_of(source, plates, [frequency], sheets, fineness=fineness)), None)
 
 
 def _pieces(currents: Sequence[EddyCurrents]) -> Segments:

@@ -26,7 +26,7 @@ from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, NetworkError
 from coilarray.geometry import Conductor, Material
-from coilarray.metal.backing import backing_of
+from coilarray.metal.backing import backings_of
 from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
 from coilarray.response.coordinates import map_coordinates, origin_attributes
 from coilarray.response.dent_changes import changes_by_bounds, changes_by_dents, changes_by_levels
@@ -537,9 +537,7 @@ def _band(flat: Network, plan: Sequence[ScanState]) -> FrequencyBand:
 
 def _backings(pressed: Experiment, source: Source, band: FrequencyBand) -> list[Backing]:
     """Return what the plates of a design send back at the nodes of a band; none without plates."""
-    plates, sheets = pressed.design.plates, pressed.design.sheets
-    found = [backing_of(source, plates, f, sheets) for f in band.nodes.tolist()] if plates else []
-    return [backing for backing in found if backing is not None]
+    return backings_of(source, pressed.design.plates, band.nodes.tolist(), pressed.design.sheets)
 
 
 def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> dict[str, Variable]:

@@ -24,6 +24,7 @@ from coilarray.elastomer.dented_layer import dent_inductance_over
 from coilarray.electromagnetics.flat_stack import Backing, Layer
 from coilarray.errors import ElastomerError, MetalError
 from coilarray.geometry import MATERIALS, Disc, FinitePlate, Material, Plate
+from coilarray.metal import plate_mesh
 from coilarray.response.map import inductance_changes, respond, response_map
 from coilarray.response.setup import experiment, map_axes, wedge_inductance
 from coilarray.response.two_dimensional import line_response
@@ -121,8 +122,10 @@ def test_a_tilted_sample_changes_what_plates_see_of_it() -> None:
     assert np.abs(with_plate - without).max() > 0.1 * np.abs(without).max()
 
 
-def test_a_small_disc_screens_less_than_an_infinite_plate(alone: xr.Dataset) -> None:
+def test_a_small_disc_screens_less_than_an_infinite_plate(alone: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     aluminium = MATERIALS["aluminium"]
+    for name, coarse in {"_ALONG": 36, "_FINEST": 0.18, "_LATTICE": 0.2}.items():
+        monkeypatch.setattr(plate_mesh, name, coarse)
     disc = FinitePlate("coin", Disc(6e-3), (*PAIR.array.centres[0], -4e-3), 1e-3, aluminium)
     found, infinite = (mapped(beside(one)) for one in (disc, Plate("infinite", -4.5e-3, 1e-3, aluminium)))
     at_coil = {"depth": 0, "y": 0, "x": 0, "state": 0}
