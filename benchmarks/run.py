@@ -23,6 +23,7 @@ import elastomer
 import first_compile
 import large_response
 import localize
+import metal
 import peers
 import protocol
 import speed
@@ -59,11 +60,13 @@ def _renew(text: str, name: str, table: str) -> str:
 ACCURACIES: dict[str, Callable[[], Iterable[accuracy.Accuracy]]] = {
     "accuracy": accuracy.measure,
     "elastomer-accuracy": elastomer.accuracies,
+    "metal-accuracy": metal.accuracies,
 }
 SPEEDS: dict[str, Callable[[], Iterable[speed.Speed]]] = {
     "speed": speed.measure,
     "elastomer": elastomer.speeds,
     "localize": localize.figures,
+    "metal": metal.figures,
     "sweep": sweep.figures,
     "kernels": peers.kernels,
     "large-arrays": peers.large_arrays,

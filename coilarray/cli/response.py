@@ -71,8 +71,8 @@ def response(
     magnetisation, against L_0 read as it just touches; their share stands beside δ. Of such an indenter a depth below 0
     is a height over the sheets: --depth-mm=-5,-1,0,1.
 
-    Infinite plates below the coils ([[plate]]: a backplane, a copper pour) count with all that they send back, of the
-    coils' field and of the dent's, at the mean frequency of the states.
+    Plates below the coils ([[plate]]: a backplane, a copper pour) count with what they send back, at the frequency of
+    each state: infinite ones of the coils' field and of the dent's, those with an outline of the coils' field.
 
     Example: coilarray response gast2020 --depth-mm 0.5,1 --out map.nc --plot map.png
     """

@@ -48,9 +48,9 @@ def target(
     circuit is solved: L, R, Q, R_p and f of every state of the scan, δ against the board without the target, and every
     coupling. The tables show each state where the target moves it the most; its range, the distance at which |δ| is 3
     times the noise; and the distances up to which 1, 10 and 100 µm are resolved. Places in tables, pictures and a .csv
-    are those on the board. A target may be moved beside every [[plate]] of the design, but a sphere. Over magnetic
-    sheets or beside plates an interrupted map of a disc or another outline goes on, distance by distance, from the
-    folder FILE.parts when the same command runs again.
+    are those on the board. A target may be moved beside every [[plate]] of the design, a sphere beside infinite ones
+    below the coils. Over magnetic sheets or beside plates an interrupted map of a disc or another outline goes on,
+    distance by distance, from the folder FILE.parts when the same command runs again.
 
     Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
     """

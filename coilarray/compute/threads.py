@@ -32,6 +32,13 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def part_of(progress: Progress | None, number: int, parts: int) -> Progress | None:
+    """Return what reports the progress of part `number`, from 0, of so many equal parts of the work."""
+    if progress is None or parts < 2:
+        return progress
+    return lambda done, total: progress(number * total + done, parts * total)
+
+
 def ranges(count: int, size: int) -> list[tuple[int, int]]:
     """Cut 0..count into consecutive (start, stop) of at most `size`.
 

@@ -16,7 +16,6 @@ from coilarray.elastomer.scattering import LayerMesh, Scattering, wavenumber_rul
 from coilarray.electromagnetics.coil_spectrum import (
     Segments,
     harmonics_about,
-    mirrored_segments,
     segment_centres,
     segment_spectra,
 )
@@ -39,12 +38,12 @@ def dent_energies(
     *,
     backing: Backing | None = None,
     progress: Progress | None = None,
-) -> ComplexArray:
+) -> FloatArray | ComplexArray:
     """Change of the energy between the fields of all coils by dents in the same sheets.
 
     The axis of the indenter is at `positions` (positions, 2) in m. The result, shape (dents, positions, coils, coils),
     is ∫ Δμ ∇U_i·∇U_j dV with relative material constants, symmetric: times μ0 an inductance, times ε0 a capacitance. It
-    is real without a `backing` below the coils, whose losses are its imaginary part.
+    is complex with a `backing` below the coils, whose losses are its imaginary part; the currents in that count too.
     ElastomerError for positions that are not finite, dents of different sheets, or in plane strain.
     """
     points = np.asarray(positions, dtype=np.float64)
@@ -54,13 +53,17 @@ def dent_energies(
         raise ElastomerError("coils in space need dents about an axis; for plane strain there is the line model.")
     if len({(dent.thicknesses, dent.permeabilities) for dent in dents}) > 1:
         raise ElastomerError("dents must be in the same sheets.")
-    centres, radius = segment_centres(coils)
+    seen = [list(coils)] if backing is None else backing.seen(coils)
+    centres, radius = segment_centres(seen[0])
+    kind = np.float64 if backing is None else np.complex128
     require_memory(
-        8.0 * len(points) * len(centres) * (2 * len(dents) * len(centres) + _DISTANCES),
+        np.dtype(kind).itemsize * len(points) * len(centres) * (2 * len(dents) * len(centres) + _DISTANCES),
         f"{len(dents)} dents at {len(points)} positions with {len(centres)} coils",
         "compute them in pieces",
     )
-    change = np.zeros((len(dents), len(points), len(centres), len(centres)), dtype=np.complex128)
+    count = sum(coil.count for coil in coils)
+    currents = None if backing is None or backing.eddies is None else backing.currents(count)
+    change: npt.NDArray[Any] = np.zeros((len(dents), len(points), count, count), dtype=kind)
     moving = [index for index, dent in enumerate(dents) if np.isfinite(dent.clearance)]
     if not moving or not len(points):
         return change
@@ -86,7 +89,6 @@ def dent_energies(
     }
     for index, one in zip(moving, solved, strict=True):
         motions[dents[index].motion].append((index, one))
-    seen = [coils, *([] if backing is None else [mirrored_segments(coils, backing.face)])]
     spectra = {
         slope: [segment_spectra(those, wavenumbers, slope) for those in seen]
         for slope in dict.fromkeys(one.slope for one in motions)
@@ -105,6 +107,7 @@ def dent_energies(
             up = motion.lift + (centres - at[:, None]) @ motion.slope
             incident: npt.NDArray[Any] = np.ascontiguousarray(level * np.exp(-k * up))
             for index, one in those:
-                change[index, start:stop] = one.change(incident, factors)
+                energy = one.change(incident, factors)
+                change[index, start:stop] = energy if currents is None else currents.T @ energy @ currents
         report(len(moving) + done, total)
     return change

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal, TypeAlias, get_args
 
+import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
@@ -81,7 +82,7 @@ def dent_inductance(
     """
     if model not in get_args(Model):
         raise ElastomerError(f"model must be one of {', '.join(get_args(Model))}; got {model!r}.")
-    return _changes(source, dents, positions, mesh or LayerMesh(), model, None, progress).real
+    return np.asarray(_changes(source, dents, positions, mesh or LayerMesh(), model, None, progress))
 
 
 def dent_inductance_over(
@@ -98,7 +99,7 @@ def dent_inductance_over(
     Parameters
     ----------
     backing : Backing
-        Layers below the coils, at one frequency.
+        Layers below the coils and the currents in other metal there, at one frequency.
     source, dents, positions, mesh, progress
         As for `dent_inductance`.
 
@@ -116,7 +117,8 @@ def dent_inductance_over(
     -----
     What the layers send back of the field of the coils and of the dent is all in it, see
     `coilarray.elastomer.scattering`: the dent's own part is 0.3 % of the change in the sheets of gast2020 on a board of
-    1.6 mm, 2 % where it comes within 1.4 mm of a plate. Under sheets that have turned, `Dent.motion`, each wave turns
+    1.6 mm, 2 % where it comes within 1.4 mm of a plate. Currents in the backing are those without the dent, so that of
+    these the dent's own part is left out. Under sheets that have turned, `Dent.motion`, each wave turns
     like that of a mirrored coil.
 
     Examples
@@ -134,7 +136,7 @@ def dent_inductance_over(
     >>> np.round(dent_inductance_over(plate, [loop], [dent], [[0, 0]])[0, 0, 0, 0] * 1e12, 2)
     np.complex128(8.09-0.22j)
     """
-    return _changes(source, dents, positions, mesh or LayerMesh(), "full", backing, progress)
+    return np.asarray(_changes(source, dents, positions, mesh or LayerMesh(), "full", backing, progress))
 
 
 def _changes(
@@ -145,8 +147,8 @@ def _changes(
     model: Model,
     backing: Backing | None,
     progress: Progress | None,
-) -> ComplexArray:
-    """Compute the changes ΔL − jΔR/ω in H, dented minus flat, with every choice."""
+) -> FloatArray | ComplexArray:
+    """Compute the changes in H, dented minus flat, with every choice: ΔL, or ΔL − jΔR/ω over a backing."""
     paths = as_conductors(source)
     highest = max(float(path.vertices[:, 2].max()) for path in paths)
     if highest > 0:

@@ -25,7 +25,6 @@ from coilarray.elastomer.scattering import LayerMesh, wavenumber_rule
 from coilarray.electromagnetics.coil_spectrum import (
     coil_segments,
     gradients_on_grid,
-    mirrored_segments,
     segment_centres,
     segment_spectra,
 )
@@ -82,6 +81,9 @@ def shift_energy(
     mu = (1.0, *(sheet.relative_permeability for sheet in sheets), 1.0)
     faces = [face for face in range(levels) if mu[face] != mu[face + 1]]
     coils = coil_segments(source)
+    seen = [coils] if backing is None else backing.seen(coils)
+    if backing is not None:
+        own, other = (each @ backing.currents(len(coils)).T for each in (own, other))
     change = np.zeros((depths, count, len(own)), dtype=np.complex128)
     if not faces:
         return change
@@ -91,7 +93,7 @@ def shift_energy(
     (x, wx, inside_x), (y, wy, inside_y) = (
         _points(axis, beyond, _SPACING * float(heights[0])) for axis in (correction.x, correction.y)
     )
-    centres, radius = segment_centres(coils)
+    centres, radius = segment_centres(seen[0])
     centres = centres - origin
     extent = float(np.hypot(*(np.array([x[[0, -1]], y[[0, -1]]])[:, None] - centres.T[..., None])).max()) + radius
     wavenumbers, weights = wavenumber_rule(float(heights[0]), extent, mesh.coarser())
@@ -103,9 +105,8 @@ def shift_energy(
         fields = gradients_on_grid(segment_spectra(coils, wavenumbers), *on_grid, at, (above - at) / step)
     else:
         often, _ = backing.between(wavenumbers, thicknesses, mu[1:-1])
-        fields = np.zeros((len(coils), 3, len(faces), len(x), len(y)), dtype=np.complex128)
-        of_mirrored = often * backing.reflection(wavenumbers)
-        for those, arriving in ((coils, often), (mirrored_segments(coils, backing.face), of_mirrored)):
+        fields = np.zeros((len(centres), 3, len(faces), len(x), len(y)), dtype=np.complex128)
+        for those, arriving in zip(seen, (often, often * backing.reflection(wavenumbers)), strict=False):
             profiles, slopes = (
                 np.concatenate((values * arriving.real, values * arriving.imag)) for values in (at, (above - at) / step)
             )

@@ -117,7 +117,12 @@ class Scattering:
     energies: tuple[FloatArray | ComplexArray, ...]
 
     def over(self, backing: Backing, dent: Dent) -> Scattering:
-        """Put layers below the coils of a dent: complex patterns for direct waves, then for those of mirrored coils."""
+        """Put layers below the coils of a dent: complex patterns for direct waves, then for those of mirrored coils.
+
+        Without layers nothing of the dent's own field comes back.
+        """
+        if not backing.layers:
+            return self
         often, again = backing.between(self.wavenumbers, dent.thicknesses, dent.permeabilities, dent.motion.lift)
         to_and_fro = self.weights * again / 2
         arriving = np.concatenate((often, often * backing.reflection(self.wavenumbers)))
@@ -132,7 +137,7 @@ class Scattering:
             tuple(map(energies, self.patterns, self.energies)),
         )
 
-    def change(self, incident: ComplexArray, factors: FloatArray) -> ComplexArray:
+    def change(self, incident: ComplexArray, factors: FloatArray) -> FloatArray | ComplexArray:
         """Change of the energy between all coils, (positions, coils, coils), symmetric; times μ0 an inductance.
 
         It is real without layers below the coils.
@@ -152,7 +157,7 @@ class Scattering:
             return np.asarray(one @ two.transpose(0, 2, 1))
 
         total = np.sum(run_blocks(of, range(orders)), axis=0)
-        return np.asarray((total + total.transpose(0, 2, 1)) / 2, dtype=np.complex128)
+        return np.asarray((total + total.transpose(0, 2, 1)) / 2)
 
 
 def wavenumber_rule(clearance: float, extent: float, mesh: LayerMesh) -> tuple[FloatArray, FloatArray]:

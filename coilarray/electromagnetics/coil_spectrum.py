@@ -35,12 +35,17 @@ class Segments:
     """Straight pieces of the closed paths of one coil, with ends `start` and `stop` in m, both of shape (n, 3).
 
     `weights`, shape (n,), is the weight of each piece in S: its current per current of the coil; for an electrode twice
-    the potential inside its path.
+    the potential inside its path. With weights (n, m) the same pieces are m coils.
     """
 
     start: FloatArray
     stop: FloatArray
     weights: FloatArray
+
+    @property
+    def count(self) -> int:
+        """How many coils these are."""
+        return 1 if self.weights.ndim == 1 else self.weights.shape[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +84,7 @@ def segment_centres(coils: Sequence[Segments]) -> tuple[FloatArray, float]:
     plane = [np.concatenate((coil.start, coil.stop))[:, :2] for coil in coils]
     centres = np.array([(points.min(axis=0) + points.max(axis=0)) / 2 for points in plane])
     radius = max(float(np.hypot(*(points - centre).T).max()) for points, centre in zip(plane, centres, strict=True))
-    return centres, radius
+    return np.repeat(centres, [coil.count for coil in coils], axis=0), radius
 
 
 def segment_spectra(
@@ -92,19 +97,21 @@ def segment_spectra(
     centres, radius = segment_centres(coils)
     known: dict[bytes, int] = {}
     shapes: list[Segments] = []
-    shape_of = []
-    for coil, centre in zip(coils, centres, strict=True):
+    shape_of: list[int] = []
+    first = np.cumsum([0, *(coil.count for coil in coils[:-1])])
+    for coil, centre in zip(coils, centres[first], strict=True):
         shape = replace(coil, start=coil.start - [*centre, 0.0], stop=coil.stop - [*centre, 0.0])
         ends = np.hstack((shape.start, shape.stop)) / radius
         # as integers, for −0.0 and 0.0 have other bytes
         key = np.round(np.column_stack((ends, shape.weights)) / _SAME_SHAPE).astype(np.int64).tobytes()
         if key not in known:
-            known[key] = len(shapes)
+            known[key] = sum(one.count for one in shapes)
             shapes.append(shape)
-        shape_of.append(known[key])
+        shape_of += range(known[key], known[key] + shape.count)
     shapes = [replace(shape, start=_turned(shape.start, slope), stop=_turned(shape.stop, slope)) for shape in shapes]
-    series = [run_blocks(lambda k, shape=shape: _series(shape, k, radius), wavenumbers.tolist()) for shape in shapes]  # type: ignore[misc]
-    return CoilSpectra(wavenumbers, centres, radius, tuple(shape_of), tuple(tuple(rows) for rows in series))
+    rows = [run_blocks(lambda k, shape=shape: _series(shape, k, radius), wavenumbers.tolist()) for shape in shapes]  # type: ignore[misc]
+    series = tuple(tuple(one) for bundle in rows for one in zip(*bundle, strict=True))
+    return CoilSpectra(wavenumbers, centres, radius, tuple(shape_of), series)
 
 
 def _turned(points: FloatArray, slope: tuple[float, float]) -> FloatArray:
@@ -177,7 +184,7 @@ def _angles(bandwidth: float) -> int:
 
 
 def _series(shape: Segments, k: float, radius: float) -> ComplexArray:
-    """Fourier series of S(k, α) over α of closed paths, in numpy's order."""
+    """Fourier series of S(k, α) over α of closed paths, in numpy's order, shape (coils, n)."""
     n = _angles(k * radius)
     alpha = 2 * np.pi * np.arange(n // 2) / n  # S(k, α + π) is the conjugate
     cos, sin = np.cos(alpha), np.sin(alpha)
@@ -188,8 +195,10 @@ def _series(shape: Segments, k: float, radius: float) -> ComplexArray:
     turns = k * (dx * cos + dy * sin) / (2 * np.pi)
     mean = np.sinc(turns + 0.5j * k * dz / np.pi) if dz.any() else np.sinc(turns)
     wave = np.exp(k * z - 1j * k * (x * cos + y * sin)) * mean
-    half = 0.5j / k * (shape.weights[flat, None] * (dy * cos - dx * sin) * wave).sum(axis=0)
-    return np.asarray(np.fft.fft(np.concatenate((half, half.conj()))) / n)
+    weights = shape.weights[flat].reshape(len(dx), -1)
+    along_x, along_y = ((weights * step).T @ wave for step in (dx, dy))
+    half = 0.5j / k * (along_y * cos - along_x * sin)
+    return np.asarray(np.fft.fft(np.concatenate((half, half.conj()), axis=1)) / n)
 
 
 def _on_angles(series: ComplexArray, n: int) -> ComplexArray:

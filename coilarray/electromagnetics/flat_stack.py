@@ -23,6 +23,7 @@ import numpy as np
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import MU_0
+from coilarray.electromagnetics.coil_spectrum import Segments, mirrored_segments
 
 Base: TypeAlias = Literal["open", "grounded"]
 """What is below z = 0: air, where the field comes from, or electrodes that hold the potential at z = 0."""
@@ -192,21 +193,38 @@ def _joined(
 
 @dataclass(frozen=True)
 class Backing:
-    """What lies below the coils and sends their field back up: flat layers at one frequency.
+    """What lies below the coils and sends their field back up at one frequency: flat layers, and currents over them.
 
     Parameters
     ----------
     face : float
         Height of its upper face in m, below all coils.
     layers : tuple of Layer
-        From there downwards.
+        From there downwards; none where there are currents alone.
     frequency : float
         In Hz.
+    eddies : Segments, optional
+        Currents above the face for 1 A in each of n coils, 2n weights each: the real parts, then the imaginary ones.
     """
 
     face: float
     layers: tuple[Layer, ...]
     frequency: float
+    eddies: Segments | None = None
+
+    def sources(self, coils: Sequence[Segments]) -> list[Segments]:
+        """Return the coils, with the currents below them as further coils."""
+        return [*coils, *([] if self.eddies is None else [self.eddies])]
+
+    def seen(self, coils: Sequence[Segments]) -> list[list[Segments]]:
+        """Return the `sources`, and where layers mirror them these images of them."""
+        sources = self.sources(coils)
+        return [sources, mirrored_segments(sources, self.face)] if self.layers else [sources]
+
+    def currents(self, coils: int) -> ComplexArray:
+        """Currents in the `sources` for 1 A in each of so many coils, shape (sources, coils)."""
+        one = np.eye(coils, dtype=np.complex128)
+        return one if self.eddies is None else np.concatenate((one, one, 1j * one))
 
     def reflection(self, wavenumbers: FloatArray) -> ComplexArray:
         """ρ of b at its face for positive wavenumbers (k,) in 1/m, which waves from mirrored coils have."""

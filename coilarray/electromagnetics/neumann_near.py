@@ -212,9 +212,19 @@ def _pair_sum(
     """Sum of the rows start:stop of a part with another one, mirrored and moved."""
     second = b.table if (mirror > 0).all() else mirrored(b.table, mirror)
     if accuracy == "full":
+        if a is b and _is_straight_above(a, mirror, shift):
+            alike = [(a.table[i : i + 1], second[i : i + 1]) for i in range(start, stop)]
+            facing = sum(mutual_sum(one, other, shift, 0, 1, near_widths, 0) for one, other in alike)
+            return float(facing + own_mutual_sum(a.table, start, stop, near_widths, 0, shift))
         return float(mutual_sum(a.table, second, shift, start, stop, near_widths, 0))
     rules = series_rules(int(max(a.series[:, 2].max(), b.series[:, 2].max())))
     return float(series_sum(a.table, second, shift, a.series, b.series, False, near_widths, *rules))
+
+
+def _is_straight_above(part: _Part, mirror: FloatArray, shift: FloatArray) -> bool:
+    """Whether a flat part has its copy or its image right above it or below: then row i sees j as j sees i."""
+    flat = not part.table[:, 5].any() and not np.ptp(part.table[:, 2])
+    return flat and bool((mirror[:2] > 0).all()) and not shift[:2].any()
 
 
 def _bars_alone(rows: FloatArray, weights: FloatArray) -> float:

@@ -224,10 +224,10 @@ class _Maps:
     def of_materials(self, base: xr.Dataset) -> dict[str, xr.Dataset]:
         """Put indenters of metal and ferrite into a map, by their material.
 
-        None where the indenter is no such ball, or beside plates.
+        None where the indenter is no such ball.
         """
         setup = indentation_of(self._design)
-        if setup.material is not None or not isinstance(setup.indenter, Hemisphere) or self._design.plates:
+        if setup.material is not None or not isinstance(setup.indenter, Hemisphere):
             return {}
         return {
             name: with_material(self._design, base, MATERIALS[name], imperfections=self._imperfections)

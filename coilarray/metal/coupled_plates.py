@@ -96,10 +96,20 @@ class PlatesInAir:
     def matrices(self, plate: PosedPlate) -> ComplexArray:
         """Matrices (f, u, u) in H of a plate with what the layers reflect of its own field."""
         own = np.array([both_parities(plate.body, impedance) for impedance in plate.impedances])
-        for image in self._images(plate, plate):
+        images = self._images(plate, plate)
+        if not images:
+            return own
+        weights, number = self._sums(images)
+        sums = np.zeros((len(weights), *own.shape[1:]))
+        for image, shares in zip(images, weights.T, strict=True):
             integrals = pair_integrals(plate.corners, image.of(plate.corners), mirrored=image.sign < 0)
             M = inductance(plate.currents, integrals, np.array([1.0, 1.0, image.sign]))
-            own += image.shares[:, None, None] * (M + M.T) / 2
+            for row in np.flatnonzero(shares):
+                sums[row] += shares[row] * M
+        sums = (sums + sums.swapaxes(1, 2)) / 2
+        for k, (real, imaginary) in enumerate(zip(*np.split(number, 2), strict=True)):
+            own[k].real += sums[real]
+            own[k].imag += sums[imaginary]
         return own
 
     def mutual(self, one: PosedPlate, other: PosedPlate) -> ComplexArray:
@@ -126,11 +136,22 @@ class PlatesInAir:
         frequencies = len(self.air.frequencies)
         shape = (frequencies, count, len(plate.where), len(self.paths))
         require_memory(32.0 * math.prod(shape), f"a plate at {len(plate.where)} places", "compute fewer")
-        shares = np.array([image.shares for image in images]).T
-        # fields of sheets alone are the same at all frequencies, and real
-        weights, number = np.unique(np.concatenate((shares.real, shares.imag)), axis=0, return_inverse=True)
-        b = np.concatenate(linked_fluxes(plate.body, self.paths, plate.plate, plate.where, images, weights), axis=1)
+        weights, number = self._sums(images)
+        used = weights.any(axis=1)
+        fluxes = linked_fluxes(plate.body, self.paths, plate.plate, plate.where, images, weights[used])
+        b = np.zeros((len(weights), *shape[1:]))
+        b[used] = np.concatenate(fluxes, axis=1)
         return np.asarray(b[number[:frequencies]] + 1j * b[number[frequencies:]])
+
+    def _sums(self, images: Sequence[Image]) -> tuple[FloatArray, IntArray]:
+        """Distinct real weights (sums, images), and which are the real parts, then the imaginary parts, of the shares.
+
+        What sheets alone reflect is the same at all frequencies, and real.
+        """
+        shares = np.array([image.shares for image in images]).T
+        parts = np.concatenate((shares.real, shares.imag))
+        weights, number = np.unique(parts, axis=0, return_inverse=True)
+        return weights, number.ravel()
 
     @cached_property
     def _coils(self) -> tuple[float, float]:
@@ -192,9 +213,10 @@ def fields_on(
     offsets = body.points @ plate.axes
     for start, stop in ranges(len(where), max(_POINTS_AT_ONCE // (len(offsets) * len(weights)), 1)):
         points = (where[start:stop, None] + offsets).reshape(-1, 3)
-        B = field_at(paths, points, images, weights) @ plate.axes.T
+        B = field_at(paths, points, images, weights).reshape(-1, 3) @ plate.axes.T
         B = B.reshape(len(weights), len(paths), stop - start, len(offsets), 3)
-        yield np.moveaxis(B, 1, 2).reshape(-1, len(offsets), 3)
+        # every component of a point at all places side by side, as they are summed over the points
+        yield np.ascontiguousarray(B.transpose(4, 3, 0, 2, 1)).reshape(3, len(offsets), -1).T
 
 
 def both_parities(body: EddyBody, impedance: SurfaceImpedance) -> ComplexArray:

@@ -207,23 +207,38 @@ def eddy_currents(
 
     Arguments and errors are those of `outlined_inductance`, the frequency in Hz.
     """
+    return eddy_currents_over(source, plates, [frequency], sheets, fineness=fineness)[0]
+
+
+def eddy_currents_over(
+    source: Source,
+    plates: Sequence[Plate | FinitePlate],
+    frequencies: npt.ArrayLike,
+    sheets: Sequence[Sheet] = (),
+    *,
+    fineness: float = 1.0,
+) -> list[list[EddyCurrents]]:
+    """`eddy_currents` at each of the frequencies (f,) in Hz."""
     paths = as_conductors(source)
-    f = _checked_frequencies([frequency])
+    f = _checked_frequencies(frequencies)
     magnetic = _magnetic_plate(plates)
     if magnetic is not None:
         require_skin(magnetic, f, [*(one for one in plates if one is not magnetic), *_magnetic(sheets)])
         where = np.array([magnetic.centre])
         body = _meshed(paths, magnetic, where, f, sheets, fineness)
         corners = body.all_corners @ magnetic.axes + where[0]
-        return [EddyCurrents(corners, magnetic_currents(body, paths, magnetic, frequency))]
+        return [[EddyCurrents(corners, magnetic_currents(body, paths, magnetic, one))] for one in f.tolist()]
     around, posed = _all_posed(paths, plates, f, sheets, fineness)
     solved = around.solved(posed)
-    potentials = -lu_solve(solved.factors[0], solved.b[0][:, 0], check_finite=False)
     starts = np.cumsum([0, *(one.currents[0].shape[1] for one in posed)]).tolist()
-    return [
-        EddyCurrents(one.corners, np.stack([(K @ potentials[start:stop]).T for K in one.currents], axis=-1))
-        for one, (start, stop) in zip(posed, pairwise(starts), strict=True)
-    ]
+    found = []
+    for factors, b in zip(solved.factors, solved.b, strict=True):
+        potentials = -lu_solve(factors, b[:, 0], check_finite=False)
+        found.append([
+            EddyCurrents(one.corners, np.stack([(K @ potentials[start:stop]).T for K in one.currents], axis=-1))
+            for one, (start, stop) in zip(posed, pairwise(starts), strict=True)
+        ])  # fmt: skip
+    return found
 
 
 def moving_plate_error(
@@ -237,7 +252,8 @@ def moving_plate_error(
 
     That of the impedance, which is taken at one wavenumber for all patterns of the current. The rim and the mesh err
     besides: measured against finite elements, a disc of 2 mm at 20 kHz was 0.6 to 1.0 % off in ΔL and 2.1 to 2.9 % in
-    ΔR, where this says 0.2 and 1.7 %.
+    ΔR, where this says 0.2 and 1.7 %. At 2 MHz discs of copper were within 0.2 % in ΔL, and in ΔR within 2 % where they
+    are wider than the loop, but 11 % low where a thick one lies within it and its sharp rim has most of the losses.
     """
     paths = as_conductors(source)
     where, f = _checked_positions(positions), _checked_frequencies(frequencies)

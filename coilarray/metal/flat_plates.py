@@ -17,17 +17,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import qr
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.flat_layer import mirrored, require_below
-from coilarray.electromagnetics.flat_stack import Backing, Layer, layer_waves, with_gaps
+from coilarray.electromagnetics.flat_stack import Layer, layer_waves, with_gaps
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
 from coilarray.electromagnetics.plane_waves import Board, board_below, reflected_inductance, top_of, wavenumbers
 from coilarray.electromagnetics.source import Source, as_conductors
-from coilarray.errors import GeometryError, MetalError
-from coilarray.geometry import Conductor, FinitePlate, Plate, Sheet
+from coilarray.errors import GeometryError
+from coilarray.geometry import Conductor, Plate, Sheet
 from coilarray.metal.frequencies import checked_frequencies
 from coilarray.metal.layered_air import layer_of, layers_apart
 
@@ -37,7 +38,7 @@ _FIT: dict[Accuracy, float] = {"full": 3e-5, "screen": 1e-4}
 _LONGEST = 1e-3  # radians across the board; longer waves carry 1e-10 of the inductance
 _AROUND = 160.0  # radians across the board; the spectrum takes waves so short, images those beyond
 _FITTED, _SMALLEST = 200, 1e-7  # waves of a fit, and its smallest singular values
-_RATIOS = (2.0, 1.6, 1.25)  # of its distances: every image costs a `mutual_inductance`, so the fewest that do
+_RATIO = 1.15  # of the distances among which those of images are chosen
 
 
 def plate_inductance(
@@ -263,25 +264,13 @@ def _around(
     return _Around(stacks, alone, faces, sides, top, bottom, 2 * min(gaps), omega)
 
 
-def backing_of(plates: Sequence[Plate | FinitePlate], frequency: float) -> Backing | None:
-    """Return what plates below the coils send back up at a frequency in Hz; None where they do nothing.
+def stack_below(plates: Sequence[Plate]) -> tuple[float, tuple[Layer, ...]]:
+    """Return the upper face in m of plates below z = 0, and their layers from there downwards.
 
-    MetalError for a plate with an outline, or above the coils, where no indenter would reach the sheets.
+    Plates of nothing are left out.
     """
-    wide = []
-    for k, plate in enumerate(plates):
-        if not isinstance(plate, Plate):
-            raise MetalError(
-                f"an indentation is computed beside infinite plates; plate.{k} {plate.name!r} has an outline."
-            )
-        if plate.z >= 0:
-            raise MetalError(
-                f"an indentation is computed beside plates below the coils; plate.{k} {plate.name!r} lies above the "
-                "sheets, in the way of the indenter."
-            )
-        wide.append(plate)
-    stack = _below(wide, 0.0)
-    return Backing(stack.face, stack.layers, frequency) if stack.layers else None
+    stack = _below(plates, 0.0)
+    return stack.face, stack.layers
 
 
 def _above(plates: Sequence[Plate], sheets: Sequence[Sheet], top: float) -> _Stack:
@@ -314,25 +303,29 @@ def _images(
 ) -> tuple[FloatArray, ComplexArray | None, float]:
     """Distances in m and shares (cases · f, kinds, distances) of images for waves from `split` to `highest`, in 1/m.
 
-    Also from where on they hold to the `tolerance` of the largest wave. None where the spectrum takes all.
+    Also from where on they hold to the `tolerance` of the largest wave. None where the spectrum takes all. Every image
+    costs a `mutual_inductance`: the fewest that do, in the order of a QR factorisation with pivots.
     """
     ways, every = around.ways, np.geomspace(1 / extent, highest, _FITTED)
     largest = np.abs(around.weights(every) * np.exp(-np.outer(ways, every))).max(axis=(1, 2))
     while split < highest:
         k = np.geomspace(split, highest, _FITTED)
         wanted = around.weights(k) * np.exp(-np.outer(ways, k))
-        needed = np.flatnonzero((np.abs(wanted).max(axis=2) > tolerance * largest[:, None]).any(axis=0))
-        for ratio in _RATIOS:
-            count = math.ceil(math.log(4 * highest / split) / math.log(ratio))
-            lifts = np.array([0.0, *np.geomspace(0.5 / highest, 2 / split, count)])
-            shares = np.zeros((*wanted.shape[:2], len(lifts)), dtype=np.complex128)
+        needed = np.flatnonzero((np.abs(wanted).max(axis=2) > tolerance * largest[:, None]).any(axis=0)).tolist()
+        count = math.ceil(math.log(4 * highest / split) / math.log(_RATIO))
+        lifts = np.array([0.0, *np.geomspace(0.5 / highest, 2 / split, count)])
+        waves = {kind: np.exp(-2 * np.outer(k, lifts) - ways[kind] * k[:, None]) for kind in needed}
+        order = qr(waves[min(needed, key=ways.__getitem__)], mode="r", pivoting=True)[1] if needed else np.zeros(0, int)
+        for few in range(1, len(order) + 1):
+            chosen = np.sort(order[:few])
+            shares = np.zeros((*wanted.shape[:2], few), dtype=np.complex128)
             error = np.zeros(len(wanted))
-            for kind in needed.tolist():
-                waves = np.exp(-2 * np.outer(k, lifts) - ways[kind] * k[:, None])
-                shares[:, kind] = np.linalg.lstsq(waves, wanted[:, kind].T, rcond=_SMALLEST)[0].T
-                error = np.maximum(error, np.abs(shares[:, kind] @ waves.T - wanted[:, kind]).max(axis=1))
+            for kind in needed:
+                some = waves[kind][:, chosen]
+                shares[:, kind] = np.linalg.lstsq(some, wanted[:, kind].T, rcond=_SMALLEST)[0].T
+                error = np.maximum(error, np.abs(shares[:, kind] @ some.T - wanted[:, kind]).max(axis=1))
             if (error <= tolerance * largest).all():
-                return lifts, shares, split
+                return lifts[chosen], shares, split
         split *= 2
     return np.zeros(0), None, highest
 

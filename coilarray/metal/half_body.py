@@ -29,6 +29,7 @@ from coilarray.metal.surface_impedance import SurfaceImpedance
 
 ROWS = 32
 """Triangles of one task of a pair integral."""
+_AT_ONCE = 128  # rows, which stay in the cache
 MIRROR = np.array([1.0, 1.0, -1.0])
 """Signs of the coordinates in the mirror image at the mid-plane."""
 # ∫ λ_i φ_j dA over the area of a triangle, λ_i linear and φ_j quadratic: those of its corners, then of the middles of
@@ -231,7 +232,10 @@ def pair_integrals(corners: FloatArray, other: FloatArray | None = None, *, mirr
 
     run_blocks(work, ranges(len(corners), ROWS)[::-1])  # the longest first
     if symmetric:
-        integrals += np.tril(integrals, -1).T
+        for start, stop in ranges(len(corners), _AT_ONCE):
+            integrals[start:stop, stop:] = integrals[stop:, start:stop].T
+            own = integrals[start:stop, start:stop]
+            own += np.tril(own, -1).T
     return integrals
 
 
@@ -247,6 +251,12 @@ def inductance(
     """
     second = currents if others is None else others
     total = np.zeros((currents[0].shape[1], second[0].shape[1]))
-    for K, other, sign in zip(currents, second, signs, strict=True):
-        total += sign * (K.T.tocsr() @ (other.T.tocsr() @ integrals.T).T)
+    terms = [(K.T.tocsr(), other.T.tocsr(), sign) for K, other, sign in zip(currents, second, signs, strict=True)]
+
+    def work(rows: tuple[int, int]) -> None:
+        for K, other, sign in terms:
+            potentials = K[slice(*rows)] @ integrals
+            total[slice(*rows)] += sign * (other @ np.ascontiguousarray(potentials.T)).T
+
+    run_blocks(work, ranges(len(total), _AT_ONCE))
     return np.asarray(MU_0 / (4 * np.pi) * total)

@@ -11,9 +11,10 @@ from coilarray.compute.threads import Progress
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dent_sphere import sphere_in_dent
 from coilarray.elastomer.scattering import LayerMesh
+from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.geometry import Ball, Sheet
-from coilarray.metal.ball import Multipoles, answer_of, ball_inductance, multipole_inductance
+from coilarray.metal.ball import Multipoles, answer_of, ball_over, multipole_inductance, with_mirrored
 
 
 def indenter_inductance(
@@ -23,6 +24,7 @@ def indenter_inductance(
     places: FloatArray,
     frequency: float,
     distances: Sequence[float] | None = None,
+    backing: Backing | None = None,
     *,
     mesh: LayerMesh | None = None,
     progress: Progress | None = None,
@@ -44,6 +46,8 @@ def indenter_inductance(
     distances : sequence of float, optional
         Height in m of its lowest point over the sheets of each dent, above zero where they are not dented; inf for none
         of it. 0 by default.
+    backing : Backing, optional
+        What lies below the coils, at this frequency.
     mesh : LayerMesh, optional
         Accuracy of the dented sheets.
     progress : callable, optional
@@ -65,6 +69,9 @@ def indenter_inductance(
     finite elements at 1 mm in the sheets of gast2020 (tests/metal/test_indenter.py). Measured: flat sheets as thick as
     they are under the tip would make the effect of aluminium 9 % too large and that of ferrite 0.5 to 2 % too small at
     0.5 mm; those of a tip that just touches would be 8 to 25 % too small.
+
+    Over a backing the field of the coils has all that this sends back of it. What it sends back of the field of ball
+    and dent is left out, but for that of a ball over flat sheets and layers.
     """
     coils = len(as_conductors(source))
     change = np.zeros((len(dents), len(places), coils, coils), dtype=np.complex128)
@@ -82,7 +89,8 @@ def indenter_inductance(
             Sheet(f"sheet {k + 1}", thickness, mu)
             for k, (thickness, mu) in enumerate(zip(first.thicknesses, first.permeabilities, strict=True))
         ]
-        found = ball_inductance(source, ball, centres(flat), [frequency], sheets, progress=progress)
+        at = np.array([frequency])
+        found = ball_over(source, ball, centres(flat), at, sheets, backing, progress=progress)
         change[flat] = found.reshape(len(flat), *change.shape[1:])
 
     def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
@@ -92,11 +100,12 @@ def indenter_inductance(
         for field, returned in zip(seen.fields, seen.returned, strict=True):
             order = np.arange(orders - len(field) + 1, orders + 1)
             scale = np.sqrt(order + 0.5)
-            fields.append(scale[:, None] * field)
+            scaled = scale[:, None] * field
+            fields.append(with_mirrored(scaled, backing, wavenumbers, dent.thicknesses, dent.permeabilities))
             answers.append(answer_of(alpha[:, order[0] - 1 :], 2 * ball.radius * np.outer(scale, scale) * returned))
         return Multipoles(fields, answers)
 
     if len(pressed):
-        found = multipole_inductance(source, ball, centres(pressed), [frequency], answer, progress=progress)
+        found = multipole_inductance(source, ball, centres(pressed), [frequency], answer, backing, progress=progress)
         change[pressed] = found.reshape(len(pressed), *change.shape[1:])
     return change

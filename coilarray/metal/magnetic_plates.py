@@ -52,15 +52,17 @@ def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[o
         raise MetalError(
             f"a magnetic plate with an outline must be at least {_DEPTHS:g} skin depths thick; {plate.name!r} is "
             f"{plate.thickness * 1e3:.4g} mm thick and has a skin depth of {depth * 1e3:.3g} mm at "
-            f"{float(frequencies.min()):.4g} Hz."
+            f'{float(frequencies.min()):.4g} Hz: make it thicker, or infinite with shape = "plate".'
         )
     if plate.outline.holes:
-        raise MetalError(f"a magnetic plate with an outline must have no holes; {plate.name!r} has some.")
+        raise MetalError(
+            f"a magnetic plate with an outline must have no holes; {plate.name!r} has some: leave them out."
+        )
     if others:
         names = ", ".join(str(getattr(other, "name", other)) for other in others)
         raise MetalError(
             f"a magnetic plate with an outline is computed only without other plates and magnetic sheets; beside "
-            f"{plate.name!r} there are {names}."
+            f'{plate.name!r} there are {names}: leave one of them out, or make it infinite with shape = "plate".'
         )
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.errors import MetalError
 
 _INTERPOLATION = 1e-5  # error of the change between the frequencies at which it is computed
@@ -20,12 +20,14 @@ _ROUNDING = 1e-9  # of a frequency
 class FrequencyBand:
     """Frequencies from `low` to `high` in Hz, in which ΔL − jΔR/ω is computed at Chebyshev points of log f.
 
-    The change over log f has its nearest poles at ±jπ/2, those of one time constant, and polynomials through n points
-    of a band of the half width w err by ρ⁻ⁿ, ρ = π/(2w) + √(π²/(4w²) + 1) (Trefethen, Approximation Theory, ch. 8).
+    They are as many as the relative `error` needs. The change over log f has its nearest poles at ±jπ/2, those of one
+    time constant, and polynomials through n points of a band of the half width w err by ρ⁻ⁿ,
+    ρ = π/(2w) + √(π²/(4w²) + 1) (Trefethen, Approximation Theory, ch. 8).
     """
 
     low: float
     high: float
+    error: float = _INTERPOLATION
 
     @cached_property
     def nodes(self) -> FloatArray:
@@ -35,7 +37,7 @@ class FrequencyBand:
         if half == 0:
             return np.array([self.low])
         pole = np.pi / 2 / half
-        count = math.ceil(-math.log(_INTERPOLATION) / math.log(pole + math.hypot(pole, 1)))
+        count = math.ceil(-math.log(self.error) / math.log(pole + math.hypot(pole, 1)))
         angle = np.pi * (np.arange(count)[::-1] + 0.5) / count
         return np.asarray(np.exp((low + high) / 2 + half * np.cos(angle)))
 
@@ -58,3 +60,23 @@ class FrequencyBand:
         if len(self.nodes) == 1:
             return np.ones((len(frequencies), 1))
         return np.asarray(self._lagrange(np.log(frequencies)))
+
+
+@dataclass(frozen=True, eq=False)
+class ChangeOverFrequency:
+    """ΔL − jΔR/ω in H of many cases: `values` (cases…, nodes, n, n) at the nodes of a band, constant beyond it."""
+
+    band: FrequencyBand
+    values: ComplexArray
+
+    def shares(self, frequencies: FloatArray) -> FloatArray:
+        """Weights (f, nodes) of the values at the nodes, for frequencies (f,) in Hz."""
+        return self.band.shares(np.clip(frequencies, self.band.low, self.band.high))
+
+    def at(self, frequency: float) -> ComplexArray:
+        """Change (cases…, n, n) of all cases at one frequency in Hz."""
+        return np.asarray(np.einsum("f,...fij->...ij", self.shares(np.array([frequency]))[0], self.values))
+
+    def of_each(self, frequencies: FloatArray, cases: slice = slice(None)) -> ComplexArray:
+        """Change (cases, n, n) of each case at its own frequency (cases,) in Hz."""
+        return np.asarray(np.einsum("cf,cfij->cij", self.shares(frequencies), self.values[cases], optimize=True))

@@ -65,7 +65,7 @@ def target_inductance(
     Raises
     ------
     MetalError
-        A sphere beside plates, and what the solver of the body refuses.
+        A sphere beside plates with an outline or above the coils, and what the solver of the body refuses.
     GeometryError
         A target that reaches into metal, sheets or copper, and what the solver of the body refuses.
     """
@@ -87,12 +87,17 @@ def target_inductance(
             source, body, positions, frequencies, sheets, plates, fineness=fineness, progress=progress
         )  # fmt: skip
     else:
-        change = ball_inductance(source, body, positions, frequencies, sheets, progress=progress)
+        below = [plate for plate in plates if isinstance(plate, Plate)]
+        change = ball_inductance(source, body, positions, frequencies, sheets, below, progress=progress)
     return change.reshape(len(heights), len(places), *change.shape[1:])
 
 
 def require_apart(body: Body, plates: Sequence[Plate | FinitePlate]) -> None:
     """Refuse a target beside plates with which it is not computed: MetalError."""
-    if isinstance(body, Ball) and plates:
-        names = ", ".join(plate.name for plate in plates)
-        raise MetalError(f"a sphere as the target beside plates is not computed: leave one of them out; got {names}.")
+    for k, plate in enumerate(plates if isinstance(body, Ball) else ()):
+        if isinstance(plate, FinitePlate) or plate.z >= 0:
+            what = "has an outline" if isinstance(plate, FinitePlate) else "lies above the coils"
+            raise MetalError(
+                f"a sphere as the target is computed beside infinite plates below the coils; plate.{k} {plate.name!r} "
+                f'{what}: leave it out, or give it shape = "plate" and a z_mm below the board.'
+            )

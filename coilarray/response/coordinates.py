@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM
 from coilarray.errors import LocalizeError
 
@@ -20,6 +21,7 @@ __all__ = [
     "depth_words",
     "from_board",
     "is_of_target",
+    "map_coordinates",
     "on_board",
     "origin_attributes",
     "origin_of",
@@ -34,6 +36,30 @@ def origin_attributes(setup: Indentation | Target) -> dict[str, str | float]:
     """Return the attributes of a response that say what its positions count from: a name, and x and y in m."""
     x, y = setup.origin_point
     return {"origin": setup.origin or _BOARD, "origin_x": float(x), "origin_y": float(y)}
+
+
+def map_coordinates(
+    setup: Indentation | Target,
+    x: FloatArray,
+    y: FloatArray,
+    states: Sequence[str],
+    coils: Sequence[str],
+    centres: FloatArray,
+) -> dict[str, Any]:
+    """Return the coordinates of a map that it shares with all others: places, states and coils.
+
+    Places `x` and `y` in m count from the map's origin, the coils' `centres`, shape (coils, 2), from the board's.
+    """
+    from_origin = centres - setup.origin_point
+    return {
+        "y": ("y", y, {"units": "m"}),
+        "x": ("x", x, {"units": "m"}),
+        "state": list(states),
+        "coil": list(coils),
+        "other": list(coils),
+        "coil_x": ("coil", from_origin[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
+        "coil_y": ("coil", from_origin[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
+    }
 
 
 def from_board(positions: Iterable[float], origin: float) -> tuple[float, ...]:

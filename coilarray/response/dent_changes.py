@@ -91,12 +91,16 @@ def changes_by_levels(
     mesh: LayerMesh,
     backing: Backing | None,
     progress: Progress | None,
-) -> ComplexArray:
-    """ΔL − jΔR/ω in H by level samples of the same sheets at some places, (depths, places, coils, coils)."""
+) -> FloatArray | ComplexArray:
+    """Compute the changes in H by level samples of the same sheets, (depths, places, coils, coils).
+
+    ΔL, or ΔL − jΔR/ω with a backing.
+    """
     dents = [dent for level in levels for dent in level.dents]
     accuracy = mesh.coarser() if levels[0].coarse else mesh
+    change: FloatArray | ComplexArray
     if backing is None:
-        change = dent_inductance(source, dents, points, accuracy, progress=progress).astype(np.complex128)
+        change = dent_inductance(source, dents, points, accuracy, progress=progress)
     else:
         change = dent_inductance_over(backing, source, dents, points, accuracy, progress=progress)
     parts = change.reshape(len(levels), -1, *change.shape[1:])
@@ -115,11 +119,12 @@ def _compute_part(
     """Inductance and capacitance changes of one depth at some places, and beside plates ΔR/ω in H as ``loss``."""
     coils = len(design.array.names)
     change, capacitance_change = np.zeros((len(points), coils, coils)), np.zeros((len(points), coils))
-    loss = np.zeros_like(change)
+    loss = np.zeros_like(change) if backing is not None else np.zeros(())
     for group in together(levels):
         dented = changes_by_levels(design.array, group, points, mesh, backing, steps.within)[0]
         change += dented.real
-        loss -= dented.imag
+        if backing is not None:
+            loss -= dented.imag
         if permittivity is not None:
             dents = [level.dents[0] for level in group]
             parts = dent_capacitance(design.array, dents, points, permittivity, mesh)

@@ -17,15 +17,18 @@ from coilarray.circuit.noise_budget import NoiseBudget, budget_of
 from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitivity
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
-from coilarray.compute.threads import Progress, ranges
+from coilarray.compute.threads import Progress, part_of, ranges
 from coilarray.design.model import Design
 from coilarray.design.scan_states import ScanState
 from coilarray.elastomer.face_shift import shift_energy
 from coilarray.elastomer.scattering import LayerMesh
+from coilarray.electromagnetics.flat_stack import Backing
+from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, NetworkError
 from coilarray.geometry import Conductor, Material
-from coilarray.metal.flat_plates import backing_of
-from coilarray.response.coordinates import origin_attributes
+from coilarray.metal.backing import backings_of
+from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
+from coilarray.response.coordinates import map_coordinates, origin_attributes
 from coilarray.response.dent_changes import changes_by_bounds, changes_by_dents, changes_by_levels
 from coilarray.response.metal_share import Variable, check_metal, metal_attributes, metal_share, metal_variables
 from coilarray.response.near import near_response
@@ -57,11 +60,16 @@ Reach = float | Literal["auto"] | None
 
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances that the circuit takes, and a copy on the way
-_BYTES_OF_METAL = 80.0  # more with plates or an indenter of metal: complex changes, their copies, and two variables
+_BYTES_OF_METAL = (
+    200.0  # more with plates or an indenter of metal: complex changes at up to four frequencies, and copies
+)
 _CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _ERRORS = (1e-4, 0.1)  # of the peak; being linear leaves out up to 4e-5 (tests/response/test_near_response.py)
 _AUTO_VALUES = 5_000_000  # of the inductance changes; above, "auto" leaves far coils out
 _AUTO_ERROR = 1e-3
+_OVER_FREQUENCY = 1e-4  # error of the change by dents beside plates between the frequencies at which it is computed
+
+_Changed = Callable[[float], FloatArray | ComplexArray]  # ΔL − jΔR/ω in H, (depths, places, n, n), at a frequency in Hz
 
 
 def response_map(
@@ -139,7 +147,9 @@ def response_map(
         ``metal_resistance_change`` in Ω, against the indenter at rest; the attributes ``indenter_material``,
         ``metal_frequency_Hz`` and ``rest_m`` say of what it is. Beside plates ``resistance_change`` (depth, y, x, coil,
         other) in Ω is what the dent adds to the loss in them; it and the inductance's change are those at the mean
-        frequency of the states, the attribute ``plate_frequency_Hz``. With only near coils, ``delta`` is 0 for the
+        frequency of the states, the attribute ``plate_frequency_Hz``. ``plate_inductance_change`` and
+        ``plate_resistance_change`` are both over ``plate_frequency`` in Hz, from which every state in ``delta`` has
+        those of its own. With only near coils, ``delta`` is 0 for the
         states beyond the attribute ``state_cutoff_m``, and the currents in coils beyond ``coil_cutoff_m`` are left out.
         The attribute ``error_of_peak`` is the error allowed by `reach`, 0 for every coil; ``noise`` is the standard
         deviation of δ of a reading by the noise budget of the design, which is not in ``delta``.
@@ -151,8 +161,8 @@ def response_map(
         lost on a tilted one, a `reach` outside its limits or together with `dielectric` or a material, and what
         `indent` and `dent_inductance` refuse.
     MetalError
-        A `rest` below 0; plates with an outline or above the sheets, or together with an indenter's material; and what
-        `ball_inductance` refuses.
+        A `rest` below 0; plates above the sheets, or magnetic ones with an outline; and what `ball_inductance` and
+        `coilarray.metal.finite_plates.eddy_currents` refuse.
     NetworkError
         A state without a resonance; with `reach` also a network with stray capacitances, and states and switches that
         `coilarray.circuit.state_sensitivity` does not treat.
@@ -171,7 +181,8 @@ def response_map(
     (benchmarks/large_response.py).
 
     Beside plates below the coils, the field of coils and dent that these send back is in every position. Their losses
-    count in the resonance.
+    count in the resonance. Of plates with an outline it is the field of the coils alone: that of the dent, which
+    is left out, would change ΔL by up to 2 % where a dent comes within 1.4 mm of the plate.
 
     Examples
     --------
@@ -186,7 +197,7 @@ def response_map(
     beside_metal = ball is not None or bool(design.plates)
     error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=beside_metal)
     _require_room(axes, coils, len(design.plan), error, metal=beside_metal)
-    check_metal(design, axes, ball, rest)
+    check_metal(axes, ball, rest)
     pressed = experiment(design, axes, true)
 
     def flat_network() -> Network:
@@ -208,26 +219,30 @@ def response_map(
     else:
         _require_room(axes, coils, len(design.plan), 0.0)
         permittivity = design.circuit.elastomer_permittivity if dielectric else None
-        backing = None if flat is None else backing_of(design.plates, _mean_frequency(flat, design.plan))
-        change, loss, capacitance_change = changes_by_dents(pressed, permittivity, mesh, backing, parts, progress)
+        backings = [] if flat is None else _backings(pressed, design.array, _band(flat, design.plan))
+        cases = [changes_by_dents(pressed, permittivity, mesh, one, parts, part_of(progress, k, max(len(backings), 1)))
+                 for k, one in enumerate(backings or [None])]  # fmt: skip
+        change, _, capacitance_change = cases[0]
         flat = flat or flat_network()
         flats = [resonate(flat, state) for state in design.plan]
         changes, left_out = {}, {"error_of_peak": 0.0}
-        lossy: FloatArray | ComplexArray = change
-        if backing is not None:
-            lossy = change - 1j * loss
-            left_out["plate_frequency_Hz"] = backing.frequency
-            changes["resistance_change"] = (
-                ("depth", "y", "x", "coil", "other"),
-                2 * np.pi * backing.frequency * loss.reshape(*axes.shape, coils, coils),
-                {"units": "ohm", "long_name": "change of the eddy-current loss in the plates, dented minus flat"},
+        changed = _at_any(change)
+        if backings:
+            over = ChangeOverFrequency(
+                _band(flat, design.plan), np.stack([one - 1j * loss for one, loss, _ in cases], axis=2)
             )
-        delta = _through_circuit(flat, flats, lossy, capacitance_change)
+            changed, mean = over.at, _mean_frequency(flat, design.plan)
+            change = over.at(mean).real
+            left_out |= {
+                "plate_frequency_Hz": mean, "plate_lowest_Hz": over.band.low, "plate_highest_Hz": over.band.high
+            }  # fmt: skip
+            changes = _plate_variables(axes, over, mean)
+        delta = _through_circuit(flat, flats, changed, capacitance_change)
         if ball is not None:
             frequency = _mean_frequency(flat, design.plan)
             share = metal_share(pressed, design.array, ball, frequency, rest, mesh)
-            both = _through_circuit(flat, flats, change + share, capacitance_change)
-            changes = metal_variables(axes, both - delta, share, frequency)
+            both = _through_circuit(flat, flats, _moved(changed, share), capacitance_change)
+            changes |= metal_variables(axes, both - delta, share, frequency)
             left_out |= metal_attributes(ball, frequency, rest)
             delta, change = both, change + share.real
         base = np.array([_converted(flat, one) for one in flats])
@@ -297,11 +312,14 @@ def respond(
     network = replace(design_circuit(design, ideal=ideal), inductance=response.inductance.values)
     flats = [resonate(network, state) for state in states]
     lossy: FloatArray | ComplexArray = flat
-    for kind, of in (("", "plate"), ("metal_", "metal")):
-        if f"{kind}resistance_change" in response:
-            loss = response[f"{kind}resistance_change"].values.reshape(flat.shape)
-            lossy = lossy - 1j * loss / (2 * np.pi * response.attrs[f"{of}_frequency_Hz"])
-    delta = _through_circuit(network, flats, lossy, capacitance_change)
+    if "metal_resistance_change" in response:
+        loss = response.metal_resistance_change.values.reshape(flat.shape)
+        lossy = flat - 1j * loss / (2 * np.pi * response.attrs["metal_frequency_Hz"])
+    changed = _at_any(lossy)
+    if "plate_frequency" in response.dims:
+        over = _over_frequency(response)
+        changed = _moved(over.at, lossy - over.at(response.attrs["plate_frequency_Hz"]).real)
+    delta = _through_circuit(network, flats, changed, capacitance_change)
     base = np.array([_converted(network, one) for one in flats])
     others = response.drop_dims("state")  # a share in δ of a material too
     others["inductance_change"] = (response.inductance_change.dims, change, response.inductance_change.attrs)
@@ -353,7 +371,7 @@ def with_material(
     solid = replace(design, indentation=replace(indentation_of(design), material=material))
     axes = map_axes(design, response.depth, response.x, response.y)
     ball = indentation_of(solid).ball
-    check_metal(solid, axes, ball, rest)
+    check_metal(axes, ball, rest)
     assert ball is not None  # it has the material
     capacitance = design.circuit.switches.tank_capacitance
     frequency = float((1 / np.sqrt(response.base_inductance * capacitance)).mean()) / (2 * np.pi)
@@ -388,15 +406,23 @@ def inductance_changes(
     `response_map`.
     """
     ball = None if frequency is None else indentation_of(design).ball
-    check_metal(design, axes, ball, 0.0)
+    check_metal(axes, ball, 0.0)
     source = design.array.conductors() if paths is None else paths
     pressed = experiment(design, axes, imperfections)
     change = np.zeros((len(pressed.axes.depth), len(pressed.points), len(source), len(source)))
-    working = _mean_frequency(design_circuit(design), design.plan) if design.plates else 0.0
-    backing = backing_of(design.plates, working)
-    for levels in together(pressed.levels):
-        change += changes_by_levels(source, levels, pressed.points, LayerMesh(), backing, progress).real
-    change += changes_by_bounds(pressed, source, LayerMesh(), backing).real
+    backings: Sequence[Backing | None] = [None]
+    shares = np.ones(1)
+    if design.plates:
+        network = design_circuit(design)
+        band = _band(network, design.plan)
+        over = _backings(pressed, source, band)
+        if over:
+            backings, shares = over, band.shares(np.array([_mean_frequency(network, design.plan)]))[0]
+    for share, backing in zip(shares.tolist(), backings, strict=True):
+        for levels in together(pressed.levels):
+            part = changes_by_levels(source, levels, pressed.points, LayerMesh(), backing, progress)
+            change += share * part.real
+        change += share * changes_by_bounds(pressed, source, LayerMesh(), backing).real
     if ball is not None and frequency is not None:
         change += metal_share(pressed, source, ball, frequency, 0.0, LayerMesh()).real
     return change.reshape(*axes.shape, len(source), len(source))
@@ -424,7 +450,6 @@ def response_dataset(
     setup, per = indentation_of(design), "/m" if per_length else ""
     names = list(design.array.names if coils is None else coils)
     kept = [design.array.names.index(name) for name in names]
-    centres = design.array.centres[kept] - setup.origin_point
     states = [state.name for state in design.plan] if states is None else states
     return xr.Dataset(
         {
@@ -444,13 +469,7 @@ def response_dataset(
         },
         coords={
             "depth": ("depth", axes.depth, {"units": "m", "long_name": "depth of the indentation"}),
-            "y": ("y", axes.y, {"units": "m"}),
-            "x": ("x", axes.x, {"units": "m"}),
-            "state": list(states),
-            "coil": names,
-            "other": names,
-            "coil_x": ("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
-            "coil_y": ("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
+            **map_coordinates(setup, axes.x, axes.y, states, names, design.array.centres[kept]),
         },
         attrs={
             **provenance(design),
@@ -500,6 +519,54 @@ def _require_room(axes: MapAxes, coils: int, states: int, error: float, *, metal
     require_memory(a_value * values, f"a map of {what}", "compute it in pieces")
 
 
+def _at_any(change: FloatArray | ComplexArray) -> _Changed:
+    """Take a change as that at all frequencies."""
+    return lambda frequency: change
+
+
+def _moved(changed: _Changed, by: FloatArray | ComplexArray) -> _Changed:
+    """Add the same to a change at all frequencies."""
+    return lambda frequency: changed(frequency) + by
+
+
+def _band(flat: Network, plan: Sequence[ScanState]) -> FrequencyBand:
+    """Frequencies at which the states of a scan oscillate."""
+    found = [resonate(flat, state).frequency for state in plan]
+    return FrequencyBand(min(found), max(found), _OVER_FREQUENCY)
+
+
+def _backings(pressed: Experiment, source: Source, band: FrequencyBand) -> list[Backing]:
+    """Return what the plates of a design send back at the nodes of a band; none without plates."""
+    return backings_of(source, pressed.design.plates, band.nodes.tolist(), pressed.design.sheets)
+
+
+def _plate_variables(axes: MapAxes, over: ChangeOverFrequency, mean: float) -> dict[str, Variable]:
+    """Return the variables of the changes beside plates: the loss at the mean frequency, and both over frequency."""
+    matrix = ("depth", "y", "x", "coil", "other")
+    each, f = np.moveaxis(over.values, 2, 0), over.band.nodes
+    shape = (*axes.shape, *each.shape[3:])
+    losses = -2 * np.pi * f[:, None, None, None, None] * each.imag
+    loss = {"units": "ohm", "long_name": "change of the eddy-current loss in the plates, dented minus flat"}
+    return {
+        "resistance_change": (matrix, -2 * np.pi * mean * over.at(mean).imag.reshape(shape), loss),
+        "plate_frequency": (("plate_frequency",), f, {"units": "Hz", "long_name": "frequency"}),
+        "plate_inductance_change": (
+            ("plate_frequency", *matrix), each.real.reshape(len(f), *shape),
+            {"units": "H", "long_name": "inductance matrix over frequency, dented minus flat"},
+        ),
+        "plate_resistance_change": (("plate_frequency", *matrix), losses.reshape(len(f), *shape), loss),
+    }  # fmt: skip
+
+
+def _over_frequency(response: xr.Dataset) -> ChangeOverFrequency:
+    """Return the changes beside plates of a map, see `_plate_variables`."""
+    f, L = response.plate_frequency.values, response.plate_inductance_change.values
+    loss = response.plate_resistance_change.values / (2 * np.pi * f[:, None, None, None, None, None])
+    low, high = (float(response.attrs[f"plate_{end}_Hz"]) for end in ("lowest", "highest"))
+    values = np.moveaxis((L - 1j * loss).reshape(len(f), L.shape[1], -1, *L.shape[-2:]), 0, 2)
+    return ChangeOverFrequency(FrequencyBand(low, high, _OVER_FREQUENCY), values)
+
+
 def _mean_frequency(network: Network, plan: Sequence[ScanState]) -> float:
     """Mean in Hz of the frequencies at which the states of a scan oscillate."""
     return float(np.mean([resonate(network, state).frequency for state in plan]))
@@ -521,25 +588,23 @@ def _converted(network: Network, flat: Resonance) -> float:
 
 
 def _through_circuit(
-    network: Network, flats: Sequence[Resonance], change: FloatArray | ComplexArray, capacitance_change: FloatArray
+    network: Network, flats: Sequence[Resonance], changed: _Changed, capacitance_change: FloatArray
 ) -> FloatArray:
-    """δ of every depth, place and state, from the resonances of the states under flat sheets.
-
-    Changes in H with losses are complex, ΔL − jΔR/ω.
-    """
-    inductances = network.inductance + change.reshape(-1, *network.inductance.shape)
+    """δ of every depth, place and state, from the resonances of the states under flat sheets."""
+    shape = capacitance_change.shape[:2]
     capacitances = network.winding_capacitance + capacitance_change.reshape(-1, len(network.names))
     nodes_and_branches = 6 * len(network.names) + 5
     at_once = max(1, _CIRCUIT_VALUES // nodes_and_branches**2)
-    delta = np.empty((*change.shape[:2], len(flats)))
+    delta = np.empty((*shape, len(flats)))
     for k, flat in enumerate(flats):
+        inductances = network.inductance + changed(flat.frequency).reshape(-1, *network.inductance.shape)
         dented = np.concatenate(
             [
                 resonances_near(network, flat, inductances[start:stop], capacitances[start:stop])
                 for start, stop in ranges(len(inductances), at_once)
             ]
         )
-        delta[..., k] = ((flat.frequency / dented) ** 2 - 1).reshape(change.shape[:2])
+        delta[..., k] = ((flat.frequency / dented) ** 2 - 1).reshape(shape)
     return delta
 
 

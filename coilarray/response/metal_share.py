@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
-from coilarray.design.model import Design
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, MetalError
 from coilarray.geometry import Ball
+from coilarray.metal.backing import backing_of
 from coilarray.metal.indenter import indenter_inductance
 from coilarray.response.setup import Experiment, MapAxes
 
@@ -20,13 +20,8 @@ Variable = tuple[tuple[str, ...], FloatArray, Mapping[str, str]]
 """A variable of a dataset: dimensions, values and attributes."""
 
 
-def check_metal(design: Design, axes: MapAxes, ball: Ball | None, rest: float) -> None:
-    """Refuse an indenter of metal where it is not computed, and depths that only such a one has."""
-    if ball is not None and design.plates:
-        raise MetalError(
-            f"an indenter of {ball.material.name} is not computed beside plates, and {design.name} has "
-            f"{design.plates[0].name!r}; leave its material out with metal=False (--no-metal)."
-        )
+def check_metal(axes: MapAxes, ball: Ball | None, rest: float) -> None:
+    """Refuse a rest below the sheets, and depths that only an indenter of metal has."""
     if not rest >= 0:
         raise MetalError(f"rest must be at least 0; got {rest} m.")
     if ball is None and axes.depth[0] < 0:
@@ -45,12 +40,14 @@ def metal_share(
     not known.
     """
     total: ComplexArray | float = 0.0
+    backing = backing_of(source, pressed.design.plates, frequency, pressed.design.sheets)
     for level in (level for level in pressed.levels if not level.coarse):
         first = level.dents[0]
         flat = replace(first, displacement=np.zeros_like(first.displacement))
         found = indenter_inductance(
-            source, ball, [*level.dents, flat], pressed.points, frequency, [*pressed.above.tolist(), rest], mesh=mesh
-        )
+            source, ball, [*level.dents, flat], pressed.points, frequency, [*pressed.above.tolist(), rest], backing,
+            mesh=mesh,
+        )  # fmt: skip
         parts = found[:-1] - found[-1]
         total = total + np.einsum("dp,dpij->dpij", level.shares, parts)
     return np.asarray(total)

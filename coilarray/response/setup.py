@@ -23,7 +23,9 @@ from coilarray.electromagnetics.flat_layer import layer_inductance, magnetic_sla
 from coilarray.errors import CoilarrayError, ElastomerError
 from coilarray.geometry import Hemisphere, Indenter, Paraboloid, Plate, Sheet
 from coilarray.geometry.sheet import Base, Strain
-from coilarray.metal.flat_plates import backing_of, plate_inductance
+from coilarray.metal.backing import require_below
+from coilarray.metal.finite_plates import outlined_inductance
+from coilarray.metal.flat_plates import plate_inductance
 
 _FARTHEST = 1.0  # m
 _STEEPEST = 0.1  # slope of a sample; beyond it the wedge's own slope would count
@@ -165,10 +167,10 @@ def map_axes(
     """Return the axes of a map; those of the design where None is given.
 
     ElastomerError for a design without an indentation, or values that are not finite and rising, or beyond 1 m;
-    MetalError for plates beside which no indentation is computed, see `coilarray.metal.flat_plates.backing_of`.
+    MetalError for plates beside which no indentation is computed, see `coilarray.metal.backing.require_below`.
     """
     setup = indentation_of(design)
-    backing_of(design.plates, 0.0)
+    require_below(design.plates)
     given = (("depths", depths, setup.depths), ("x", x, setup.x), ("y", y, setup.y))
     return MapAxes(*(checked_axis(name, default if values is None else values) for name, values, default in given))
 
@@ -390,13 +392,17 @@ def wedge_inductance(design: Design, tilt: tuple[float, float]) -> FloatArray:
         return np.zeros_like(middle)
     heights = _nodes(float(min(middle.min(), 0.0)), float(max(middle.max(), 0.0)))
     plates = design_plates(design)
-    frequencies = [] if plates is None else [plates.working]
+    beside = [plate for plate in design.plates if isinstance(plate, Plate)]
 
     def level(height: float) -> FloatArray:
         sheets = _raised(design.sheets, height)
-        beside = [plate for plate in design.plates if isinstance(plate, Plate)]
-        by_plates = (plate_inductance(design.array, beside, [f], sheets)[0].real for f in frequencies)
-        return np.asarray(layer_inductance(design.array, sheets) + sum(by_plates))
+        change = layer_inductance(design.array, sheets)
+        if plates is None:
+            return change
+        change = change + plate_inductance(design.array, beside, [plates.working], sheets)[0].real
+        if len(beside) == len(design.plates):
+            return np.asarray(change)
+        return np.asarray(change + outlined_inductance(design.array, design.plates, [plates.working], sheets)[0].real)
 
     shares = _lagrange(heights, middle.ravel()).reshape(*middle.shape, -1)
     raised = np.array([level(height) for height in heights.tolist()])

@@ -25,9 +25,9 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Target
 from coilarray.metal.finite_plates import moving_plate_error
-from coilarray.metal.over_frequency import FrequencyBand
+from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
 from coilarray.metal.target import require_apart, target_inductance
-from coilarray.response.coordinates import origin_attributes
+from coilarray.response.coordinates import map_coordinates, origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
 from coilarray.response.target_range import ranges_of, require_noise
 
@@ -153,13 +153,13 @@ def target_map(
     at_middle = FrequencyBand(middle, middle)
     first = _changes(design, nearest, at_middle.nodes, parts, None, _COARSE * fineness, "screen")
     _require_passive(network, first, nearest)
-    guess = _Change(at_middle, first)
+    guess = _cases(at_middle, first)
     moved = np.array([_through_circuit(network, one, guess, nearest)["frequency"] for one in alone])
     for _ in range(2):  # the guess is of one frequency
         band = _around(np.append(moved, resonances))
         changes = _changes(design, axes, band.nodes, parts, progress, fineness, accuracy)
         _require_passive(network, changes, axes)
-        near, network = _Change(band, changes), widened(design, network, band.low, band.high, accuracy)
+        near, network = _cases(band, changes), widened(design, network, band.low, band.high, accuracy)
         solved = [_through_circuit(network, one, near, axes) for one in alone]
         by_state = {name: np.stack([one[name] for one in solved], axis=-1) for name, _, _ in _QUANTITIES}
         moved = by_state["frequency"]
@@ -173,7 +173,7 @@ def target_map(
     base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
     mean = moved.mean(axis=-1)
     budget = budget_of(design, base["frequency"], [loaded_quality(network, one) for one in alone])
-    result = _dataset(design, target, axes, network, by_state, base, mean, near(mean))
+    result = _dataset(design, target, axes, network, by_state, base, mean, near.of_each(mean))
     if noise is None:
         result = result.assign(budget.variables())
     own, sigma = (float(budget.independent.max()), budget.largest) if noise is None else (noise, noise)
@@ -181,13 +181,13 @@ def target_map(
     if isinstance(target.body, FinitePlate):
         height = target.height(sum(sheet.thickness for sheet in design.sheets), float(axes.depth[0]))
         error = moving_plate_error(design.array, target.body, [[0.0, 0.0, height]], band.nodes, design.sheets)
-        coarse = _Change(band, _changes(design, axes, band.nodes, parts, None, _COARSE * fineness))
+        coarse = _cases(band, _changes(design, axes, band.nodes, parts, None, _COARSE * fineness))
         other = [_through_circuit(network, one, coarse, axes)["effective_inductance"] for one in alone]
         of_L = np.abs(by_state["effective_inductance"] - np.stack(other, axis=-1)) * _OF_DIFFERENCE
         values = (of_L / base["effective_inductance"]).reshape(*axes.shape, -1)
         row = ("delta_error", ("distance", "y", "x", "state"), values, "1", "± δ by the mesh")
         result = result.assign(variables(row))
-        matrices, others = near(mean).real, coarse(mean).real
+        matrices, others = near.of_each(mean).real, coarse.of_each(mean).real
         mesh = _OF_DIFFERENCE * float(np.linalg.norm(matrices - others) / np.linalg.norm(matrices))
         result.attrs |= {**error.attributes, "plate_error_mesh": mesh}
     return result
@@ -200,6 +200,11 @@ def _around(frequencies: FloatArray) -> FrequencyBand:
     return FrequencyBand(low * math.exp(-margin), high * math.exp(margin))
 
 
+def _cases(band: FrequencyBand, values: ComplexArray) -> ChangeOverFrequency:
+    """Take distances and places (…, …, nodes, n, n) as cases."""
+    return ChangeOverFrequency(band, values.reshape(-1, *values.shape[2:]))
+
+
 def _require_passive(network: Network, change: ComplexArray, axes: MapAxes) -> None:
     """Refuse changes that no passive body makes: the inductance matrix must stay positive definite."""
     least = np.linalg.eigvalsh(network.inductance + change.real)[..., 0]
@@ -209,19 +214,6 @@ def _require_passive(network: Network, change: ComplexArray, axes: MapAxes) -> N
                 f"a target at {distance * 1e3:g} mm is too near for the model of its currents, which would make an "
                 "inductance negative; begin with a greater distance."
             )
-
-
-class _Change:
-    """ΔL − jΔR/ω in H of many cases, each at a frequency of its own, from values at the nodes of a band."""
-
-    def __init__(self, band: FrequencyBand, values: ComplexArray) -> None:
-        self._band = band
-        self._values = values.reshape(-1, *values.shape[2:])
-
-    def __call__(self, frequencies: FloatArray, cases: slice = slice(None)) -> ComplexArray:
-        """Return the change (cases, n, n) at frequencies (cases,) in Hz, constant beyond the band."""
-        shares = self._band.shares(np.clip(frequencies, self._band.low, self._band.high))
-        return np.asarray(np.einsum("cf,cfij->cij", shares, self._values[cases], optimize=True))
 
 
 def _changes(
@@ -270,7 +262,9 @@ def _changes(
     return np.stack([found[k] for k in range(len(keys))])
 
 
-def _through_circuit(network: Network, alone: Resonance, near: _Change, axes: MapAxes) -> Mapping[str, FloatArray]:
+def _through_circuit(
+    network: Network, alone: Resonance, near: ChangeOverFrequency, axes: MapAxes
+) -> Mapping[str, FloatArray]:
     """Quantities of one state at all distances and places, (cases,) each."""
     cases = int(np.prod(axes.shape))
     nodes_and_branches = 6 * len(network.names) + 5
@@ -278,7 +272,7 @@ def _through_circuit(network: Network, alone: Resonance, near: _Change, axes: Ma
     for start, stop in ranges(cases, max(1, _CIRCUIT_VALUES // nodes_and_branches**2)):
 
         def inductances(frequencies: FloatArray, cases: slice = slice(start, stop)) -> ComplexArray:
-            return network.inductance + near(frequencies, cases)
+            return network.inductance + near.of_each(frequencies, cases)
 
         parts.append(changed_resonances(network, alone, inductances, stop - start))
     frequency, impedance, admittance = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -311,7 +305,6 @@ def _dataset(
     omega = 2 * np.pi * middle[:, None, None]
     L, L_0 = by_state["effective_inductance"], base["effective_inductance"]
     shape = (*axes.shape, len(names), len(names))
-    centres = design.array.centres - target.origin_point
     rows = [
         ("delta", (*place, "state"), (L / L_0 - 1).reshape(*axes.shape, -1), "1", "δ"),
         ("base_inductance", ("state",), L_0, "H", "L_0 as the converter sees it"),
@@ -330,13 +323,9 @@ def _dataset(
         variables(*rows),
         coords={
             "distance": ("distance", axes.depth, {"units": "m", "long_name": "distance"}),
-            "y": ("y", axes.y, {"units": "m"}),
-            "x": ("x", axes.x, {"units": "m"}),
-            "state": [state.name for state in design.plan],
-            "coil": names,
-            "other": names,
-            "coil_x": ("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
-            "coil_y": ("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
+            **map_coordinates(
+                target, axes.x, axes.y, [state.name for state in design.plan], names, design.array.centres
+            ),
         },
         attrs={
             **provenance(design),

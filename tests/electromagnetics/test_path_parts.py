@@ -103,6 +103,24 @@ def test_sums_by_parts_are_those_of_whole_paths(mirror, turned, aside, up):
         assert mutual_inductance(COIL, other)[0, 0] == pytest.approx(whole(COIL, other), abs=1e-7 * own, rel=0)
 
 
+@pytest.mark.parametrize("up", [0.3e-3, -2e-3])
+def test_a_layer_straight_above_itself_takes_half_the_pairs(monkeypatch, up):
+    level = COIL.vertices[:, 2] == COIL.vertices[0, 2]
+    count = int(np.flatnonzero(~level)[0])
+    layer = Conductor(COIL.vertices[:count], COIL.widths[: count - 1], COIL.thicknesses[: count - 1])
+    other = image(layer, (1.0, 1.0, -1.0), shift=(0.0, 0.0, up + 2 * layer.vertices[0, 2]))
+    rows = []
+
+    def counted(first, second, *more):
+        rows.append(len(second))
+        return mutual_sum(first, second, *more)
+
+    monkeypatch.setattr("coilarray.electromagnetics.neumann_near.mutual_sum", counted)
+    # nearly parallel bars: see above
+    assert mutual_inductance(layer, other)[0, 0] == pytest.approx(whole(layer, other), rel=1e-7)
+    assert rows == [1] * (count - 1)  # the bars that face each other
+
+
 @pytest.mark.parametrize("accuracy", ["full", "screen"])
 @pytest.mark.parametrize("layers", [1, 2, 3, 4])
 def test_matrices_by_parts_are_those_of_whole_paths(monkeypatch, layers, accuracy):

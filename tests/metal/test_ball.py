@@ -16,7 +16,7 @@ from coilarray import load_design
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.errors import MetalError
-from coilarray.geometry import MATERIALS, Ball, Material, Sheet
+from coilarray.geometry import MATERIALS, Ball, Material, Plate, Sheet
 from coilarray.metal.ball import ball_inductance, polarisabilities
 
 RADIUS = 2.5e-3
@@ -123,6 +123,58 @@ def test_ball_over_sheets_agrees_with_finite_elements(gap, material, frequency):
     assert filled - empty == pytest.approx(change, rel=4e-3)
 
 
+def test_small_ball_over_a_perfect_conductor_sees_the_mirrored_coils():
+    coils, a = [polygon(60, 10e-3, -0.5e-3), polygon(6, 12e-3, -2e-3)], 0.1e-3
+    at, back = np.array([[3e-3, 2e-3, 8e-3]]), Plate("back", -6e-3, 1e-3, PERFECT)
+    mirrored = [coil * [1, 1, -1] + [0, 0, -10e-3] for coil in coils]  # with the current turned round
+    fields = np.array([
+        (magnetic_field([coil], at) - magnetic_field([image], at))[0]
+        for coil, image in zip(coils, mirrored, strict=True)
+    ])  # fmt: skip
+    change = ball_inductance(coils, Ball(a, PERFECT), at, [1e6, 2e6], (), [back])[0]
+    # the next order is (a/8 mm)², and the ball's own image (a/16 mm)³
+    assert change[0].real == pytest.approx(-2 * np.pi * a**3 / MU_0 * fields @ fields.T, rel=1e-3)
+    assert change[1] == pytest.approx(change[0], rel=1e-12)
+
+
+def test_a_plate_of_nothing_leaves_what_a_ball_does():
+    arguments = COILS[:2], Ball(RADIUS, MATERIALS["steel"]), [[1e-3, 0, 11e-3]], [1e5], SHEETS
+    nothing = Plate("nothing", -6e-3, 1e-3, Material("nothing", 1e-6))
+    np.testing.assert_allclose(ball_inductance(*arguments, [nothing]), ball_inductance(*arguments), rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_ball_over_sheets_and_a_plate_agrees_with_finite_elements():
+    """Touching ferrite, sheets, coils and 2 mm of aluminium at 2.3 skin depths."""
+    centre, ferrite, aluminium, frequency = 8e-3 + RADIUS, MATERIALS["ferrite"], MATERIALS["aluminium"], 1e4
+
+    def materials(with_ball):
+        def at(r, z):
+            inside = (np.hypot(r, z - centre) < RADIUS) & with_ball
+            mu = np.where((z > 6e-3) & (z < 8e-3), 2.6, 1.0)
+            plate = np.where((z < -4e-3) & (z > -6e-3), aluminium.conductivity, 0.0)
+            return np.where(inside, ferrite.relative_permeability, mu), plate
+
+        return at
+
+    filled, empty = (
+        loop_inductance(
+            LOOPS, materials(with_ball), frequency,
+            lambda r, z: (np.hypot(r, z - centre) < 1.5 * RADIUS) | (np.abs(z + 5e-3) < 1e-3) & (r < 20e-3),
+            lambda r, z: np.abs(np.hypot(r, z - centre) - RADIUS), 1e-4,
+        )
+        for with_ball in (True, False)
+    )  # fmt: skip
+    plate = Plate("plate", -6e-3, 2e-3, aluminium)
+    change, alone = (
+        ball_inductance(COILS, Ball(RADIUS, ferrite), [[0, 0, centre]], [frequency], SHEETS, plates)[0, 0].diagonal()
+        for plates in ([plate], [])
+    )
+    # elements of 0.1 mm at the ball, as without the plate; in the plate of 0.8 mm, of the skin depth
+    np.testing.assert_allclose((filled - empty).real, change.real, rtol=1e-2)
+    assert (change.real < 0.6 * alone.real).all()
+
+
 REFUSED = {
     "in the sheets": (
         {"centres": [[0, 0, 9e-3]]},
@@ -135,12 +187,15 @@ REFUSED = {
     "centres": ({"centres": [[0, 0]]}, r"shape \(n, 3\); got shape \(1, 2\)"),
     "frequencies": ({"frequencies": [-1.0]}, "frequencies must be .* at least 0; got"),
     "coils": ({"source": [polygon(6, 9e-3, 1e-3)]}, "coils must lie at z <= 0"),
+    "plates": (
+        {"plates": [Plate("lid", 20e-3, 1e-3, PERFECT)]},
+        "beside infinite plates below the coils; 'lid' reaches up to z = 21 mm",
+    ),
 }
 
 
 @pytest.mark.parametrize(("changes", "message"), REFUSED.values(), ids=REFUSED.keys())
 def test_refusals(changes, message):
     given = {"source": COILS[:1], "centres": [[0, 0, 12e-3]], "frequencies": [1e6], "sheets": SHEETS} | changes
-    source, centres, frequencies, sheets = (given[key] for key in ("source", "centres", "frequencies", "sheets"))
     with pytest.raises(MetalError, match=message):
-        ball_inductance(source, Ball(RADIUS, PERFECT), centres, frequencies, sheets)
+        ball_inductance(ball=Ball(RADIUS, PERFECT), **given)

@@ -217,6 +217,6 @@ def test_refusals():
     )  # fmt: skip
     ball = Target(Ball(5e-3, ALUMINIUM), (1e-3,))
     refused(
-        MetalError, "a sphere as the target beside plates is not computed",
-        target_inductance, coil, ball, np.zeros((1, 2)), [1e-3], np.array([1e6]), (), [back],
+        MetalError, "beside infinite plates below the coils; plate.1 'disc' has an outline: leave it out",
+        target_inductance, coil, ball, np.zeros((1, 2)), [1e-3], np.array([1e6]), (), [back, disc()],
     )  # fmt: skip

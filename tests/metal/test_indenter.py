@@ -8,6 +8,7 @@ from support.references import polygon
 
 from coilarray.elastomer.dent import Dent
 from coilarray.elastomer.dent_sphere import _normalised
+from coilarray.electromagnetics.flat_stack import Backing, Layer
 from coilarray.geometry import MATERIALS, Ball, Material, Sheet
 from coilarray.metal.ball import ball_inductance
 from coilarray.metal.indenter import indenter_inductance
@@ -60,6 +61,41 @@ def test_ball_in_a_dent_agrees_with_finite_elements(material, frequency):
     change = indenter_inductance(COILS, Ball(RADIUS, material), [dent], np.zeros((1, 2)), frequency)[0, 0].diagonal()
     # finite elements of 0.1 mm, as beside flat sheets (test_ball.py)
     assert filled - empty == pytest.approx(change, rel=5e-3)
+
+
+@pytest.mark.slow
+def test_ball_in_a_dent_over_a_plate_agrees_with_finite_elements():
+    """Ferrite 1 mm deep, and 2 mm of aluminium at 2.3 skin depths below the coils."""
+    dent, centre, frequency = pressed(1e-3), 7e-3 + RADIUS, 1e4
+    ferrite, aluminium = MATERIALS["ferrite"], MATERIALS["aluminium"]
+
+    def materials(with_ball):
+        def at(r, z):
+            faces = dent.faces(r)
+            inside = np.hypot(r, z - centre) < RADIUS
+            sheet = (z > 6e-3 + faces[..., 1]) & (z < 8e-3 + faces[..., 2]) & ~inside
+            mu = np.where(sheet, MU, np.where(inside & with_ball, ferrite.relative_permeability, 1.0))
+            return mu, np.where((z < -3e-3) & (z > -5e-3), aluminium.conductivity, 0.0)
+
+        return at
+
+    def surfaces(r, z):
+        faces = dent.faces(r)
+        dented = np.minimum(np.abs(z - 6e-3 - faces[..., 1]), np.abs(z - 8e-3 - faces[..., 2]))
+        return np.minimum(np.abs(np.hypot(r, z - centre) - RADIUS), np.where(r < 8e-3, dented, 1.0))
+
+    def near(r, z):
+        return (np.hypot(r, z - centre) < 1.5 * RADIUS) | (np.abs(z + 4e-3) < 1e-3) & (r < 20e-3)
+
+    filled, empty = (
+        loop_inductance(LOOPS, materials(with_ball), frequency, near, surfaces, 1e-4) for with_ball in (True, False)
+    )
+    backing = Backing(-3e-3, (Layer(2e-3, 1.0, aluminium.conductivity),), frequency)
+    arguments = COILS, Ball(RADIUS, ferrite), [dent], np.zeros((1, 2)), frequency
+    change, alone = (indenter_inductance(*arguments, None, one)[0, 0].diagonal() for one in (backing, None))
+    # elements as without the plate, and what the plate sends back of the field of ball and dent
+    np.testing.assert_allclose(change.real, (filled - empty).real, rtol=1.5e-2)
+    assert (change.real < 0.7 * alone.real).all()
 
 
 def test_shallow_dents_become_flat_sheets():

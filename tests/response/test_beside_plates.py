@@ -18,12 +18,13 @@ from support.refusals import refused
 
 from coilarray import Design
 from coilarray.circuit.coupling import design_circuit
-from coilarray.circuit.network import resonate
+from coilarray.circuit.network import resonances_near, resonate
 from coilarray.design.model import parse_design
 from coilarray.elastomer.dented_layer import dent_inductance_over
 from coilarray.electromagnetics.flat_stack import Backing, Layer
 from coilarray.errors import ElastomerError, MetalError
 from coilarray.geometry import MATERIALS, Disc, FinitePlate, Material, Plate
+from coilarray.metal import plate_mesh
 from coilarray.response.map import inductance_changes, respond, response_map
 from coilarray.response.setup import experiment, map_axes, wedge_inductance
 from coilarray.response.two_dimensional import line_response
@@ -95,7 +96,9 @@ def test_a_plate_of_nothing_and_a_far_one_leave_the_map(alone: xr.Dataset) -> No
 def test_the_map_goes_through_the_circuit_again(over_steel: xr.Dataset) -> None:
     again = respond(beside(BACK), over_steel, ideal=True)
     xr.testing.assert_allclose(again.delta, over_steel.delta, rtol=1e-10)
-    lossless = respond(beside(BACK), over_steel.drop_vars("resistance_change"), ideal=True)
+    lossless = respond(
+        beside(BACK), over_steel.assign(plate_resistance_change=0 * over_steel.plate_resistance_change), ideal=True
+    )
     assert float(np.abs(lossless.delta - over_steel.delta).max()) > 1e-8  # the loss counts
 
 
@@ -119,6 +122,64 @@ def test_a_tilted_sample_changes_what_plates_see_of_it() -> None:
     assert np.abs(with_plate - without).max() > 0.1 * np.abs(without).max()
 
 
+def test_a_small_disc_screens_less_than_an_infinite_plate(alone: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    aluminium = MATERIALS["aluminium"]
+    for name, coarse in {"_ALONG": 36, "_FINEST": 0.18, "_LATTICE": 0.2}.items():
+        monkeypatch.setattr(plate_mesh, name, coarse)
+    disc = FinitePlate("coin", Disc(6e-3), (*PAIR.array.centres[0], -4e-3), 1e-3, aluminium)
+    found, infinite = (mapped(beside(one)) for one in (disc, Plate("infinite", -4.5e-3, 1e-3, aluminium)))
+    at_coil = {"depth": 0, "y": 0, "x": 0, "state": 0}
+    none, small, whole = (float(one.delta.isel(at_coil)) for one in (alone, found, infinite))
+    assert whole < small < 0.98 * none
+    assert float(alone.inductance[0, 0]) > float(found.inductance[0, 0]) > float(infinite.inductance[0, 0])
+    assert (
+        found.resistance_change.values[0, 0, 0].diagonal()[0] > 0
+    )  # the nearer sheet leads more flux through the coin
+    again = respond(beside(disc), found, ideal=True)
+    xr.testing.assert_allclose(again.delta, found.delta, rtol=1e-10)
+
+
+@pytest.mark.slow
+def test_a_wide_outline_is_an_infinite_plate() -> None:
+    """In the map and in the flat inductance, but for the rim and for the dent's own field."""
+    aluminium = MATERIALS["aluminium"]
+    one = parse_design(first_coils(1).replace('"coil2"', '"coil1"'))
+    wide = FinitePlate("backplane", Disc(24e-3), (*one.array.centres[0], -3.5e-3), 1e-3, aluminium)
+    infinite = Plate("backplane", -4e-3, 1e-3, aluminium)
+    alone, found, expected = (
+        mapped(replace(one, plates=plates), x=[0.0, 5e-3]) for plates in ((), (wide,), (infinite,))
+    )
+    # 12 mm of metal around the coil, and 1 % by the dent
+    np.testing.assert_allclose(found.inductance, expected.inductance, rtol=5e-3)
+    largest = float(np.abs(expected.delta).max())
+    assert float(np.abs(found.delta - expected.delta).max()) < 2e-2 * largest
+    assert float(np.abs(expected.delta - alone.delta).max()) > 0.2 * largest
+
+
+def test_every_state_has_the_change_at_its_own_frequency(over_steel: xr.Dataset) -> None:
+    """Over steel δ at the frequency of the lower coil is 0.5 % off for the upper one, whose own is 4 % higher."""
+    design = beside(BACK)
+    network = design_circuit(design, ideal=True)
+    states = [resonate(network, state) for state in design.plan]
+    pressed = experiment(design, map_axes(design, x=X, y=[0.0]))
+    (level,) = pressed.levels
+    layers = (Layer(1e-3, BACK.material.relative_permeability, BACK.material.conductivity),)
+    deltas = np.empty((2, 2, len(X)))
+    for k, f in enumerate(state.frequency for state in states):
+        (change,) = dent_inductance_over(
+            Backing(-3e-3, layers, f), design.array, level.dents, pressed.points, MESH
+        )  # fmt: skip
+        for m, state in enumerate(states):
+            dented = resonances_near(
+                network, state, network.inductance + change, np.tile(network.winding_capacitance, (len(X), 1))
+            )
+            deltas[k, m] = (state.frequency / dented) ** 2 - 1
+    found = over_steel.delta.values[0, 0].T
+    largest = np.abs(found).max()
+    assert np.abs(deltas[[0, 1], [0, 1]] - found).max() < 1e-4 * largest  # the interpolation over frequency
+    assert np.abs(deltas[[1, 0], [0, 1]] - found).max() > 1e-3 * largest
+
+
 @pytest.mark.slow
 def test_a_finite_sample_over_a_plate_of_nothing_is_one_in_air(over_steel: xr.Dataset, alone: xr.Dataset) -> None:
     assert PAIR.indentation is not None
@@ -135,8 +196,8 @@ def test_a_finite_sample_over_a_plate_of_nothing_is_one_in_air(over_steel: xr.Da
 
 
 def test_refusals() -> None:
-    disc = FinitePlate("coin", Disc(20e-3), (0.0, 0.0, -5e-3), 1e-3, MATERIALS["copper"])
-    refused(MetalError, "beside infinite plates; plate.0 'coin' has an outline", mapped, beside(disc))
+    steel = FinitePlate("coin", Disc(20e-3), (0.0, 0.0, -5e-3), 1e-3, MATERIALS["steel"])
+    refused(MetalError, "with an outline that are not magnetic; plate.0 'coin' is of steel", mapped, beside(steel))
     lid = Plate("lid", 20e-3, 1e-3, MATERIALS["copper"])
     refused(MetalError, "plate.1 'lid' lies above the sheets, in the way of the indenter", mapped, beside(BACK, lid))
     refused(ElastomerError, "needs every coil: reach=None", mapped, beside(BACK), reach=1e-3)

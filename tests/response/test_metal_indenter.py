@@ -13,7 +13,7 @@ from support.refusals import refused
 
 from coilarray.design.model import Indentation
 from coilarray.errors import DesignError, ElastomerError, MetalError
-from coilarray.geometry import MATERIALS, Ball, FlatPunch, Plate
+from coilarray.geometry import MATERIALS, Ball, FlatPunch, Material, Plate
 from coilarray.metal.ball import ball_inductance
 from coilarray.response.map import response_map, with_material
 
@@ -81,12 +81,32 @@ def test_aluminium_lowers_and_ferrite_raises_the_response(plain):
         assert (share.values[1, 0, 0] * sign > 0).all()  # both states, with the other coil shorted
 
 
+def test_plates_weaken_what_an_indenter_of_metal_does(plain, steel):
+    """And a material put into a map beside plates is that of the design with both."""
+    back = Plate("back", -4e-3, 1e-3, MATERIALS["aluminium"])
+    design = replace(PLAIN, plates=(back,))
+    whole = nominal(of("steel", design), depths=DEPTHS[1:])
+    beside = nominal(design, depths=DEPTHS[1:])
+    put = with_material(design, beside, MATERIALS["steel"], ideal=True, mesh=MESH)
+    for name in ("delta", "metal_delta", "inductance_change", "metal_resistance_change"):
+        assert put[name].values == pytest.approx(
+            whole[name].values, rel=1e-6, abs=1e-9 * np.abs(whole[name].values).max()
+        )
+    share, alone = (
+        with_material(one, response, MATERIALS["ferrite"], ideal=True, mesh=MESH).metal_inductance_change
+        for one, response in ((design, beside), (PLAIN, plain))
+    )
+    assert 0 < share.values[1, 0, 0, 0, 0] < 0.7 * alone.values[1, 0, 0, 0, 0]
+    nothing = replace(PLAIN, plates=(replace(back, material=Material("nothing", 1e-6)),))
+    found = nominal(of("steel", nothing), depths=DEPTHS[1:])
+    expected = steel.metal_inductance_change.isel(depth=[1, 2]).values
+    assert found.metal_inductance_change.values == pytest.approx(expected, rel=1e-4, abs=1e-6 * np.abs(expected).max())
+
+
 def test_refusals():
     refused(ElastomerError, "depth of an indentation must be from 0 .* got -3 mm", nominal, PLAIN)
     refused(ElastomerError, "needs every coil: reach=None", nominal, of("steel"), reach=1e-3)
     refused(MetalError, "rest must be at least 0; got -0.001 m", nominal, of("steel"), rest=-1e-3)
-    back = replace(of("steel"), plates=(Plate("back", -10e-3, 1e-3, MATERIALS["steel"]),))
-    refused(MetalError, "an indenter of steel is not computed beside plates, .* 'back'", nominal, back)
     refused(
         DesignError, "counts as a sphere of its radius; got a flat punch of steel",
         Indentation, FlatPunch(1e-3), (1e-3,), material=MATERIALS["steel"],

@@ -51,6 +51,7 @@ _LOG_TOLERANCE_ANGLED = -13.8  # ln 1e-6: the same for bars at an angle, whose e
 _LOG_TOLERANCE_THICKNESS = -11.5  # ln 1e-5: the thickness changes a pair by about 1 %
 _LOG_TOLERANCE_FILAMENTS = -25.3  # ln 1e-11: error of the rules along distant thin filaments, exact otherwise
 _LEAST, _LEAST_FILAMENTS = least_distances(_LOG_TOLERANCE), least_distances(_LOG_TOLERANCE_FILAMENTS)
+_NO_SHIFT = np.zeros(3)
 INNER = 0.5 / math.sqrt(3.0)
 """Of a width: the two nodes of a Gauss rule across it."""
 
@@ -430,6 +431,8 @@ def mutual_sum(
     return _rows_sum(first, second, shift, start, stop, near_widths, extra, False)
 
 
-def own_mutual_sum(path: FloatArray, start: int, stop: int, near_widths: float, extra: int) -> float:
-    """Twice the sum of `bar_pair` over the pairs i < j of one path with start ≤ i < stop."""
-    return 2.0 * _rows_sum(path, path, np.zeros(3), start, stop, near_widths, extra, True)
+def own_mutual_sum(
+    path: FloatArray, start: int, stop: int, near_widths: float, extra: int, shift: FloatArray = _NO_SHIFT
+) -> float:
+    """Twice the sum of `bar_pair` over the pairs i < j of one path, with start ≤ i < stop and j moved by `shift`."""
+    return 2.0 * _rows_sum(path, path, shift, start, stop, near_widths, extra, True)

@@ -65,11 +65,18 @@ def triangle_pairs(corners: FloatArray, other: FloatArray, first: int, integrals
 
 
 @inner_kernel
-def _area(t: FloatArray) -> float:
+def _normal(t: FloatArray) -> tuple[float, float, float, float]:
+    """Return the unit normal of a triangle, and twice its area."""
     ux, uy, uz = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
     vx, vy, vz = t[2, 0] - t[0, 0], t[2, 1] - t[0, 1], t[2, 2] - t[0, 2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    return 0.5 * math.sqrt(nx * nx + ny * ny + nz * nz)
+    double = math.sqrt(nx * nx + ny * ny + nz * nz)
+    return nx / double, ny / double, nz / double, double
+
+
+@inner_kernel
+def _area(t: FloatArray) -> float:
+    return 0.5 * _normal(t)[3]
 
 
 @inner_kernel
@@ -105,32 +112,38 @@ def _near_pair(outer: FloatArray, inner: FloatArray) -> float:
 @inner_kernel
 def _potential(t: FloatArray, x: float, y: float, z: float) -> float:
     """∫ dA'/|x − x'| of one triangle: Σ over its edges of p ln((r₊ + l₊)/(r₋ + l₋)) − |d| (their angles at x)."""
-    ux, uy, uz = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
-    vx, vy, vz = t[2, 0] - t[0, 0], t[2, 1] - t[0, 1], t[2, 2] - t[0, 2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    norm = math.sqrt(nx * nx + ny * ny + nz * nz)
-    nx, ny, nz = nx / norm, ny / norm, nz / norm
+    nx, ny, nz, _ = _normal(t)
     d = abs((x - t[0, 0]) * nx + (y - t[0, 1]) * ny + (z - t[0, 2]) * nz)
     total = 0.0
     for k in range(3):
-        m = (k + 1) % 3
-        ax, ay, az = t[k, 0] - x, t[k, 1] - y, t[k, 2] - z
-        bx, by, bz = t[m, 0] - x, t[m, 1] - y, t[m, 2] - z
-        sx, sy, sz = bx - ax, by - ay, bz - az
-        length = math.sqrt(sx * sx + sy * sy + sz * sz)
-        sx, sy, sz = sx / length, sy / length, sz / length
-        start, stop = ax * sx + ay * sy + az * sz, bx * sx + by * sy + bz * sz
-        # outward normal of the edge in the plane: s × n
-        p = ax * (sy * nz - sz * ny) + ay * (sz * nx - sx * nz) + az * (sx * ny - sy * nx)
-        ra, rb = math.sqrt(ax * ax + ay * ay + az * az), math.sqrt(bx * bx + by * by + bz * bz)
-        away2 = p * p + d * d  # of the line
-        if away2 < 1e-24 * length * length:
-            continue  # on the line of the edge: p ln → 0
-        logarithm = _along(start, stop, ra, rb, away2)
-        total += p * logarithm
-        if d > 0.0:
-            total -= d * (math.atan2(p * stop, away2 + d * rb) - math.atan2(p * start, away2 + d * ra))
+        _, _, _, p, logarithm, angle = _edge(t, k, x, y, z, nx, ny, nz, d)
+        total += p * logarithm - d * angle
     return total
+
+
+@inner_kernel
+def _edge(
+    t: FloatArray, k: int, x: float, y: float, z: float, nx: float, ny: float, nz: float, d: float
+) -> tuple[float, float, float, float, float, float]:
+    """Return an edge's outward normal in the plane, the point's distance from its line along that, ∫ dl/r and an angle.
+
+    `d` is the distance of the point from the plane; the angles of all edges add up to the solid angle.
+    """
+    m = (k + 1) % 3
+    ax, ay, az = t[k, 0] - x, t[k, 1] - y, t[k, 2] - z
+    bx, by, bz = t[m, 0] - x, t[m, 1] - y, t[m, 2] - z
+    sx, sy, sz = bx - ax, by - ay, bz - az
+    length = math.sqrt(sx * sx + sy * sy + sz * sz)
+    sx, sy, sz = sx / length, sy / length, sz / length
+    start, stop = ax * sx + ay * sy + az * sz, bx * sx + by * sy + bz * sz
+    mx, my, mz = sy * nz - sz * ny, sz * nx - sx * nz, sx * ny - sy * nx
+    p = ax * mx + ay * my + az * mz
+    ra, rb = math.sqrt(ax * ax + ay * ay + az * az), math.sqrt(bx * bx + by * by + bz * bz)
+    away2 = p * p + d * d  # of the line
+    if away2 < 1e-24 * length * length:
+        return mx, my, mz, p, 0.0, 0.0  # on the line of the edge: p ln → 0
+    angle = math.atan2(p * stop, away2 + d * rb) - math.atan2(p * start, away2 + d * ra) if d > 0.0 else 0.0
+    return mx, my, mz, p, _along(start, stop, ra, rb, away2), angle
 
 
 @inner_kernel
@@ -181,36 +194,19 @@ def double_layers(
 @inner_kernel
 def _layer(t: FloatArray, x: float, y: float, z: float, out: FloatArray) -> None:
     """∫ λ_c n·(x − x')/|x − x'|³ dA' of the three linear functions of one triangle; 0 in its plane."""
-    ux, uy, uz = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
-    vx, vy, vz = t[2, 0] - t[0, 0], t[2, 1] - t[0, 1], t[2, 2] - t[0, 2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    double = math.sqrt(nx * nx + ny * ny + nz * nz)
-    nx, ny, nz = nx / double, ny / double, nz / double
+    nx, ny, nz, double = _normal(t)
     d = (x - t[0, 0]) * nx + (y - t[0, 1]) * ny + (z - t[0, 2]) * nz
     out[0] = out[1] = out[2] = 0.0
     if abs(d) < 1e-9 * math.sqrt(double):
         return
-    angle, sx_, sy_, sz_ = 0.0, 0.0, 0.0, 0.0  # solid angle, and Σ m ∫ dl/|x − x'|
+    angle, sx, sy, sz = 0.0, 0.0, 0.0, 0.0  # solid angle, and Σ m ∫ dl/|x − x'|
     for k in range(3):
-        m = (k + 1) % 3
-        ax, ay, az = t[k, 0] - x, t[k, 1] - y, t[k, 2] - z
-        bx, by, bz = t[m, 0] - x, t[m, 1] - y, t[m, 2] - z
-        sx, sy, sz = bx - ax, by - ay, bz - az
-        length = math.sqrt(sx * sx + sy * sy + sz * sz)
-        sx, sy, sz = sx / length, sy / length, sz / length
-        start, stop = ax * sx + ay * sy + az * sz, bx * sx + by * sy + bz * sz
-        mx, my, mz = sy * nz - sz * ny, sz * nx - sx * nz, sx * ny - sy * nx
-        p = ax * mx + ay * my + az * mz
-        ra, rb = math.sqrt(ax * ax + ay * ay + az * az), math.sqrt(bx * bx + by * by + bz * bz)
-        away2 = p * p + d * d
-        logarithm = _along(start, stop, ra, rb, away2)
-        sx_, sy_, sz_ = sx_ + mx * logarithm, sy_ + my * logarithm, sz_ + mz * logarithm
-        h = abs(d)
-        angle += math.atan2(p * stop, away2 + h * rb) - math.atan2(p * start, away2 + h * ra)
+        mx, my, mz, _, logarithm, turn = _edge(t, k, x, y, z, nx, ny, nz, abs(d))
+        sx, sy, sz, angle = sx + mx * logarithm, sy + my * logarithm, sz + mz * logarithm, angle + turn
     angle = angle if d > 0.0 else -angle
     for k in range(3):
         m, o = (k + 1) % 3, (k + 2) % 3  # the opposite side
         ex, ey, ez = t[o, 0] - t[m, 0], t[o, 1] - t[m, 1], t[o, 2] - t[m, 2]
         gx, gy, gz = (ny * ez - nz * ey) / double, (nz * ex - nx * ez) / double, (nx * ey - ny * ex) / double
         at = gx * (x - t[m, 0]) + gy * (y - t[m, 1]) + gz * (z - t[m, 2])  # λ at the foot of x in the plane
-        out[k] = at * angle - d * (gx * sx_ + gy * sy_ + gz * sz_)
+        out[k] = at * angle - d * (gx * sx + gy * sy + gz * sz)
