@@ -187,6 +187,9 @@ def test_a_finite_sample_over_a_plate_of_nothing_is_one_in_air(over_steel: xr.Da
     nothing, none = replace(BACK, material=Material("nothing", 1e-9)), mapped(finite)
     found = mapped(beside(nothing, design=finite))
     np.testing.assert_allclose(found.inductance_change, none.inductance_change, rtol=1e-8)
+    coin = FinitePlate("coin", Disc(9e-3), (0.0, 0.0, -4e-3), 0.2e-3, Material("nothing", 1.0))
+    found = mapped(beside(coin, design=finite))
+    np.testing.assert_allclose(found.inductance_change, none.inductance_change, rtol=1e-5)
     over = mapped(beside(BACK, design=finite))
     # the near sides raise the change by some per cent, over steel as without
     raised = [float((one / other).isel(depth=0, y=0, x=0, coil=0, other=0)) for one, other in (
