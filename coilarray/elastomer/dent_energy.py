@@ -62,7 +62,8 @@ def dent_energies(
         "compute them in pieces",
     )
     count = sum(coil.count for coil in coils)
-    currents = None if backing is None or backing.eddies is None else backing.currents(count)
+    # energies between the fields of currents in phase with those of the coils, and of those a quarter of a period ahead
+    parts = None if backing is None or backing.eddies is None else np.hstack((np.eye(count), 1j * np.eye(count)))
     change: npt.NDArray[Any] = np.zeros((len(dents), len(points), count, count), dtype=kind)
     moving = [index for index, dent in enumerate(dents) if np.isfinite(dent.clearance)]
     if not moving or not len(points):
@@ -106,8 +107,11 @@ def dent_energies(
                 level: npt.NDArray[Any] = np.moveaxis(waves, -1, 0) * (k / (2 * np.pi))
             up = motion.lift + (centres - at[:, None]) @ motion.slope
             incident: npt.NDArray[Any] = np.ascontiguousarray(level * np.exp(-k * up))
+            if parts is not None:
+                of_coils, in_phase, ahead = np.split(incident, 3, axis=-1)
+                incident = np.concatenate((of_coils + in_phase, ahead), axis=-1)
             for index, one in those:
                 energy = one.change(incident, factors)
-                change[index, start:stop] = energy if currents is None else currents.T @ energy @ currents
+                change[index, start:stop] = energy if parts is None else parts @ energy @ parts.T
         report(len(moving) + done, total)
     return change

@@ -30,8 +30,9 @@ def require_below(plates: Sequence[Plate | FinitePlate]) -> None:
             )
         if isinstance(plate, FinitePlate) and plate.material.relative_permeability != 1:
             raise MetalError(
-                f"an indentation is computed beside plates with an outline that are not magnetic; {name} is of "
-                f'{plate.material.name}: give it shape = "plate", which is infinite, or another material.'
+                f"an indentation is computed beside plates with an outline that are not magnetic; {name} has "
+                f"a relative permeability of {plate.material.relative_permeability:g}: give it shape = "
+                '"plate", which is infinite, or another material.'
             )
         if isinstance(plate, FinitePlate) and plate.heights[0] < floor:
             raise MetalError(

@@ -60,9 +60,8 @@ Reach = float | Literal["auto"] | None
 
 _MOST_VALUES = 100_000_000  # of the inductance changes: 0.8 GB
 _BYTES_A_VALUE = 24.0  # the change, the inductances that the circuit takes, and a copy on the way
-_BYTES_OF_METAL = (
-    200.0  # more with plates or an indenter of metal: complex changes at up to four frequencies, and copies
-)
+_BYTES_OF_METAL = 80.0  # more with an indenter of metal: complex changes, their copies, and two variables
+_BYTES_OF_PLATES = 200.0  # more with plates: the same at some four frequencies
 _CIRCUIT_VALUES = 5_000_000  # of all circuit matrices solved at once: 80 MB
 _ERRORS = (1e-4, 0.1)  # of the peak; being linear leaves out up to 4e-5 (tests/response/test_near_response.py)
 _AUTO_VALUES = 5_000_000  # of the inductance changes; above, "auto" leaves far coils out
@@ -194,9 +193,9 @@ def response_map(
     true, mesh = imperfections or Imperfections(), mesh or LayerMesh()
     axes, coils = map_axes(design, depths, x, y), len(design.array.names)
     ball = indentation_of(design).ball if metal else None
-    beside_metal = ball is not None or bool(design.plates)
-    error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=beside_metal)
-    _require_room(axes, coils, len(design.plan), error, metal=beside_metal)
+    more = (_BYTES_OF_METAL if ball is not None else 0.0) + (_BYTES_OF_PLATES if design.plates else 0.0)
+    error = _allowed_error(reach, axes, coils, dielectric=dielectric, metal=more > 0)
+    _require_room(axes, coils, len(design.plan), error, more)
     check_metal(axes, ball, rest)
     pressed = experiment(design, axes, true)
 
@@ -502,8 +501,8 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool,
     return reach
 
 
-def _require_room(axes: MapAxes, coils: int, states: int, error: float, *, metal: bool = False) -> None:
-    """Refuse a map that is too large before anything of it is computed."""
+def _require_room(axes: MapAxes, coils: int, states: int, error: float, more: float = 0.0) -> None:
+    """Refuse a map that is too large before anything of it is computed; `more` are bytes a value that metal takes."""
     depths, places = len(axes.depth), len(axes.x) * len(axes.y)
     what = f"{depths} depths at {places} positions with {coils} coils"
     if error:
@@ -515,8 +514,7 @@ def _require_room(axes: MapAxes, coils: int, states: int, error: float, *, metal
             f"{what} are {values} inductance changes; at most {_MOST_VALUES} are allowed: compute the map in pieces "
             "or with reach."
         )
-    a_value = _BYTES_A_VALUE + metal * _BYTES_OF_METAL
-    require_memory(a_value * values, f"a map of {what}", "compute it in pieces")
+    require_memory((_BYTES_A_VALUE + more) * values, f"a map of {what}", "compute it in pieces")
 
 
 def _at_any(change: FloatArray | ComplexArray) -> _Changed:
