@@ -268,7 +268,6 @@ def test_files_for_paraview_say_which_libraries_are_missing(tmp_path, monkeypatc
     assert not list(tmp_path.iterdir())
 
 
-
 @pytest.mark.slow
 def test_impedance(capsys):
     data = answer(capsys, "impedance", "starter", "--points", "5", "--out", "s.nc", "--plot", "s.svg")
