@@ -11,6 +11,8 @@ import sys
 import threading
 from dataclasses import dataclass, replace
 
+from coilarray.errors import MissingDependencyError
+
 NO_RENDERING = "COILARRAY_NO_RENDERING"
 """Environment variable: 1 makes `rendering_problem` answer as on a machine that cannot render."""
 
@@ -18,6 +20,7 @@ _WINDOW = "VTK_DEFAULT_OPENGL_WINDOW"
 _OFF_SCREEN_WINDOW = "vtkEGLRenderWindow"
 _WITHOUT_SCREEN = ("EGL", "OSOpenGL", "OSMesa")  # in the names of VTK's render windows that no screen shows
 _TIMEOUT = 60.0  # s; a cold start from a slow disk takes ten
+_LIBRARIES = "PyVista and VTK, which are not installed; pip install pyvista."
 _INSTEAD = "write a picture, film, page or VTK files instead"
 
 # what PyVista does, without loading it, which takes longer
@@ -111,10 +114,20 @@ def _answer() -> _Answer:
         return _probe()
 
 
+def require_vtk() -> None:
+    """Refuse to make VTK files where the libraries are missing, before anything is computed: MissingDependencyError."""
+    if _missing():
+        raise MissingDependencyError(f"files for ParaView need {_LIBRARIES}")
+
+
+def _missing() -> bool:
+    return not all(map(importlib.util.find_spec, ("pyvista", "vtkmodules")))
+
+
 @functools.cache
 def _probe() -> _Answer:
-    if not all(map(importlib.util.find_spec, ("pyvista", "vtkmodules"))):
-        return _Answer("3-D rendering needs PyVista and VTK, which are not installed; pip install pyvista.")
+    if _missing():
+        return _Answer(f"3-D rendering needs {_LIBRARIES}")
     choice = {} if has_screen() or _WINDOW in os.environ else {_WINDOW: _OFF_SCREEN_WINDOW}
     answer = _run_probe({**os.environ, **choice})
     if answer.problem is None:

@@ -10,6 +10,7 @@ import typer
 
 from coilarray.cli import shared
 from coilarray.errors import ClusterError, GeometryError, OutputError
+from coilarray.viz.offscreen import require_vtk
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -68,6 +69,8 @@ def field(
         raise ClusterError("--workers and --cluster are for --large.")
     shared.check_workers(workers, cluster)
     heights = None if z_mm is None else _heights(z_mm)
+    if out.suffix.lower() == ".vtr":
+        require_vtk()
     from coilarray.circuit.coupling import couple_design
 
     opened = shared.open_design(design, allow_violations=allow_violations)

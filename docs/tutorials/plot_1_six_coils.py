@@ -61,8 +61,8 @@ response = ca.response_map(design, x=x, y=[0.0])
 plot_response_profile(response)
 
 # %%
-# Every coil answers within about its own width: by 1.1 parts in a thousand, or by 1.5 if it lies on the upper layers, which
-# are nearer to the sheet. Over the plane:
+# Every coil answers within about its own width: by 1.1 parts in a thousand, or by 1.5 if it lies on the upper layers,
+# which are nearer to the sheet. Over the plane:
 
 plane = ca.response_map(design, x=np.linspace(-26e-3, 26e-3, 27), y=np.linspace(-12e-3, 12e-3, 13))
 plot_response(plane, "coil2")

@@ -44,8 +44,8 @@ field = ca.operating_field(
 plot_field_map(field, outlines=[place.to_board(place.coil.outline) for place in design.array.placements])
 
 # %%
-# Beyond that pitch k has a minimum. Far away it falls off with the third power of the distance, as the field of a dipole
-# does.
+# Beyond that pitch k has a minimum. Far away it falls off with the third power of the distance, as the field of a
+# dipole does.
 
 far = np.array([40e-3, 80e-3, 160e-3])
 values = [ca.coupling_matrix(ca.inductance_matrix(pair(pitch).conductors()))[0, 1] for pitch in far]

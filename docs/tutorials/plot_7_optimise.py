@@ -100,8 +100,8 @@ figure.colorbar(dots, label="thickness of the sheet below the magnetic one (mm)"
 
 # %%
 # Where coils overlap more, more of them answer to one touch, and their differences say where it is. The sheet below the
-# magnetic one has a best thickness: a thin one makes a narrow dent, which few coils see, and a thick one lifts the magnetic
-# sheet away from the coils.
+# magnetic one has a best thickness: a thin one makes a narrow dent, which few coils see, and a thick one lifts the
+# magnetic sheet away from the coils.
 
 best = ca.load_design(found / "best.toml")
 boards_figure({"before": strip.array, "best": best.array})

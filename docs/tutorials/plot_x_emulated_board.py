@@ -35,8 +35,8 @@ main(["scan-info", str(folder / "run.sqlite")])
 # Press, and watch
 # ----------------
 #
-# The emulator moves a finger over the board. ``coilarray live`` shows δ of every coil, scan by scan, and where the finger
-# is, which is left out here (``--no-locate``) because it needs a table that takes half a minute. With ``--plot`` it
-# opens a window.
+# The emulator moves a finger over the board. ``coilarray live`` shows δ of every coil, scan by scan, and where the
+# finger is, which is left out here (``--no-locate``) because it needs a table that takes half a minute. With ``--plot``
+# it opens a window.
 
 main(["live", "gast2020", "--scans", "25", "--no-locate"])

@@ -260,6 +260,14 @@ def test_field_plane_and_volume(capsys):
     assert grid.bounds[4:] == pytest.approx((1, 3))  # mm
 
 
+@pytest.mark.parametrize("line", ["field starter --out f.vtr", "view starter --vtk files"])
+def test_files_for_paraview_say_which_libraries_are_missing(tmp_path, monkeypatch, capsys, line):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert "files for ParaView need PyVista and VTK, which are not installed" in refused(capsys, *line.split())
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.slow
 def test_impedance(capsys):
     data = answer(capsys, "impedance", "starter", "--points", "5", "--out", "s.nc", "--plot", "s.svg")
