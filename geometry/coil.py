@@ -529,8 +529,7 @@ def _fan(
         rays = np.cos(angle)[:, None] * direction + np.sin(angle)[:, None] * across
         reachable = distance[distance < best]
         points = end + reachable[:, None, None] * rays
-        near = [shapely.dwithin(shapely.points(points[:, i]), obstacles, float(clear_of_trace[i])) for i in range(m)]
-        clear = ~np.column_stack(near)
+        clear = np.ones((len(points), m), dtype=bool)
         for centre, pad in fixed:
             clear &= np.hypot(*np.moveaxis(points - centre, -1, 0)) >= (pads + pad) / 2 + spiral.gap
             ahead = np.clip(rays @ (centre - end), 0, reachable[:, None])  # where the stub comes closest
@@ -540,6 +539,9 @@ def _fan(
         for i in range(m - 1):  # neighbours in the fan: pad beside pad, and either pad beside the other's stub
             free &= 2 * reachable * math.sin(opening / 2) >= (pads[i] + pads[i + 1]) / 2 + spiral.gap
             free &= reachable * math.sin(opening) >= max(clear_of_trace[i], clear_of_trace[i + 1])
+        for i in range(m):  # last, and only where it decides: it takes by far the longest
+            there = np.flatnonzero(free)
+            free[there] = ~shapely.dwithin(shapely.points(points[there, i]), obstacles, float(clear_of_trace[i]))
         if free.any():
             first = int(np.argmax(free))
             best, found = float(reachable[first]), points[first]
@@ -549,7 +551,8 @@ def _fan(
             if inside
             else "outside the winding, beside the leads"
         )
-        pads_mm = " and ".join(f"{pad * 1e3:g} mm" for pad in pads)
+        sizes = [f"{pad * 1e3:g} mm" for pad in dict.fromkeys(pads.tolist())]
+        what = f"a pad of {sizes[0]}" if m == 1 else f"{m} pads of {' and '.join(sizes)}"
         kind = GeometryError if inside else _NoRoomBesideLeadsError
-        raise kind(f"there is no room for a pad of {pads_mm} {where}.")
+        raise kind(f"there is no room for {what} {where}.")
     return found

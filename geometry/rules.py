@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
-from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,9 @@ from coilarray.errors import GeometryError, RuleViolationError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, copper_by_layer, drills
 from coilarray.geometry.values import place_in_mm
+
+if TYPE_CHECKING:
+    from coilarray.compute.threads import Progress
 
 # Margins above −1 µm count as kept. The sides of successive turns of a polygonal spiral are not quite parallel, as
 # every corner lies a fraction of a pitch further in than the one before: turns of nominal gap s come as close as
@@ -136,7 +140,7 @@ class Margin:
         return self.margin > -KEPT_WITHIN
 
 
-def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
+def check_rules(array: CoilArray, rules: FabRules, *, progress: Progress | None = None) -> tuple[Margin, ...]:
     """Measure every rule on every layer, and the limits of the board as a whole that the rules have.
 
     Parameters
@@ -145,6 +149,8 @@ def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
         The board.
     rules : FabRules
         The limits.
+    progress : callable, optional
+        Called with (done, total) as the work goes on.
 
     Returns
     -------
@@ -180,6 +186,7 @@ def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
     """
     pads = drills(array)
     holes = tuple(pad for pad in pads if pad.drilled)
+    done, total = itertools.count(1), len(array.stackup.names) * len(array.placements)
     margins = [*_board(array, rules), *_trace_widths(array, rules), *_holes(array, holes, rules)]
     margins += _hole_depths(array, holes, rules)
     for layer, copper in copper_by_layer(array).items():
@@ -188,6 +195,8 @@ def check_rules(array: CoilArray, rules: FabRules) -> tuple[Margin, ...]:
         for placement in array.placements:
             own = [pad for pad in pads if pad.net == placement.name and layer in pad.layers]
             margins += _spacing_within(placement, layer, own, rules)
+            if progress is not None:
+                progress(next(done), total)
     return tuple(sorted(margins, key=lambda margin: (margin.kept, margin.unit == "m", margin.margin)))
 
 
@@ -344,7 +353,7 @@ def _spacing_within(placement: Placement, layer: str, holes: list[Drill], rules:
         found += _pads_to_trace(line, half, holes, limit)
         near = _trace_to_itself(line, half, limit, reach=2 * limit)
         found += [near if near is not None else _trace_to_itself(line, half, limit, reach=_HORIZON * limit)]
-    found += [_trace_to_trace(one, other, reach=_HORIZON * limit) for one, other in combinations(traces, 2)]
+    found += [_trace_to_trace(one, other, reach=_HORIZON * limit) for one, other in itertools.combinations(traces, 2)]
     gaps = [gap for gap in found if gap is not None and gap[0] <= _HORIZON * limit]
     if gaps:
         value, place = min(gaps, key=lambda gap: gap[0])
@@ -468,7 +477,7 @@ def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit
 def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> Iterator[_Gap]:
     """Gaps of every two pads of one net; pads joined by a short trace are one piece."""
     lengths = [float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines]
-    for a, b in combinations(holes, 2):
+    for a, b in itertools.combinations(holes, 2):
         copper = (a.pad + b.pad) / 2
         if not any(
             length <= _PAD_DETOUR * (copper + limit) and None not in (_end_at(line, a), _end_at(line, b))

@@ -58,7 +58,9 @@ def check(
     opened = file.design
     named = fab or file.values.get("fab.profile")
     profile = None if named is None else load_profile(str(named))
-    margins = check_rules(opened.array, load_profile(fab).rules if fab else opened.rules)
+    limits = load_profile(fab).rules if fab else opened.rules
+    with shared.progress_bar(f"rules of {len(opened.array.names)} coils") as progress:
+        margins = check_rules(opened.array, limits, progress=progress)
     first = {(margin.rule, margin.layer): margin for margin in reversed(margins)}  # margins are sorted, the worst first
     shown = [margin for margin in margins if every or margin is first[margin.rule, margin.layer]]
     if out is not None:

@@ -7,6 +7,7 @@ import functools
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import typer
@@ -43,13 +44,13 @@ from coilarray.cli import (
     tolerance,
     view,
 )
+from coilarray.cli.interrupts import INTERRUPTED, end_interrupted, ending_on_interrupt
 from coilarray.cli.shared import drop_output
 from coilarray.compute.memory import collect_seldom
 from coilarray.errors import CoilarrayError
 
 _BAD_INPUT = 2
 _UNREAD = 1  # as typer has it
-_INTERRUPTED = 130
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # on the disk, of the user, in a file
 # Our matrices are small and our own threads use the cores: more threads of the linear algebra only wait for each other.
 # It reads these when NumPy is first imported, which no module here does before a command runs.
@@ -76,6 +77,8 @@ GROUPS: dict[str, dict[str, Callable[..., None]]] = {
     )
 }  # fmt: skip
 """Every command by the name under which the program offers it, in the groups and the order of the help."""
+
+_ORDERLY = {*GROUPS["Board"], "studio"}  # which bring boards to rest and end sessions, however long that takes
 
 COMMANDS: dict[str, Callable[..., None]] = {
     name: command for commands in GROUPS.values() for name, command in commands.items()
@@ -143,7 +146,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _refuse(str(error))
     except (KeyboardInterrupt, typer.Abort):
         typer.echo("coilarray: interrupted", err=True)
-        return _INTERRUPTED
+        return INTERRUPTED
     except OSError as error:
         if error.errno not in (*_NO_ROOM, errno.EPIPE):
             raise
@@ -161,14 +164,18 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         help_for = f" {arguments[0]}" if arguments[0] in COMMANDS else ""
         return _refuse(f"{' '.join(format_message().split())} (try: coilarray{help_for} --help)")
-    if code == _INTERRUPTED:  # typer's own answer to an interrupt, without a word
+    if code == INTERRUPTED:  # typer's own answer to an interrupt, without a word
         typer.echo("coilarray: interrupted", err=True)
     return code if isinstance(code, int) else 0
 
 
 def run() -> None:
     """Entry point of the installed program."""
-    sys.exit(main())
+    with nullcontext() if sys.argv[1:2] and sys.argv[1] in _ORDERLY else ending_on_interrupt():
+        code = main()
+        if code == INTERRUPTED:
+            end_interrupted()
+    sys.exit(code)
 
 
 def _flush() -> None:

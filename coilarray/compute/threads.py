@@ -63,21 +63,32 @@ def run_blocks(
     if cores() == 1:
         return _run_here(work, todo, progress)
     done = 0
-    with serial_algebra(), ThreadPoolExecutor(max_workers=min(cores(), len(todo))) as pool:
+    with serial_algebra(), threads(min(cores(), len(todo))) as pool:
         futures = [pool.submit(work, item) for item in todo]
-        try:  # an interrupt too drops what has not begun, wherever it comes
-            if progress is not None:
-                pending = set(futures)
-                while pending:
-                    finished, pending = wait(pending, return_when=FIRST_EXCEPTION, timeout=0.2)
-                    if any(future.exception() is not None for future in finished):
-                        break
-                    done += len(finished)
-                    progress(done, len(todo))
-            return [future.result() for future in futures]
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        if progress is not None:
+            pending = set(futures)
+            while pending:
+                finished, pending = wait(pending, return_when=FIRST_EXCEPTION, timeout=0.2)
+                if any(future.exception() is not None for future in finished):
+                    break
+                done += len(finished)
+                progress(done, len(todo))
+        return [future.result() for future in futures]
+
+
+@contextmanager
+def threads(count: int) -> Iterator[ThreadPoolExecutor]:
+    """Open so many threads for the block; where it raises, what they have not begun is dropped.
+
+    It waits for what they have begun, but not after an interrupt, which would come late.
+    """
+    pool = ThreadPoolExecutor(max_workers=count)
+    try:
+        yield pool
+    except BaseException as error:
+        pool.shutdown(wait=not isinstance(error, KeyboardInterrupt), cancel_futures=True)
+        raise
+    pool.shutdown()
 
 
 def _run_here(work: Callable[[Item], Result], todo: Sequence[Item], progress: Progress | None) -> Sequence[Result]:

@@ -27,7 +27,14 @@ import numpy as np
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.electromagnetics.inductance import Accuracy, mutual_inductance
-from coilarray.electromagnetics.plane_waves import Board, board_below, reflected_inductance, top_of, wavenumbers
+from coilarray.electromagnetics.plane_waves import (
+    Board,
+    board_below,
+    reflected_inductance,
+    require_few_waves,
+    top_of,
+    wavenumbers,
+)
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Conductor, Sheet
@@ -145,6 +152,8 @@ def layer_inductance(
         require_below(path, slab.lower)
     board = board_below(paths, slab.lower, accuracy)
     near = _near_images(board, slab)
+    k, weights = np.array(_wavenumbers(board, slab, near)).T
+    require_few_waves(board, k.tolist())
     for n in range(near):
         change += _weight(slab, n) * mutual_inductance(paths, _images(paths, slab, n), accuracy=accuracy)
         if progress is not None:
@@ -152,7 +161,6 @@ def layer_inductance(
     rest = (
         None if progress is None else lambda done, total: progress(100 * near + 100 * done // total, 100 * (near + 1))
     )
-    k, weights = np.array(_wavenumbers(board, slab, near)).T
     shares = np.array([_rest(slab, near, one) for one in k.tolist()])
     change += reflected_inductance([board], k.tolist(), (weights * shares)[None, None], rest)[0].real
     return (change + change.T) / 2

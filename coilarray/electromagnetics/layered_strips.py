@@ -28,6 +28,9 @@ from coilarray.compute.threads import serial_algebra
 from coilarray.constants import EPSILON_0
 from coilarray.errors import GeometryError
 
+# Wavenumbers times functions times functions: some ten seconds, and 1 GB of memory.
+_MOST_PRODUCTS = 1e11
+_OF_A_TRANSFORM = 1000  # products that take as long as the transform of a function
 # Wavenumbers go up to this over the smallest half width a: the tail beyond is added in its asymptotic form, which
 # leaves (ka)⁻². It holds for ka far above m²/2, so more than three basis functions need more, as their square.
 _CUTOFF_WIDTH = 25.0
@@ -179,7 +182,15 @@ def strip_capacitance(
     elif not (math.isfinite(cutoff) and cutoff > 0):
         raise ValueError(f"cutoff must be positive and finite; got {cutoff} 1/m.")
     step = (1 if mirror else 2) * math.pi / period
-    k: FloatArray = step * np.arange(1.0, max(1, math.ceil(cutoff / step)) + 1)
+    terms = max(1, math.ceil(cutoff / step))
+    products = terms * len(plane) * basis * (len(plane) * basis + _OF_A_TRANSFORM)
+    if products > _MOST_PRODUCTS:
+        apart = _closest(medium, plane) * 1e3
+        raise GeometryError(
+            f"its {len(plane)} strips, {w.min() * 1e3:.3g} mm wide on planes {apart:.3g} mm apart, would take "
+            f"{products / _MOST_PRODUCTS:.2g} times the work that is allowed; make traces or dielectrics thicker."
+        )
+    k: FloatArray = step * np.arange(1.0, terms + 1)
     order = np.argsort(plane, kind="stable")
     plane, x, w, label = plane[order], x[order], w[order], label[order]
     used, first = np.unique(plane, return_index=True)
@@ -255,10 +266,15 @@ def crossed_grid_capacitance(
 
 
 def _default_cutoff(medium: LayeredMedium, plane: IntArray, widths: FloatArray, basis: int) -> float:
+    widest = _CUTOFF_WIDTH * max(1.0, basis / 3) ** 2 / (float(widths.min()) / 2)
+    return max(widest, _CUTOFF_DISTANCE / _closest(medium, plane))
+
+
+def _closest(medium: LayeredMedium, plane: IntArray) -> float:
+    """Smallest distance in m of two planes that carry strips; infinite for one plane."""
     height = -np.cumsum((0.0, *medium.thicknesses))[np.unique(plane)]
     apart = -np.diff(height)
-    closest = float(apart.min()) if len(apart) else math.inf
-    return max(_CUTOFF_WIDTH * max(1.0, basis / 3) ** 2 / (float(widths.min()) / 2), _CUTOFF_DISTANCE / closest)
+    return float(apart.min()) if len(apart) else math.inf
 
 
 def _transforms(k: FloatArray, x: FloatArray, a: FloatArray, basis: int, mirror: bool) -> list[FloatArray]:

@@ -25,6 +25,7 @@ from coilarray.compute.threads import Progress, run_blocks
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.inductance import Accuracy, standing_for_all
 from coilarray.electromagnetics.kernels.cuts import lateral_axes
+from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
 
 WeightArray = npt.NDArray[np.float64] | npt.NDArray[np.complex128]
@@ -36,6 +37,7 @@ _LOWEST = 2.0**-60  # of the highest wavenumber; below there is nothing to integ
 _SAME_SHAPE = 1e-12  # of the size; paths that differ by less share a spectrum
 _BLOCKS = 64  # of wavenumbers, each of which is summed before the next
 _MOST_SUMS = 1e8  # numbers in the sums of all blocks
+_MOST_WAVES = 1e10  # waves times corners: some minutes on a core
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +197,10 @@ def reflected_inductance(
 
     `boards` are that below a face above, or also that of the mirrored paths below a face below. `weights`, shape
     (m, pairs, nodes), are those of the pairs of boards with themselves and, between both, of one with the other.
+    GeometryError for paths of so many corners, or so wide against their distance from the face, that it would take
+    hours.
     """
+    require_few_waves(boards[0], nodes)
     grid = _grid(boards[0], len(boards[-1].heights))
     pairs = list(itertools.combinations_with_replacement(range(len(boards)), 2))
 
@@ -217,6 +222,17 @@ def reflected_inductance(
             sums = sums[:, boards[a].kind_of[:, None], boards[b].kind_of, grid.column, grid.row]
         change = change + sums
     return change
+
+
+def require_few_waves(board: Board, nodes: Sequence[float]) -> None:
+    """Raise GeometryError where the spectra of a board at these wavenumbers in 1/m would take hours."""
+    waves = sum(_nodes(k * board.extent, board.digits) for k in nodes)
+    corners = sum(len(shape.vertices) for shape in board.shapes)
+    if waves * corners > _MOST_WAVES:
+        raise GeometryError(
+            f"{corners} corners of copper over {board.extent * 1e3:.3g} mm, {board.gap / 2 * 1e3:.3g} mm from a layer, "
+            f"would take {waves * corners / _MOST_WAVES:.2g} times the work that is allowed; use fewer corners."
+        )
 
 
 def _products(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -21,7 +21,7 @@ from coilarray.circuit.operating_field import operating_field
 from coilarray.compute.files import make_folder, write_text
 from coilarray.compute.html import html_card, html_table
 from coilarray.compute.netcdf import save_dataset
-from coilarray.compute.threads import Progress
+from coilarray.compute.threads import Progress, threads
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design, DesignFile
 from coilarray.design.words import metal_words
@@ -165,7 +165,7 @@ def write_report(
 
     pictures: list[Future[list[figures.Picture]]] = []
     # NumPy, SciPy and kernels on threads of their own, while pictures are drawn by another process
-    with drawing_beside() as drawing, ThreadPoolExecutor(max_workers=6) as beside:
+    with drawing_beside() as drawing, threads(6) as beside:
 
         def draw(function: Callable[..., list[figures.Picture]], *arguments: object) -> None:
             pictures.append(drawing.submit(function, *arguments))

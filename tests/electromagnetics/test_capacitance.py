@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ellipk
 from support.parallel_traces import interlayer_capacitance
+from support.patience import lasting
 from support.references import rows
 
 from coilarray import load_design
@@ -387,3 +388,11 @@ def test_bad_arguments_are_refused_in_one_line(call, message):
     with pytest.raises(ValueError, match=message) as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("thickness", "width"), [(1e-9, 0.15e-3), (0.2e-3, 1e-9)])
+def test_strips_that_would_take_hours_are_refused_before_any_work(thickness, width):
+    medium = LayeredMedium((thickness,), (1.0, 4.5, 1.0))
+    centres = 0.3e-3 * np.arange(40)
+    with lasting(1.0), pytest.raises(GeometryError, match=r"would take .* times the work that is allowed"):
+        strip_capacitance(medium, [0, 1] * 20, centres, [width] * 40, period=1.0)

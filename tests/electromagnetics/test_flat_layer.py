@@ -17,6 +17,7 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.special import j0, j1
 from support.first_assumed import first_assumed
+from support.patience import lasting
 from support.references import polygon, rows
 
 from coilarray import inductance_matrix, load_design, magnetic_field, mutual_inductance
@@ -354,3 +355,10 @@ THROUGH = Conductor([[0, 0, 0], [1e-3, 0, 7e-3], [2e-3, 0, 0]], 0.1e-3, 35e-6, n
 def test_refuses_paths_in_the_sheet_several_regions_and_what_is_none(paths, stack, error, message):
     with pytest.raises(error, match=message):
         layer_inductance(paths, stack)
+
+
+def test_a_layer_that_would_take_hours_is_refused_before_any_work():
+    angle = np.linspace(0, 2 * np.pi, 20_001)
+    ring = 50.0 * np.column_stack((np.cos(angle), np.sin(angle), 0 * angle))
+    with lasting(5.0), pytest.raises(GeometryError, match=r"20001 corners .* times the work that is allowed"):
+        layer_inductance([ring], [Sheet("base", 5e-3), Sheet("magnetic", 2e-3, 2.7)])

@@ -11,6 +11,7 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 from support.boards import LEADS, VIA, swept_area
+from support.patience import lasting
 from support.refusals import refused
 
 from coilarray.errors import GeometryError
@@ -93,6 +94,12 @@ def test_holes_and_leads_that_cannot_be():
     refused(GeometryError, "at least half their spacing", Leads, 0.4e-3, 1e-3, VIA)
     straight = spiral_coil(SPIRAL, 2, VIA, Leads(1e-3, 2e-3, VIA))  # the knee is the terminal
     assert np.hypot(*np.diff(straight.terminal_points, axis=0)[0]) == pytest.approx(2e-3, rel=1e-9)
+
+
+def test_sixty_layers_take_no_longer_than_their_message():
+    with lasting(5.0):  # 0.03 s; 20 s where every place is compared with every trace
+        message = r"there is no room for 30 pads of 0\.45 mm inside the winding"
+        refused(GeometryError, message, spiral_coil, SPIRAL, 60, PlatedHole(0.2e-3, 0.45e-3))
 
 
 def test_windings_that_cannot_be():

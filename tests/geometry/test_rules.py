@@ -252,3 +252,10 @@ def test_the_error_names_layer_feature_margin_and_the_rest():
     message = r"^clearance of A – B on layer L1 is 0\.04 mm at \(.*\) mm, margin -0\.06 mm to the limit of 0\.1 mm\.$"
     refused(RuleViolationError, message, require_rules, array, RULES)
     refused(RuleViolationError, r"; 2 more are broken\.$", require_rules, array, FabRules(min_trace=0.21e-3))
+
+
+def test_progress_counts_every_coil_on_every_layer():
+    board, seen = reference_board(), []
+    check_rules(board, FabRules(), progress=lambda *step: seen.append(step))
+    total = len(board.stackup.names) * len(board.placements)
+    assert seen == [(k + 1, total) for k in range(total)]

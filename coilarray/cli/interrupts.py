@@ -1,0 +1,63 @@
+"""Ctrl-C in the middle of a long computation, also where it does not return to Python for a while."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from threading import Event, Thread
+from typing import NoReturn
+
+INTERRUPTED = 130
+"""Exit code of an interrupted program."""
+
+_MESSAGE = b"coilarray: interrupted\n"
+_PATIENCE = 2.0  # s for a computation to return to Python
+
+
+@contextmanager
+def ending_on_interrupt() -> Iterator[None]:
+    """End the program where Ctrl-C comes while the block computes in a library that does not return to Python in time.
+
+    Otherwise KeyboardInterrupt is raised as usual, and the block takes as long as it needs to end. Files stay whole,
+    as each gets its name in one step. It does nothing where another program has its own way with Ctrl-C.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    heard = Event()
+    told, tell = socket.socketpair()
+    tell.setblocking(False)  # as set_wakeup_fd demands
+
+    def raise_interrupt(number: int, frame: object) -> NoReturn:
+        heard.set()
+        raise KeyboardInterrupt
+
+    def watch() -> None:
+        with told:
+            while came := told.recv(1):
+                if came[0] == signal.SIGINT and not heard.wait(_PATIENCE):
+                    with suppress(OSError):
+                        os.write(2, _MESSAGE)
+                    os._exit(INTERRUPTED)
+
+    signal.signal(signal.SIGINT, raise_interrupt)
+    before = signal.set_wakeup_fd(tell.fileno(), warn_on_full_buffer=False)
+    Thread(target=watch, daemon=True).start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        tell.close()
+
+
+def end_interrupted() -> NoReturn:
+    """End the program at once: Python would wait for threads that still compute, and might end by the signal itself."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, AttributeError):
+            stream.flush()
+    os._exit(INTERRUPTED)

@@ -1,0 +1,107 @@
+"""Ctrl-C in the middle of long commands: exit code 130, one line, soon, and nothing half-written."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from support.command_line import runner
+from support.patience import PATIENCE, lasting
+
+from coilarray.compute.threads import threads
+from coilarray.design.bundled import read
+
+pytestmark = [
+    pytest.mark.usefixtures("own_folder"),
+    pytest.mark.skipif(os.name != "posix", reason="no Ctrl-C to be sent here"),
+]
+# a computation in C of a minute, which lets other threads run and does not look for signals
+BUSY = "import hashlib; hashlib.pbkdf2_hmac('sha256', b'', b'', 100_000_000)"
+run, _ = runner()
+
+
+def interrupted(*command, after):
+    """Start a program, send Ctrl-C to it and its children when it has run for a time in s, and return what it said."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "COILARRAY_CACHE": "cache"}
+    process = subprocess.Popen(
+        [sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
+        start_new_session=True,
+    )  # fmt: skip
+    time.sleep(after)
+    assert process.poll() is None, process.communicate()
+    start = time.monotonic()
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=PATIENCE)
+    return process.returncode, out, err, time.monotonic() - start
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("check", "large.toml"),
+        ("matrix", "large.toml", "--out", "m.nc"),
+        ("report", "gast2020", "--out", "folder"),
+        ("response", "gast2020", "--out", "r.nc"),
+        ("sweep", "gast2020", "--vary", "array.pitch_mm=14:16:40", "-q", "worst_k", "--out", "s.csv", "--workers", "1"),
+    ],
+    ids=lambda command: command[0],
+)
+def test_a_long_command_is_interrupted(command):
+    large = read("starter").replace("columns = 3", "columns = 300")
+    assert large != read("starter")
+    Path("large.toml").write_text(large, encoding="utf-8")
+    code, out, err, seconds = interrupted("-m", "coilarray", *command, after=4.0)
+    assert (code, out) == (130, "")
+    assert err.splitlines()[-1] == "coilarray: interrupted"
+    assert "Traceback" not in err
+    assert seconds < 20  # it takes about one where nobody else computes
+    # finished parts of a map are kept, from which the same command goes on
+    folders = {path.parts[0] for path in Path().rglob("*") if path.is_file()}
+    assert folders <= {"large.toml", "cache", "r.nc.parts"}
+    assert not [path for path in Path("r.nc.parts").rglob(".*") if path.is_file()]
+
+
+@pytest.mark.slow
+def test_a_computation_that_does_not_return_to_python_is_ended():
+    script = f"from coilarray.cli.interrupts import ending_on_interrupt\nwith ending_on_interrupt():\n    {BUSY}"
+    code, _, err, _ = interrupted("-c", script, after=2.0)
+    assert (code, err) == (130, "coilarray: interrupted\n")
+
+
+def test_an_interrupt_is_raised_as_usual_where_python_runs():
+    from coilarray.cli.interrupts import ending_on_interrupt
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), ending_on_interrupt():
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+    assert signal.set_wakeup_fd(-1) == -1
+
+
+def test_threads_are_waited_for_but_not_after_an_interrupt():
+    done, sent = [], []
+
+    def work():
+        time.sleep(0.3)
+        done.append(1)
+
+    def leave_by(error):
+        with threads(1) as pool:
+            sent[:] = [pool.submit(work), pool.submit(work)]
+            raise error
+
+    with threads(1) as pool:
+        pool.submit(work)
+    assert len(done) == 1
+    with lasting(0.2), pytest.raises(KeyboardInterrupt):
+        leave_by(KeyboardInterrupt)
+    begun, never = sent
+    assert never.cancelled()
+    begun.result()
+    with pytest.raises(ValueError, match="no"):
+        leave_by(ValueError("no"))
+    assert len(done) == 3  # which the last one waited for
