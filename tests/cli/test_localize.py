@@ -541,7 +541,8 @@ def test_the_table_of_a_real_board_finds_what_pressed_on_it(capsys):
         given = {str(name): float(value) for name, value in zip(delta.state.values, delta.values, strict=True)}
         (answer,) = positions(capsys, "--model", "three.toml", "--table", "t.nc", text_of(given), "--noise", "3e-7")
     assert answer["status"] == "located"
-    origin = load_design("three.toml").indentation.origin_point  # the map counts from there, a location from the board's
+    # the map counts from there, a location from the board's
+    origin = load_design("three.toml").indentation.origin_point
     near = min(answer["modes"], key=lambda mode: abs(mode["y_m"] - origin[1] - place[1]))
     # the spacing of the table and the meshes of its depths err by up to 1e-3 of δ, 1 % of the depth and 0.1 mm here
     assert near["x_m"] - origin[0] == pytest.approx(place[0], abs=0.1e-3)

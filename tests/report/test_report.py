@@ -19,7 +19,7 @@ from support.plot_results import distortion
 from coilarray import coupling_matrix, indent, magnetic_field, parse_design, write_report
 from coilarray.circuit.active_coil import active_coil
 from coilarray.design.bundled import read
-from coilarray.design.model import load_design_file, parse_design_file
+from coilarray.design.model import parse_design_file
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.ellipse_model import ellipse_model, locate_x
@@ -33,7 +33,8 @@ pytestmark = pytest.mark.slow
 
 
 # of small strain, which is quick; the single coil has a contact of finite strain, on a coarse mesh
-BOARD = parse_design_file(few_turns("gast2020").replace("[indentation]", '[indentation]\nstrain = "linear"'), "gast2020")
+LINEAR = few_turns("gast2020").replace("[indentation]", '[indentation]\nstrain = "linear"')
+BOARD = parse_design_file(LINEAR, "gast2020")
 SINGLE = parse_design_file(few_turns("gast_fem"), "gast_fem")
 FEW = read("starter").replace("turns_per_layer = 12", "turns_per_layer = 4").replace("columns = 3", "columns = 2")
 FEW = FEW.replace('strain = "finite"', 'strain = "linear"')
