@@ -28,16 +28,23 @@ hypothesis.settings.load_profile("shared machine")
 
 # Files that take longest, or wait for other processes: begun first, none of them is left for the end.
 LONGEST = (
-    "viz/test_studio_page", "report/test_report", "elastomer/test_finite_sample", "compute/test_under_load",
-    "studies/test_calibrate_campaigns", "elastomer/test_finite_strain", "compute/test_cluster", "cli/test_live",
-    "response/test_response", "studies/test_tolerance_position", "hardware/test_fault_campaign", "cli/test_localize",
-    "studies/test_optimize_search", "cli/test_measure_broken_off", "localize/test_inverse", "studies/test_quantities",
-    "studies/test_tolerance_analysis", "hardware/test_emulator_world", "cli/test_compare", "test_examples",
-    "cli/test_calibrate_board", "response/test_near_response", "localize/test_distortion", "localize/test_comparison",
-    "circuit/test_volumes", "cli/test_response", "cli/test_export", "elastomer/test_contact", "cli/test_sweep",
-    "studies/test_optimize_kill", "cli/test_cli", "hardware/test_guides", "hardware/test_campaign",
-    "hardware/test_board_safety", "cli/test_view", "viz/test_window", "viz/test_studio_server", "cli/test_indent",
-    "cli/test_tolerance",
+    "viz/test_studio_page", "compute/test_cluster", "cli/test_live", "response/test_response", "test_examples",
+    "compute/test_under_load", "report/test_report", "studies/test_calibrate_campaigns", "cli/test_localize",
+    "studies/test_tolerance_analysis", "metal/test_finite_plates", "metal/test_coupled_plates",
+    "elastomer/test_finite_sample", "studies/test_create", "elastomer/test_finite_strain",
+    "elastomer/test_dented_layer", "studies/test_optimize_search", "localize/test_inverse",
+    "localize/test_distortion", "studies/test_quantities", "electromagnetics/test_flat_layer",
+    "elastomer/test_dielectric", "cli/test_compare", "response/test_beside_plates", "cli/test_measure_broken_off",
+    "hardware/test_fault_campaign", "cli/test_board", "cli/test_measure", "studies/test_tolerance_position",
+    "hardware/test_emulator_world", "cli/test_calibrate_board", "response/test_near_response",
+    "localize/test_comparison", "circuit/test_volumes", "cli/test_response", "cli/test_export",
+    "elastomer/test_contact", "cli/test_sweep", "studies/test_optimize_kill", "cli/test_cli", "hardware/test_guides",
+    "hardware/test_campaign", "hardware/test_board_safety", "cli/test_view", "viz/test_window",
+    "viz/test_studio_server", "cli/test_indent", "cli/test_tolerance", "elastomer/test_references",
+    "elastomer/test_dent_over_layers", "elastomer/test_dented_layer_3d", "studies/test_optimize_polish",
+    "studies/test_optimize_known", "metal/test_magnetic_plates", "geometry/test_rules", "localize/test_ellipse",
+    "geometry/test_export_kicad", "cli/test_channel_boards", "circuit/test_plates", "test_pages",
+    "response/test_target",
 )  # fmt: skip
 
 

@@ -35,12 +35,12 @@ def definitions(tree):
 
 
 def test_every_definition_is_used():
-    texts = {path: path.read_text(encoding="utf-8") for path in sources()}
+    trees = {path: without_docstrings(ast.parse(path.read_text(encoding="utf-8"))) for path in sources()}
     words = Counter()
-    for path, text in texts.items():
+    for path, tree in trees.items():
         if path.name != "__init__.py" or path.parent.name == "cli":  # what only hands names on uses nothing
-            words.update(re.findall(r"\w+", ast.unparse(without_docstrings(ast.parse(text)))))
-    pages = [path for path in texts if path.suffix == ".pyi"]
+            words.update(words_of(tree))
+    pages = [path for path in trees if path.suffix == ".pyi"]
     pages += [
         ROOT / "README.md",
         *ROOT.glob("docs/*.md"),
@@ -50,8 +50,8 @@ def test_every_definition_is_used():
     documented = {word for page in pages for word in re.findall(r"\w+", page.read_text(encoding="utf-8"))}
     unused = [
         f"{path.relative_to(ROOT)}:{node.lineno} {name}"
-        for path, text in texts.items()
-        for name, node in definitions(ast.parse(text))
+        for path, tree in trees.items()
+        for name, node in definitions(tree)
         if words[name] < 2 and name not in documented and not registered(node)
     ]
     assert not unused, "\n".join(unused)
@@ -61,6 +61,15 @@ def registered(node):
     """Whether a decorator hands the function to a library that calls it, such as a validator."""
     plain = ("property", "dataclass", "cache", "method", "overload")
     return any(not any(word in ast.unparse(one) for word in plain) for one in node.decorator_list)
+
+
+def words_of(tree):
+    """Words of all names and texts in a module."""
+    for node in ast.walk(tree):
+        for _, value in ast.iter_fields(node):
+            for one in value if isinstance(value, list) else [value]:
+                if isinstance(one, str):
+                    yield from re.findall(r"\w+", one)
 
 
 def without_docstrings(tree):

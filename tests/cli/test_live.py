@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from support import recorded_boards
 from support.command_line import runner
+from support.contacts import coarse_maps
 from support.emulated_reader import at_rest
 from support.patience import PATIENCE, until
 from support.quick_recordings import campaign_file, stream_file
@@ -44,6 +45,13 @@ FINGER = [(0.0, 0.0, 0.0, 0.0), (4.0, 1e-3, 0.0, 0.0), (4.5, 1e-3, 0.0, 1e-3), (
 
 
 board = recorded_boards.board
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _coarse():
+    """Coarse meshes for the board as it is emulated and for the table that its position is found with."""
+    with coarse_maps():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -534,14 +534,15 @@ def test_model_files_that_are_none(capsys, maps, change, message):
 def test_the_table_of_a_real_board_finds_what_pressed_on_it(capsys):
     """The whole way, but for the meshes: table of the design, map of the design, position and depth."""
     place = (4.3e-3, 3.1e-3, 1.15e-3)
-    Path("four.toml").write_text(first_coils(4), encoding="utf-8")
+    Path("three.toml").write_text(first_coils(3), encoding="utf-8")
     with coarse_maps(ContactMesh(12, 1.5)):
-        pressed = response_map(load_design("four.toml"), depths=[place[2]], x=[place[0]], y=[place[1]])
+        pressed = response_map(load_design("three.toml"), depths=[place[2]], x=[place[0]], y=[place[1]])
         delta = pressed.delta[0, 0, 0]
         given = {str(name): float(value) for name, value in zip(delta.state.values, delta.values, strict=True)}
-        (answer,) = positions(capsys, "--model", "four.toml", "--table", "t.nc", text_of(given), "--noise", "3e-7")
+        (answer,) = positions(capsys, "--model", "three.toml", "--table", "t.nc", text_of(given), "--noise", "3e-7")
     assert answer["status"] == "located"
-    origin = load_design("four.toml").indentation.origin_point  # the map counts from there, a location from the board's
+    # the map counts from there, a location from the board's
+    origin = load_design("three.toml").indentation.origin_point
     near = min(answer["modes"], key=lambda mode: abs(mode["y_m"] - origin[1] - place[1]))
     # the spacing of the table and the meshes of its depths err by up to 1e-3 of δ, 1 % of the depth and 0.1 mm here
     assert near["x_m"] - origin[0] == pytest.approx(place[0], abs=0.1e-3)

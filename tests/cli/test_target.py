@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 import xarray as xr
 from support.command_line import runner, successes
+from support.contacts import few_turns
 
 from coilarray import load_design, target_map
-from coilarray.design.bundled import read
 
 pytestmark = pytest.mark.slow
 
@@ -31,8 +31,9 @@ step_mm = 1
 @pytest.fixture
 def ball(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    bare = read("gast_fem").partition("[[elastomer]]")[0]
-    rest = "[circuit]" + read("gast_fem").partition("[circuit]")[2].partition("[assumed]")[0]
+    text = few_turns("gast_fem")
+    bare = text.partition("[[elastomer]]")[0]
+    rest = "[circuit]" + text.partition("[circuit]")[2].partition("[assumed]")[0]
     Path("ball.toml").write_text(bare + rest.replace("[field]\n", TARGET), encoding="utf-8")
 
 

@@ -121,7 +121,7 @@ def test_both_workers_take_part_with_one_thread_each(pool):
 
 
 def test_numbers_are_those_of_this_process_to_the_last_bit(pool):
-    design, quantities = load_design("gast2020"), ["worst_k", "inductance_uH[coil1]"]
+    design, quantities = load_design("starter"), ["worst_k", "inductance_uH[coil1]"]
     changes = [{"array.pitch_mm": pitch, "array.columns": 2} for pitch in (12.0, 13.5, 15.0, -1.0)]
     with workers() as here:
         both = [dict(evaluate_points(design, changes, quantities, one, accuracy="screen")) for one in (here, pool)]
@@ -142,6 +142,20 @@ def test_large_files_are_those_of_this_process(pool, tmp_path, monkeypatch):
     L = inductance_matrix(design.array)
     # a worker has one thread, so that sums are cut in other places: rounding
     assert written[1].inductance.values == pytest.approx(L, abs=1e-14 * L.max())
+
+
+def test_a_sweep_on_the_cluster_from_the_command_line(dask, tmp_path, capsys):
+    def sweep(name, *where):
+        arguments = ["--vary", "array.pitch_mm=12:14:3", "--vary", "array.columns=2", "--quantity", "worst_k"]
+        kept = ["--accuracy", "screen", "--cache", str(tmp_path / name), "--out", str(tmp_path / f"{name}.csv")]
+        assert main(["sweep", "starter", *arguments, *kept, *where]) == 0
+        return capsys.readouterr()
+
+    here, there = sweep("here", "--workers", "1"), sweep("there", "--cluster", dask.address)
+    assert (tmp_path / "here.csv").read_bytes() == (tmp_path / "there.csv").read_bytes()
+    assert (here.err, there.err) == ("", "")
+    assert here.out.replace("here.csv", "there.csv") == there.out
+    assert len(list((tmp_path / "there").rglob("*.json"))) == 3  # the cache is where the command runs
 
 
 def test_kernels_compile_at_most_once_a_worker_and_are_kept_on_disk(dask, pool):
@@ -181,20 +195,6 @@ def test_a_run_that_is_left_does_not_mix_with_the_next(pool):
         break
     assert pool.in_flight == 0
     assert sorted(pool.run(tasks.square, range(5))) == [(k, k * k) for k in range(5)]
-
-
-def test_a_sweep_on_the_cluster_from_the_command_line(dask, tmp_path, capsys):
-    def sweep(name, *where):
-        arguments = ["--vary", "array.pitch_mm=12:14:3", "--vary", "array.columns=2", "--quantity", "worst_k"]
-        kept = ["--accuracy", "screen", "--cache", str(tmp_path / name), "--out", str(tmp_path / f"{name}.csv")]
-        assert main(["sweep", "gast2020", *arguments, *kept, *where]) == 0
-        return capsys.readouterr()
-
-    here, there = sweep("here", "--workers", "1"), sweep("there", "--cluster", dask.address)
-    assert (tmp_path / "here.csv").read_bytes() == (tmp_path / "there.csv").read_bytes()
-    assert (here.err, there.err) == ("", "")
-    assert here.out.replace("here.csv", "there.csv") == there.out
-    assert len(list((tmp_path / "there").rglob("*.json"))) == 3  # the cache is where the command runs
 
 
 def test_another_version_of_coilarray_on_a_worker_is_refused_by_name(dask, monkeypatch):

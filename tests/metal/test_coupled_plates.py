@@ -101,11 +101,11 @@ def test_a_perfect_conductor_is_a_mirror():
     coil, face = loop(5e-3), -2e-3
     mirrored = (coil * [1, 1, -1] + [0, 0, 2 * face])[::-1]
     image = disc(centre=(1e-3, 0.0, 2 * face - 2e-3), name="image")
-    both = outlined_inductance([coil, mirrored], [disc(), image], FREQUENCIES, fineness=0.4)
+    both = outlined_inductance([coil, mirrored], [disc(), image], FREQUENCIES, fineness=0.3)
     back = Plate("back", face - 1e-3, 1e-3, PERFECT)
-    found = outlined_inductance([coil], [disc(), back], FREQUENCIES, fineness=0.4)
+    found = outlined_inductance([coil], [disc(), back], FREQUENCIES, fineness=0.3)
     np.testing.assert_allclose(found[:, 0, 0], both.sum(axis=(1, 2)) / 2, rtol=3e-5)  # each sums near pairs its own way
-    moved = moving_plate([coil], disc(), [disc().centre], FREQUENCIES, (), [back], fineness=0.4)
+    moved = moving_plate([coil], disc(), [disc().centre], FREQUENCIES, (), [back], fineness=0.3)
     np.testing.assert_allclose(moved[0], found, rtol=1e-9)
 
 
@@ -131,8 +131,8 @@ def test_plates_far_from_each_other_add_and_a_stack_is_one_plate():
     """Two pairs of coil and disc 0.2 m apart; a disc of two halves of its thickness, close to each other."""
     coils = [loop(5e-3), loop(5e-3, centre=(0.2, 0.0))]
     far = disc(centre=(0.2, 0.0, 2e-3), name="far")
-    one, other = (outlined_inductance(coils, [plate], [1e5], fineness=0.35) for plate in (disc(), far))
-    both = outlined_inductance(coils, [disc(), far], [1e5], fineness=0.35)
+    one, other = (outlined_inductance(coils, [plate], [1e5], fineness=0.25) for plate in (disc(), far))
+    both = outlined_inductance(coils, [disc(), far], [1e5], fineness=0.25)
     np.testing.assert_allclose(both, one + other, atol=1e-5 * np.abs(both).max())  # (a/d)³ of a dipole
     whole = disc(4e-3, (0.0, 0.0, 2e-3), 0.2e-3)
     halves = [disc(4e-3, (0.0, 0.0, z), 0.1e-3, name) for z, name in ((1.945e-3, "lower"), (2.055e-3, "upper"))]
@@ -149,22 +149,22 @@ def test_a_target_beside_a_shield_with_a_hole():
     shield = FinitePlate("shield", Ring(12e-3, 7e-3), (0.0, 0.0, 0.6e-3), 0.2e-3, ALUMINIUM)
     target = disc(6e-3, (3e-3, 1e-3, 4e-3))
     back = Plate("back", -4e-3, 0.2e-3, PERFECT)
-    (added,) = moving_plate(loops, target, [target.centre], [1e6], (), [back, shield], fineness=0.3)
-    both, alone = (outlined_inductance(loops, p, [1e6], fineness=0.3) for p in
+    (added,) = moving_plate(loops, target, [target.centre], [1e6], (), [back, shield], fineness=0.2)
+    both, alone = (outlined_inductance(loops, p, [1e6], fineness=0.2) for p in
                    ([back, target, shield], [shield, back]))  # fmt: skip
     # the solver's rounding, and the images of bodies together and one by one
     np.testing.assert_allclose(added, both - alone, atol=1e-4 * np.abs(added).max())
     total = both + plate_inductance(loops, [back], [1e6])
     assert (np.linalg.eigvalsh(-total.imag) > -1e-6 * np.abs(total.imag).max()).all()
-    found = eddy_currents(loops, [back, target, shield], 1e6, fineness=0.3)
+    found = eddy_currents(loops, [back, target, shield], 1e6, fineness=0.2)
     assert [len(one.density) for one in found] == [2, 2]
     moving = Target(Plate("wide", 0.0, 1e-3, ALUMINIUM), (4e-3,))
-    (changed,) = target_inductance(loops, moving, np.zeros((1, 2)), [4e-3], np.array([1e6]), (), [shield], fineness=0.3)
+    (changed,) = target_inductance(loops, moving, np.zeros((1, 2)), [4e-3], np.array([1e6]), (), [shield], fineness=0.2)
     wide = Plate("wide", 4e-3, 1e-3, ALUMINIUM)
-    with_target = outlined_inductance(loops, [shield, wide], [1e6], fineness=0.3) + plate_inductance(
+    with_target = outlined_inductance(loops, [shield, wide], [1e6], fineness=0.2) + plate_inductance(
         loops, [wide], [1e6]
     )
-    without = outlined_inductance(loops, [shield], [1e6], fineness=0.3)
+    without = outlined_inductance(loops, [shield], [1e6], fineness=0.2)
     np.testing.assert_allclose(changed[0], with_target - without, rtol=1e-9)
 
 

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.image import imread
-from support.contacts import coarse_maps
+from support.contacts import coarse_maps, few_turns
 from support.plot_results import distortion
 
 from coilarray import coupling_matrix, indent, magnetic_field, parse_design, write_report
 from coilarray.circuit.active_coil import active_coil
 from coilarray.design.bundled import read
-from coilarray.design.model import load_design_file, parse_design_file
+from coilarray.design.model import parse_design_file
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import fit_ellipses
 from coilarray.localize.ellipse_model import ellipse_model, locate_x
@@ -32,18 +32,10 @@ from coilarray.report.write import _curve
 pytestmark = pytest.mark.slow
 
 
-def coarse(name):
-    """Fewer turns, as wide as they are together: what the report computes goes with their square."""
-    turns, trace, gap = (
-        load_design_file(name).values[f"coils.hexagon.{key}"] for key in ("turns_per_layer", "trace_width_mm", "gap_mm")
-    )
-    text = read(name).replace(f"turns_per_layer = {turns:g}", "turns_per_layer = 10")
-    return text.replace(f"\ngap_mm = {gap:g}", f"\ngap_mm = {turns / 10 * (trace + gap) - trace:g}")
-
-
 # of small strain, which is quick; the single coil has a contact of finite strain, on a coarse mesh
-BOARD = parse_design_file(coarse("gast2020").replace("[indentation]", '[indentation]\nstrain = "linear"'), "gast2020")
-SINGLE = parse_design_file(coarse("gast_fem"), "gast_fem")
+LINEAR = few_turns("gast2020").replace("[indentation]", '[indentation]\nstrain = "linear"')
+BOARD = parse_design_file(LINEAR, "gast2020")
+SINGLE = parse_design_file(few_turns("gast_fem"), "gast_fem")
 FEW = read("starter").replace("turns_per_layer = 12", "turns_per_layer = 4").replace("columns = 3", "columns = 2")
 FEW = FEW.replace('strain = "finite"', 'strain = "linear"')
 
@@ -55,12 +47,14 @@ def causes_of(design):
     return causes.assign({f"{name}_std": 0.1 * causes[name] for name in ("x0", "effect", "rms")})
 
 
-def drawn_report(design, folder, *, circuit=True, **options):
-    """Write a report without 3-D rendering, without the circuit's part where that is not wanted."""
+def written_report(design, folder, *, circuit=True, drawn=False, **options):
+    """Write a report without 3-D rendering; its plots are made, and drawn in pixels only where that is wanted."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COILARRAY_THREADS", "1")  # pictures are drawn in this process
         patch.setattr("coilarray.viz.rendering_problem", lambda: "no rendering in this test")
         patch.setattr("coilarray.report.png._DPI", 40)
+        if not drawn:
+            patch.setattr("coilarray.report.png.png_of", lambda drawn: b"a picture")
         patch.setattr("coilarray.report.write._SWEEP_POINTS", 8)
         if not circuit:
             patch.setattr("coilarray.report.write._circuit", lambda *_: (None, None, "left out of this test"))
@@ -70,7 +64,7 @@ def drawn_report(design, folder, *, circuit=True, **options):
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """The report of the paper's board, drawn without 3-D rendering (tests/viz/test_scenes.py renders)."""
-    return drawn_report(BOARD, tmp_path_factory.mktemp("report"), distortion=causes_of(BOARD.design))
+    return written_report(BOARD, tmp_path_factory.mktemp("report"), drawn=True, distortion=causes_of(BOARD.design))
 
 
 TABLES = (
@@ -352,7 +346,7 @@ def test_the_dent_is_rendered_over_the_middle_of_a_coil(monkeypatch):
 
 def test_single_coil_report(tmp_path):
     with coarse_maps():
-        made = drawn_report(SINGLE, tmp_path)
+        made = written_report(SINGLE, tmp_path)
     (row,) = table(made, "coils")
     # nothing couples: terminated and open are the same
     assert float(row["frequency_Hz"]) == float(row["open_frequency_Hz"])
@@ -380,7 +374,7 @@ array.lattice = "free"
 array.placements = [{ name = "a", coil = "pin", layers = ["top"], x_mm = 0, y_mm = 0 }]
 """
     seen = []
-    made = drawn_report(parse_design(hairpin), tmp_path, progress=lambda *step: seen.append(step))
+    made = written_report(parse_design(hairpin), tmp_path, progress=lambda *step: seen.append(step))
     page = made.page.read_text(encoding="utf-8")
     assert seen == [(done, 8) for done in range(1, 9)]
     assert made.data["circuit_problem"]
@@ -407,7 +401,7 @@ distances_mm = [2, 4, 8]
 
 
 def test_metal_has_a_section_with_its_numbers(tmp_path):
-    made = drawn_report(parse_design(FEW + METAL), tmp_path)
+    made = written_report(parse_design(FEW + METAL), tmp_path)
     page = made.page.read_text(encoding="utf-8")
     assert ">Metal</h2>" in page
     assert "with the plate backplane of aluminium and a copper plate as target;" in page
@@ -444,7 +438,7 @@ def test_metal_has_a_section_with_its_numbers(tmp_path):
 ])  # fmt: skip
 def test_an_indentation_that_fails_is_reported(tmp_path, old, new, problem, dent):
     assert old in FEW
-    made = drawn_report(parse_design(FEW.replace(old, new, 1)), tmp_path, circuit=False)
+    made = written_report(parse_design(FEW.replace(old, new, 1)), tmp_path, circuit=False)
     assert problem in made.data["indentation_problem"]
     page = made.page.read_text(encoding="utf-8")
     assert f"{'Response not' if dent else 'Not'} computed: {problem}" in page

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from support.contacts import few_turns
 from support.quick_coils import series_tank
 from support.refusals import refused
 
@@ -17,6 +18,7 @@ import coilarray as ca
 import coilarray.response.target as module
 from coilarray.circuit.coupling import bare_network, design_circuit, swept_circuit
 from coilarray.circuit.network import changed_resonances, resonate, solve_state
+from coilarray.design.model import parse_design
 from coilarray.errors import GeometryError, LocalizeError, MetalError
 from coilarray.localize.forward import forward_model
 from coilarray.localize.inverse import locate
@@ -28,7 +30,7 @@ from coilarray.response.target_range import STEPS, ranges_of
 
 ALUMINIUM = ca.MATERIALS["aluminium"]
 ONE = replace(
-    ca.load_design("gast_fem"), sheets=(), indentation=None,
+    parse_design(few_turns("gast_fem")), sheets=(), indentation=None,
     target=ca.Target(ca.Ball(5e-3, ALUMINIUM), (1e-3, 2e-3, 4e-3, 8e-3), (0.0, 5e-3), (0.0,)),
 )  # fmt: skip
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.stats import multivariate_normal, norm
-from support.contacts import first_coils_design
+from support.contacts import coarse_maps, first_coils_design
 
 from coilarray import calibrate, load_design, load_plan
 from coilarray.compute.store import open_store
@@ -297,9 +297,11 @@ def test_choices_set_and_take_away(line):
 def test_drift_is_added_in_the_order_of_a_campaign(name, order):
     design = first_coils_design(2)
     axes = {"depths": [0.5e-3, 1e-3], "x": [-2e-3, 0.0, 2e-3], "y": [0.0, 2e-3]}
-    plain, drifting = (
-        response_map(design, **axes, ideal=True, imperfections=Imperfections(**{name: drift})) for drift in (0.0, 1e-5)
-    )
+    with coarse_maps():
+        plain, drifting = (
+            response_map(design, **axes, ideal=True, imperfections=Imperfections(**{name: drift}))
+            for drift in (0.0, 1e-5)
+        )
     added = (drifting.delta - plain.delta).isel(state=0).transpose(*order).values.ravel()
     assert added == pytest.approx(np.linspace(0, 1e-5, 12), abs=1e-12)  # 1e-12: rounding of δ
 

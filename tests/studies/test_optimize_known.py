@@ -13,9 +13,9 @@ h = R/10: far less than the tolerance, as half and twice the width show.
 import math
 
 import pytest
+from support.contacts import few_turns
 from support.references import rows
 
-from coilarray import load_design
 from coilarray.compute.workers import workers
 from coilarray.design.model import parse_design
 from coilarray.design.vary import vary
@@ -97,8 +97,8 @@ def test_width_of_thin_loops_does_not_matter():
 
 
 def test_a_layout_of_the_real_board_with_less_coupling(tmp_path):
-    """The goal with a few points; the whole of it finds 0.0159 at 15.4 mm."""
-    design = load_design("gast2020")
+    """The goal with a few points, of coils of few turns; the whole of it finds 0.0159 at 15.4 mm."""
+    design = parse_design(few_turns("gast2020"))
     goal = load_goal("worst_k", design)
     few = goal.model_copy(update={"search": goal.search.model_copy(update={"trials": 8, "polish": 4})})
     with workers() as pool:

@@ -9,7 +9,7 @@ import coilarray.elastomer.dented_layer as dented_layer
 import coilarray.response.map as response_map
 import coilarray.response.setup as setup
 from coilarray.design.bundled import read
-from coilarray.design.model import parse_design
+from coilarray.design.model import load_design_file, parse_design
 from coilarray.elastomer.contact_mesh import ContactMesh
 from coilarray.elastomer.scattering import LayerMesh
 
@@ -41,9 +41,18 @@ def linear(design):
     return replace(design, indentation=replace(design.indentation, strain="linear"))
 
 
+def few_turns(name):
+    """Text of a bundled design of ten turns a layer, as wide as its own: what is computed goes with their square."""
+    turns, trace, gap = (
+        load_design_file(name).values[f"coils.hexagon.{key}"] for key in ("turns_per_layer", "trace_width_mm", "gap_mm")
+    )
+    text = read(name).replace(f"turns_per_layer = {turns:g}", "turns_per_layer = 10")
+    return text.replace(f"\ngap_mm = {gap:g}", f"\ngap_mm = {turns / 10 * (trace + gap) - trace:g}")
+
+
 def first_coils(count):
-    """Text of gast2020 with so many coils, pressed with small strain."""
-    text = read("gast2020").replace("columns = 6", f"columns = {count}")
+    """Text of gast2020 with so many coils of few turns, pressed with small strain."""
+    text = few_turns("gast2020").replace("columns = 6", f"columns = {count}")
     return text.replace("[indentation]", '[indentation]\nstrain = "linear"')
 
 

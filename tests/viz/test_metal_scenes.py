@@ -122,9 +122,9 @@ def test_eddy_currents_run_against_the_coil(design):
 def test_eddy_currents_at_all_distances_have_one_scale(design, monkeypatch):
     monkeypatch.setattr("coilarray.viz.scenes.of_metal._STEPS", 0)  # no positions between those of the design
     body = FinitePlate("target", Disc(6e-3), (0.0, 0.0, 0.0), 1e-3, ALUMINIUM)
-    moving = replace(design, sheets=(), indentation=None, target=Target(body, (1e-3, 3e-3), (0.0,), (0.0,)))
-    scene = scene_of_design(moving, View(show=("target", "eddies"), distance=3e-3))
-    assert scene.slider.labels[scene.slider.first] == "3 mm"
+    moving = replace(design, sheets=(), indentation=None, target=Target(body, (2e-3, 6e-3), (0.0,), (0.0,)))
+    scene = scene_of_design(moving, View(show=("target", "eddies"), distance=6e-3))
+    assert scene.slider.labels[scene.slider.first] == "6 mm"
     strongest = [
         float(part.mesh.point_data[EDDY_AMOUNT].max()) for part in scene.parts if part.name.startswith("eddies")
     ]
