@@ -60,14 +60,19 @@ def loop_inductance(loops, materials, frequency, near, edges, finest):
 def dented_loops(loops, thickness, mu, top, zone=6e-3, step=0.125e-3):
     """ΔL in H, shape (loops, loops), of loops (radius, height) in m by a dent in one sheet on z = 0, against flat.
 
-    `top(r)` is how far its upper face moves up. The vector potential, on one mesh whose nodes are moved or not: lines at
-    every `step` in r to 10 mm, and in z at 0.1 mm from −0.4 mm up to the face, where loops must lie on them.
+    `top(r)` is how far its upper face moves up. The vector potential, on one mesh whose nodes are moved or not: lines
+    at every `step` in r to 10 mm, and in z at 0.1 mm from −0.4 mm up to the face, where loops must lie on them.
     """
     outwards = np.geomspace(step, FAR / 4, 24)
     r = np.concatenate((np.arange(0, 10e-3 + step / 2, step), 10e-3 + np.cumsum(outwards)))
     inner = np.arange(-4, round(thickness * 1e4) + 1) * 1e-4
     z = np.concatenate(
-        (-0.4e-3 - np.cumsum(outwards)[::-1], inner, thickness + np.linspace(0, zone, 25)[1:], thickness + zone + outwards)
+        (
+            -0.4e-3 - np.cumsum(outwards)[::-1],
+            inner,
+            thickness + np.linspace(0, zone, 25)[1:],
+            thickness + zone + outwards,
+        )
     )
     flat = MeshQuad.init_tensor(r, z)
     height = flat.p[1]
