@@ -13,6 +13,8 @@ from coilarray.errors import GeometryError
 SMALLEST, LARGEST = 1e-30, 1e30
 """Lengths in m between which powers of them, up to the sixth in the kernels, stay within the range of float64."""
 
+_STRAIGHT = 1e-6  # rad; less is no bend
+
 
 @dataclass(frozen=True, eq=False)
 class Conductor:
@@ -91,6 +93,24 @@ class Conductor:
     def lengths(self) -> FloatArray:
         """Length of every segment in m, shape (n,)."""
         return np.asarray(np.linalg.norm(np.diff(self.vertices, axis=0), axis=1))
+
+    def straightened(self) -> Conductor:
+        """Return the path without the vertices between segments of one cross-section that go on straight.
+
+        Examples
+        --------
+        >>> Conductor([[0, 0, 0], [1e-3, 0, 0], [2e-3, 0, 0], [2e-3, 1e-3, 0]]).straightened().vertices[:, 0].tolist()
+        [0.0, 0.002, 0.002]
+        """
+        along = np.diff(self.vertices, axis=0) / self.lengths[:, None]
+        bend = np.linalg.norm(np.diff(along, axis=0), axis=1)
+        section = np.column_stack((self.widths, self.thicknesses, self.areas))
+        turns = (bend > _STRAIGHT) | (np.diff(section, axis=0) != 0).any(axis=1)
+        if turns.all():
+            return self
+        first = np.concatenate(([True], turns))
+        vertices = self.vertices[np.append(first, True)]
+        return Conductor(vertices, self.widths[first], self.thicknesses[first], self.areas[first], self.name)
 
     @property
     def is_filament(self) -> bool:

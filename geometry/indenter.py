@@ -37,9 +37,19 @@ class _Body:
         """Largest radius (of a plane body: |x|) in m at which the body can touch; inf where it has no end."""
         return self.radius
 
+    @property
+    def height(self) -> float:
+        """Largest depth in m that the shape is known for; inf where it goes on, as the rod above an edge does."""
+        return math.inf
+
 
 class _Round(_Body):
     """A body with a circular section."""
+
+    @property
+    def height(self) -> float:
+        """Radius in m: what is above the lower half is not known."""
+        return self.radius
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
         """Height above the tip in m at the distances `r` in m, R − √(R² − r²); inf beyond R."""
@@ -198,6 +208,11 @@ class Cone(_Edged):
     def reach(self) -> float:
         """Largest radius in m at which the cone can touch."""
         return self.radius
+
+    @property
+    def height(self) -> float:
+        """Infinite: where the cone ends, its edge touches, and a rod follows."""
+        return math.inf
 
     def profile(self, r: npt.ArrayLike) -> FloatArray:
         """Height above the tip in m at the radii `r` in m, r/tan(half angle); inf beyond the end."""

@@ -273,8 +273,8 @@ def indent(
     Raises
     ------
     ElastomerError
-        A sheet without Young's modulus, a depth that is not allowed or folds an interface, a contact that goes beyond
-        the sample or does not converge, an unknown base.
+        A sheet without Young's modulus, a depth that is not allowed, folds an interface or exceeds the radius of a
+        ball or cylinder, a contact that goes beyond the sample or does not converge, an unknown base.
 
     Notes
     -----
@@ -295,6 +295,11 @@ def indent(
     stack = stack_of(sheets)
     _check_arguments(sheets, base, radius, strain)
     depth = _checked_depths(depths, stack)
+    if depth.max(initial=0.0) > indenter.height:
+        raise ElastomerError(
+            f"a {indenter.name} can be pressed in by at most its radius, {indenter.height * 1e3:g} mm: what is above "
+            f"it is not known; got a depth of {depth.max() * 1e3:g} mm."
+        )
     case = _Case(stack, indenter, base, None if radius is None else radius / stack.length)
     scaled = depth / stack.length
     pressed = scaled[scaled > 0] if scaled.any() else np.array([_NOMINAL])

@@ -195,7 +195,8 @@ def resistance_matrix(
     >>> round(float(R[1] / R[0]), 2), str(result.model[1, 0].values)
     (1.12, 'transverse field')
     """
-    conductors = as_conductors(source)
+    # a bar's own field is left out on the whole of a straight run, however many vertices it has
+    conductors = [conductor.straightened() for conductor in as_conductors(source)]
     f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
     if f.ndim != 1 or not len(f):
         raise ValueError(f"frequencies must have shape (n >= 1,); got {np.shape(frequencies)}.")

@@ -338,6 +338,8 @@ def test_depths_keep_their_order_and_accuracy():
         ({"depths": math.inf}, "got inf m"),
         ({"depths": 8e-3}, "got 8 mm"),
         ({"depths": []}, "at least one"),
+        ({"depths": [1e-3, 4e-3]}, "a hemisphere can be pressed in by at most its radius, 2.5 mm: .* depth of 4 mm"),
+        ({"indenter": CylinderEdge(1e-3), "depths": 2e-3}, "a cylinder edge can be pressed in by at most its radius"),
         ({"depths": [[1e-4]]}, "one row of numbers"),
         ({"base": "glued"}, "'bonded', 'frictionless' or a Seat; got 'glued'"),
         ({"strain": "small"}, "strain must be 'finite' or 'linear'; got 'small'"),

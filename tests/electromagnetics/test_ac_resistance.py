@@ -10,6 +10,8 @@ Who checks whom:
                                            of a square loop   long racetrack
 """
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -315,6 +317,21 @@ def test_scaled_turned_and_moved_coil(scale, angle, shift):
     # the cut's positions are rounded to a thousandth of the width, and equal sides of the spiral are no tie in floats:
     # another side's cut is as good; measured 1e-4
     np.testing.assert_allclose(scale * second.resistance.values, first.resistance.values, rtol=1e-3)
+
+
+@pytest.mark.parametrize("path", [
+    spiral_path(Spiral(6, 6e-3, 4, 0.2e-3, 0.05e-3)),
+    spiral_path(Spiral(4, 15e-3, 3, 1e-3, 0.2e-3)),
+], ids=["narrow", "wide"])  # fmt: skip
+def test_vertices_on_straight_runs_change_nothing(path):
+    pieces, count = 8, len(path.vertices) - 1
+    share = np.arange(pieces)[:, None] / pieces
+    cut = np.vstack([a + share * (b - a) for a, b in pairwise(path.vertices)] + [path.vertices[-1:]])
+    finer = Conductor(cut, *(np.repeat(v, pieces) for v in (path.widths, path.thicknesses, path.areas)), path.name)
+    assert (len(finer.straightened().vertices), len(path.straightened().vertices)) == (count + 1, count + 1)
+    frequencies = [1e5, 1e7]
+    one, many = (resistance_matrix(each, frequencies).resistance.values for each in (path, finer))
+    assert many == pytest.approx(one, rel=1e-12)  # coordinates differ by roundings
 
 
 def test_vias_keep_their_direct_resistance():

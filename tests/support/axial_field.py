@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import skfem
 from scipy.sparse.linalg import splu
-from skfem import Basis, BilinearForm, ElementTriP2, MeshTri
+from skfem import Basis, BilinearForm, ElementQuad2, ElementTriP2, MeshQuad, MeshTri
 from skfem.helpers import dot, grad
 
 from coilarray.constants import MU_0
@@ -72,7 +72,7 @@ def disc_before_loop(a, gap, radius, thickness, conductivity, frequency):
     rim = [] if np.isinf(radius) else [(radius, fine)]
     r = _lines(sorted([(0.0, a / 8), (a, gap / 4), (far, a), *rim]))
     z = _lines([(-far, a), (0.0, gap / 8), (gap, fine), (gap + thickness, fine), (far, a)])
-    basis = Basis(skfem.MeshQuad.init_tensor(r, z), skfem.ElementQuad2(), intorder=6)
+    basis = Basis(MeshQuad.init_tensor(r, z), ElementQuad2(), intorder=6)
     stiffness = BilinearForm(lambda u, v, w: dot(grad(u), grad(v)) / (MU_0 * w.x[0]))
     eddies = BilinearForm(
         lambda u, v, w: 2 * np.pi * frequency * conductivity * u * v / w.x[0]
@@ -98,3 +98,44 @@ def _lines(places):
         found.append(np.unique(np.concatenate((start + scale * np.array(left)[1:], stop - scale * np.array(right)))))
     lines = np.concatenate(found)
     return lines[np.concatenate(([True], np.diff(lines) > 1e-12))]
+
+
+def dented_loops(loops, thickness, mu, top, zone=6e-3, step=0.125e-3):
+    """ΔL in H, shape (loops, loops), of loops (radius, height) in m by a dent in one sheet on z = 0, against flat.
+
+    `top(r)` is how far its upper face moves up. The vector potential, on one mesh whose nodes are moved or not: lines
+    at every `step` in r to 10 mm, and in z at 0.1 mm from −0.4 mm up to the face, where loops must lie on them.
+    """
+    outwards = np.geomspace(step, FAR / 4, 24)
+    r = np.concatenate((np.arange(0, 10e-3 + step / 2, step), 10e-3 + np.cumsum(outwards)))
+    inner = np.arange(-4, round(thickness * 1e4) + 1) * 1e-4
+    z = np.concatenate(
+        (
+            -0.4e-3 - np.cumsum(outwards)[::-1],
+            inner,
+            thickness + np.linspace(0, zone, 25)[1:],
+            thickness + zone + outwards,
+        )
+    )
+    flat = MeshQuad.init_tensor(r, z)
+    height = flat.p[1]
+    share = np.interp(height, [0, thickness, thickness + zone], [0.0, 1.0, 0.0])
+    inside = (flat.p[1][flat.t].mean(axis=0) > 0) & (flat.p[1][flat.t].mean(axis=0) < thickness)
+    found = []
+    for moved in (top(flat.p[0]) * share, 0 * height):
+        basis = Basis(MeshQuad(np.array([flat.p[0], height + moved]), flat.t), ElementQuad2(), intorder=5)
+
+        @BilinearForm
+        def energy(u, v, w):
+            r = w.x[0]
+            return w.reluctivity * (u.grad[1] * v.grad[1] * r + (u.grad[0] * r + u) * (v.grad[0] * r + v) / r)
+
+        matrix = energy.assemble(basis, reluctivity=np.where(inside, 1 / mu, 1.0)[:, None] * np.ones(basis.dx.shape))
+        sources = np.zeros((basis.N, len(loops)))
+        for number, loop in enumerate(loops):
+            distance = np.hypot(*(basis.doflocs.T - loop).T)
+            assert distance.min() < 1e-9
+            sources[np.argmin(distance), number] = loop[0]
+        free = np.setdiff1d(np.arange(basis.N), basis.get_dofs().flatten())
+        found.append(sources[free].T @ splu(matrix[free][:, free].tocsc()).solve(sources[free]))
+    return 2 * np.pi * MU_0 * (found[0] - found[1])
