@@ -3,8 +3,29 @@
 from __future__ import annotations
 
 
+_LONGEST = 500
+_END = 150
+
+
 class CoilarrayError(Exception):
-    """Base of every error that this package raises on purpose; the command line prints it in one line."""
+    """Base of every error that this package raises on purpose; the command line prints it in one line.
+
+    Whatever a bad file puts into the text, it is one line of printable characters, and what is longer than 500 is cut
+    in the middle.
+
+    Examples
+    --------
+    >>> str(CoilarrayError("x must be a number; got a\\nb."))
+    'x must be a number; got a b.'
+    """
+
+    def __init__(self, text: object = "") -> None:
+        line = str(text)
+        if not line.isprintable():
+            line = "".join(one if one.isprintable() else "�" for one in " ".join(line.split()))
+        if len(line) > _LONGEST:
+            line = f"{line[: _LONGEST - _END]}…{line[-_END:]}"
+        super().__init__(line)
 
 
 class GeometryError(CoilarrayError, ValueError):
