@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 
-_LONGEST = 500
-_END = 150
+
+_LONGEST = 500  # characters of an error, a path of 200 included
+_END = 150  # of them behind what is cut out
+_SHOWN = 80  # characters of a value
+_LISTED = 140  # characters of a list of names
 
 
 class CoilarrayError(Exception):
@@ -26,6 +30,27 @@ class CoilarrayError(Exception):
         if len(line) > _LONGEST:
             line = f"{line[: _LONGEST - _END]}…{line[-_END:]}"
         super().__init__(line)
+
+
+def shown(value: object) -> str:
+    """Write a value for a message, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Write names as a list for a message; of a long one the first, and how many there are.
+
+    Examples
+    --------
+    >>> listed(["x", "y"]), listed(["quantity"] * 50)[-42:]
+    ('x, y', 'quantity, quantity, quantity, … (50 in all)')
+    """
+    every = list(names)
+    text = ", ".join(every)
+    if len(text) <= _LISTED:
+        return text
+    return f"{text[:_LISTED].rpartition(', ')[0]}, … ({len(every)} in all)"
 
 
 class GeometryError(CoilarrayError, ValueError):

@@ -65,11 +65,10 @@ class Entry:
 class Schema:
     """What a kind of dataset must have; what else it has is left alone.
 
-    `kind` names it in messages, `error` is raised for a dataset that is none. `summary` says what makes it one. Each of
-    `together` are variables of which a dataset has all or none.
+    `error` is raised for a dataset that is none, and `summary` says in it what makes it one. Each of `together` are
+    variables of which a dataset has all or none.
     """
 
-    kind: str
     error: type[CoilarrayError]
     summary: str
     variables: Mapping[str, Entry]
@@ -87,20 +86,24 @@ class Schema:
         Examples
         --------
         >>> from coilarray.errors import LocalizeError
-        >>> line = Schema("line", LocalizeError, "x", {"x": Entry("m", ("x",), needed=True, rising=True)})
+        >>> line = Schema(LocalizeError, "x", {"x": Entry("m", ("x",), needed=True, rising=True)})
         >>> line.checked(xr.Dataset(coords={"x": [1, 1]}), "line.nc")
         Traceback (most recent call last):
         coilarray.errors.LocalizeError: x of line.nc must rise; got 1 after 1.
         """
         for name, entry in self.variables.items():
-            there = name in dataset.variables
-            if entry.needed and not (there and self._has_dims(dataset[name].dims, entry)):
-                raise self.error(f"{who} must have {self.summary}; it is no {self.kind}.")
-            if not there:
+            if name not in dataset.variables:
+                if entry.needed:
+                    raise self.error(f"{who} must have {self.summary}; {name} is missing.")
                 continue
             variable = dataset[name]
             if not self._has_dims(variable.dims, entry):
-                raise self.error(f"{name} of {who} must be over {', '.join(entry.dims)}.")
+                got = ", ".join(map(str, variable.dims))[:_SHOWN] or "nothing"
+                if entry.needed:
+                    raise self.error(f"{who} must have {self.summary}; {name} is over {got}.")
+                raise self.error(f"{name} of {who} must be over {', '.join(entry.dims)}; got {got}.")
+            if entry.needed and not variable.size:
+                raise self.error(f"{name} of {who} must have at least one value.")
             values = self._values(variable.values, entry, f"{name} of {who}", variable.attrs.get("units"))
             order = tuple(dim for dim in entry.dims if dim in variable.dims)
             if values.dtype != variable.dtype or variable.dims != order:
@@ -154,8 +157,6 @@ class Schema:
         return numbers
 
     def _check_rising(self, values: Any, what: str) -> None:
-        if not len(values):
-            raise self.error(f"{what} must have at least one value.")
         steps = np.diff(values)
         if (steps < _LEAST_STEP).any():
             first = int(np.argmax(steps < _LEAST_STEP))

@@ -161,7 +161,7 @@ _OF_LEVELS = ("neighbours", "state", "delta")
 _METRES = Entry("m", _OF_LEVELS, needed=True, gaps=True)
 _PUBLISHED = Entry("m", _OF_LEVELS[1:], needed=True, gaps=True)
 DISTORTION = Schema(
-    "result of `coilarray distortion`", LocalizeError, "effects and ellipses over cause, neighbours, state and delta",
+    LocalizeError, "effects and ellipses over cause, neighbours, state and delta",
     {
         "effect": Entry("m", ("cause", "state", "delta"), needed=True, gaps=True),
         "rms": Entry("m", ("cause", "state"), needed=True, gaps=True),

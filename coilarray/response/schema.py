@@ -16,7 +16,7 @@ _LARGEST = 100.0  # of δ, which is −1 for no inductance at all
 _PLACE = Entry("m", ("coil",), low=-_FARTHEST, high=_FARTHEST)
 
 RESPONSE = Schema(
-    "response", LocalizeError, "delta over depth, y, x and state, with coordinates",
+    LocalizeError, "delta over depth, y, x and state, with coordinates",
     {
         "delta": Entry("1", _OVER, needed=True, low=-_LARGEST, high=_LARGEST, gaps=True),
         "depth": Entry("m", ("depth",), needed=True, low=0.0, high=_FARTHEST, rising=True),

@@ -162,7 +162,7 @@ drill_mm = 0.5
 lattice = "linear"
 coil = "a"
 columns = 2
-pitch_mm = 10.0
+pitch_mm = 14.0
 layers = [["L1", "L2"]]
 [[elastomer]]
 name = "base"

@@ -30,6 +30,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, is_dataclass
+from functools import cache
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from coilarray.design.units import Table
 from coilarray.errors import CoilarrayError
 from fuzz import mutations
 from fuzz.kinds import KINDS, Kind, numbers_of
@@ -55,7 +57,10 @@ LONGEST_MESSAGE = 300
 
 _WALL_SECONDS = 120.0  # after which a worker is ended: a loop in C that takes no signal, on a busy machine
 _MEMORY = 12 << 30  # bytes of address space, of which numba and its libraries take some
-_WORD = re.compile(r"\w+")
+
+
+_NO_KEYS = ("not valid TOML", "not valid JSON", "UTF-8", "has no key '", "it must have kind")
+_WORDS = {"name", "set", "from", "at", "the", "of", "others", "number", "list", "low", "high", "x", "y", ""}
 
 
 class HangError(BaseException):
@@ -104,7 +109,10 @@ class Bench:
         """Read one mutated file and judge the answer."""
         kind = kind_of(name)
         example, data = self.mutated(kind, number)
-        whole = self._answer_to(kind, example)
+        try:
+            whole = self._answer_to(kind, example)
+        except Exception:
+            return Outcome(name, number, "tracebacks", f"of the good {example.name}: {traceback.format_exc()}", 0.0)
         begun = time.process_time()
         outcome, said = self.judge(kind, data, whole)
         return Outcome(name, number, outcome, said, time.process_time() - begun)
@@ -185,12 +193,30 @@ def unclear(message: str, keyed: bytes | None) -> str:
 
 
 def names_key(message: str, data: bytes) -> bool:
-    """Whether an error names a key of a file or of a schema, or the line or file that is no TOML."""
-    _, _, told = message.partition(": ")
-    if "not valid TOML" in told or "UTF-8" in message or not told:
-        return "not valid TOML" in message or "UTF-8" in message or "must have" in message
-    first = told.split(" ", 1)[0]
-    return bool(re.match(r"^[\w\"'\[\]-]+(\.[^\s]+)*$", first)) and bool(_WORD.search(first))
+    """Whether an error names a key of the file or of a schema, or says that it is no text.
+
+    What a file must have as a whole, such as its kind, is named there too.
+    """
+    if any(text in message for text in _NO_KEYS):
+        return True
+    told = {word.rstrip("0123456789") for word in re.findall(r"\w+", message.partition(": ")[2].lower() or message.lower())}
+    return bool(told & (_schema_keys() | _keys_of(data)))
+
+
+@cache
+def _schema_keys() -> frozenset[str]:
+    found, classes = set(), [Table]
+    while classes:
+        one = classes.pop()
+        classes += one.__subclasses__()
+        found |= {(field.alias or name).lower() for name, field in one.model_fields.items()}
+    return frozenset(found) - _WORDS
+
+
+def _keys_of(data: bytes) -> set[str]:
+    """Names in the headers of a file, which are keys where no schema has them: of coils, for example."""
+    headers = re.findall(rb"^\s*\[+(.*?)\]", data, re.MULTILINE)
+    return {word.decode().lower().rstrip("0123456789") for line in headers for word in re.findall(rb"\w+", line)} - _WORDS
 
 
 def digest(answer: Any) -> str:

@@ -15,7 +15,7 @@ from coilarray.studies.calibrate.model import imperfections_of
 from coilarray.studies.calibrate.plan import separated
 
 CALIBRATION = Schema(
-    "calibration", GoalError, "value, posterior and entries over combination, draw and unknown",
+    GoalError, "value, posterior and entries over combination, draw and unknown",
     {
         "value": Entry("", ("combination", "unknown"), needed=True, gaps=True),
         "posterior": Entry("", ("combination", "draw", "unknown"), needed=True, gaps=True),

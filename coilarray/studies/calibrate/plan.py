@@ -28,11 +28,12 @@ TOML; the bundled ``table_a1`` is a longer example::
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from coilarray.design.toml_file import TomlFiles
 from coilarray.design.units import Table
@@ -122,6 +123,14 @@ class Choice(Table):
     without: list[str] = Field(default_factory=list)
     """Keys of the design that it takes away."""
     unknowns: list[Unknown] = Field(alias="unknown", default_factory=list)
+
+    @field_validator("set")
+    @classmethod
+    def _finite(cls, values: dict[str, Any]) -> dict[str, Any]:
+        for key, value in values.items():
+            if isinstance(value, float) and not math.isfinite(value):
+                raise ValueError(f"must have a finite value for {key}; got {value}")
+        return values
 
 
 class Alternative(Table):
