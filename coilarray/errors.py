@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-
 _LONGEST = 500  # characters of an error, a path of 200 included
 _END = 150  # of them behind what is cut out
 _SHOWN = 80  # characters of a value
@@ -12,14 +11,14 @@ _LISTED = 140  # characters of a list of names
 
 
 class CoilarrayError(Exception):
-    """Base of every error that this package raises on purpose; the command line prints it in one line.
+    r"""Base of every error that this package raises on purpose; the command line prints it in one line.
 
     Whatever a bad file puts into the text, it is one line of printable characters, and what is longer than 500 is cut
     in the middle.
 
     Examples
     --------
-    >>> str(CoilarrayError("x must be a number; got a\\nb."))
+    >>> str(CoilarrayError("x must be a number; got a\nb."))
     'x must be a number; got a b.'
     """
 

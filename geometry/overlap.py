@@ -39,7 +39,9 @@ def require_apart(conductors: Sequence[Conductor]) -> None:
     slabs = [(k, slab) for k, path in enumerate(bars) for slab in path.slabs()]
     if len(bars) < 2:
         return
-    boxes = np.array([np.concatenate((bars[k].low[rows].min(axis=0), bars[k].high[rows].max(axis=0))) for k, rows in slabs])
+    boxes = np.array(
+        [np.concatenate((bars[k].low[rows].min(axis=0), bars[k].high[rows].max(axis=0))) for k, rows in slabs]
+    )
     flat = shapely.box(*boxes[:, [0, 1, 3, 4]].T)
     i, j = shapely.STRtree(flat).query(flat)
     owner = np.array([k for k, _ in slabs])
@@ -110,7 +112,7 @@ def _share_space(one: _Bars, a: IntArray, other: _Bars, b: IntArray) -> npt.NDAr
 
 
 def _joined(one: _Bars, a: IntArray, other: _Bars, b: IntArray) -> npt.NDArray[np.bool_]:
-    """Whether one path goes on, pair by pair, where the other ends: two bars that share one end of their centre lines."""
+    """Whether one path goes on, pair by pair, where the other ends: the bars share one end of their centre lines."""
     ends, others = (
         bars.centre[chosen][:, None] + bars.axes[chosen, :1] * bars.half[chosen, :1, None] * np.array([[-1.0], [1.0]])
         for bars, chosen in ((one, a), (other, b))

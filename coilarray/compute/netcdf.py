@@ -81,7 +81,9 @@ class Schema:
         return [name for name, entry in self.variables.items() if entry.needed]
 
     def checked(self, dataset: xr.Dataset, who: str) -> xr.Dataset:
-        """Return a dataset with its numbers in float64 and its dimensions in order; `error` names the first field that is wrong, and `who` has it.
+        """Return a dataset with its numbers in float64 and its dimensions in order.
+
+        An `error` names the first field that is wrong, of `who`.
 
         Examples
         --------
@@ -108,7 +110,9 @@ class Schema:
             order = tuple(dim for dim in entry.dims if dim in variable.dims)
             if values.dtype != variable.dtype or variable.dims != order:
                 kept = xr.Variable(variable.dims, values, variable.attrs).transpose(*order)
-                dataset = dataset.assign_coords({name: kept}) if name in dataset.coords else dataset.assign({name: kept})
+                dataset = (
+                    dataset.assign_coords({name: kept}) if name in dataset.coords else dataset.assign({name: kept})
+                )
             if variable.dims == (name,) and entry.unit is None and len(set(values.tolist())) < values.size:
                 shown = ", ".join(map(str, values.tolist()))[:_SHOWN]
                 raise self.error(f"{name}s of {who} must have different names; got {shown}.")

@@ -140,8 +140,8 @@ class Indentation:
     Raises
     ------
     DesignError
-        No depth, x without y, depths that do not rise from above zero, a value that is not finite, or a material of another indenter than a
-        hemisphere.
+        No depth, x without y, depths that do not rise from above zero, a value that is not finite, or a material of
+        another indenter than a hemisphere.
     """
 
     indenter: Indenter

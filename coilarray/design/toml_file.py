@@ -147,4 +147,3 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
         "literal_error": f"be {limits.get('expected')}",
     }.get(kind, details["msg"].removeprefix("Input should ").removeprefix("Value error, "))
     return f"{key} must {wanted}; got {shown(got)}."
-

@@ -59,7 +59,9 @@ SCHEMA = 1
 _KIND = "coilarray ellipse model"
 _RANGE = ("lowest", "highest", "centre")
 _ASTRAY = 2.0  # semi-axes from the highest determined level's centre to that of an undetermined one: not the same hill
-_FARTHEST = 1e3  # m, of a centre or semi-axis within the range of δ: a bound of their polynomials, which they rarely reach
+_FARTHEST = (
+    1e3  # m, of a centre or semi-axis within the range of δ: a bound of their polynomials, which they rarely reach
+)
 _SHORTEST = 1e-9  # m, of a semi-axis
 _LARGEST_DELTA = 100.0
 _HUGE = 1e100  # of a coefficient, so that its bound stays a number
@@ -88,7 +90,9 @@ class CoilEllipses:
         for key in PARAMETERS:
             p = getattr(self, key)
             if len(p) != DEGREE + 1 or not np.isfinite(p).all():
-                raise LocalizeError(f"{key} of {self.name} must be {DEGREE + 1} finite coefficients; got {str(p)[:80]}.")
+                raise LocalizeError(
+                    f"{key} of {self.name} must be {DEGREE + 1} finite coefficients; got {str(p)[:80]}."
+                )
         if not -_LARGEST_DELTA <= self.lowest < self.highest <= _LARGEST_DELTA:
             raise LocalizeError(
                 f"the range of δ of {self.name} must rise, from {-_LARGEST_DELTA:g} to {_LARGEST_DELTA:g} at most; "
@@ -100,7 +104,9 @@ class CoilEllipses:
         for key in PARAMETERS:
             longest = float(np.polyval(np.minimum(np.abs(getattr(self, key)), _HUGE), farthest))
             if longest > _FARTHEST:
-                raise LocalizeError(f"{key} of {self.name} must stay within {_FARTHEST:g} m; it may reach {longest:.3g} m.")
+                raise LocalizeError(
+                    f"{key} of {self.name} must stay within {_FARTHEST:g} m; it may reach {longest:.3g} m."
+                )
 
     def curves(self, delta: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return x0, A and B in m at any δ, each with the shape of `delta`; nothing is checked."""

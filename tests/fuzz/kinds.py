@@ -1,15 +1,23 @@
-"""Every kind of file that the package reads: good examples, how they are mutated, what reads them, what they may answer.
+"""Every kind of file that the package reads: good examples, their mutations, what reads them and what that may answer.
 
-A reader does with a file what the commands do that take it, and returns what was read and computed. Meshes and other
-pictures are written, never read. Beside the checks named at each kind every number of a result must be finite, with NaN
-where the documentation says that it stands for what was not measured.
+A reader does with a file what the commands do that take it, and returns what was read and computed: a design its
+values, the vertices of its conductors and the margins of its rules; a board of another program the conductors of the
+design that is imported; a recording its summary, series and response; a response a model and a position, its ellipses,
+or a comparison. Meshes and pictures are written, never read. The kept results of the package's own cache are no file of
+a user's: `tests/fuzz/test_flips.py` has them.
+
+An answer is silently wrong where
+
+- a number in it is infinite, or NaN in a kind without gaps. Kinds with gaps are recordings and logs (readings that
+  failed), fits of ellipses (levels without one) and comparisons (what is unknown): their documentation says so;
+- the inductance matrix of an accepted design is not positive definite, or a coupling coefficient is not below 1.
+
+A changed number of a text file is a good number all the same: such files have no checksum and need none, since people
+write them.
 """
 
 from __future__ import annotations
 
-import json
-import math
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
@@ -38,10 +46,10 @@ from coilarray.geometry import check_rules
 from coilarray.geometry.export.gerber import write_gerbers
 from coilarray.geometry.readers import read_gerbers, read_kicad, trace_coils, traced_array
 from coilarray.hardware.emulator.indenter import Indenter
+from coilarray.hardware.record.baseline_drift import Drift
 from coilarray.hardware.record.calibration_file import calibration_to_toml, load_calibration
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.channel_calibration import BoardCalibration, Channel
-from coilarray.hardware.record.baseline_drift import Drift
 from coilarray.hardware.record.live_log import log_columns, read_log
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
 from coilarray.hardware.record.recording import open_recording
@@ -71,9 +79,9 @@ from fuzz import mutations as change
 class Kind:
     """One kind of file.
 
-    `examples` makes good files in an empty folder. `read` answers for a file, with a CoilarrayError where it refuses it.
-    `wrong` says what of an answer contradicts itself, empty for nothing; `gaps` are the names of values that may be NaN.
-    `keyed` kinds name the key in every error. `share` is the part of all cases.
+    `examples` makes good files in an empty folder. `read` answers for a file, or raises a CoilarrayError. `wrong` says
+    in what an answer contradicts itself, empty for nothing, and `gaps` whether its numbers may be NaN. `keyed` kinds
+    name a key in every error. `share` is the part of all cases.
     """
 
     name: str
@@ -260,6 +268,14 @@ def _small() -> Any:
 def _goal(path: Path) -> Any:
     goal = parse_goal(GOALS.text(path), str(path))
     return goal.model_dump(), axes_of(goal, _small())
+
+
+def _goals(folder: Path) -> list[Path]:
+    return _written(folder, ".toml", _GOALS)
+
+
+def _tolerances(folder: Path) -> list[Path]:
+    return _written(folder, ".toml", {"typical": typical_text()})
 
 
 def _tolerance(path: Path) -> Any:
@@ -453,9 +469,7 @@ def _distortions(folder: Path) -> list[Path]:
 
 def _distortion(path: Path) -> Any:
     found = read_checked(path, DISTORTION)
-    return [
-        table(found).csv() for table in (cause_table, indenter_table, residual_table, distortion_table)
-    ]
+    return [table(found).csv() for table in (cause_table, indenter_table, residual_table, distortion_table)]
 
 
 def _models(folder: Path) -> list[Path]:
@@ -515,19 +529,23 @@ def _imported(path: Path) -> Any:
 
 
 _CSV = (change.text_changed, change.text_changed, change.bytes_changed)
+_DATABASE = (change.database_changed, change.database_changed, change.bytes_changed)
+_ZIP = (change.zip_changed, change.zip_changed, change.bytes_changed)
+_OF_CSV = "coil1,coil2,coil3\n2.1e-4,1.7e-3,1.6e-4\n1e-4,1e-4,1e-4\n"
+_READING = '{"coil1": 2.1e-4, "coil2": 1.7e-3, "coil3": 1.6e-4}'
 _JSON = (change.json_changed, change.json_changed, change.text_changed, change.bytes_changed)
 
 KINDS = (
     Kind("design", ".toml", _designs, _TEXT, _design, keyed=True, share=6),
     Kind("coupling of a design", ".toml", _small_designs, _TEXT[:1], _coupled, _uncoupled, keyed=True),
-    Kind("goal", ".toml", lambda at: _written(at, ".toml", _GOALS), _TEXT, _goal, keyed=True, share=2),
-    Kind("tolerances", ".toml", lambda at: _written(at, ".toml", {"typical": typical_text()}), _TEXT, _tolerance, keyed=True, share=2),
+    Kind("goal", ".toml", _goals, _TEXT, _goal, keyed=True, share=2),
+    Kind("tolerances", ".toml", _tolerances, _TEXT, _tolerance, keyed=True, share=2),
     Kind("calibration plan", ".toml", _plans, _TEXT, _plan, keyed=True, share=2),
     Kind("wiring", ".toml", _wirings, _TEXT, _wiring, keyed=True, share=2),
     Kind("board calibration", ".toml", _calibrations, _TEXT, load_calibration, keyed=True, share=2),
     Kind("scan settings", ".json", _settings_files, _JSON, _settings, keyed=True),
     Kind("campaign plan", ".json", _campaigns, _JSON, _campaign),
-    Kind("recording", ".sqlite", _recordings, (change.database_changed, change.database_changed, change.bytes_changed), _recording, gaps=True, share=4),
+    Kind("recording", ".sqlite", _recordings, _DATABASE, _recording, gaps=True, share=4),
     Kind("live log", ".csv", _logs, _CSV, read_log, gaps=True),
     Kind("path of a finger", ".csv", _paths, _CSV, _path_of_finger),
     Kind("temperature", ".txt", _temperatures, _CSV, file_temperature),
@@ -538,10 +556,10 @@ KINDS = (
     Kind("calibration result", ".nc", _calibration_results, _NETCDF, _posterior),
     Kind("distortion", ".nc", _distortions, _NETCDF, _distortion),
     Kind("ellipse model", ".json", _models, _JSON, _model, share=2),
-    Kind("readings, CSV", ".csv", _readings_files(".csv", "coil1,coil2,coil3\n2.1e-4,1.7e-3,1.6e-4\n1e-4,1e-4,1e-4\n"), _CSV, _readings),
-    Kind("readings, JSON", ".json", _readings_files(".json", '[{"coil1": 2.1e-4, "coil2": 1.7e-3, "coil3": 1.6e-4}, [1e-4, 2e-4, 3e-4]]'), _JSON, _readings),
-    Kind("readings, JSON lines", ".jsonl", _readings_files(".jsonl", '{"coil1": 2.1e-4, "coil2": 1.7e-3, "coil3": 1.6e-4}\n[1e-4, 2e-4, 3e-4]\n'), _CSV, _readings),
+    Kind("readings, CSV", ".csv", _readings_files(".csv", _OF_CSV), _CSV, _readings),
+    Kind("readings, JSON", ".json", _readings_files(".json", f"[{_READING}, [1e-4, 2e-4, 3e-4]]"), _JSON, _readings),
+    Kind("readings, JSON lines", ".jsonl", _readings_files(".jsonl", f"{_READING}\n[1, 2, 3]\n"), _CSV, _readings),
     Kind("KiCad board", ".kicad_pcb", _kicad_boards, _CSV, _imported, share=2),
-    Kind("Gerber archive", ".zip", _gerber_zips, (change.zip_changed, change.zip_changed, change.bytes_changed), _imported, share=2),
+    Kind("Gerber archive", ".zip", _gerber_zips, _ZIP, _imported, share=2),
 )  # fmt: skip
 """Every kind, in the order of the table."""

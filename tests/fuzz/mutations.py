@@ -1,4 +1,4 @@
-"""Mutations of files, all of them functions of a seeded generator: bytes, text, trees, datasets, databases, archives."""
+"""Mutations of files, all functions of a seeded generator: bytes, text, trees, datasets, databases, archives."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ NUMBERS = (
 """Numbers that are put in place of others."""
 
 VALUES = (
-    *NUMBERS, True, False, "", " ", "x", "coil1", "x" * 2000, "a\nb", "\x00", "\u202ené", "../x", "NaN", "1e400", [], {},
-    [[]], [1, 2], [[1, 2], [3]], {"a": 1}, ["x", "x"], [None], None,
+    *NUMBERS, True, False, "", " ", "x", "coil1", "x" * 2000, "a\nb", "\x00", "\u202ené", "../x", "NaN", "1e400", [],
+    {}, [[]], [1, 2], [[1, 2], [3]], {"a": 1}, ["x", "x"], [None], None,
 )  # fmt: skip
 """Values of a tree that are put in place of others."""
 
@@ -171,7 +171,7 @@ def json_changed(random: np.random.Generator, data: bytes) -> bytes:
 
 
 def dataset_changed(random: np.random.Generator, data: bytes) -> bytes:
-    """Change one to three variables, coordinates, dimensions or attributes of a netCDF file; what cannot be written is cut."""
+    """Change one to three variables, dimensions or attributes of a netCDF file, or cut it where that fails."""
     with warnings.catch_warnings(), xr.open_dataset(io.BytesIO(data), engine="h5netcdf") as opened:
         warnings.simplefilter("ignore")
         dataset = opened.load()
@@ -236,7 +236,9 @@ def _dataset_change(random: np.random.Generator, dataset: xr.Dataset) -> xr.Data
             return dataset.assign_attrs({key: float(value) if isinstance(value, int) else value})
         case 12:
             dataset = dataset.copy()
-            key = _pick(random, ("units", "_FillValue", "scale_factor", "add_offset", "calendar", "dtype", "coordinates"))
+            key = _pick(
+                random, ("units", "_FillValue", "scale_factor", "add_offset", "calendar", "dtype", "coordinates")
+            )
             unit = _pick(random, ("mm", "1", "", "days since 2000-01-01", "seconds", 3.0, "x", float("nan"), "y x"))
             dataset[name].attrs[key] = unit
             return dataset

@@ -60,7 +60,7 @@ _MEMORY = 12 << 30  # bytes of address space, of which numba and its libraries t
 
 
 _NO_KEYS = ("not valid TOML", "not valid JSON", "UTF-8", "has no key '", "it must have kind")
-_WORDS = {"name", "set", "from", "at", "the", "of", "others", "number", "list", "low", "high", "x", "y", ""}
+_WORDS = {"set", "from", "at", "the", "of", "others", "number", "list", "low", "high", "x", "y", ""}
 
 
 class HangError(BaseException):
@@ -199,7 +199,9 @@ def names_key(message: str, data: bytes) -> bool:
     """
     if any(text in message for text in _NO_KEYS):
         return True
-    told = {word.rstrip("0123456789") for word in re.findall(r"\w+", message.partition(": ")[2].lower() or message.lower())}
+    told = {
+        word.rstrip("0123456789") for word in re.findall(r"\w+", message.partition(": ")[2].lower() or message.lower())
+    }
     return bool(told & (_schema_keys() | _keys_of(data)))
 
 
@@ -216,7 +218,9 @@ def _schema_keys() -> frozenset[str]:
 def _keys_of(data: bytes) -> set[str]:
     """Names in the headers of a file, which are keys where no schema has them: of coils, for example."""
     headers = re.findall(rb"^\s*\[+(.*?)\]", data, re.MULTILINE)
-    return {word.decode().lower().rstrip("0123456789") for line in headers for word in re.findall(rb"\w+", line)} - _WORDS
+    return {
+        word.decode().lower().rstrip("0123456789") for line in headers for word in re.findall(rb"\w+", line)
+    } - _WORDS
 
 
 def digest(answer: Any) -> str:
@@ -317,12 +321,19 @@ def table(outcomes: Sequence[Outcome]) -> str:
         if found:
             rows.append((name, str(found.total()), *(str(found[one]) for one in OUTCOMES)))
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return "\n".join(" | ".join(cell.ljust(w) if k == 0 else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))) for row in rows)
+    return "\n".join(
+        " | ".join(
+            cell.ljust(w) if k == 0 else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the cases of a command line and print the table; 1 where one of its last three columns is not 0."""
-    parser = argparse.ArgumentParser(prog="python tests/fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python tests/fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cases", type=int, default=2000, help="number of cases, shared among the kinds (2000)")
     parser.add_argument("--kind", action="append", help="only this kind; may be repeated")
     parser.add_argument("--first", type=int, default=0, help="number of the first case of every kind (0)")

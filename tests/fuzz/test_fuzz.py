@@ -9,21 +9,23 @@ import tomli_w
 
 pytest.importorskip("resource", reason="limits of time and memory as Unix has them")
 
-from fuzz import run as module
-from fuzz.kinds import KINDS, Kind
-from fuzz.mutations import bytes_changed
-from fuzz.run import OUTCOMES, Bench, cases, names_key, run_cases, table, unclear
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from coilarray.errors import CoilarrayError
+from fuzz import run as module
+from fuzz.kinds import KINDS, Kind
+from fuzz.mutations import bytes_changed
+from fuzz.run import OUTCOMES, Bench, cases, names_key, run_cases, table, unclear
 
 GOOD = OUTCOMES[:3]
 CASES = 5
 """Of a kind, times its share: half a minute of processor time in all."""
 
 _LEAF = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
-_TREE = st.recursive(_LEAF, lambda one: st.lists(one, max_size=3) | st.dictionaries(st.text(max_size=8), one, max_size=3))
+_TREE = st.recursive(
+    _LEAF, lambda one: st.lists(one, max_size=3) | st.dictionaries(st.text(max_size=8), one, max_size=3)
+)
 
 
 @pytest.fixture(scope="module")

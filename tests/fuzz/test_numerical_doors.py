@@ -8,6 +8,7 @@ extensions against the law of Biot and Savart; segments in pieces against the wh
 from __future__ import annotations
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -93,7 +94,7 @@ def test_a_problem_1_km_away_is_the_one_at_the_origin(size):
 def test_segments_in_pieces_are_the_whole():
     """A straight run of many vertices has the field and the inductance of one segment."""
     whole = square(1e-2)
-    doubled = np.concatenate([np.linspace(a, b, 9)[:-1] for a, b in zip(whole[:-1], whole[1:], strict=True)])
+    doubled = np.concatenate([np.linspace(a, b, 9)[:-1] for a, b in pairwise(whole)])
     doubled = np.vstack((doubled, whole[-1]))
     points = np.array([[1e-3, 2e-3, 3e-3], [0.0, 0.0, 1e-3]])
     np.testing.assert_allclose(magnetic_field([doubled], points), magnetic_field([whole], points), rtol=1e-11)
@@ -103,11 +104,16 @@ def test_segments_in_pieces_are_the_whole():
 
 @pytest.mark.parametrize("length", [0.0, 1e-40, 1e-18])
 def test_a_segment_without_length_is_refused(length):
-    refused(CoilarrayError, "segment 1 of path has length zero", Conductor, [[0, 0, 0], [1, 0, 0], [1, length, 0], [2, 0, 0]])
+    refused(
+        CoilarrayError,
+        "segment 1 of path has length zero",
+        Conductor,
+        [[0, 0, 0], [1, 0, 0], [1, length, 0], [2, 0, 0]],
+    )
 
 
 def test_points_on_a_wire_get_nothing_of_it():
-    """On a straight wire and beyond its ends B is zero, as documented and as by Biot and Savart; and 1 nm beside it µ0/2πr."""
+    """On a straight wire and beyond its ends B is zero, as documented, and µ0/2πr beside it, down to 1 nm."""
     wire = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
     on = np.array([[x, 0.0, 0.0] for x in (-1.0, -0.3, 0.0, 1.0, 1.0 + 1e-9, 1.5, -2.0, 1e6)])
     assert (magnetic_field([wire], on) == 0).all()

@@ -73,4 +73,4 @@ def _best(calibration: xr.Dataset) -> xr.Dataset:
     """Return the best combination with the unknowns that it has."""
     best = CALIBRATION.checked(calibration, "the dataset").isel(combination=0)
     own = np.flatnonzero(np.isfinite(best["value"].values))
-    return best.isel(unknown=own, other=own)
+    return best[list(CALIBRATION.variables)].isel(unknown=own)
