@@ -42,7 +42,7 @@ def listed(names: Iterable[str]) -> str:
 
     Examples
     --------
-    >>> listed(["x", "y"]), listed(["quantity"] * 50)[-42:]
+    >>> listed(["x", "y"]), listed(["quantity"] * 50)[-43:]
     ('x, y', 'quantity, quantity, quantity, … (50 in all)')
     """
     every = list(names)

@@ -30,10 +30,10 @@ def require_apart(conductors: Sequence[Conductor]) -> None:
 
     Examples
     --------
-    >>> first, second = (Conductor([[0, 0, 0], [1e-2, y, 0]], 1e-3, 35e-6, name=str(y)) for y in (0.0, 1e-3))
+    >>> first, second = (Conductor([[0, y, 0], [1e-2, y, 0]], 1e-3, 35e-6, name=str(y)) for y in (0.0, 5e-4))
     >>> require_apart([first, second])
     Traceback (most recent call last):
-    coilarray.errors.GeometryError: copper of 0.0 and 0.001 overlaps at (5, 0.25) mm.
+    coilarray.errors.GeometryError: copper of 0.0 and 0.0005 overlaps at (5, 0.25) mm.
     """
     bars = [_Bars(conductor) for conductor in conductors if not conductor.is_filament]
     slabs = [(k, slab) for k, path in enumerate(bars) for slab in path.slabs()]

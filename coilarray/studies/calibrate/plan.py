@@ -28,7 +28,7 @@ TOML; the bundled ``table_a1`` is a longer example::
 from __future__ import annotations
 
 import itertools
-import math
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -37,7 +37,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from coilarray.design.toml_file import TomlFiles
 from coilarray.design.units import Table
-from coilarray.errors import GoalError
+from coilarray.errors import GoalError, listed, shown
 
 PLANS = TomlFiles("calibration plan", GoalError, "coilarray.studies.calibrate.plans")
 """Files of calibration plans, and those that come with the package."""
@@ -128,8 +128,10 @@ class Choice(Table):
     @classmethod
     def _finite(cls, values: dict[str, Any]) -> dict[str, Any]:
         for key, value in values.items():
-            if isinstance(value, float) and not math.isfinite(value):
-                raise ValueError(f"must have a finite value for {key}; got {value}")
+            try:
+                json.dumps(value, allow_nan=False, default=str)
+            except ValueError:
+                raise ValueError(f"must have finite numbers for {key}; got {shown(value)}") from None
         return values
 
 
@@ -144,7 +146,7 @@ class Alternative(Table):
     def _different(self) -> Alternative:
         names = [choice.name for choice in self.choices]
         if len(set(names)) != len(names):
-            raise ValueError(f"needs choices of different names; got {', '.join(names)}")
+            raise ValueError(f"needs choices of different names; got {listed(names)}")
         return self
 
 
