@@ -49,7 +49,8 @@ def listed(names: Iterable[str]) -> str:
     text = ", ".join(every)
     if len(text) <= _LISTED:
         return text
-    return f"{text[:_LISTED].rpartition(', ')[0]}, … ({len(every)} in all)"
+    first = text[:_LISTED].rpartition(", ")[0] or text[:_SHOWN]
+    return f"{first}, … ({len(every)} in all)"
 
 
 class GeometryError(CoilarrayError, ValueError):
