@@ -2,9 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+_LONGEST = 500  # characters of an error, a path of 200 included
+_END = 150  # of them behind what is cut out
+_SHOWN = 80  # characters of a value
+_LISTED = 140  # characters of a list of names
+
 
 class CoilarrayError(Exception):
-    """Base of every error that this package raises on purpose; the command line prints it in one line."""
+    r"""Base of every error that this package raises on purpose; the command line prints it in one line.
+
+    Whatever a bad file puts into the text, it is one line of printable characters, and what is longer than 500 is cut
+    in the middle.
+
+    Examples
+    --------
+    >>> str(CoilarrayError("x must be a number; got a\nb."))
+    'x must be a number; got a b.'
+    """
+
+    def __init__(self, text: object = "") -> None:
+        line = str(text)
+        if not line.isprintable():
+            line = "".join(one if one.isprintable() else "�" for one in " ".join(line.split()))
+        if len(line) > _LONGEST:
+            line = f"{line[: _LONGEST - _END]}…{line[-_END:]}"
+        super().__init__(line)
+
+
+def shown(value: object) -> str:
+    """Write a value for a message, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Write names as a list for a message; of a long one the first, and how many there are.
+
+    Examples
+    --------
+    >>> listed(["x", "y"]), listed(["quantity"] * 50)[-43:]
+    ('x, y', 'quantity, quantity, quantity, … (50 in all)')
+    """
+    every = list(names)
+    text = ", ".join(every)
+    if len(text) <= _LISTED:
+        return text
+    first = text[:_LISTED].rpartition(", ")[0] or text[:_SHOWN]
+    return f"{first}, … ({len(every)} in all)"
 
 
 class GeometryError(CoilarrayError, ValueError):

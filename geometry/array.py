@@ -18,7 +18,7 @@ from coilarray.errors import GeometryError
 from coilarray.geometry.coil import CHORD, Coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.stackup import Stackup
-from coilarray.geometry.values import SIDES, Side, place_in_mm, require_positive
+from coilarray.geometry.values import SIDES, Side, place_in_mm, require_finite, require_positive
 
 _NEAREST = 1.01  # of the least distance: what counts as a neighbour
 _SAME_PLACE = 1e-9  # m; distances that differ by less are equal
@@ -196,6 +196,8 @@ class Connector:
             value = getattr(self, name)
             if value is not None:
                 require_positive(f"{name} of the connector", value, " mm")
+        if self.at is not None:
+            require_finite("the place of the connector", self.at)
 
 
 @dataclass(frozen=True, eq=False)
@@ -408,6 +410,7 @@ def lattice(
         raise GeometryError("a lattice of more than one coil must have a pitch; got none.")
     pitch = 1.0 if pitch is None else pitch  # which one coil does not notice
     require_positive("pitch", pitch)
+    require_finite("direction of a lattice", direction)
     if columns < 1 or rows < 1:
         raise GeometryError(f"columns and rows must be at least 1; got {columns} and {rows}.")
     if kind == "linear" and rows != 1:

@@ -9,6 +9,7 @@ from typing import TypeAlias
 from coilarray.errors import GeometryError
 from coilarray.geometry.ball import Ball
 from coilarray.geometry.plate import FinitePlate, Plate
+from coilarray.geometry.values import require_finite
 
 Body: TypeAlias = Plate | FinitePlate | Ball
 """What a target can be; the place of a plate does not count, its tilt does."""
@@ -64,6 +65,7 @@ class Target:
                 "distances of a target must rise from above zero, at least one; "
                 f"got {', '.join(f'{distance * 1e3:g}' for distance in self.distances) or 'none'} mm."
             )
+        require_finite("distances and places of a target", *self.distances, *self.x, *self.y, *self.origin_point)
         if bool(self.x) != bool(self.y):
             raise GeometryError("a target must have x and y, or none of both.")
         if isinstance(self.body, Plate) and max(len(self.x), len(self.y)) > 1:

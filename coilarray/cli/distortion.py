@@ -9,7 +9,6 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
-from coilarray.cli.maps import read_dataset
 
 if TYPE_CHECKING:
     from coilarray.report.tables import Table
@@ -47,9 +46,10 @@ def distortion(
     states = coil or ["coil1", "coil2", "coil3"]
     drawn, imperfections = [], None
     if posterior is not None:
-        from coilarray.studies.calibrate.draws import calibrated_imperfections, posterior_draws
+        from coilarray.compute.netcdf import read_checked
+        from coilarray.studies.calibrate.draws import CALIBRATION, calibrated_imperfections, posterior_draws
 
-        calibration = read_dataset(posterior)
+        calibration = read_checked(posterior, CALIBRATION)
         drawn, imperfections = posterior_draws(file, calibration, draws), calibrated_imperfections(calibration)
     with shared.progress_bar("maps of the causes") as progress:
         result = split(opened, states, imperfections=imperfections, draws=drawn, progress=progress)

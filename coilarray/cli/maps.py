@@ -57,29 +57,14 @@ def read_map(path: Path, *, target: bool = False) -> xr.Dataset:
 
 
 def read_response(path: Path, *, target: bool = False) -> xr.Dataset:
-    """Read a response from a netCDF file; LocalizeError where it is none with δ over depth, y, x and state.
+    """Read a response from a netCDF file; LocalizeError names what is wrong with it.
 
     With `target` it may also be the map of a target, over its distance.
     """
-    from coilarray.response.coordinates import is_of_target
+    from coilarray.compute.netcdf import read_checked
+    from coilarray.response.schema import RESPONSE, TARGET_MAP
 
-    response = read_dataset(path)
-    wanted = {"distance" if target and is_of_target(response) else "depth", "y", "x", "state"}
-    if "delta" not in response or set(response["delta"].dims) != wanted or not wanted <= set(response.coords):
-        raise LocalizeError(f"{path} is no response: it must have delta over depth, y, x and state.")
-    return response
-
-
-def read_dataset(path: Path) -> xr.Dataset:
-    """Read a netCDF file; LocalizeError where there is none."""
-    from coilarray.compute.netcdf import load_part
-
-    if not path.is_file():
-        raise LocalizeError(f"there is no file {path}.")
-    dataset = load_part(path)
-    if dataset is None:
-        raise LocalizeError(f"cannot read {path}: it is no netCDF file.")
-    return dataset
+    return read_checked(path, RESPONSE, *([TARGET_MAP] if target else []))
 
 
 def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list[FloatArray]]:

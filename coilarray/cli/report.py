@@ -10,9 +10,7 @@ import typer
 
 from coilarray.cli import shared
 from coilarray.cli.compiling import compiling_beside
-from coilarray.cli.maps import read_dataset
 from coilarray.cli.replacing import remember, require_own
-from coilarray.errors import LocalizeError
 from coilarray.report.drawing import drawing_beside
 
 if TYPE_CHECKING:
@@ -42,9 +40,7 @@ def report(
         from coilarray.report.write import write_report
 
         opened = shared.open_design_file(design, allow_violations=allow_violations)
-        causes = None if distortion is None else read_dataset(distortion)
-        if causes is not None and "effect" not in causes:
-            raise LocalizeError(f"{distortion} is no result of `coilarray distortion`: it has no effects.")
+        causes = None if distortion is None else _causes(distortion)
         with shared.progress_bar(f"report of {opened.design.name}") as progress:
             made = write_report(opened, out, distortion=causes, progress=progress)
     remember("report", (made.page, made.folder / "report.json"))
@@ -62,6 +58,13 @@ def report(
             typer.echo(f"{len(opened.assumed)} values of the design are assumed; the page says which, and why.")
         typer.echo("")
     shared.print_table(*_summary(opened.design.array.centres, made.coupling))
+
+
+def _causes(distortion: Path) -> xr.Dataset:
+    from coilarray.compute.netcdf import read_checked
+    from coilarray.localize.distortion import DISTORTION
+
+    return read_checked(distortion, DISTORTION)
 
 
 def _summary(centres: npt.NDArray[np.float64], coupling: xr.Dataset) -> tuple[list[str], list[list[str]]]:

@@ -1,4 +1,4 @@
-"""Datasets on disk as netCDF, written whole or not at all, with a checksum behind them that is checked on reading.
+"""Datasets on disk as netCDF, written whole or not at all, with a checksum, and what one that is read must have.
 
 A file is made in memory and written as a whole: HDF5 crashes the process where it cannot write, as on a full disk.
 """
@@ -6,15 +6,174 @@ A file is made in memory and written as a whole: HDF5 crashes the process where 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+import math
+import warnings
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import h5py
+import numpy as np
 import xarray as xr
 
 from coilarray.compute.checksum import check_seal, seal_file
 from coilarray.compute.files import write_atomically
+from coilarray.compute.memory import require_memory
+from coilarray.errors import CoilarrayError, DamagedError
+
+_SHOWN = 100  # characters of names in a message
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What a variable, a coordinate or an attribute of a dataset must be.
+
+    Parameters
+    ----------
+    unit : str, optional
+        Unit of the numbers, which ``units`` of a file must not contradict, empty for any; None for texts.
+    dims : tuple of str
+        Dimensions of a variable, which a file may have in any order.
+    needed : bool
+        Whether a dataset without it is refused.
+    low, high : float
+        Range of the numbers.
+    gaps : bool
+        Whether a number may be NaN.
+    rising : bool
+        Whether the numbers must rise, by a nanometre or more; names along a dimension of their own must differ anyway.
+    fewer_dims : bool
+        Whether it may be without some of the dimensions.
+    longest : int
+        Most characters of a text.
+    names : tuple of str
+        Texts that must be among its own.
+    flag : bool
+        Whether it is true or false instead of a number.
+    """
+
+    unit: str | None
+    dims: tuple[str, ...] = ()
+    needed: bool = False
+    low: float = -math.inf
+    high: float = math.inf
+    gaps: bool = False
+    rising: bool = False
+    fewer_dims: bool = False
+    longest: int = 200
+    names: tuple[str, ...] = ()
+    flag: bool = False
+
+
+@dataclass(frozen=True)
+class Schema:
+    """What a kind of dataset must have; what else it has is left alone.
+
+    `error` is raised for a dataset that is none, and `summary` says in it what makes it one. Each of `together` are
+    variables of which a dataset has all or none.
+    """
+
+    error: type[CoilarrayError]
+    summary: str
+    variables: Mapping[str, Entry]
+    attributes: Mapping[str, Entry] = field(default_factory=dict)
+    together: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def needed(self) -> list[str]:
+        """Names of the variables without which a dataset is refused."""
+        return [name for name, entry in self.variables.items() if entry.needed]
+
+    def checked(self, dataset: xr.Dataset, who: str) -> xr.Dataset:
+        """Return a dataset with its numbers in float64 and its dimensions in order.
+
+        An `error` names the first field that is wrong, of `who`.
+
+        Examples
+        --------
+        >>> from coilarray.errors import LocalizeError
+        >>> line = Schema(LocalizeError, "x", {"x": Entry("m", ("x",), needed=True, rising=True)})
+        >>> line.checked(xr.Dataset(coords={"x": [1, 1]}), "line.nc")
+        Traceback (most recent call last):
+        coilarray.errors.LocalizeError: x of line.nc must rise; got 1 after 1.
+        """
+        for name, entry in self.variables.items():
+            if name not in dataset.variables:
+                if entry.needed:
+                    raise self.error(f"{who} must have {self.summary}; {name} is missing.")
+                continue
+            variable = dataset[name]
+            if not self._has_dims(variable.dims, entry):
+                got = ", ".join(map(str, variable.dims))[:_SHOWN] or "nothing"
+                if entry.needed:
+                    raise self.error(f"{who} must have {self.summary}; {name} is over {got}.")
+                raise self.error(f"{name} of {who} must be over {', '.join(entry.dims)}; got {got}.")
+            if entry.needed and not variable.size:
+                raise self.error(f"{name} of {who} must have at least one value.")
+            values = self._values(variable.values, entry, f"{name} of {who}", variable.attrs.get("units"))
+            order = tuple(dim for dim in entry.dims if dim in variable.dims)
+            if values.dtype != variable.dtype or variable.dims != order:
+                kept = xr.Variable(variable.dims, values, variable.attrs).transpose(*order)
+                dataset = (
+                    dataset.assign_coords({name: kept}) if name in dataset.coords else dataset.assign({name: kept})
+                )
+            if variable.dims == (name,) and entry.unit is None and len(set(values.tolist())) < values.size:
+                shown = ", ".join(map(str, values.tolist()))[:_SHOWN]
+                raise self.error(f"{name}s of {who} must have different names; got {shown}.")
+            if entry.rising:
+                self._check_rising(values, f"{name} of {who}")
+        for group in self.together:
+            missing = [name for name in group if name not in dataset.variables]
+            if 0 < len(missing) < len(group):
+                raise self.error(f"{who} must have all of {', '.join(group)}, or none; {missing[0]} is missing.")
+        for name, entry in self.attributes.items():
+            if name in dataset.attrs:
+                self._values(np.asarray(dataset.attrs[name]), entry, f"the attribute {name} of {who}", None)
+        return dataset
+
+    def _has_dims(self, dims: tuple[Any, ...], entry: Entry) -> bool:
+        return set(dims) <= set(entry.dims) if entry.fewer_dims else set(dims) == set(entry.dims)
+
+    def _values(self, values: Any, entry: Entry, what: str, unit: Any) -> Any:
+        if not entry.dims and values.ndim:
+            raise self.error(f"{what} must be a single value; got an array of shape {values.shape}.")
+        if entry.unit is None:
+            for text in values.ravel().tolist():
+                if not (isinstance(text, str) and text.isprintable() and len(text) <= entry.longest):
+                    raise self.error(f"{what} must be texts of one line; got {str(text)[:40]!r}.")
+            for name in entry.names:
+                if name not in values:
+                    raise self.error(f"{what} must have {name!r}.")
+            return values
+        if entry.flag:
+            if values.dtype.kind != "b":
+                raise self.error(f"{what} must be true or false; got {values.dtype}.")
+            return values
+        if values.dtype.kind not in "fiu":
+            raise self.error(f"{what} must be numbers; got {values.dtype}.")
+        if unit is not None and entry.unit and str(unit) != entry.unit:
+            raise self.error(f"{what} must be in {entry.unit}; got {str(unit)[:40]!r}.")
+        numbers = np.asarray(values, dtype=np.float64)
+        wrong = ~((numbers >= entry.low) & (numbers <= entry.high) & np.isfinite(numbers))
+        if entry.gaps:
+            wrong &= ~np.isnan(numbers)
+        if wrong.any():
+            got = float(numbers[wrong].flat[0])
+            limits = "" if math.isinf(entry.low) else f" and at least {entry.low:g}"
+            limits += "" if math.isinf(entry.high) else f" and at most {entry.high:g}"
+            raise self.error(f"{what} must be finite{limits}; got {got:g}.")
+        return numbers
+
+    def _check_rising(self, values: Any, what: str) -> None:
+        steps = np.diff(values)
+        if (steps < _LEAST_STEP).any():
+            first = int(np.argmax(steps < _LEAST_STEP))
+            raise self.error(f"{what} must rise; got {values[first + 1]:g} after {values[first]:g}.")
+
+
+_LEAST_STEP = 1e-9  # m; closer positions are those of another unit or of no map
 
 
 def variables(
@@ -58,8 +217,37 @@ def load_part(path: Path) -> xr.Dataset | None:
     checksum, and are read as they are.
     """
     try:
-        check_seal(path)
-        with xr.open_dataset(path, engine="h5netcdf") as dataset:
-            return dataset.load()
-    except (OSError, ValueError, KeyError):
+        return _load(path)
+    except DamagedError:
+        raise
+    except Exception:  # h5py, h5netcdf and xarray raise whatever a damaged file makes them stumble over
         return None
+
+
+def read_checked(path: Path, *schemas: Schema) -> xr.Dataset:
+    """Read a dataset from a netCDF file and check it by the first schema, or by the one whose needed variables it has.
+
+    The schema's error for a file that is none of its kind; MemoryLimitError for one that is larger than the memory.
+    """
+    error = schemas[0].error
+    if not path.is_file():
+        raise error(f"there is no file {path}.")
+    try:
+        dataset = _load(path)
+    except CoilarrayError:
+        raise
+    except Exception:  # as above
+        raise error(f"cannot read {path}: it is no netCDF file, or damaged.") from None
+    fitting = [one for one in schemas if all(name in dataset.variables for name in one.needed)]
+    return (fitting or schemas)[0].checked(dataset, str(path))
+
+
+def _load(path: Path) -> xr.Dataset:
+    check_seal(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what a damaged attribute means
+        with h5py.File(path, "r") as file:  # what fails here would leave half an object of h5netcdf, loud on stderr
+            file.attrs.get("_nc3_strict")
+        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+            require_memory(dataset.nbytes, str(path))
+            return dataset.load()

@@ -42,6 +42,7 @@ from coilarray.geometry import (
 )
 from coilarray.geometry.connector import lead_out
 from coilarray.geometry.sheet import Base, Strain
+from coilarray.geometry.values import require_finite
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,11 @@ class Circuit:
         Relative permittivity of all sheets.
     part : {"ADG714", "ADG738", "ADG739"}, optional
         Part of the switches; `switches` holds its values or others.
+
+    Raises
+    ------
+    DesignError
+        A resistivity that is not positive and finite, or a permittivity below 1 or not finite.
     """
 
     switches: Switches = field(default_factory=Switches)
@@ -73,6 +79,15 @@ class Circuit:
     scan: tuple[ScanState, ...] = ()
     elastomer_permittivity: float = 1.0
     part: PartName | None = None
+
+    def __post_init__(self) -> None:
+        require_finite("resistivity", self.resistivity, error=DesignError)
+        require_finite("elastomer_permittivity", self.elastomer_permittivity, error=DesignError)
+        if self.resistivity <= 0 or self.elastomer_permittivity < 1:
+            raise DesignError(
+                "resistivity must be positive and elastomer_permittivity at least 1; "
+                f"got {self.resistivity:g} Ω·m and {self.elastomer_permittivity:g}."
+            )
 
     @property
     def capacitance(self) -> float:
@@ -125,8 +140,8 @@ class Indentation:
     Raises
     ------
     DesignError
-        No depth, x without y, depths that do not rise from above zero, or a material of another indenter than a
-        hemisphere.
+        No depth, x without y, depths that do not rise from above zero, a value that is not finite, or a material of
+        another indenter than a hemisphere.
     """
 
     indenter: Indenter
@@ -152,6 +167,8 @@ class Indentation:
             )
         if not self.depths or bool(self.x) != bool(self.y):
             raise DesignError("an indentation must have at least one depth, and one x and one y or none of both.")
+        places = (*self.x, *self.y, *self.origin_point)
+        require_finite("depths and places of an indentation", *self.depths, *places, error=DesignError)
         if not all(shallow < deep for shallow, deep in pairwise((0.0, *self.depths))):
             raise DesignError(
                 f"depths of an indentation must rise from above zero; "
@@ -221,6 +238,7 @@ class Design:
     readout: Readout = field(default_factory=Readout)
 
     def __post_init__(self) -> None:
+        require_finite("field_height", self.field_height, error=DesignError)
         names, known = self.array.names, ", ".join(self.array.names)
         sheets = [sheet.name for sheet in self.sheets]
         if len(set(sheets)) != len(sheets):

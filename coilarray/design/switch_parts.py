@@ -137,5 +137,5 @@ def switch_part(name: str) -> SwitchPart:
     ('S1A', 'S2A', 'S3A', 'S4A')
     """
     if name not in PARTS:
-        raise HardwareError(f"the switches must be {', '.join(PARTS)}; got {name!r}.")
+        raise HardwareError(f"part of the switches must be {', '.join(PARTS)}; got {name!r}.")
     return PARTS[name]

@@ -35,7 +35,7 @@ from coilarray.design.units import (
     in_si,
     require_rising,
 )
-from coilarray.errors import DesignError, GeometryError
+from coilarray.errors import DesignError, GeometryError, listed, shown
 from coilarray.geometry import (
     EVEN,
     Coil,
@@ -652,8 +652,8 @@ class Document(Table):
 def _check_layers(stackup: Stackup, layers: Iterable[str], key: str) -> None:
     for layer in layers:
         if layer not in stackup.names:
-            known = ", ".join(stackup.names)
-            raise DesignError(f"{key} names no copper layer; the stack-up has {known}; got {layer!r}.")
+            known = listed(stackup.names)
+            raise DesignError(f"{key} names no copper layer; the stack-up has {known}; got {shown(layer)}.")
 
 
 def _coil(coils: Mapping[str, Coil], name: str, key: str) -> Coil:

@@ -12,10 +12,10 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from coilarray.errors import CoilarrayError
+from coilarray.errors import CoilarrayError, shown
 
 _LONGEST_NAME = 200  # characters shown of a file name
-_LONGEST_VALUE = 80  # characters shown of a wrong value
+_LONGEST_KEY = 120
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -46,7 +46,7 @@ class TomlFiles:
     def text(self, name_or_path: str | Path) -> str:
         """Text of a file, or of one that comes with the package; a file goes before a name."""
         given = str(name_or_path)
-        shown = given[:_LONGEST_NAME]
+        cut = given[:_LONGEST_NAME]
         if not given:
             raise self.error(f"the name of a {self.kind} file must not be empty.")
         path = Path(given)
@@ -56,13 +56,13 @@ class TomlFiles:
             return path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
         except FileNotFoundError:
             bundled = f", nor a bundled {self.kind} of that name ({', '.join(self.names())})" if self.package else ""
-            raise self.error(f"there is no {self.kind} file {shown}{bundled}.") from None
+            raise self.error(f"there is no {self.kind} file {cut}{bundled}.") from None
         except UnicodeDecodeError:
-            raise self.error(f"{shown} is not a text file in UTF-8.") from None
+            raise self.error(f"{cut} is not a text file in UTF-8.") from None
         except OSError as error:
-            raise self.error(f"cannot read {shown}: {error.strerror}.") from None
+            raise self.error(f"cannot read {cut}: {error.strerror}.") from None
         except ValueError as error:  # a name with a zero byte
-            raise self.error(f"cannot read {shown!r}: {error}.") from None
+            raise self.error(f"cannot read {cut!r}: {error}.") from None
 
     def parse(self, text: str, origin: str) -> dict[str, Any]:
         """Return the tables of a file; `origin` names it in messages."""
@@ -106,7 +106,7 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
             table = table[part]
         except (KeyError, IndexError, TypeError):
             table = None
-    key = ".".join(str(part) for part in where)
+    key = ".".join(str(part) for part in where)[:_LONGEST_KEY]
     kind, got = details["type"], details.get("input")
     if kind == "unknown_key":
         return f"{key or 'the file'} {details['msg']}."
@@ -121,11 +121,11 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
             "indenter": "'hemisphere', 'paraboloid', 'flat_punch', 'cone' or 'cylinder_edge'",
         }[str(where[0])]
         value = got.get(tag) if isinstance(got, Mapping) else None
-        return f"{key}.{tag} must be {allowed}; got {'nothing' if value is None else repr(value)}."
+        return f"{key}.{tag} must be {allowed}; got {'nothing' if value is None else shown(value)}."
     if kind == "value_error":
         return f"{key} {details['msg'].removeprefix('Value error, ')}."
     if kind == "string_pattern_mismatch":
-        return f"{key} may have letters, digits, _ . + and, not first, -; got {_shown(got)}."
+        return f"{key} may have letters, digits, _ . + and, not first, -; got {shown(got)}."
     limits = details.get("ctx", {})
     least = limits.get("min_length")
     wanted = {
@@ -146,10 +146,4 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
         "dict_type": "be a table",
         "literal_error": f"be {limits.get('expected')}",
     }.get(kind, details["msg"].removeprefix("Input should ").removeprefix("Value error, "))
-    return f"{key} must {wanted}; got {_shown(got)}."
-
-
-def _shown(value: object) -> str:
-    """Show a value of the file, cut where it is long."""
-    text = repr(value)
-    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}…"
+    return f"{key} must {wanted}; got {shown(got)}."

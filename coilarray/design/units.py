@@ -11,6 +11,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from coilarray.errors import listed, shown
+
 SCALES: Mapping[str, float] = {
     "mm": 1e-3, "um": 1e-6, "deg": math.pi / 180, "mrad": 1e-3, "kPa": 1e3, "pF": 1e-12, "nH": 1e-9, "uH": 1e-6,
     "MHz": 1e6, "percent": 1e-2,
@@ -68,7 +70,7 @@ class Table(BaseModel):
                 ]
                 hint = f"did you mean {close[0]}? Allowed" if close else "allowed"
                 raise PydanticCustomError(
-                    "unknown_key", "{hint}", {"hint": f"has no key {key!r}; {hint} are {', '.join(known)}"}
+                    "unknown_key", "{hint}", {"hint": f"has no key {shown(key)}; {hint} are {listed(known)}"}
                 )
         return table
 

@@ -24,6 +24,7 @@ import scipy.linalg
 from scipy.special import jv
 
 from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import serial_algebra
 from coilarray.constants import EPSILON_0
 from coilarray.errors import GeometryError
@@ -190,7 +191,7 @@ def strip_capacitance(
             f"its {len(plane)} strips, {w.min() * 1e3:.3g} mm wide on planes {apart:.3g} mm apart, would take "
             f"{products / _MOST_PRODUCTS:.2g} times the work that is allowed; make traces or dielectrics thicker."
         )
-    k: FloatArray = step * np.arange(1.0, terms + 1)
+    k = _wavenumbers(step, terms, medium)
     order = np.argsort(plane, kind="stable")
     plane, x, w, label = plane[order], x[order], w[order], label[order]
     used, first = np.unique(plane, return_index=True)
@@ -251,7 +252,7 @@ def crossed_grid_capacitance(
         pitch = float(p[faces[0]])
         step = 2 * math.pi / pitch
         cutoff = _default_cutoff(medium, plane[faces], w[faces], basis)
-        k: FloatArray = step * np.arange(1.0, math.ceil(cutoff / step) + 1)
+        k = _wavenumbers(step, math.ceil(cutoff / step), medium)
         G = medium.green(k)
         block = np.zeros((len(faces) * basis,) * 2)
         for parts in _transforms(k, np.zeros(len(faces)), w[faces] / 2, basis, mirror=False):
@@ -345,3 +346,10 @@ def _check_strips(
                 f"copper overlaps on plane {p}: the strip at {x[on[where]] * 1e3:.4g} mm, {w[on[where]] * 1e3:.4g} mm "
                 f"wide, reaches its neighbour, or the strips do not fit into the period of {period * 1e3:.4g} mm."
             )
+
+
+def _wavenumbers(step: float, count: int, medium: LayeredMedium) -> FloatArray:
+    """Multiples of a step in 1/m, shape (count,); MemoryLimitError where `LayeredMedium.green` cannot take so many."""
+    size = 8.0 * count * (medium.planes**2 + 8 * medium.planes)
+    require_memory(size, "the capacitance within [stackup] and [elastomer], of so different lengths,")
+    return step * np.arange(1.0, count + 1)

@@ -19,8 +19,9 @@ from coilarray.compute.threads import Progress
 from coilarray.errors import LocalizeError
 from coilarray.localize.alignment import align, inside, values_at
 from coilarray.localize.ellipse import PARAMETERS
-from coilarray.localize.forward import ForwardModel, checked_axes, forward_model
+from coilarray.localize.forward import ForwardModel, forward_model
 from coilarray.localize.level_curves import LevelCurves, level_axis, level_curves
+from coilarray.response.schema import RESPONSE
 
 SOURCES = ("measured", "simulated")
 """Labels of the dimension ``source``."""
@@ -113,6 +114,7 @@ def compare_responses(
     if replicates < 0:
         raise LocalizeError(f"replicates must not be negative; got {replicates}.")
     reads = _measured(measured)
+    simulated = RESPONSE.checked(simulated, "a simulated response")
     states, alone = _common_states(reads, simulated)
     model = forward_model(simulated).select(states)
     kept, depths_out = _common_depths(reads.sel(state=states), model)
@@ -136,7 +138,7 @@ def compare_responses(
             progress(count, total)
         return curves
 
-    windows = _windows(kept, simulated, model, own_noise(kept, "measured"))
+    windows = _windows(kept, simulated, model, own_noise(kept))
     result = _dataset(kept, simulated, rows, _ellipses(windows, fit))
     known = "residuals" if noise is None else "delta_std"
     return result.assign_attrs({**alone, "depths_left_out": depths_out, "noise_from": known})
@@ -260,18 +262,11 @@ def _ellipses(windows: Sequence[tuple[xr.Dataset, FloatArray | None]], fit: Call
 
 def _measured(response: xr.Dataset) -> xr.Dataset:
     """Check a response that may have gaps; its dimensions in the common order."""
-    if "delta" not in response or set(response["delta"].dims) != set(_DIMS) or not set(_DIMS) <= set(response.coords):
-        raise LocalizeError("a measured response must have delta over depth, y, x and state, with coordinates.")
-    if np.isinf(response["delta"].values).any():
-        raise LocalizeError("delta of a measured response must not be infinite.")
-    checked_axes(response, "a measured response", 1)
-    return response.transpose(*_DIMS, ...)
+    return RESPONSE.checked(response, "a measured response").transpose(*_DIMS, ...)
 
 
 def _common_states(measured: xr.Dataset, simulated: xr.Dataset) -> tuple[list[str], dict[str, str]]:
     """States that both have, in the measured order, and those that one alone has."""
-    if "state" not in simulated.coords:
-        raise LocalizeError("a simulated response must have the coordinate state.")
     first, second = ([str(name) for name in data["state"].values] for data in (measured, simulated))
     common = [name for name in first if name in second]
     if not common:
@@ -301,27 +296,22 @@ def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Datase
 
 def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
     """Noise of measured less simulated δ (depth, y, x, state), its standard deviation; None where neither has any."""
-    own, other = (own_noise(data, who) for data, who in zip((measured, simulated), SOURCES, strict=True))
+    own, other = (own_noise(data) for data in (measured, simulated))
     if own is None and other is None:
         return None
     level = 0.0 if other is None else np.sqrt(np.mean(other**2, axis=(0, 1, 2)))
     return np.hypot(0.0 if own is None else own, level) * np.ones(measured.delta.shape)
 
 
-def own_noise(response: xr.Dataset, who: str) -> FloatArray | None:
+def own_noise(response: xr.Dataset) -> FloatArray | None:
     """Return the standard deviation of δ (depth, y, x, state); where a position has none, that of its state.
 
-    It is ``delta_std``, with the attribute ``repeats`` that of their mean. None where the response does not say;
-    LocalizeError, which names the response as `who`, for values that cannot be.
+    It is ``delta_std``, with the attribute ``repeats`` that of their mean. None where the response does not say.
     """
     if "delta_std" not in response:
         return None
-    if not set(response["delta_std"].dims) <= set(_DIMS):
-        raise LocalizeError(f"delta_std of the {who} response must be over depth, y, x and state.")
     spread = response["delta_std"].broadcast_like(response["delta"]).transpose(*_DIMS).values.astype(np.float64)
     known = np.isfinite(spread)
-    if (spread[known] < 0).any() or np.isinf(spread).any():
-        raise LocalizeError(f"delta_std of the {who} response must be finite and not negative.")
     if not known.any():
         return None
     count = known.sum(axis=(0, 1, 2))

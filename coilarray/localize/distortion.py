@@ -15,6 +15,7 @@ import xarray as xr
 
 from coilarray.circuit.coupling import provenance
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.netcdf import Entry, Schema
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.design.scan_states import Passive, ScanState
@@ -154,6 +155,39 @@ def distortion(
         pair = (response, _opened(one, response, names))
         drawn.append([ellipse_curves(each, states, levels).determined_x0 for each in pair])
     return result.assign(_errors(result, np.array(drawn)))
+
+
+_OF_LEVELS = ("neighbours", "state", "delta")
+_METRES = Entry("m", _OF_LEVELS, needed=True, gaps=True)
+_PUBLISHED = Entry("m", _OF_LEVELS[1:], needed=True, gaps=True)
+DISTORTION = Schema(
+    LocalizeError, "effects and ellipses over cause, neighbours, state and delta",
+    {
+        "effect": Entry("m", ("cause", "state", "delta"), needed=True, gaps=True),
+        "rms": Entry("m", ("cause", "state"), needed=True, gaps=True),
+        "rms_residual": Entry("m", ("state",), needed=True, gaps=True),
+        "centre": Entry("m", ("state",), needed=True),
+        **dict.fromkeys(PARAMETERS, _METRES),
+        **{f"published_{name}": _PUBLISHED for name in PARAMETERS},
+        "undetermined": Entry("", _OF_LEVELS, needed=True, flag=True),
+        "published_undetermined": Entry("", _OF_LEVELS[1:], needed=True, flag=True),
+        "neighbours": Entry(None, ("neighbours",), needed=True, names=("grounded", "open")),
+        "state": Entry(None, ("state",), needed=True),
+        "delta": Entry("1", ("delta",), needed=True),
+        "cause": Entry(None, ("cause",), needed=True),
+        "x0_std": replace(_METRES, needed=False),
+        "effect_std": Entry("m", ("cause", "state", "delta"), gaps=True),
+        "rms_std": Entry("m", ("cause", "state"), gaps=True),
+        **{f"indenter_{name}": Entry("m", ("indenter", "state", "delta"), gaps=True) for name in PARAMETERS},
+        "indenter_peak": Entry("1", ("indenter", "state")),
+        "indenter": Entry(None, ("indenter",), names=("without",)),
+    },
+    together=(
+        ("x0_std", "effect_std", "rms_std"),
+        ("indenter", "indenter_peak", *(f"indenter_{name}" for name in PARAMETERS)),
+    ),
+)  # fmt: skip
+"""What `distortion` returns, where it is read from a file."""
 
 
 def _balls(

@@ -46,6 +46,7 @@ from scipy.ndimage import label
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import LocalizeError
+from coilarray.response.schema import RESPONSE
 
 PARAMETERS = ("x0", "A", "B")
 """Of an ellipse, in the order of every row of them."""
@@ -66,6 +67,7 @@ LEAST_REACH = 0.5
 """How far the points of a determined level go beyond the centre on both sides, in semi-axes."""
 
 _LEAST_SAMPLES = 4  # of a cubic, along each axis
+_MOST_LEVELS = 2_000  # δ = 0.06 with the paper's step, 40 times its largest
 _CORNERS = 4  # of a cell of the sampled grid: so many independent values has the smallest level
 _LONGEST = 10.0  # semi-axis over the extent of the points: beyond it the conic is as good as a parabola or two lines
 
@@ -241,6 +243,12 @@ def fit_ellipses(
             raise LocalizeError(f"{name} must be positive and finite; got {value}.")
     wanted = _wanted(delta, states)
     _check_map(delta.sel(state=wanted))
+    most = float(delta.sel(state=wanted).max())
+    if (most - first) / step > _MOST_LEVELS:
+        raise LocalizeError(
+            f"step must be at least {(most - first) / _MOST_LEVELS:.3g} for a map whose largest δ is {most:.3g}; "
+            f"got {step:g}."
+        )
     chosen = _with_a_peak(delta.sel(state=wanted), first + 5 * step, required=states is not None)
     _check_axis(response, delta, chosen)
     maps = [refined_map(delta.sel(state=state), refinement) for state in chosen]
@@ -319,9 +327,7 @@ def _hill(values: FloatArray, foot: float) -> npt.NDArray[np.bool_]:
 
 def _delta(response: xr.Dataset, depth: int | float) -> xr.DataArray:
     """δ(y, x, state) of one depth."""
-    if "delta" not in response or set(response["delta"].dims) != {"depth", "y", "x", "state"}:
-        raise LocalizeError("a response must have delta with the dimensions depth, y, x and state.")
-    delta = response["delta"]
+    delta = RESPONSE.checked(response, "a response")["delta"]
     depths = delta.depth.values.tolist()
     if isinstance(depth, int | np.integer):
         if not -len(depths) <= depth < len(depths):

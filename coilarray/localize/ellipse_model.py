@@ -61,6 +61,12 @@ _KIND = "coilarray ellipse model"
 _CHECKSUM = "checksum"  # key of the file
 _RANGE = ("lowest", "highest", "centre")
 _ASTRAY = 2.0  # semi-axes from the highest determined level's centre to that of an undetermined one: not the same hill
+_FARTHEST = (
+    1e3  # m, of a centre or semi-axis within the range of δ: a bound of their polynomials, which they rarely reach
+)
+_SHORTEST = 1e-9  # m, of a semi-axis
+_LARGEST_DELTA = 100.0
+_HUGE = 1e100  # of a coefficient, so that its bound stays a number
 _TOUCHING = 1e-9  # of B²: how far y² may lie from zero by rounding; y is then within 3e-5 B of the axis
 _FLAT = 1e-6  # 1/x of a root beyond every ellipse, in units of their largest semi-axis: the equation is linear
 
@@ -86,11 +92,23 @@ class CoilEllipses:
         for key in PARAMETERS:
             p = getattr(self, key)
             if len(p) != DEGREE + 1 or not np.isfinite(p).all():
-                raise LocalizeError(f"{key} of {self.name} must be {DEGREE + 1} finite coefficients; got {p}.")
-        if not (np.isfinite([self.lowest, self.highest]).all() and self.lowest < self.highest):
-            raise LocalizeError(f"the range of δ of {self.name} must rise; got {self.lowest} to {self.highest}.")
-        if not self.centre > 0:
-            raise LocalizeError(f"centre of {self.name} must be positive; got {self.centre}.")
+                raise LocalizeError(
+                    f"{key} of {self.name} must be {DEGREE + 1} finite coefficients; got {str(p)[:80]}."
+                )
+        if not -_LARGEST_DELTA <= self.lowest < self.highest <= _LARGEST_DELTA:
+            raise LocalizeError(
+                f"the range of δ of {self.name} must rise, from {-_LARGEST_DELTA:g} to {_LARGEST_DELTA:g} at most; "
+                f"got {self.lowest:g} to {self.highest:g}."
+            )
+        if not 0 < self.centre < np.inf:
+            raise LocalizeError(f"centre of {self.name} must be positive and finite; got {self.centre:g}.")
+        farthest = max(abs(self.lowest), abs(self.highest))
+        for key in PARAMETERS:
+            longest = float(np.polyval(np.minimum(np.abs(getattr(self, key)), _HUGE), farthest))
+            if longest > _FARTHEST:
+                raise LocalizeError(
+                    f"{key} of {self.name} must stay within {_FARTHEST:g} m; it may reach {longest:.3g} m."
+                )
 
     def curves(self, delta: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return x0, A and B in m at any δ, each with the shape of `delta`; nothing is checked."""
@@ -113,7 +131,7 @@ class CoilEllipses:
         """Return the ellipse of a reading; LocalizeError beyond the range, or where a semi-axis is not positive."""
         self.check(delta)
         x0, A, B = (float(value) for value in self.curves(delta))
-        if min(A, B) <= 0:
+        if min(A, B) < _SHORTEST:
             raise LocalizeError(
                 f"the model of {self.name} has no ellipse at δ = {delta:.4g}: A = {A * 1e3:.4g}, B = {B * 1e3:.4g} mm."
             )

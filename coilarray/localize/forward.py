@@ -28,6 +28,7 @@ from coilarray.response.interpolation import (
     response_spline,
 )
 from coilarray.response.map import response_map
+from coilarray.response.schema import checked_response
 from coilarray.response.setup import indentation_of
 from coilarray.response.target import target_map
 
@@ -222,6 +223,7 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
     array([0.00075])
     """
     zero_plane = zero_plane and not is_of_target(response)
+    response = checked_response(response)
     delta, (x, y, depth) = _table(over_depth(response))
     names = tuple(str(name) for name in response["state"].values)
     table = response_spline(x, y, depth, delta, zero_plane=zero_plane)
@@ -242,36 +244,16 @@ def forward_model(response: xr.Dataset, *, zero_plane: bool = True) -> ForwardMo
 
 def _table(response: xr.Dataset) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray]]:
     """δ with the axes x, y, depth, state, and the axes themselves; checked."""
-    wanted = {"depth", "y", "x", "state"}
-    if "delta" not in response or set(response["delta"].dims) != wanted:
-        raise LocalizeError("a response must have the variable delta with the dimensions depth, y, x and state.")
-    missing = sorted(wanted - set(response.coords))
-    if missing:
-        raise LocalizeError(f"a response must have coordinates for all dimensions; {', '.join(missing)} is missing.")
-    delta = np.asarray(response["delta"].transpose("x", "y", "depth", "state").values, dtype=np.float64)
-    if not delta.size or not np.isfinite(delta).all():
-        raise LocalizeError("delta of a response must be finite everywhere.")
-    x, y, depth = checked_axes(response, "a response", LEAST_POSITIONS)
-    if depth[0] < 0:
-        raise LocalizeError(f"depth of a response must not be negative; got {depth[0]:.4g} m.")
+    delta = response["delta"].transpose("x", "y", "depth", "state").values
+    x, y, depth = (response[name].values for name in PARAMETERS)
+    for name, axis in (("x", x), ("y", y)):
+        if 1 < len(axis) < LEAST_POSITIONS:
+            raise LocalizeError(
+                f"a response must have one or at least {LEAST_POSITIONS} positions along {name}; got {len(axis)}."
+            )
     if not any(len(axis) > 1 for axis in (x, y, depth)):
         raise LocalizeError("a response must have more than one position or depth.")
     return delta, (x, y, depth)
-
-
-def checked_axes(response: xr.Dataset, what: str, least: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """x, y and depth of a response in m; LocalizeError where they do not rise, or x or y has fewer than `least`."""
-    names = [str(name) for name in response["state"].values]
-    if len(set(names)) < len(names):
-        raise LocalizeError(f"states of a response must have different names; got {', '.join(names)}.")
-    x, y, depth = (np.asarray(response[name].values, dtype=np.float64) for name in PARAMETERS)
-    for name, axis, count in (("x", x, least), ("y", y, least), ("depth", depth, 1)):
-        if 1 < len(axis) < count or not len(axis):
-            least_one = f"{'one or ' if count > 1 else ''}at least {count}"
-            raise LocalizeError(f"{what} must have {least_one} positions along {name}; got {len(axis)}.")
-        if not np.isfinite(axis).all() or (np.diff(axis) <= 0).any():
-            raise LocalizeError(f"{name} of {what} must be finite and rise; got {axis}.")
-    return x, y, depth
 
 
 def table_grid(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import lzma
 import os
 import re
+import struct
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
@@ -14,6 +16,7 @@ from pathlib import Path, PurePosixPath
 from types import ModuleType
 from typing import Any, Literal
 
+from coilarray.compute.memory import require_memory
 from coilarray.errors import BoardError, GeometryError
 from coilarray.geometry.extras import import_extra
 from coilarray.geometry.readers.board_copper import Slab, filled_copper, filled_dielectrics, united
@@ -78,12 +81,13 @@ def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
                     yield str(file), file.read_bytes()
             return
         with zipfile.ZipFile(path) as archive:
+            require_memory(sum(entry.file_size for entry in archive.infolist()), str(path))
             for name in sorted(archive.namelist()):
                 if not (name.endswith("/") or _hidden(PurePosixPath(name))):
                     yield f"{path}/{name}", archive.read(name)
     except FileNotFoundError:
         raise BoardError(f"{path}: there is no such file or folder.") from None
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, ValueError, struct.error) as error:
         raise BoardError(f"{path}: must be a folder or a whole zip of Gerber files; {error}.") from None
     except OSError as error:
         raise BoardError(f"{error.filename or path}: cannot be read: {error.strerror or error}.") from None

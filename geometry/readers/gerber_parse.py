@@ -201,11 +201,15 @@ def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> St
     objects, apertures = gerbonara("graphic_objects"), gerbonara("apertures")
     net = _ESCAPE.sub(lambda match: chr(int(match[1], 16)), attributes.get(".N", ("",))[0])
     named = None if net in _NO_NET else net
+    if item.unit is None:
+        raise BoardError(f"{where}: the file does not say its unit, MM or IN.")
     if isinstance(item, objects.Region):
         return Region(_region(item), named, where)
     aperture = item.aperture
     if aperture is None:
         raise BoardError(f"{where}: no aperture is selected.")
+    if aperture.unit is None:
+        raise BoardError(f"{where}: the file does not say the unit of an aperture, MM or IN.")
     pin = (*attributes.get(".P", ()), "", "")[1]
     if isinstance(item, objects.Flash):
         unit = _in_metre(item.unit)

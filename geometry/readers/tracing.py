@@ -34,6 +34,7 @@ and comes back beside itself is a narrow loop, and counts."""
 
 _SHOWN = 12  # names in a message
 _REASONS = 3  # nets in a message, with why they are no coils
+_LONGEST_WHY = 200  # characters of them
 
 
 @dataclass(frozen=True)
@@ -103,6 +104,7 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
     _trace_nameless(nameless, by_net, coils, left_out)
     if not coils:
         why = "".join(f"; {net}: {reason}" for net, reason in list(left_out.items())[:_REASONS])
+        why = why if len(why) <= _LONGEST_WHY else f"{why[:_LONGEST_WHY]}…"
         raise BoardError(
             f"{board.source}: no net is one path from end to end with a whole turn{why or '; it has no tracks.'}"
             f"{_drawn(nameless)}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from coilarray.errors import HardwareError
+from coilarray.errors import HardwareError, listed, shown
 
 ALL_OPEN = 0x00
 """Word that opens every switch; also the state after power-on."""
@@ -46,5 +46,6 @@ def chain_bytes(words: Sequence[int]) -> bytes:
 def check_bits(bits: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the switches by bit; HardwareError for one of the known that is missing, or any other."""
     if sorted(bits) != sorted(known):
-        raise HardwareError(f"bits must name each of {', '.join(known)} once; got {', '.join(bits) or 'none'}.")
+        got = listed(map(shown, bits)) or "none"
+        raise HardwareError(f"bits must name each of {', '.join(known)} once; got {got}.")
     return tuple(bits)

@@ -35,6 +35,7 @@ TRIES = 3
 """Number of attempts at one position before the campaign is given up."""
 
 _MOST_PLACES = 1_000_000
+_SHOWN = 120  # characters of what is wrong with a plan
 _FARTHEST, _DEEPEST, _FASTEST, _LONGEST, _MOST_SCANS = 1.0, 0.1, 0.1, 3600.0, 1000  # m, m, m/s, s
 
 
@@ -115,7 +116,7 @@ class Campaign:
             values |= {name: tuple(float(value) for value in values[name]) for name in ("x", "y", "depths")}
             return cls(**values)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError) as error:
-            raise HardwareError(f"the plan of a campaign cannot be read: {error}.") from None
+            raise HardwareError(f"the plan of a campaign cannot be read: {str(error)[:_SHOWN]}.") from None
 
 
 def design_campaign(

@@ -85,7 +85,9 @@ class BoardCalibration:
             if len(set(names)) < len(names):
                 raise HardwareError("a calibration must have a state once.")
         if bool(self.channels) != (self.inductances_from is not None):
-            raise HardwareError("a calibration must say what its capacitances stand on, and only where it has some.")
+            raise HardwareError(
+                "capacitances_from must say what its capacitances stand on, and only where there are some."
+            )
 
     @property
     def capacitances(self) -> dict[str, float]:

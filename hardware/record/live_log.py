@@ -190,7 +190,7 @@ def read_log(path: Path) -> xr.Dataset:
         return found
 
     def numbers(name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-        return np.array(read(name, lambda field: float(field) if field else math.nan, "a number"), dtype=np.float64)
+        return np.array(read(name, lambda field: _finite(field) if field else math.nan, "a number"), dtype=np.float64)
 
     def whole(name: str, kind: Callable[[str], int]) -> np.ndarray[Any, np.dtype[np.int64]]:
         return np.array(read(name, kind, "a whole number"), dtype=np.int64)
@@ -217,6 +217,13 @@ def read_log(path: Path) -> xr.Dataset:
         coords={"state": states},
         attrs={"emulated": int("1" in columns["emulated"])},
     ).set_coords(["time", "unix"])  # fmt: skip
+
+
+def _finite(field: str) -> float:
+    value = float(field)
+    if not math.isfinite(value):
+        raise ValueError
+    return value
 
 
 def _lines_of(path: Path) -> Path:

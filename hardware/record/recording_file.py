@@ -264,6 +264,8 @@ def reading(path: Path) -> Iterator[None]:
         yield
     except sqlite3.OperationalError as error:
         raise HardwareError(f"cannot read {path}: {_one_line(str(error))}.") from None
+    except UnicodeDecodeError:  # SQLite quotes a damaged file in its error
+        raise HardwareError(f"{path} is damaged: it has texts that are not UTF-8.") from None
     except sqlite3.DatabaseError as error:
         what = "no recording" if "not a database" in str(error) else "damaged"
         raise HardwareError(f"{path} is {what}: {_one_line(str(error))}.") from None
@@ -301,7 +303,7 @@ def _connected(path: Path, how: str) -> sqlite3.Connection:
     )
     try:
         connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    except sqlite3.Error:
+    except (sqlite3.Error, UnicodeDecodeError):
         connection.close()
         raise
     return connection

@@ -332,7 +332,7 @@ class ScanSettings:
         states = tuple(StateSettings(**state) for state in given.pop("states"))
         settings = ScanSettings(states=states, **given)
         if f"{settings.hash:04X}" != digest:
-            raise HardwareError(f"scan settings have the hash {settings.hash:04X}, not {digest} as the file says.")
+            raise HardwareError(f"scan settings: hash must be {settings.hash:04X}, that of the others; got {digest}.")
         return settings
 
 

@@ -332,7 +332,7 @@ test_mistakes_are_one_line = mistakes(
 def test_a_report_wants_the_result_of_distortion(capsys):
     save_dataset(xr.Dataset({"delta": 1.0}), Path("map.nc"))
     line = refused(capsys, "report", "starter", "--distortion", "map.nc")
-    assert "map.nc is no result of `coilarray distortion`: it has no effects" in line
+    assert "map.nc must have effects and ellipses over cause" in line
     assert "there is no file n.nc" in refused(capsys, "report", "starter", "--distortion", "n.nc")
     assert not Path("report.html").exists()
 

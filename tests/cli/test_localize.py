@@ -129,7 +129,7 @@ def test_fit_of_a_design_computes_its_first_depth(capsys, monkeypatch):
     [
         (("none.nc",), "there is no file none.nc"),
         (("text.nc",), "cannot read text.nc: it is no netCDF file"),
-        (("other.nc",), "other.nc is no response: it must have delta over depth, y, x and state"),
+        (("other.nc",), "other.nc must have delta over depth, y, x and state"),
         (("small.nc",), "at least 4 positions along x; got 3"),
         (("nan.nc",), "a map must be finite"),
         (("flat.nc",), "the map has no closed curves"),
@@ -228,7 +228,7 @@ def test_distortion_with_the_error_of_a_calibration(capsys, quick):
     assert row[2:] == ["0.300", "0.030"] * 3
     with Path("d.csv").open(encoding="utf-8") as lines:
         assert next(csv.DictReader(lines))["x0_grounded_std_m"] == "0.0001"
-    assert "no calibration" in refused(capsys, "distortion", "gast2020", "--posterior", "map.nc")
+    assert "map.nc must have value, posterior" in refused(capsys, "distortion", "gast2020", "--posterior", "map.nc")
     assert "there is no file n.nc" in refused(capsys, "distortion", "gast2020", "--posterior", "n.nc")
 
 

@@ -56,7 +56,7 @@ def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
     out = good(capsys, "locate", "--model", "target.nc", f"coil1={reading}")
     assert "distance (mm)" in out
     assert "2.000" in out
-    assert "target.nc is no response: it must have delta over depth" in refused(capsys, "fit", "target.nc")
+    assert "target.nc must have delta over depth" in refused(capsys, "fit", "target.nc")
 
 
 def test_what_is_wrong_is_one_line(ball, capsys):

@@ -127,7 +127,7 @@ def test_matrices_by_parts_are_those_of_whole_paths(monkeypatch, layers, accurac
     changes = {"coils.hexagon.winding_layers": layers, "coils.hexagon.turns_per_layer": 4, "array.pitch_mm": 40.0}
     sets = [["L1", "L2", "L3", "L4"][:layers]]
     coil = vary(load_design("starter"), {**changes, "array.layers": sets}).array.conductors()[0]
-    places = [(1, 1, 1, 0, 0, 0), (1, 1, 1, 9e-3, 4e-3, 1e-3), (-1, 1, 1, -8e-3, 0, 1e-3), (-1, -1, -1, 0, 9e-3, 2e-3)]
+    places = [(1, 1, 1, 0, 0, 0), (1, 1, 1, 9e-3, 4e-3, 2e-3), (-1, 1, 1, -8e-3, 0, 4e-3), (-1, -1, -1, 0, 9e-3, 6e-3)]
     coils = [image(coil, place[:3], k == 2, place[3:]) for k, place in enumerate(places)]
     L = inductance_matrix(coils, accuracy=accuracy)
     monkeypatch.setattr("coilarray.electromagnetics.mirror_parts.MOST_PARTS", 1)  # none is cut

@@ -317,8 +317,8 @@ GAP = MAP.where((MAP.y != WINDOW_Y[2]) | (MAP.x != WINDOW_X[3]))
 
 
 @pytest.mark.parametrize(("dataset", "settings", "text"), [
-    (MAP.drop_vars("delta"), {}, "must have delta with the dimensions"),
-    (MAP.isel(depth=0), {}, "must have delta with the dimensions"),
+    (MAP.drop_vars("delta"), {}, "must have delta over .*; delta is missing"),
+    (MAP.isel(depth=0), {}, "must have delta over .*; delta is over"),
     (MAP, {"depth": 1}, "index of 1 depths"),
     (MAP, {"depth": 2e-3}, "has the depths 1 mm; got 2 mm"),
     (MAP, {"states": ["coil9"]}, "no state 'coil9'"),

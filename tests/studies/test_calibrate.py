@@ -247,7 +247,7 @@ def test_draws_are_designs_of_the_posterior(line):
     assert calibrated_imperfections(found.dataset) == found.imperfections
     with pytest.raises(GoalError, match="from 1 to 1000; got 1001"):
         posterior_draws(PAPER, found.dataset, 1001)
-    with pytest.raises(GoalError, match="is no calibration"):
+    with pytest.raises(GoalError, match="must have value, posterior and entries"):
         calibrated_imperfections(straight(2.6, 0.15))
 
 
@@ -352,7 +352,7 @@ def test_mistakes_of_a_plan(document, text):
     (None, {"array.pitch_cm": (1.0, 2.0)}, "no combination has a fit: gast2020: array has no key 'pitch_cm'"),
     (None, {"coils.hexagon.turns_per_layer": (20.5, 30.5)}, "turns must be a multiple of"),
     (straight(2.6, 0.0).assign_coords(state=["coil9"]), {MU: (1.0, 4.0)}, "scan of gast2020 has no state 'coil9'"),
-    (published_map().drop_vars("delta"), {MU: (1.0, 4.0)}, "must be a response: delta over"),
+    (published_map().drop_vars("delta"), {MU: (1.0, 4.0)}, "response must have delta over"),
     (straight(2.6, 0.0) * np.nan, {MU: (1.0, 4.0)}, "have nothing to fit"),
 ])  # fmt: skip
 def test_mistakes_of_a_calibration(data, unknowns, text):

@@ -94,7 +94,7 @@ def test_what_tells_studies_apart(design):
     ("schema = 1\n" + PITCH + "step = 0.5\nlog = true\n" + LEAST, "variable.0 may have step or log, not both"),
     ("schema = 1\n" + PITCH.replace("11", "0") + "log = true\n" + LEAST, "variable.0 needs low above 0"),
     ("schema = 1\n" + PITCH + PITCH + LEAST, "the goal names the entry array.pitch_mm in more than one variable"),
-    (GOOD + LEAST, "the goal needs objectives of different quantities"),
+    (GOOD + LEAST, "the goal needs a different quantity in every objective"),
     ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1]\n" + LEAST, "variable.0.choices must have at least 2"),
     ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [1, 1]\n" + LEAST, "variable.0 needs choices that differ"),
     ("schema = 1\n[[variable]]\nentry = 'a'\nchoices = [12, 12.0]\n" + LEAST, "variable.0 needs choices that differ"),

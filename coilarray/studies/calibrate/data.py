@@ -12,13 +12,13 @@ import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.design.model import Design
-from coilarray.errors import GoalError, LocalizeError
+from coilarray.errors import GoalError
 from coilarray.localize.comparison import own_noise
 from coilarray.localize.distortion import ellipse_curves
 from coilarray.localize.ellipse import PARAMETERS
 from coilarray.localize.ellipse_model import DEGREE, EllipseModel
-from coilarray.localize.forward import checked_axes
 from coilarray.localize.published import undetermined_levels
+from coilarray.response.schema import RESPONSE
 from coilarray.response.setup import indentation_of
 from coilarray.studies.calibrate.plan import DataTable
 
@@ -60,6 +60,8 @@ def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Desig
     GoalError for a state that the data or the design does not have, or for nothing that could be fitted; LocalizeError
     for data that are no response.
     """
+    if not isinstance(data, EllipseModel):
+        data = RESPONSE.checked(data, "the measured response")
     known = list(data.names) if isinstance(data, EllipseModel) else [str(name) for name in data["state"].values]
     states = known if table.states is None else table.states
     planned = [state.name for state in design.plan]
@@ -101,11 +103,8 @@ def model_values(response: xr.Dataset, request: Mapping[str, Any]) -> FloatArray
 
 
 def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequence[str]) -> Measurement:
-    if "delta" not in data or set(data["delta"].dims) != set(_DIMS) or not set(_DIMS) <= set(data.coords):
-        raise LocalizeError("measured data must be a response: delta over depth, y, x and state, with coordinates.")
-    checked_axes(data, "the measured response", 1)
     data = data.transpose(*_DIMS, ...).sel(state=list(states))
-    noise = None if table.delta_std is not None else own_noise(data, "measured")
+    noise = None if table.delta_std is not None else own_noise(data)
     values = data.delta.values.astype(np.float64)
     known = np.isfinite(values)
     if noise is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from coilarray.compute.netcdf import Entry, Schema
 from coilarray.design.model import Design, DesignFile, build_design
 from coilarray.design.vary import vary_document
 from coilarray.design.write import as_file
@@ -12,6 +13,17 @@ from coilarray.errors import GoalError
 from coilarray.response.setup import Imperfections
 from coilarray.studies.calibrate.model import imperfections_of
 from coilarray.studies.calibrate.plan import separated
+
+CALIBRATION = Schema(
+    GoalError, "value, posterior and entries over combination, draw and unknown",
+    {
+        "value": Entry("", ("combination", "unknown"), needed=True, gaps=True),
+        "posterior": Entry("", ("combination", "draw", "unknown"), needed=True, gaps=True),
+        "unknown": Entry(None, ("unknown",), needed=True),
+        "entries": Entry(None, ("unknown",), needed=True, longest=100_000),
+    },
+)  # fmt: skip
+"""What a dataset of `coilarray.studies.calibrate.calibrate` has of what is drawn from."""
 
 
 def calibrated_imperfections(calibration: xr.Dataset) -> Imperfections:
@@ -59,8 +71,6 @@ def posterior_draws(
 
 def _best(calibration: xr.Dataset) -> xr.Dataset:
     """Return the best combination with the unknowns that it has."""
-    if not {"posterior", "entries"} <= {*calibration.variables}:
-        raise GoalError("the dataset is no calibration: it has no posterior.")
-    best = calibration.isel(combination=0)
+    best = CALIBRATION.checked(calibration, "the dataset").isel(combination=0)
     own = np.flatnonzero(np.isfinite(best["value"].values))
-    return best.isel(unknown=own, other=own)
+    return best[list(CALIBRATION.variables)].isel(unknown=own)

@@ -28,15 +28,16 @@ TOML; the bundled ``table_a1`` is a longer example::
 from __future__ import annotations
 
 import itertools
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from coilarray.design.toml_file import TomlFiles
 from coilarray.design.units import Table
-from coilarray.errors import GoalError
+from coilarray.errors import GoalError, listed, shown
 
 PLANS = TomlFiles("calibration plan", GoalError, "coilarray.studies.calibrate.plans")
 """Files of calibration plans, and those that come with the package."""
@@ -123,6 +124,16 @@ class Choice(Table):
     """Keys of the design that it takes away."""
     unknowns: list[Unknown] = Field(alias="unknown", default_factory=list)
 
+    @field_validator("set")
+    @classmethod
+    def _finite(cls, values: dict[str, Any]) -> dict[str, Any]:
+        for key, value in values.items():
+            try:
+                json.dumps(value, allow_nan=False, default=str)
+            except ValueError:
+                raise ValueError(f"must have finite numbers for {key}; got {shown(value)}") from None
+        return values
+
 
 class Alternative(Table):
     """``[[alternative]]``: a question with a few possible answers, each of which is fitted."""
@@ -135,7 +146,7 @@ class Alternative(Table):
     def _different(self) -> Alternative:
         names = [choice.name for choice in self.choices]
         if len(set(names)) != len(names):
-            raise ValueError(f"needs choices of different names; got {', '.join(names)}")
+            raise ValueError(f"needs choices of different names; got {listed(names)}")
         return self
 
 

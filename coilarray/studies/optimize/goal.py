@@ -202,7 +202,7 @@ class Goal(Table):
                 raise ValueError(f"names the entry {one} in more than one variable")
         wanted = [objective.quantity for objective in self.objectives]
         if len(set(wanted)) != len(wanted):
-            raise ValueError(f"needs objectives of different quantities; got {', '.join(wanted)}")
+            raise ValueError(f"needs a different quantity in every objective; got {', '.join(wanted)}")
         if self.search.sampler == "cmaes":
             if len(self.objectives) > 1 or self.constraints:
                 raise ValueError("has the sampler cmaes, which takes one objective and no constraints")

@@ -10,7 +10,7 @@ from typing import Any
 
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.errors import GoalError
+from coilarray.errors import GoalError, listed, shown
 from coilarray.studies.quantities.couplings import COUPLINGS
 from coilarray.studies.quantities.evaluation import Evaluation
 from coilarray.studies.quantities.layout import LAYOUT
@@ -119,10 +119,10 @@ def _quantity(name: object) -> Quantity:
     if isinstance(name, str) and name in QUANTITIES:
         return QUANTITIES[name]
     if not name:
-        raise GoalError(f"the name of a quantity is missing; there are {', '.join(QUANTITIES)}.")
+        raise GoalError(f"the name of a quantity is missing; there are {listed(QUANTITIES)}.")
     close = difflib.get_close_matches(str(name), list(QUANTITIES), n=1)
     hint = f" did you mean {close[0]}?" if close else ""
-    raise GoalError(f"there is no quantity {name!r};{hint} There are {', '.join(QUANTITIES)}.")
+    raise GoalError(f"there is no quantity {shown(name)};{hint} There are {listed(QUANTITIES)}.")
 
 
 def _options(quantity: Quantity, text: str) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""Damaged and foreign files of every kind that the package reads: mutations, readers and what they may answer."""

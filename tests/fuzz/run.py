@@ -1,0 +1,360 @@
+"""Cases of mutated files in worker processes, each with bounds of time and memory, and the table of their outcomes.
+
+A case is a kind and a number; with `SEED` they decide which example is mutated and how. Its outcome is one of
+
+- refused: a `CoilarrayError` in one line of at most 300 characters, with the key for kinds that have keys
+- same: an answer equal to that for the file as it was
+- changed: another answer, all of whose numbers are finite and which no check of its kind contradicts
+- traceback: any other exception, a warning that is not ours included, or a refusal that is not one clear line
+- hang: more than 20 s of processor time, or a worker that had to be ended or died
+- silent: an answer with a number that is not finite where none may be missing, or that contradicts itself
+
+What a file says in place of what it said cannot be told from a good file without a checksum: such a case is "changed".
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import math
+import multiprocessing
+import os
+import re
+import resource
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, is_dataclass
+from functools import cache
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from coilarray.design.units import Table
+from coilarray.errors import CoilarrayError
+from fuzz import mutations
+from fuzz.kinds import KINDS, Kind, numbers_of
+
+SEED = 23
+"""Of every case; fixed before the first run."""
+
+OUTCOMES = ("refused", "same", "changed", "tracebacks", "hangs", "silent")
+"""Columns of the table after the number of cases."""
+
+SECONDS = 20.0
+"""Processor time after which a case is a hang."""
+
+LONGEST_MESSAGE = 300
+"""Characters of an error, without the path of the file."""
+
+_WALL_SECONDS = 120.0  # after which a worker is ended: a loop in C that takes no signal, on a busy machine
+_MEMORY = 12 << 30  # bytes of address space, of which numba and its libraries take some
+
+
+_NO_KEYS = ("not valid TOML", "not valid JSON", "UTF-8", "has no key '", "it must have kind")
+_WORDS = {"set", "from", "at", "the", "of", "others", "number", "list", "low", "high", "x", "y", ""}
+
+
+class HangError(BaseException):
+    """The case took too long; no handler of the package may keep it."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a case: one of `OUTCOMES`, and one line or a traceback that says why."""
+
+    kind: str
+    number: int
+    outcome: str
+    said: str
+    seconds: float
+
+
+class Bench:
+    """Reads cases in this process; `folder` keeps the examples, `own` the file of the case."""
+
+    def __init__(self, folder: Path, own: Path | None = None) -> None:
+        self._folder, self._own = folder, own or folder
+        self._examples: dict[str, list[Path]] = {}
+        self._answers: dict[Path, str] = {}
+
+    def examples(self, kind: Kind) -> list[Path]:
+        """Good files of a kind, made once."""
+        if kind.name not in self._examples:
+            folder = self._folder / re.sub(r"\W+", "_", kind.name)
+            if folder.is_dir():
+                self._examples[kind.name] = sorted(folder.glob(f"*{kind.suffix}"))
+            else:
+                folder.mkdir()
+                self._examples[kind.name] = sorted(kind.examples(folder))
+        return self._examples[kind.name]
+
+    def mutated(self, kind: Kind, number: int) -> tuple[Path, bytes]:
+        """The example of a case, and its bytes after the mutation."""
+        random = np.random.default_rng([SEED, mutations.seed_of(kind.name), number])
+        examples = self.examples(kind)
+        path = examples[int(random.integers(len(examples)))]
+        mutation = kind.mutations[int(random.integers(len(kind.mutations)))]
+        return path, mutation(random, path.read_bytes())
+
+    def run(self, name: str, number: int) -> Outcome:
+        """Read one mutated file and judge the answer."""
+        kind = kind_of(name)
+        example, data = self.mutated(kind, number)
+        try:
+            whole = self._answer_to(kind, example)
+        except Exception:
+            return Outcome(name, number, "tracebacks", f"of the good {example.name}: {traceback.format_exc()}", 0.0)
+        begun = time.process_time()
+        outcome, said = self.judge(kind, data, whole)
+        return Outcome(name, number, outcome, said, time.process_time() - begun)
+
+    def judge(self, kind: Kind, data: bytes, whole: str = "") -> tuple[str, str]:
+        """Read bytes as a file of a kind; the outcome, and what is said of it."""
+        path = self._own / f"case{kind.suffix}"
+        path.write_bytes(data)
+        unraisable: list[str] = []
+        sys.unraisablehook = lambda one: unraisable.append(repr(one.exc_value))  # what would go to standard error
+        signal.signal(signal.SIGPROF, _stop)
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                answer = kind.read(path)
+        except CoilarrayError as error:
+            said = str(error).replace(str(path), path.name)
+            problem = unclear(said, data if kind.keyed else None)
+            problem = problem or (f"on standard error: {unraisable[0]}" if unraisable else "")
+            return ("tracebacks", f"{problem}: {said!r}") if problem else ("refused", said)
+        except HangError:
+            return "hangs", "".join(traceback.format_exc())
+        except Exception:
+            return "tracebacks", "".join(traceback.format_exc())
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            sys.unraisablehook = sys.__unraisablehook__
+        if unraisable:
+            return "tracebacks", f"on standard error: {unraisable[0]}"
+        if digest(answer) == whole:
+            return "same", ""
+        problem = kind.wrong(answer) or _not_finite(kind, answer)
+        return ("silent", problem) if problem else ("changed", "")
+
+    def _answer_to(self, kind: Kind, example: Path) -> str:
+        """Digest of the answer to a good file."""
+        if example not in self._answers:
+            case = self._own / f"case{kind.suffix}"
+            case.write_bytes(example.read_bytes())
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                answer = kind.read(case)
+            problem = kind.wrong(answer) or _not_finite(kind, answer)
+            if problem:
+                raise AssertionError(f"the good {kind.name} {example.name}: {problem}")
+            self._answers[example] = digest(answer)
+        return self._answers[example]
+
+
+def kind_of(name: str) -> Kind:
+    """The kind of a name."""
+    return next(kind for kind in KINDS if kind.name == name)
+
+
+def _stop(*_: object) -> None:
+    raise HangError
+
+
+def _not_finite(kind: Kind, answer: Any) -> str:
+    for value in numbers_of(answer):
+        if math.isinf(value) or (math.isnan(value) and not kind.gaps):
+            return f"the answer has {value}"
+    return ""
+
+
+def unclear(message: str, keyed: bytes | None) -> str:
+    """Say what is wrong with an error: several lines, too long, empty, or without a key of the file or its schema."""
+    if not message.strip():
+        return "empty"
+    if any(not character.isprintable() for character in message):
+        return "not one printable line"
+    if len(message) > LONGEST_MESSAGE:
+        return f"{len(message)} characters"
+    if keyed is not None and not names_key(message, keyed):
+        return "no key"
+    return ""
+
+
+def names_key(message: str, data: bytes) -> bool:
+    """Whether an error names a key of the file or of a schema, or says that it is no text.
+
+    What a file must have as a whole, such as its kind, is named there too.
+    """
+    if any(text in message for text in _NO_KEYS):
+        return True
+    told = {
+        word.rstrip("0123456789") for word in re.findall(r"\w+", message.partition(": ")[2].lower() or message.lower())
+    }
+    return bool(told & (_schema_keys() | _keys_of(data)))
+
+
+@cache
+def _schema_keys() -> frozenset[str]:
+    found, classes = set(), [Table]
+    while classes:
+        one = classes.pop()
+        classes += one.__subclasses__()
+        found |= {(field.alias or name).lower() for name, field in one.model_fields.items()}
+    return frozenset(found) - _WORDS
+
+
+def _keys_of(data: bytes) -> set[str]:
+    """Names in the headers of a file, which are keys where no schema has them: of coils, for example."""
+    headers = re.findall(rb"^\s*\[+(.*?)\]", data, re.MULTILINE)
+    return {
+        word.decode().lower().rstrip("0123456789") for line in headers for word in re.findall(rb"\w+", line)
+    } - _WORDS
+
+
+def digest(answer: Any) -> str:
+    """Hash of an answer: equal numbers, texts and names give equal ones."""
+    return hashlib.sha256(_plain(answer).encode("utf-8", "replace")).hexdigest()
+
+
+def _plain(answer: Any) -> str:
+    if isinstance(answer, xr.Dataset):
+        attrs = {key: value for key, value in sorted(answer.attrs.items()) if "file" not in key}
+        return repr([(str(k), _plain(v.values)) for k, v in sorted(answer.variables.items())]) + _plain(attrs)
+    if isinstance(answer, np.ndarray):
+        return f"{answer.shape} {answer.tolist()}"
+    if is_dataclass(answer) and not isinstance(answer, type):
+        return f"{type(answer).__name__} {_plain(vars(answer))}" if hasattr(answer, "__dict__") else repr(answer)
+    if isinstance(answer, dict):
+        return "{" + ", ".join(f"{key}: {_plain(value)}" for key, value in answer.items()) + "}"
+    if isinstance(answer, list | tuple):
+        return "[" + ", ".join(map(_plain, answer)) + "]"
+    return repr(answer)
+
+
+def _work(connection: Connection, folder: str) -> None:
+    """Run cases for the parent until it closes the pipe."""
+    resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
+    own = Path(tempfile.mkdtemp(dir=folder))
+    bench = Bench(Path(folder), own)
+    while True:
+        try:
+            name, number = connection.recv()
+        except EOFError:
+            return
+        connection.send(bench.run(name, number))
+
+
+def cases(count: int, kinds: Sequence[Kind] = KINDS, first: int = 0) -> Iterator[tuple[str, int]]:
+    """Give the cases of a run: to every kind its share of the count, numbered from `first`."""
+    total = sum(kind.share for kind in kinds)
+    for kind in kinds:
+        for number in range(math.ceil(count * kind.share / total)):
+            yield kind.name, first + number
+
+
+def run_cases(wanted: Sequence[tuple[str, int]], workers: int) -> list[Outcome]:
+    """Run cases in processes; one that hangs or dies is ended, counted and replaced."""
+    context = multiprocessing.get_context("spawn")
+    done: list[Outcome] = []
+    waiting = list(reversed(wanted))
+    busy: dict[Connection, tuple[Any, tuple[str, int], float]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        bench = Bench(Path(folder))
+        for name in dict.fromkeys(name for name, _ in wanted):
+            bench.examples(kind_of(name))
+
+        def begin(process: Any = None, connection: Connection | None = None) -> None:
+            if not waiting:
+                if connection is not None:
+                    connection.close()
+                    process.join()
+                return
+            if connection is None:
+                connection, other = context.Pipe()
+                process = context.Process(target=_work, args=(other, folder), daemon=True)
+                process.start()
+                other.close()
+            case = waiting.pop()
+            connection.send(case)
+            busy[connection] = (process, case, time.monotonic())
+
+        for _ in range(workers):
+            begin()
+        while busy:
+            for ready in wait(list(busy), timeout=1.0):
+                process, case, _ = busy.pop(ready)
+                try:
+                    outcome = ready.recv()
+                except EOFError:
+                    process.join()
+                    outcome = Outcome(*case, "hangs", f"the worker died with {process.exitcode}", 0.0)
+                    begin()
+                else:
+                    begin(process, ready)
+                done.append(outcome)
+            for connection, (process, case, begun) in list(busy.items()):
+                if time.monotonic() - begun > _WALL_SECONDS:
+                    process.kill()
+                    del busy[connection]
+                    done.append(Outcome(*case, "hangs", f"ended after {_WALL_SECONDS:g} s", _WALL_SECONDS))
+                    begin()
+    return done
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """One row a kind, and their sum."""
+    counts = {kind.name: Counter(one.outcome for one in outcomes if one.kind == kind.name) for kind in KINDS}
+    rows = [("kind", "cases", *OUTCOMES)]
+    for name, found in [*counts.items(), ("all", sum(counts.values(), Counter()))]:
+        if found:
+            rows.append((name, str(found.total()), *(str(found[one]) for one in OUTCOMES)))
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return "\n".join(
+        " | ".join(
+            cell.ljust(w) if k == 0 else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the cases of a command line and print the table; 1 where one of its last three columns is not 0."""
+    parser = argparse.ArgumentParser(
+        prog="python tests/fuzz", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--cases", type=int, default=2000, help="number of cases, shared among the kinds (2000)")
+    parser.add_argument("--kind", action="append", help="only this kind; may be repeated")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case of every kind (0)")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (one a core)")
+    parser.add_argument("--show", type=int, default=40, help="how many bad cases are shown (40)")
+    given = parser.parse_args(argv)
+    kinds = [kind for kind in KINDS if given.kind is None or any(part in kind.name for part in given.kind)]
+    outcomes = run_cases(list(cases(given.cases, kinds, given.first)), given.workers)
+    bad = [one for one in outcomes if one.outcome in OUTCOMES[3:]]
+    seen: Counter[str] = Counter()
+    for one in sorted(bad, key=lambda one: (one.kind, one.number)):
+        lines = one.said.strip().splitlines() or [""]
+        places = [line.strip() for line in lines if line.strip().startswith('File "') and "coilarray" in line]
+        last = f"{lines[-1][:400]} ({places[-1].split('/')[-1] if places else ''})"
+        key = f"{one.kind} {re.sub(r'[0-9.e+-]+', '#', last)[:90]}"
+        seen[key] += 1
+        if seen[key] == 1 and len(seen) <= given.show:
+            sys.stdout.write(f"{one.outcome} {one.kind} {one.number}: {last}\n")
+    for key, count in seen.most_common(10):
+        sys.stdout.write(f"{count:6d} × {key}\n")
+    slow = sorted(outcomes, key=lambda one: -one.seconds)[:5]
+    sys.stdout.write("slowest: " + ", ".join(f"{one.kind} {one.number} {one.seconds:.1f} s" for one in slow) + "\n")
+    sys.stdout.write(table(outcomes) + "\n")
+    return 1 if bad else 0

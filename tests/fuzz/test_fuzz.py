@@ -1,0 +1,132 @@
+"""A short run over every kind of file, and the harness itself; ``python tests/fuzz --cases 20000`` is the long one."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import tomli_w
+
+pytest.importorskip("resource", reason="limits of time and memory as Unix has them")
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from coilarray.errors import CoilarrayError
+from fuzz import run as module
+from fuzz.kinds import KINDS, Kind
+from fuzz.mutations import bytes_changed
+from fuzz.run import OUTCOMES, Bench, cases, names_key, run_cases, table, unclear
+
+GOOD = OUTCOMES[:3]
+CASES = 5
+"""Of a kind, times its share: half a minute of processor time in all."""
+
+_LEAF = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
+_TREE = st.recursive(
+    _LEAF, lambda one: st.lists(one, max_size=3) | st.dictionaries(st.text(max_size=8), one, max_size=3)
+)
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """The bench with the good files of every kind."""
+    return Bench(tmp_path_factory.mktemp("fuzz"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_mutated_files_are_refused_or_read(bench, kind):
+    """The first cases of the long run."""
+    bad = [one for k in range(CASES * kind.share) if (one := bench.run(kind.name, k)).outcome not in GOOD]
+    assert not bad, bad[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_any_bytes_are_refused_or_read(bench, kind):
+    @settings(max_examples=10, database=None, deadline=None, suppress_health_check=list(HealthCheck))
+    @given(data=st.binary(max_size=60) | st.text(max_size=60).map(str.encode) | _TREE.map(lambda one: _text(kind, one)))
+    def tried(data):
+        outcome, said = bench.judge(kind, data)
+        assert outcome in GOOD, said
+
+    tried()
+
+
+def _text(kind, tree):
+    if kind.suffix == ".toml":
+        try:
+            return tomli_w.dumps(tree).encode() if isinstance(tree, dict) else b"a = 1"
+        except (TypeError, ValueError):  # TOML has no nothing
+            return b""
+    return json.dumps(tree).encode("utf-8", "replace")
+
+
+def _of(read, **more):
+    return Kind("made up", ".txt", lambda folder: [], (bytes_changed,), read, **more)
+
+
+def _raise(error):
+    def read(path):
+        raise error
+
+    return read
+
+
+def _loop(path):
+    while True:
+        path.name.split(".")
+
+
+@pytest.mark.parametrize(
+    ("kind", "outcome", "said"),
+    [
+        (_of(lambda path: path.read_text()), "changed", ""),
+        (_of(lambda path: {"a": [1.0, float("inf")]}), "silent", "the answer has inf"),
+        (_of(lambda path: float("nan")), "silent", "the answer has nan"),
+        (_of(lambda path: float("nan"), gaps=True), "changed", ""),
+        (_of(lambda path: 1.0, wrong=lambda answer: "no"), "silent", "no"),
+        (_of(_raise(CoilarrayError("file: x must be 1."))), "refused", "file: x must be 1."),
+        (_of(_raise(CoilarrayError("x" * 301))), "tracebacks", "301 characters"),
+        (_of(_raise(CoilarrayError(""))), "tracebacks", "empty"),
+        (_of(_raise(CoilarrayError("file: bad value.")), keyed=True), "tracebacks", "no key"),
+        (_of(_raise(KeyError("x"))), "tracebacks", "KeyError"),
+        (_of(_loop), "hangs", "HangError"),
+    ],
+)
+def test_what_is_judged(bench, monkeypatch, kind, outcome, said):
+    monkeypatch.setattr(module, "SECONDS", 0.2)
+    found, why = bench.judge(kind, b"x = 1")
+    assert found == outcome
+    assert said in why
+
+
+def test_an_error_is_one_printable_line():
+    assert str(CoilarrayError("a\nb\x1b[31m\u202ec")) == "a b�[31m�c"
+    assert len(str(CoilarrayError("x" * 10_000))) <= 501
+    assert unclear("two\nlines", None)
+    assert names_key("file.toml: coils.a.gap_mm must be a number; got 'x'.", b"")
+    assert names_key("file.toml: coil7 has no room.", b"[coil7]")
+    assert not names_key("file.toml: something is wrong.", b"")
+
+
+def test_a_case_is_decided_by_its_number(tmp_path):
+    first, second = (Bench(tmp_path / name) for name in ("a", "b"))
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+    kind = next(one for one in KINDS if one.name == "goal")
+    assert [first.mutated(kind, k)[1] for k in range(20)] == [second.mutated(kind, k)[1] for k in range(20)]
+    assert len({first.mutated(kind, k)[1] for k in range(20)}) > 15
+
+
+@pytest.mark.slow
+def test_the_table_counts_every_case():
+    chosen = [kind for kind in KINDS if kind.name in ("goal", "temperature")]
+    wanted = list(cases(12, chosen))
+    outcomes = run_cases(wanted, 1)
+    rows = [[cell.strip() for cell in line.split("|")] for line in table(outcomes).splitlines()]
+    assert rows[0] == ["kind", "cases", *OUTCOMES]
+    assert [row[0] for row in rows[1:]] == ["goal", "temperature", "all"]
+    assert int(rows[-1][1]) == len(wanted) == sum(map(int, rows[-1][2:]))
+    assert rows[-1][-3:] == ["0", "0", "0"]
