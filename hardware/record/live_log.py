@@ -158,8 +158,8 @@ def read_log(path: Path) -> xr.Dataset:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             text = file.read()
-        whole, _, cut = text.rpartition("\n")
-        head, *rows = list(csv.reader(io.StringIO(whole))) or [[]]
+        lines, _, cut = text.rpartition("\n")
+        head, *rows = list(csv.reader(io.StringIO(lines))) or [[]]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise OutputError(f"cannot read the log {path}: {error}.") from None
     states = [name.removesuffix(_VERDICT) for name in head if name.endswith(_VERDICT)]
