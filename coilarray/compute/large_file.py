@@ -222,8 +222,8 @@ def _lay_out(
         raise OutputError(f"{path} needs {size / 1e9:.3g} GB on the disk; {free / 1e9:.3g} GB are free.")
     write_atomically(data, lambda temporary: _make(temporary, frame, variables))
     starts = _starts(data, variables)
-    row = (key, json.dumps(starts), data.stat().st_size)
-    row = (*row, _frame_checksum(data, starts, sizes, row[2]))
+    length = data.stat().st_size
+    row = (key, json.dumps(starts), length, _frame_checksum(data, starts, sizes, length))
     connection.execute("INSERT INTO layout VALUES (?, ?, ?, ?, ?)", (*row, checksum(*row)))
     return starts
 

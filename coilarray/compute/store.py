@@ -50,7 +50,8 @@ class Store:
         except FileNotFoundError:
             return None
         except (OSError, ValueError, RecursionError, DamagedError):  # ValueError also for blocks that the disk has lost
-            return _damaged(path)
+            _say_damaged(path)
+            return None
 
     def put(self, key: str, value: Any) -> None:
         """Keep a JSON value under a key; OutputError where the file cannot be written."""
@@ -67,7 +68,8 @@ class Store:
             found = load_part(path)
             if found is not None or not path.exists():
                 return found
-        return _damaged(path)
+        _say_damaged(path)
+        return None
 
     def put_dataset(self, key: str, dataset: xr.Dataset) -> None:
         """Keep a dataset under a key; OutputError where the file cannot be written."""
@@ -172,6 +174,6 @@ def delete_database(path: Path) -> None:
         Path(f"{path}{end}").unlink(missing_ok=True)
 
 
-def _damaged(path: Path) -> None:
+def _say_damaged(path: Path) -> None:
     """Say that an entry is of no use."""
     _LOG.warning("coilarray: %s is damaged; what it held is computed anew.", path)

@@ -166,13 +166,16 @@ def read_log(path: Path) -> xr.Dataset:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             text = file.read()
-        head, *rows = list(csv.reader(io.StringIO(text[: text.rfind("\n") + 1]))) or [[]]
+        lines, _, cut = text.rpartition("\n")
+        head, *rows = list(csv.reader(io.StringIO(lines))) or [[]]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise OutputError(f"cannot read the log {path}: {error}.") from None
     states = [name.removesuffix(_VERDICT) for name in head if name.endswith(_VERDICT)]
     columns_of = log_columns(states, temperature=_TEMPERATURE in head[-2:])
     if head not in (columns_of, columns_of[:-1]):  # earlier versions wrote no checksums
         raise OutputError(f"{path} is no log of a live display.")
+    if head == columns_of and len(cut.rpartition(",")[2]) > len(checksum()):  # whole, but its end is no end of a line
+        raise OutputError(f"{path}, line {len(rows) + 2} is damaged: its checksum is wrong.")
     for line, row in enumerate(rows, start=2):
         if len(row) != len(head):
             raise OutputError(f"{path}, line {line}: must have {len(head)} columns; got {len(row)}.")

@@ -162,7 +162,7 @@ class Recorder:
 
     def add_self_test(self, symptoms: Sequence[str], findings: Sequence[str]) -> None:
         """Write the symptoms and findings of a `coilarray.hardware.board.self_test.SelfTest`."""
-        values = {"session": self._number, "time": time.time()}
+        values: dict[str, object] = {"session": self._number, "time": time.time()}
         values |= {"symptoms": json.dumps(list(symptoms)), "findings": json.dumps(list(findings))}
         self._write(lambda connection: insert_row(connection, "self_test", values), durable=True)
 

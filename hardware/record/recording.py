@@ -229,12 +229,12 @@ class Recording:
                 for msb, lsb, status, fault in (row[11:] for row in rows)
             )
             scan = RawScan(int(sequence), _finite(time), _finite(received), settings.hash, identity.boot, samples)
-            known = [None if value is None else _finite(value) for value in (depth, celsius)]
-            expected = scan_checksum(number, session, position, str(stage), *known, scan)
+            at, warmth = (None if value is None else _finite(value) for value in (depth, celsius))
+            expected = scan_checksum(number, session, position, str(stage), at, warmth, scan)
             if self.has_checksums and kept != expected:
                 raise ValueError("its checksum is wrong")
             place, ended = (None, False) if position is None else positions[position]
-            return RecordedScan(number, scan, index, str(stage), position, place, *known), expected, ended
+            return RecordedScan(number, scan, index, str(stage), position, place, at, warmth), expected, ended
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise HardwareError(f"{self.path} is damaged: scan {number}: {error}.") from None
 

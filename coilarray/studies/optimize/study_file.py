@@ -44,8 +44,11 @@ class StudyFile:
         self._damaged = 0  # trials of which the user has been told
 
     def trials(self) -> list[FrozenTrial]:
-        """Return every finished trial that is as it was written, in that order."""
-        every = self._study.get_trials(deepcopy=False)
+        """Return every finished trial that is as it was written, in that order; OutputError for a damaged file."""
+        try:
+            every = self._study.get_trials(deepcopy=False)
+        except Exception as error:  # Optuna lets through what SQLAlchemy and the readers of JSON raise
+            raise OutputError(f"cannot use {FILE}, it is damaged: {_first_line(error)}.") from None
         whole = [trial for trial in every if is_whole(trial)]
         if (damaged := len(every) - len(whole)) > self._damaged:
             _LOG.warning(

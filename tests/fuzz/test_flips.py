@@ -1,0 +1,224 @@
+"""Every kind of file that the package writes and reads back, with one bit flipped: no result changes in silence."""
+
+import shutil
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+import xarray as xr
+from support.flips import flipped
+from support.optimize_points import StandIn
+from support.quick_recordings import campaign_file, stream_file
+
+from coilarray.compute.large_file import Variable, open_large, parts_folder
+from coilarray.compute.netcdf import load_part, save_dataset
+from coilarray.compute.store import open_store
+from coilarray.design.model import load_design
+from coilarray.hardware.record.calibration_file import load_calibration, save_calibration
+from coilarray.hardware.record.campaign import Campaign
+from coilarray.hardware.record.channel_calibration import calibrate_board
+from coilarray.hardware.record.live_log import open_log, read_log
+from coilarray.hardware.record.live_tracking import LiveReading, LiveState
+from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
+from coilarray.hardware.record.recording import open_recording
+from coilarray.hardware.record.recording_summary import summarize_recording
+from coilarray.localize.ellipse_model import model_to_json
+from coilarray.localize.published import published_map, published_model
+from coilarray.studies.optimize import optimize_with, parse_goal
+from coilarray.studies.optimize.study_file import FILE, open_study
+from coilarray.viz.studio.runs import read_runs
+
+FEW, MANY = 25, 500
+"""Flips of every kind in each run of the tests, and in the whole of them."""
+PLAN = Campaign(x=(0.0, 4e-3), y=(0.0, 2e-3), depths=(1e-3,), scans=2)
+KEY = "ab" + 62 * "0"
+FRAME = xr.Dataset(
+    coords={"x": ("x", np.linspace(0, 1, 5), {"units": "m"}), "name": ["a", "b", "c"]}, attrs={"of": "a"}
+)
+VARIABLES = [Variable("B", ("x", "name"), "T", "flux density")]
+VALUES = np.random.default_rng(1).normal(size=(5, 3))
+GOAL = """
+schema = 1
+variable = [
+  { entry = "array.pitch_mm", low = 10, high = 16 },
+  { entry = "circuit.default_termination", choices = ["short", "open"] },
+]
+[[objective]]
+quantity = "worst_k"
+direction = "minimize"
+[search]
+trials = 6
+seed = 3
+batch = 3
+polish = 0
+"""
+
+
+def content(dataset):
+    """Everything of a dataset that enters a result, exactly; None where there is none."""
+    if dataset is None:
+        return None
+    parts = {
+        name: (one.dims, str(one.dtype), one.values.tobytes() if one.dtype != object else tuple(one.values.tolist()),
+               sorted((key, repr(value)) for key, value in one.attrs.items()))
+        for name, one in dataset.variables.items()
+    }  # fmt: skip
+    return parts, sorted(map(str, dataset.coords)), sorted((key, repr(value)) for key, value in dataset.attrs.items())
+
+
+def recording_content(path):
+    """Summary, sessions, scans and datasets of a recording."""
+    with open_recording(path) as recording:
+        summary = summarize_recording(recording).to_record()
+        held = [asdict(one) for one in recording.sessions], recording.self_tests(), recording.campaign
+        scans, places = list(recording.scans()), recording.positions()
+        series = content(recorded_series(recording))
+        response = None if recording.campaign is None else content(recorded_response(recording))
+    return repr((summary, held, scans, places)), series, response
+
+
+def stream(folder):
+    path = stream_file(folder / "stream.sqlite", 40, noise=1e-6)
+    return path, lambda: recording_content(path)
+
+
+def campaign(folder):
+    path = campaign_file(folder / "campaign.sqlite", PLAN, noise=1e-6)
+    return path, lambda: recording_content(path)
+
+
+def netcdf(folder):
+    path = folder / "map.nc"
+    save_dataset(published_map(x=np.linspace(-2e-3, 2e-3, 5)), path)
+    return path, lambda: content(load_part(path))
+
+
+def entry(folder):
+    store = open_store(folder)
+    store.put(KEY, {"worst_k": 0.0123456789, "reason": None, "list": [1, 2.5]})
+    (path,) = folder.rglob("*.json")
+    return path, lambda: store.get(KEY)
+
+
+def kept_dataset(folder):
+    store = open_store(folder)
+    store.put_dataset(KEY, xr.Dataset({"a": ("n", VALUES[0])}, attrs={"design": "gast2020"}))
+    (path,) = folder.rglob("*.nc")
+    return path, lambda: content(store.get_dataset(KEY))
+
+
+def large(folder, done=range(5)):
+    with open_large(folder / "large.nc", FRAME, VARIABLES, "key", 5) as file:
+        for number in set(file.missing) & set(done):
+            file.write("B", 3 * number, VALUES[number])
+            file.finish(number, 10.0 * number)
+        return file.finished
+
+
+def large_file(folder):
+    large(folder)
+    return folder / "large.nc", lambda: content(load_part(folder / "large.nc"))
+
+
+def unfinished(name):
+    """A large file of which three of five blocks are done; going on must end in the file as it would be."""
+
+    def made(folder):
+        large(folder, done=(0, 1, 3))
+        parts = parts_folder(folder / "large.nc")
+
+        def read():
+            copy = folder / "copy"
+            shutil.rmtree(copy, ignore_errors=True)
+            shutil.copytree(parts, parts_folder(copy / "large.nc"))
+            figures = large(copy)
+            return figures, content(load_part(copy / "large.nc"))
+
+        return parts / name, read
+
+    return made
+
+
+def outcome(changes):
+    return {"worst_k": (changes.get("array.pitch_mm", 13.28) - 12.5) ** 2}
+
+
+def study(folder):
+    """Trials of a search; one that is left out is computed anew."""
+    design, goal = load_design("gast2020"), parse_goal(GOAL)
+    optimize_with(design, goal, folder, StandIn(outcome))
+
+    def read():
+        with open_study(folder, design, goal) as opened:
+            rows = [
+                repr((trial.state, trial.values, trial.params, trial.distributions, trial.user_attrs,
+                      trial.system_attrs, trial.constraints))
+                for trial in opened.trials()
+            ]  # fmt: skip
+        if len(rows) < goal.search.trials:
+            assert set(rows) <= set(every or rows)
+            return None
+        every[:] = every or rows
+        return rows
+
+    every = []
+    return folder / FILE, read
+
+
+def run_of_studio(folder):
+    """The same file as the studio shows it."""
+    path, _ = study(folder)
+
+    def read():
+        runs = read_runs(folder)
+        points = [repr(asdict(point)) for run in runs for point in run.points]
+        if len(points) < 6:
+            assert set(points) <= set(every)
+            return None
+        every[:] = every or points
+        return points, [run.maximized for run in runs]
+
+    every = []
+    return path, read
+
+
+def board_calibration(folder):
+    recording, path = stream_file(folder / "stream.sqlite", 40, noise=1e-6), folder / "board.toml"
+    with open_recording(recording) as opened:
+        save_calibration(calibrate_board(opened, inductances={"coil1": 52e-6}, made="2025-01-01"), path)
+    return path, lambda: repr(load_calibration(path))
+
+
+def ellipses(folder):
+    from coilarray.cli.maps import read_ellipses
+
+    path = folder / "model.json"
+    path.write_text(model_to_json(published_model(), "a test"), encoding="utf-8")
+    return path, lambda: repr(read_ellipses(path))
+
+
+def log(folder):
+    path = folder / "run.csv"
+    with open_log(path, ["a", "b"], emulated=True, temperature=True, attributes={}) as opened:
+        for k in range(12):
+            states = (LiveState("a", 1e-4 * k, "good"), LiveState("b", None, "bad", ("watchdog",)))
+            opened.add(LiveReading(k, 7.0 + k, 0.25 * k, states, 0, None, "", 1e-5, 4.0, 0, None, 1.7e9 + k, 20.5))
+    return path, lambda: content(read_log(path))
+
+
+KINDS = {
+    "recording of a stream": stream, "recording of a campaign": campaign, "netCDF": netcdf, "entry of the store": entry,
+    "dataset of the store": kept_dataset, "large file": large_file, "unfinished large file": unfinished("data.nc"),
+    "journal of a large file": unfinished("journal.db"), "study": study, "study in the studio": run_of_studio,
+    "calibration of a board": board_calibration, "ellipse model": ellipses, "log": log,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.slow)])
+def test_no_flipped_bit_changes_a_result_in_silence(tmp_path, name, count, caplog):
+    path, read = KINDS[name](tmp_path)
+    counts = flipped(path, read, count)
+    assert counts.total() == count
+    if count == MANY:
+        assert counts["refused"] > 0 or "computed anew" in caplog.text  # of a large file the same numbers again
