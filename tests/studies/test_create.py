@@ -84,7 +84,7 @@ def test_other_arrangements_are_refused(coils):
         ("3", {"size": 14e-3, "inductance": 6e-6}),
         ("2x2", {"shape": "square", "size": 12e-3, "inductance": 4e-6, "fab": "jlcpcb-2-layer"}),
         ("7-hex", {"size": 20e-3, "inductance": 9e-6, "elastomer": False}),
-        ("1", {"shape": "circle", "size": 20e-3, "inductance": 3e-6, "frequency": 6.78e6, "elastomer": False}),
+        ("1", {"shape": "circle", "size": 16e-3, "inductance": 2e-6, "frequency": 6.78e6, "elastomer": False}),
         ("2", {"shape": "racetrack", "size": (16e-3, 9e-3), "inductance": 1.5e-6}),
     ],
 )
