@@ -10,8 +10,10 @@ DOCS = Path(__file__).parent.parent / "docs"
 sys.path.insert(0, str(DOCS / "extensions"))
 
 import command_pages  # noqa: E402 - from the folder above
+import figures  # noqa: E402
 import file_pages  # noqa: E402
 import link_check  # noqa: E402
+import report_pages  # noqa: E402
 import result_pages  # noqa: E402
 import validation_pages  # noqa: E402
 
@@ -79,3 +81,23 @@ def test_every_variable_of_a_result_has_a_unit_and_a_meaning():
         for name, one in dataset.data_vars.items():
             assert one.attrs.get("long_name"), f"{title}: {name} has no meaning"
             assert one.dtype.kind != "f" or one.attrs.get("units"), f"{title}: {name} has no unit"
+
+
+@pytest.mark.parametrize("folder", ["start", "theory"])
+def test_every_page_of_start_and_theory_has_a_picture_that_is_made_as_it_is_built(folder):
+    for page in (DOCS / folder).glob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        assert figures._PROGRAM.search(text) or f"](../{report_pages.FOLDER}/" in text, page.name
+        assert not figures._BROKEN.search(text), page.name
+
+
+def test_the_last_line_of_a_program_is_its_picture():
+    figure = figures.figure_of(
+        "from matplotlib.figure import Figure\nfigure = Figure(figsize=(3, 2))\nfigure.subplots()"
+    )
+    assert figure.get_size_inches().tolist() == [3, 2]
+
+
+def test_a_report_gives_its_pictures_by_name():
+    page = '<figure id="board"><img src="data:image/png;base64,UE5H" alt=""><figcaption>Board</figcaption></figure>'
+    assert report_pages.pictures(page) == {"board": b"PNG"}

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _DPI = 110
 _FOLDER = "made/pictures"
+_BROKEN = re.compile(r"^```\{picture\}.*`.*$", re.MULTILINE)  # Markdown then takes the line for text
 _PROGRAM = re.compile(r"^```\{picture\}[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
@@ -71,7 +72,10 @@ def _make(app: Sphinx) -> None:
     """Make the pictures of all pages, in the process that may also use threads."""
     (Path(app.srcdir) / _FOLDER).mkdir(parents=True, exist_ok=True)
     for page in sorted(Path(app.srcdir).glob("*/*.md")) + sorted(Path(app.srcdir).glob("*.md")):
-        for code in _PROGRAM.findall(page.read_text(encoding="utf-8")):
+        text = page.read_text(encoding="utf-8")
+        if wrong := _BROKEN.search(text):
+            raise ExtensionError(f"{page.name}: the caption of a picture must have no backticks: {wrong[0]}")
+        for code in _PROGRAM.findall(text):
             if not (path := _path(app, code)).exists():
                 try:
                     figure_of(code).savefig(path, dpi=_DPI)

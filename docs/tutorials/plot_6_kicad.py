@@ -25,8 +25,8 @@ for path in exported.files:
     print(path.relative_to(folder))
 
 # %%
-# The copper can be changed in KiCad, or the board can be one that coilarray never made. ``coilarray import`` reads tracks,
-# arcs and vias of named nets, layer by layer; without ``--nets`` it takes every net that winds. In the terminal:
+# The copper can be changed in KiCad, or the board can be one that coilarray never made. ``coilarray import`` reads
+# tracks, arcs and vias of named nets, layer by layer; without ``--nets`` it takes every net that winds. In a terminal:
 # ``coilarray import starter-kicad/starter.kicad_pcb --nets coil1,coil2,coil3 --out back.toml``.
 
 board = next(folder.rglob("*.kicad_pcb"))
