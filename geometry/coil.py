@@ -535,7 +535,7 @@ def _fan(
             ahead = np.clip(rays @ (centre - end), 0, reachable[:, None])  # where the stub comes closest
             beside = np.hypot(*np.moveaxis(end + ahead[..., None] * rays - centre, -1, 0))
             clear &= beside >= pad / 2 + spiral.gap + spiral.trace_width / 2
-        free = clear.all(axis=1)
+        free = np.asarray(clear.all(axis=1))
         for i in range(m - 1):  # neighbours in the fan: pad beside pad, and either pad beside the other's stub
             free &= 2 * reachable * math.sin(opening / 2) >= (pads[i] + pads[i + 1]) / 2 + spiral.gap
             free &= reachable * math.sin(opening) >= max(clear_of_trace[i], clear_of_trace[i + 1])

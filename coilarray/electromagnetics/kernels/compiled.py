@@ -42,9 +42,10 @@ def inner_kernel(function: Function) -> Function:
 
 
 def _compiled(function: Function, options: dict[str, Any]) -> Any:
-    made = njit(**options)(function)
+    made: Any = njit(**options)(function)
     if isinstance(made, CPUDispatcher):  # else numba is switched off
-        made._cache.__class__ = _Disk
+        cache: Any = vars(made)["_cache"]
+        cache.__class__ = _Disk
     return made
 
 
@@ -52,8 +53,9 @@ class _Disk(FunctionCache):
     """Machine code on a disk that may be full: what cannot be kept is compiled again by the next process."""
 
     def save_overload(self, *arguments: Any) -> None:
+        keep: Any = super().save_overload  # numba has no types
         with suppress(OSError):
-            super().save_overload(*arguments)
+            keep(*arguments)
 
 
 class _Inner(CPUDispatcher):
