@@ -206,8 +206,10 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
     which is worth less than 3e-7 of L in larger ones. The rules are set for 1e-6 of L and of k for traces wider than
     thick, with gaps of a quarter of their width or more and sides of a few widths;
     `tests/electromagnetics/test_inductance_convergence.py` holds the study. Shorter sides or narrower gaps than that
-    cost up to 2e-5, copper thicker than wide more. Traces run from vertex to vertex with square ends: the true, mitred
-    corner of a trace as wide as a tenth of its turns changes L by some 1e-3.
+    cost up to 2e-5 in windings, copper thicker than wide more. In a single turn the corners, but for right angles,
+    count for more: 2e-4 of L where a triangle's sides are three widths long, 4e-5 at eight; some half of it in a
+    hexagon. Traces run from vertex to vertex with square ends: the true, mitred corner of a trace as wide as a tenth of
+    its turns changes L by some 1e-3.
 
     Examples
     --------

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from support.boards import round_spiral
 from support.coil_paths import spiral_path
+from support.references import polygon
 
 from coilarray import load_design
 from coilarray.constants import MU_0
@@ -32,6 +33,18 @@ def test_own_nodes_and_near_widths(name, layers):
     # more nodes in every rule, and the cross-section everywhere: measured at most 7e-7, worst for the many touching
     # corners of the circle and for the narrow gaps of the tight spiral
     assert default == pytest.approx(own_mutual_sum(table, 0, n, 1e9, 4), rel=1e-6)
+
+
+@pytest.mark.parametrize(("ratio", "limit"), [(3.0, 2e-4), (8.0, 4e-5)])
+@pytest.mark.parametrize(("sides", "share"), [(3, 1.0), (4, 0.05), (6, 0.65)])
+def test_corners_of_wide_single_turns(sides, share, ratio, limit):
+    """The limit that `inductance_matrix` states, for sides of `ratio` widths; 8 nodes more err by a tenth of it."""
+    width = 1e-3
+    turn = Conductor(polygon(sides, ratio * width / 2 / np.sin(np.pi / sides)), width, 35e-6)
+    table = segment_table(turn)
+    alone = sides * rectangular_bars((table[0, 6], width, 35e-6)) * 4 * np.pi / MU_0
+    default, finer = (alone + own_mutual_sum(table, 0, sides, OWN_NEAR_WIDTHS, extra) for extra in (0, 8))
+    assert default == pytest.approx(finer, rel=share * limit)
 
 
 @pytest.mark.parametrize("gap", [0.3, 1.0, 3.0])
