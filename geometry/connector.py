@@ -12,9 +12,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
@@ -210,14 +210,14 @@ class _Grid:
             (number[:-1, :-1], number[1:, 1:]),
             (number[:-1, 1:], number[1:, :-1]),
         )
+        self._families = tuple(pair[0].shape for pair in pairs)
         self.start, self.stop = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
         self.edges = np.asarray(shapely.linestrings(np.stack((self.nodes[self.start], self.nodes[self.stop]), axis=1)))
-        self.middles = (self.nodes[self.start] + self.nodes[self.stop]).T / 2
         self.length = np.hypot(*(self.nodes[self.start] - self.nodes[self.stop]).T)
         self.windings = shapely.union_all(
             [shapely.Polygon(place.to_board(place.coil.outline)) for place in array.placements]
         )
-        self.length = np.where(self._meets(self.windings), _ACROSS, 1.0) * self.length
+        self.length[self._meeting(self.windings)] *= _ACROSS
         self.around = self.clearance + 1.5 * self.step  # of a lead's beginning, where it may be near its own trace
         for place in array.placements:
             wound = place.coil.wound
@@ -226,41 +226,37 @@ class _Grid:
                     f"leads.length_mm of {place.name} must be at least {self.around * 1e3:.4g} for a connector; "
                     f"got {wound.leads.length * 1e3:g}."
                 )
-        # how many pieces of copper are too near to each edge, layer by layer, and the pieces
-        self.near: dict[str, IntArray] = {}
-        self.copper: dict[str, list[tuple[BaseGeometry, _Owner]]] = {}
+        self.copper: dict[str, list[_Taken]] = {}
         holes = drills(array)
         for layer in array.stackup.names:
-            self.near[layer] = np.zeros(len(self.edges), dtype=np.int64)
+            self.copper[layer] = []
             for k, place in enumerate(array.placements):
                 for line in place.lines_on(layer):
                     outline = trace_outline(place.to_board(place.coil.lines[line]), place.coil.widths[line])
-                    self._take(layer, outline, (k, line))
+                    self._take([layer], outline, (k, line))
                 for end in (0, 1):
                     if layer == place.layers[-end]:  # where the lead will turn by up to a right angle
                         x, y = place.to_board(place.coil.terminal_points)[end].tolist()
                         widest = max(self.width, float(place.coil.widths[-end][-end]))
-                        self._take(layer, disc(x, y, math.sqrt(2) * widest), (k, "lead", end))
-            for hole in holes:
-                if hole.kind == "via" and layer in hole.layers:
-                    self._take(layer, disc(hole.x, hole.y, hole.pad), None)
+                        self._take([layer], disc(x, y, math.sqrt(2) * widest), (k, "lead", end))
+        for hole in holes:
+            if hole.kind == "via":
+                self._take(hole.layers, disc(hole.x, hole.y, hole.pad), None)
 
     def with_pads(self, pads: FloatArray) -> _Grid:
         """Return the grid with the pads of the coils, shape (coils, 2, 2), in m; it shares what does not change."""
         grid = self._copy()
         grid.pads = pads
-        for layer in grid.near:
-            for k, place in enumerate(grid.array.placements):
-                assert place.coil.terminal is not None  # refused before
-                for end in (0, 1):
-                    x, y = pads[k, end].tolist()
-                    grid._take(layer, disc(x, y, place.coil.terminal.pad), (k, "pad", end))
+        for k, place in enumerate(grid.array.placements):
+            assert place.coil.terminal is not None  # refused before
+            for end in (0, 1):
+                x, y = pads[k, end].tolist()
+                grid._take(list(grid.copper), disc(x, y, place.coil.terminal.pad), (k, "pad", end))
         return grid
 
     def _copy(self) -> _Grid:
         """Return the grid with a record of its own of what has been taken."""
         grid = copy.copy(self)
-        grid.near = {layer: near.copy() for layer, near in self.near.items()}
         grid.copper = {layer: list(taken) for layer, taken in self.copper.items()}
         return grid
 
@@ -279,26 +275,25 @@ class _Grid:
         for coil, ways in found.items():
             for end in (0, 1):
                 layer, owner = self.array.placements[coil].layers[-end], (coil, "lead", end)
-                ways[end] = self._with_fewer_corners(ways[end], self._foreign(coil, end))
-                self.copper[layer] = [(shape, of) for shape, of in self.copper[layer] if of != owner]
-                self._take(layer, trace_outline(ways[end], self.width), owner)
+                ways[end] = self._with_fewer_corners(ways[end], [piece.shape for piece in self._foreign(coil, end)])
+                self.copper[layer] = [piece for piece in self.copper[layer] if piece.owner != owner]
+                self._take([layer], trace_outline(ways[end], self.width), owner)
         return found
 
-    def _foreign(self, coil: int, end: int) -> list[BaseGeometry]:
-        """Copper on the layer of a lead, a clearance wider, that it must not meet.
-
-        It may meet its own pad, and its own trace near its end.
-        """
+    def _foreign(self, coil: int, end: int) -> list[_Taken]:
+        """Copper on the layer of a lead that it must not meet: not its own pad, nor its own trace near its end."""
         place = self.array.placements[coil]
         line = (coil, len(place.coil.lines) - 1 if end else 0)
         x, y = place.to_board(place.coil.terminal_points)[end].tolist()
-        shapes = []
-        for shape, owner in self.copper[place.layers[-end]]:
-            if owner == line:
-                shapes.append(shape.difference(disc(x, y, 2 * self.around)))
-            elif owner not in ((coil, "pad", end), (coil, "lead", end)):
-                shapes.append(shape)
-        return shapes
+        pieces = []
+        for piece in self.copper[place.layers[-end]]:
+            if piece.owner == line:
+                shape = piece.shape.difference(disc(x, y, 2 * self.around))
+                meets = shapely.intersects(shape, self.edges[piece.edges])
+                pieces.append(_Taken(shape, line, piece.edges[meets]))
+            elif piece.owner not in ((coil, "pad", end), (coil, "lead", end)):
+                pieces.append(piece)
+        return pieces
 
     def _way(self, coil: int, end: int) -> FloatArray:
         from scipy.sparse import coo_array  # loaded for boards with a connector only
@@ -306,15 +301,11 @@ class _Grid:
 
         place, layer = self.array.placements[coil], self.array.placements[coil].layers[-end]
         begin, pad = place.to_board(place.coil.terminal_points)[end], self.pads[coil, end]
-        foreign = self._foreign(coil, end)
-        near = self.near[layer].copy()
-        for shape, _ in self.copper[layer]:
-            if not any(shape is other for other in foreign):
-                near -= self._meets(shape)
-        for shape in foreign:
-            if not any(shape is other for other, _ in self.copper[layer]):
-                near += self._meets(shape)
-        free = near == 0
+        taken = self._foreign(coil, end)
+        foreign = [piece.shape for piece in taken]
+        free = np.ones(len(self.edges), dtype=np.bool_)
+        for piece in taken:
+            free[piece.edges] = False
         line = place.to_board(place.coil.lines[-end])[:: 1 if end else -1]
         first, last = len(self.nodes), len(self.nodes) + 1
         hops = [self._hops(begin, foreign, line[-1] - line[-2]), self._hops(pad, foreign, np.zeros(2))]
@@ -330,7 +321,7 @@ class _Grid:
             while nodes[-1] != first:
                 nodes.append(int(before[nodes[-1]]))
             way = _straightened(places[nodes[::-1]])
-            self._take(layer, trace_outline(way, self.width), (coil, "lead", end))
+            self._take([layer], trace_outline(way, self.width), (coil, "lead", end))
             return way
         raise NoWayError(
             coil,
@@ -366,28 +357,39 @@ class _Grid:
         apart = self.nodes - place
         close = np.flatnonzero((np.hypot(*apart.T) <= 1.5 * self.step) & (apart @ ahead >= 0))
         hops = [shapely.LineString((place, self.nodes[node])) for node in close]
-        return close[[not np.any(shapely.intersects(hop, others)) for hop in hops]]
+        return close[[not np.any(shapely.intersects(others, hop)) for hop in hops]]
 
-    def _take(self, layer: str, shape: BaseGeometry, owner: _Owner) -> None:
+    def _take(self, layers: Sequence[str], shape: BaseGeometry, owner: _Owner) -> None:
         """Keep what comes after off a piece of copper; the own leads of `owner` may touch it."""
         near = shape.buffer(self.clearance).simplify(1e-3 * self.clearance)
-        self.copper.setdefault(layer, []).append((near, owner))
-        self.near[layer] += self._meets(near)
+        taken = _Taken(near, owner, self._meeting(near))
+        for layer in layers:
+            self.copper[layer].append(taken)
 
-    def _meets(self, shape: BaseGeometry) -> npt.NDArray[np.bool_]:
-        """Which edges of the grid meet a shape."""
-        x_min, y_min, x_max, y_max = shape.bounds
-        x, y = self.middles
-        close = (abs(x - (x_min + x_max) / 2) <= (x_max - x_min) / 2 + self.step) & (
-            abs(y - (y_min + y_max) / 2) <= (y_max - y_min) / 2 + self.step
-        )
-        found = np.zeros(len(self.edges), dtype=np.bool_)
+    def _meeting(self, shape: BaseGeometry) -> IntArray:
+        """Edges of the grid that meet a shape; asked of those of the cells about it only."""
+        x_min, y_min, x_max, y_max = (np.array(shape.bounds) - np.tile(self.nodes[0], 2)) / self.step
+        around, first = [], 0
+        for columns, rows in self._families:  # an edge lies in the cell right of and above its number's
+            i = np.arange(max(math.floor(x_min) - 1, 0), min(math.ceil(x_max) + 1, columns))
+            j = np.arange(max(math.floor(y_min) - 1, 0), min(math.ceil(y_max) + 1, rows))
+            around.append((first + i[:, None] * rows + j).ravel())
+            first += columns * rows
+        near: IntArray = np.concatenate(around)
         shapely.prepare(shape)
-        found[close] = shapely.intersects(shape, self.edges[close])
-        return found
+        meets: IntArray = np.flatnonzero(shapely.intersects(shape, self.edges[near]))
+        return near[meets]
 
 
 _Owner = tuple[int, int] | tuple[int, str, int] | None
+
+
+class _Taken(NamedTuple):
+    """A piece of copper, a clearance wider, whose it is, and the edges of the grid that it meets."""
+
+    shape: BaseGeometry
+    owner: _Owner
+    edges: IntArray
 
 
 def _straightened(way: FloatArray) -> FloatArray:
