@@ -269,8 +269,6 @@ def reading(path: Path) -> Iterator[None]:
     except sqlite3.DatabaseError as error:
         what = "no recording" if "not a database" in str(error) else "damaged"
         raise HardwareError(f"{path} is {what}: {_one_line(str(error))}.") from None
-    except UnicodeDecodeError:  # the name of a table or a column, or SQLite's message with it
-        raise HardwareError(f"{path} is damaged: a text in it is not UTF-8.") from None
 
 
 @contextmanager
