@@ -67,7 +67,7 @@ LEAST_REACH = 0.5
 """How far the points of a determined level go beyond the centre on both sides, in semi-axes."""
 
 _LEAST_SAMPLES = 4  # of a cubic, along each axis
-_MOST_LEVELS = 2_000  # δ = 0.06 with the paper's step, 40 times its largest
+_MOST_LEVELS = 20_000  # δ = 0.6 with the paper's step
 _CORNERS = 4  # of a cell of the sampled grid: so many independent values has the smallest level
 _LONGEST = 10.0  # semi-axis over the extent of the points: beyond it the conic is as good as a parabola or two lines
 
