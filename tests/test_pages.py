@@ -8,6 +8,7 @@ import pytest
 
 DOCS = Path(__file__).parent.parent / "docs"
 sys.path.insert(0, str(DOCS / "extensions"))
+pytest.importorskip("sphinx_gallery", reason="the extra docs is not installed")
 
 import command_pages  # noqa: E402 - from the folder above
 import figures  # noqa: E402

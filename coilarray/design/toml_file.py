@@ -146,4 +146,4 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
         "dict_type": "be a table",
         "literal_error": f"be {limits.get('expected')}",
     }.get(kind, details["msg"].removeprefix("Input should ").removeprefix("Value error, "))
-    return f"{key} must {wanted}; got {shown(got)}."
+    return f"{key or 'the file'} must {wanted}; got {shown(got)}."

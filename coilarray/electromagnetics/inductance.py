@@ -20,7 +20,6 @@ from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor
 from coilarray.geometry.conductor import LARGEST, SMALLEST
-from coilarray.geometry.overlap import require_apart
 
 _SCALE = MU_0 / (4 * np.pi)
 
@@ -192,8 +191,7 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
     Raises
     ------
     GeometryError
-        A thin filament, whose self-inductance is infinite, an unknown accuracy, or two paths whose copper overlaps, as
-        `coilarray.geometry.check_rules` refuses it; where it only touches, they count as insulated.
+        A thin filament, whose self-inductance is infinite, or an unknown accuracy.
     MemoryLimitError
         More paths than `coilarray.compute.memory.allowed_memory` allows.
 
@@ -220,7 +218,6 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
     """
     conductors = as_conductors(source)
     _require_memory(len(conductors), len(conductors) * (len(conductors) + 1) // 2)
-    require_apart(conductors)
     return _matrix(conductors, *np.triu_indices(len(conductors)), accuracy, progress)
 
 

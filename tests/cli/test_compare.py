@@ -9,7 +9,7 @@ import pytest
 import tomli_w
 from support.command_line import runner, successes
 from support.quick_recordings import GRID, campaign_file, quick_map, stream_file
-from support.recorded_boards import two_coils_document
+from support.recorded_boards import take_back, two_coils_document, unsealed_text
 
 from coilarray.cli.main import main
 from coilarray.compute.netcdf import load_part, save_dataset
@@ -133,7 +133,7 @@ def test_what_does_not_belong_together_is_told(capsys, files, both):
     (note,) = [note for note in answer(capsys, both[0], "other.nc", *QUICKLY)["notes"] if "different designs" in note]
     assert note.startswith("The two are of different designs: measured two_coils (")
     assert note.endswith("simulated other (ffffffffffff).")
-    text = (files / "board.toml").read_text(encoding="utf-8")
+    text = unsealed_text(files / "board.toml")
     Path("board.toml").write_text(text.replace('board = "emulator"', 'board = "XMC 2Go"'), encoding="utf-8")
     notes = answer(capsys, *both, "--calibration", "board.toml", *QUICKLY)["notes"]
     assert "The calibration is of the board “XMC 2Go”, the measurement of “emulator”." in notes
@@ -166,7 +166,7 @@ def test_published_and_responses(capsys, files):
 def test_an_unfinished_campaign_is_compared_as_far_as_it_is(capsys, both):
     Path("run.sqlite").write_bytes(both[0].read_bytes())
     with sqlite3.connect("run.sqlite") as connection:
-        connection.execute("UPDATE position SET finished = NULL WHERE place >= 60")
+        take_back(connection, "place >= 60")
     connection.close()
     data = answer(capsys, "run.sqlite", both[1])
     missing = 2 * (GRID.size - 60)

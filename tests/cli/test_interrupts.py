@@ -51,7 +51,7 @@ def interrupted(*command, after):
     ids=lambda command: command[0],
 )
 def test_a_long_command_is_interrupted(command):
-    large = read("starter").replace("columns = 3", "columns = 300")
+    large = read("starter").replace("columns = 3", "columns = 800")
     assert large != read("starter")
     Path("large.toml").write_text(large, encoding="utf-8")
     code, out, err, seconds = interrupted("-m", "coilarray", *command, after=4.0)

@@ -27,7 +27,7 @@ run, refused = runner()
 BOARD = ("two.toml", "--wiring", "wiring.toml")
 AT = ("--x-mm", "-6.64", "--y-mm", "0", "--depth-mm", "0.5")
 PITCH = ("--vary", "array.pitch_mm=12:14:3", "--workers", "1")
-READ = (*BOARD, "--recording", "rest.sqlite", "--speed", "1000")
+READ = ("two.toml", "--recording", "rest.sqlite", "--speed", "1000")
 FIELD = ("field", "bare.toml", "--spacing-mm", "4", "--out")
 # whether it writes more than 6 kB in one file, and the command
 WRITES = [

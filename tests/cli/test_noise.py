@@ -114,7 +114,8 @@ def test_every_consumer_has_the_same_number(capsys, tmp_path):
     own, tenfold = (identifiability(model, 0.3e-3, noise=times * model.noise) for times in (1, 10))
     assert identifiability(model, 0.3e-3).attrs["noise"] == [model.noise] * 3
     known = np.isfinite(own.sigma_x.values)
-    assert (tenfold.sigma_x.values / own.sigma_x.values)[known] == pytest.approx(10.0)
+    # 1e-4: where one direction is hardly known, the inverse loses digits
+    assert (tenfold.sigma_x.values / own.sigma_x.values)[known] == pytest.approx(10.0, rel=1e-4)
     map_file = tmp_path / "map.nc"
     response.to_netcdf(map_file, engine="h5netcdf")
     locate, _ = runner("locate")

@@ -37,6 +37,7 @@ from coilarray import load_design
 from coilarray.cli.board_options import BoardOptions
 from coilarray.cli.maps import read_ellipses, read_response
 from coilarray.cli.readings import read_readings
+from coilarray.compute.checksum import checksum
 from coilarray.compute.netcdf import read_checked, save_dataset
 from coilarray.design import bundled
 from coilarray.design.model import load_design_file, parse_design, parse_design_file
@@ -358,7 +359,8 @@ def _logs(folder: Path) -> list[Path]:
         rows = [columns]
         for k in range(5):
             given = {"time_s": k * 0.1, "unix_s": 1.7e9 + k, "sequence": k, "emulated": 0, "temperature_C": 21.5}
-            rows.append([_log_cell(name, given, k) for name in columns])
+            cells = [str(_log_cell(name, given, k)) for name in columns[:-1]]
+            rows.append([*cells, checksum(cells)])
         texts[f"log{int(temperature)}"] = "".join(",".join(map(str, row)) + "\r\n" for row in rows)
     return _written(folder, ".csv", texts)
 

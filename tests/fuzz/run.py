@@ -59,7 +59,14 @@ _WALL_SECONDS = 120.0  # after which a worker is ended: a loop in C that takes n
 _MEMORY = 12 << 30  # bytes of address space, of which numba and its libraries take some
 
 
-_NO_KEYS = ("not valid TOML", "not valid JSON", "UTF-8", "has no key '", "it must have kind")
+_NO_KEYS = (
+    "not valid TOML",
+    "not valid JSON",
+    "UTF-8",
+    "has no key '",
+    "the file must be a table",
+    "it must have kind",
+)
 _WORDS = {"set", "from", "at", "the", "of", "others", "number", "list", "low", "high", "x", "y", ""}
 
 

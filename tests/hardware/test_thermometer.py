@@ -17,7 +17,6 @@ from coilarray.hardware.record import thermometer as module
 from coilarray.hardware.record.recorded_response import recorded_series, series_csv
 from coilarray.hardware.record.recorder import open_recorder, record_stream
 from coilarray.hardware.record.recording import open_recording
-from coilarray.hardware.record.recording_file import SCHEMA
 from coilarray.hardware.record.thermometer import file_temperature, thermometer
 
 # as the kernel's documentation of the sensor DS18B20 shows it
@@ -107,15 +106,6 @@ def test_an_unknown_temperature_is_none(tmp_path):
         series = recorded_series(recording)
     np.testing.assert_array_equal(series.temperature, [20.0, np.nan, 21.0])
     assert series_csv(series).splitlines()[2].endswith(",nan")
-
-
-def test_older_versions_read_the_recording(tmp_path):
-    """They ask for schema 1 and their own six tables, and pass over another one."""
-    path = warming(tmp_path / "run.sqlite", 3)
-    with contextlib.closing(sqlite3.connect(path)) as connection:
-        assert connection.execute("PRAGMA user_version").fetchone() == (1,) == (SCHEMA,)
-        columns = [row[1] for row in connection.execute("PRAGMA table_info(scan)")]
-    assert columns == ["id", "session", "position", "stage", "depth", "sequence", "time", "received"]
 
 
 def test_a_recording_of_an_older_version_is_continued(tmp_path):

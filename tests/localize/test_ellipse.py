@@ -333,7 +333,7 @@ GAP = MAP.where((MAP.y != WINDOW_Y[2]) | (MAP.x != WINDOW_X[3]))
     (MAP.isel(y=slice(3, None)), {"states": ["coil1"]}, "edge of the map"),
     (MAP.isel(y=slice(2, 5)), {}, "at least 4 positions along y; got 3"),
     (MAP.isel(x=slice(12, 15)), {}, "at least 4 positions along x; got 3"),
-    (MAP.assign_coords(y=WINDOW_Y[::-1]), {}, "y must be finite and rising"),
+    (MAP.assign_coords(y=WINDOW_Y[::-1]), {}, "y of a response must rise"),
     (0 * MAP, {}, "no closed curves"),
     (MAP - 2e-3, {}, "no closed curves"),
     (MAP, {"states": ["coil1"], "lowest": 2e-3}, "no level of coil1 is an ellipse"),

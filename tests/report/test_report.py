@@ -433,7 +433,7 @@ def test_metal_has_a_section_with_its_numbers(tmp_path):
 
 
 @pytest.mark.parametrize(("old", "new", "problem", "dent"), [
-    ("depths_mm = [0.3, 0.6]", "depths_mm = [0.3, 3.9]", "depth of an indentation must leave every", False),
+    ("depths_mm = [0.3, 0.6]", "depths_mm = [0.3, 3.9]", "a hemisphere can be pressed in by at most its radius", False),
     ('shape = "hemisphere" ', 'shape = "cylinder_edge" ', "coils in space need dents about an axis", True),
 ])  # fmt: skip
 def test_an_indentation_that_fails_is_reported(tmp_path, old, new, problem, dent):

@@ -7,15 +7,32 @@ from contextlib import closing
 import pytest
 import tomli_w
 
+from coilarray.compute.checksum import unsealed
 from coilarray.design.model import build_design
 from coilarray.hardware.board.connect import Board
 from coilarray.hardware.emulator import Conditions, EmulatedBoard, VirtualClock
 from coilarray.hardware.record.recorder import begin_session
+from coilarray.hardware.record.recording_file import sign_row
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import parse_wiring
 from support.emulated_reader import reader_of
 from support.first_assumed import first_assumed_document
 from support.quick_coils import FixedCoils, series_tank
+
+
+def take_back(connection, which):
+    """Make positions of a recording, chosen in SQL, unmeasured again, with the checksums that they then have."""
+    numbers = [row[0] for row in connection.execute(f"SELECT id FROM position WHERE {which}")]
+    for number in numbers:
+        connection.execute("UPDATE position SET finished = NULL WHERE id = ?", (number,))
+        sign_row(connection, "position", number)
+    connection.commit()
+
+
+def unsealed_text(path):
+    """Text of a file without the checksum behind it, to be changed."""
+    return unsealed(path.read_bytes(), path).decode("utf-8")
+
 
 _DEVICE = """
 [[wiring.device]]
