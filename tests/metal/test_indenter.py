@@ -30,12 +30,11 @@ def pressed(depth, ball_radius=RADIUS):
     return Dent((6e-3, 2e-3), (1.0, MU), r, np.column_stack((0 * r, 0.6 * top, top)))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("material", "frequency"), [(MATERIALS["ferrite"], 0.0), (Material("metal", 3e7), 1e5)])
-def test_ball_in_a_dent_agrees_with_finite_elements(material, frequency):
-    """Flat sheets under the tip would be 9 % off for the metal and 2 % for ferrite at 0.5 mm in bonded sheets."""
-    dent = pressed(1e-3)
-    centre = 7e-3 + RADIUS
+def around_a_ball(dent, centre, material, of_plate=lambda z: 0.0):
+    """Materials of dented sheets with the ball or without it, and the distance of their faces, for `loop_inductance`.
+
+    `of_plate` is the conductivity of what lies elsewhere, over the height in m.
+    """
 
     def materials(with_ball):
         def at(r, z):
@@ -43,7 +42,7 @@ def test_ball_in_a_dent_agrees_with_finite_elements(material, frequency):
             inside = np.hypot(r, z - centre) < RADIUS
             sheet = (z > 6e-3 + faces[..., 1]) & (z < 8e-3 + faces[..., 2]) & ~inside
             mu = np.where(sheet, MU, np.where(inside & with_ball, material.relative_permeability, 1.0))
-            return mu, np.where(inside & with_ball, material.conductivity, 0.0)
+            return mu, np.where(inside & with_ball, material.conductivity, of_plate(z))
 
         return at
 
@@ -52,6 +51,16 @@ def test_ball_in_a_dent_agrees_with_finite_elements(material, frequency):
         dented = np.minimum(np.abs(z - 6e-3 - faces[..., 1]), np.abs(z - 8e-3 - faces[..., 2]))
         return np.minimum(np.abs(np.hypot(r, z - centre) - RADIUS), np.where(r < 8e-3, dented, 1.0))
 
+    return materials, surfaces
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("material", "frequency"), [(MATERIALS["ferrite"], 0.0), (Material("metal", 3e7), 1e5)])
+def test_ball_in_a_dent_agrees_with_finite_elements(material, frequency):
+    """Flat sheets under the tip would be 9 % off for the metal and 2 % for ferrite at 0.5 mm in bonded sheets."""
+    dent = pressed(1e-3)
+    centre = 7e-3 + RADIUS
+    materials, surfaces = around_a_ball(dent, centre, material)
     filled, empty = (
         loop_inductance(
             LOOPS, materials(with_ball), frequency, lambda r, z: np.hypot(r, z - centre) < 1.5 * RADIUS, surfaces, 1e-4
@@ -68,21 +77,9 @@ def test_ball_in_a_dent_over_a_plate_agrees_with_finite_elements():
     """Ferrite 1 mm deep, and 2 mm of aluminium at 2.3 skin depths below the coils."""
     dent, centre, frequency = pressed(1e-3), 7e-3 + RADIUS, 1e4
     ferrite, aluminium = MATERIALS["ferrite"], MATERIALS["aluminium"]
-
-    def materials(with_ball):
-        def at(r, z):
-            faces = dent.faces(r)
-            inside = np.hypot(r, z - centre) < RADIUS
-            sheet = (z > 6e-3 + faces[..., 1]) & (z < 8e-3 + faces[..., 2]) & ~inside
-            mu = np.where(sheet, MU, np.where(inside & with_ball, ferrite.relative_permeability, 1.0))
-            return mu, np.where((z < -3e-3) & (z > -5e-3), aluminium.conductivity, 0.0)
-
-        return at
-
-    def surfaces(r, z):
-        faces = dent.faces(r)
-        dented = np.minimum(np.abs(z - 6e-3 - faces[..., 1]), np.abs(z - 8e-3 - faces[..., 2]))
-        return np.minimum(np.abs(np.hypot(r, z - centre) - RADIUS), np.where(r < 8e-3, dented, 1.0))
+    materials, surfaces = around_a_ball(
+        dent, centre, ferrite, lambda z: np.where((z < -3e-3) & (z > -5e-3), aluminium.conductivity, 0.0)
+    )
 
     def near(r, z):
         return (np.hypot(r, z - centre) < 1.5 * RADIUS) | (np.abs(z + 4e-3) < 1e-3) & (r < 20e-3)
