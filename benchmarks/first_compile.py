@@ -2,37 +2,41 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
 import tempfile
+from collections import defaultdict
 from collections.abc import Iterator
+from pathlib import Path
 
 from speed import Speed
 
-# times of the compiling thread: other threads and other programs do not count, nor does what a kernel's callees take
-_RUN = """
-import contextlib, io, json, os, threading, time
-from collections import defaultdict
+# Times of the compiling thread: other threads and other programs do not count, nor does what a kernel's callees take.
+# Python runs this as it starts, in every process of the commands: some kernels are compiled beside the others.
+_LISTEN = """
+import os, threading, time
 import numba.core.event as event
 
 class Times(event.Listener):
-    own = defaultdict(float)
-    open = threading.local()
+    running = threading.local()
 
     def on_start(self, happening):
-        self.open.__dict__.setdefault("stack", []).append([time.thread_time(), 0.0])
+        self.running.__dict__.setdefault("stack", []).append([time.thread_time(), 0.0])
 
     def on_end(self, happening):
-        begun, inner = self.open.stack.pop()
+        begun, inner = self.running.stack.pop()
         taken = time.thread_time() - begun
         kernel = happening.data["dispatcher"].py_func
-        self.own[f"{kernel.__module__.rpartition('.')[2]}.{kernel.__name__}"] += taken - inner
-        if self.open.stack:
-            self.open.stack[-1][1] += taken
+        with open(os.environ["COMPILE_TIMES"], "a", encoding="utf-8") as kept:
+            kept.write(f"{kernel.__module__.rpartition('.')[2]}.{kernel.__name__} {taken - inner}\\n")
+        if self.running.stack:
+            self.running.stack[-1][1] += taken
 
 event.register("numba:compile", Times())
+"""
+_RUN = """
+import contextlib, io
 from coilarray.cli.main import main
 for command in (
     ["report", "gast2020"],
@@ -45,23 +49,22 @@ for command in (
 ):
     with contextlib.redirect_stdout(io.StringIO()):
         assert main(command) == 0, command
-print(json.dumps(Times.own))
 """
 _SHOWN = 6
 
 
 def figures() -> Iterator[Speed]:
-    """Compile in a process of its own."""
+    """Compile with a cache of its own."""
     with tempfile.TemporaryDirectory() as cache, tempfile.TemporaryDirectory() as folder:
-        done = subprocess.run(
-            [sys.executable, "-c", _RUN],
-            check=True,
-            stdout=subprocess.PIPE,
-            text=True,
-            cwd=folder,
-            env={**os.environ, "NUMBA_CACHE_DIR": cache},
-        )
-    own = json.loads(done.stdout.splitlines()[-1])
+        times = Path(cache, "times.txt")
+        Path(cache, "sitecustomize.py").write_text(_LISTEN, encoding="utf-8")
+        path = os.pathsep.join(filter(None, [cache, os.environ.get("PYTHONPATH")]))
+        given = {"NUMBA_CACHE_DIR": cache, "COMPILE_TIMES": str(times), "PYTHONPATH": path}
+        subprocess.run([sys.executable, "-c", _RUN], check=True, cwd=folder, env={**os.environ, **given})
+        own: defaultdict[str, float] = defaultdict(float)
+        for line in times.read_text(encoding="utf-8").splitlines():
+            name, taken = line.split()
+            own[name] += float(taken)
     total = sum(own.values())
     most = sorted(own.items(), key=lambda item: -item[1])[:_SHOWN]
     note = f"{len(own)} kernels; " + ", ".join(f"{name} {taken:.1f} s" for name, taken in most)

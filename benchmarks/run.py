@@ -69,6 +69,7 @@ SPEEDS: dict[str, Callable[[], Iterable[speed.Speed]]] = {
     "metal": metal.figures,
     "sweep": sweep.figures,
     "kernels": peers.kernels,
+    "fasthenry": peers.fasthenry,
     "large-arrays": peers.large_arrays,
     "large-response": large_response.figures,
     "first-compile": first_compile.figures,

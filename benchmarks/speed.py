@@ -67,6 +67,9 @@ print(peak_memory())
 """
 
 
+_MAIN = "from coilarray.cli.main import main; raise SystemExit(main"
+
+
 def measure() -> list[Speed]:
     """Take all figures; about a minute."""
     conductors = load_design("gast2020").array.conductors()
@@ -102,12 +105,22 @@ def measure() -> list[Speed]:
         Speed("impedance of six coils at 50 frequencies, six states, warm", sweep, "s", "", "< 2 s", sweep < 2)
     )
     with tempfile.TemporaryDirectory() as cache, tempfile.TemporaryDirectory() as out:
-        report = f"from coilarray.cli.main import main; raise SystemExit(main(['report', '--out', {out!r}]))"
+        report = f"{_MAIN}(['report', '--out', {out!r}]))"
         cold, _ = _fresh(report, NUMBA_CACHE_DIR=cache)
         warm, _ = _fresh(report, NUMBA_CACHE_DIR=cache)
+        pad = str(Path(out) / "pad.toml")
+        start = f"{_MAIN}(['init', {pad!r}, '--force', '--coils', '4x4', "
+        led, square = (
+            _fresh(f"{start}{choice}]))", NUMBA_CACHE_DIR=cache)[0]
+            for choice in ("'--connector', 'bottom'", "'--shape', 'square'")
+        )
     figures.append(Speed("coilarray report, first run with compilation", cold, "s", "", "≤ 12 s", cold <= 12))
     note = f"{cold / warm:.1f} × faster than the first"
     figures.append(Speed("coilarray report, kernels cached", warm, "s", note, "≤ 6 s", warm <= 6))
+    figures.append(
+        Speed("coilarray init, 4x4 coils led to a connector, kernels cached", led, "s", "", "≤ 6 s", led <= 6)
+    )
+    figures.append(Speed("coilarray init, 4x4 square coils, kernels cached", square, "s", "", "≤ 4 s", square <= 4))
     _, peak = _fresh(_MEMORY)
     figures.append(
         Speed("peak memory, B of six coils at 1 000 000 points", float(peak), "MB", "", "< 500 MB", float(peak) < 500)

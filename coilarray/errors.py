@@ -1,13 +1,14 @@
-"""The named exceptions of the package; every one of them is the user's to mend, in one line."""
+"""The named exceptions of the package; every one of them is the user's to mend, in one line. And checks of numbers."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 _LONGEST = 500  # characters of an error, a path of 200 included
 _END = 150  # of them behind what is cut out
 _SHOWN = 80  # characters of a value
-_LISTED = 140  # characters of a list of names
+_LISTED = 120  # characters of a list of names
 
 
 class CoilarrayError(Exception):
@@ -107,3 +108,17 @@ class DamagedError(CoilarrayError):
 
 class MissingDependencyError(CoilarrayError):
     """A library or system package that a command needs and the machine lacks; the text names it."""
+
+
+def require_positive(what: str, value: float, unit: str = " m", error: type[Exception] = GeometryError) -> None:
+    """Raise an error unless a value is positive and finite; `unit` stands behind it, and " mm" shows one in m in mm."""
+    if not (math.isfinite(value) and value > 0):
+        shown = f"{value * 1e3:g}" if unit == " mm" else f"{value}"
+        raise error(f"{what} must be positive and finite; got {shown}{unit}.")
+
+
+def require_finite(what: str, *values: float, error: type[CoilarrayError] = GeometryError) -> None:
+    """Raise an error unless all values are finite."""
+    for value in values:
+        if not math.isfinite(value):
+            raise error(f"{what} must be finite; got {value}.")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import matplotlib
 import pyvista
+from PIL import Image
 from sphinx.application import Sphinx
 
 HERE = Path(__file__).parent
@@ -74,6 +75,12 @@ warnings.filterwarnings("ignore", message=".*is non-interactive")
 matplotlib.use("agg")
 pyvista.OFF_SCREEN = True
 pyvista.BUILDING_GALLERY = True
+# of each program that draws nothing, or is not run: scaled once
+THUMBNAIL = HERE / "made" / "thumbnail.png"
+THUMBNAIL.parent.mkdir(exist_ok=True)
+with Image.open(HERE / "board.png") as board:
+    board.thumbnail((400, 280))
+    board.save(THUMBNAIL)
 sphinx_gallery_conf = {
     "examples_dirs": ["gallery", "tutorials"],
     "gallery_dirs": ["made/gallery", "made/tutorials"],
@@ -89,7 +96,7 @@ sphinx_gallery_conf = {
     "write_computation_times": False,
     "plot_gallery": "True",
     "abort_on_example_error": True,
-    "default_thumb_file": str(HERE / "board.png"),
+    "default_thumb_file": str(THUMBNAIL),
 }
 
 # files outside of docs/ that are pages here too

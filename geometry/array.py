@@ -14,11 +14,11 @@ import shapely
 
 from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.html import html_card, html_table
-from coilarray.errors import GeometryError
+from coilarray.errors import GeometryError, require_finite, require_positive
 from coilarray.geometry.coil import CHORD, Coil
 from coilarray.geometry.conductor import Conductor
 from coilarray.geometry.stackup import Stackup
-from coilarray.geometry.values import SIDES, Side, place_in_mm, require_finite, require_positive
+from coilarray.geometry.values import SIDES, Side, place_in_mm
 
 _NEAREST = 1.01  # of the least distance: what counts as a neighbour
 _SAME_PLACE = 1e-9  # m; distances that differ by less are equal
@@ -88,6 +88,10 @@ class Placement:
         """Points of the coil's frame, shape (n, 2) in m, in the frame of the board."""
         c, s = math.cos(self.rotation), math.sin(self.rotation)
         return np.asarray(points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y]))
+
+    def at_origin(self) -> Placement:
+        """Return the same coil where the frame of the board is its own."""
+        return replace(self, x=0.0, y=0.0, rotation=0.0)
 
     def traces(self) -> Iterator[tuple[FloatArray, FloatArray, str]]:
         """Give each line in the frame of the board, shape (n, 2), its widths, shape (n − 1,), in m, and its layer."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from coilarray.errors import require_positive
 from coilarray.geometry.material import Material
-from coilarray.geometry.values import require_positive
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ import numpy.typing as npt
 import shapely
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.errors import GeometryError
+from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.arcs import Arc, arc_size, coarser_line
 from coilarray.geometry.spiral import Winding
-from coilarray.geometry.values import place_in_mm, require_positive
+from coilarray.geometry.values import place_in_mm
 
 CHORD = 1e-3
 """How far straight pieces leave the largest arc of a coil by default, over half its size."""

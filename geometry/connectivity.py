@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.geometry.array import CoilArray, Placement
-from coilarray.geometry.copper import Drill, disc, drills, groups, trace_outline
+from coilarray.geometry.copper import Drill, disc, drills, groups, segment_rectangles, trace_outline
 from coilarray.geometry.values import Point
 
 if TYPE_CHECKING:
@@ -293,7 +293,9 @@ class _Coil:
         least: dict[str, list[BaseGeometry]] = {}
         most: dict[str, list[BaseGeometry]] = {}
         for line, widths, layer in placement.traces():
-            least.setdefault(layer, []).extend(_rectangles(line, widths - 2 * tolerance))
+            ends = np.stack((line[:-1], line[1:]), axis=1)
+            rectangles = np.asarray(shapely.polygons(segment_rectangles(ends, widths - 2 * tolerance)))
+            least.setdefault(layer, []).extend(rectangles)
             most.setdefault(layer, []).append(trace_outline(line, widths + 2 * tolerance))
             most[layer] += _round_ends(line, widths + 2 * tolerance)
         for drill in own:
@@ -443,14 +445,6 @@ def _mm(point: Place) -> str:
 def _parts(copper: Iterable[BaseGeometry]) -> npt.NDArray[np.object_]:
     parts = shapely.get_parts(np.array(list(copper), dtype=object))
     return np.asarray(parts[shapely.area(parts) > 0])
-
-
-def _rectangles(line: FloatArray, widths: FloatArray) -> npt.NDArray[np.object_]:
-    """Make a rectangle of every segment, with no corners and ends beyond it."""
-    step = np.diff(line, axis=0)
-    side = (widths / 2 / np.hypot(*step.T))[:, None] * np.column_stack((-step[:, 1], step[:, 0]))
-    corners = np.stack((line[:-1] + side, line[1:] + side, line[1:] - side, line[:-1] - side), axis=1)
-    return np.asarray(shapely.polygons(corners))
 
 
 def _round_ends(line: FloatArray, widths: FloatArray) -> list[shapely.Polygon]:

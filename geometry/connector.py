@@ -15,6 +15,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
@@ -275,7 +276,9 @@ class _Grid:
         for coil, ways in found.items():
             for end in (0, 1):
                 layer, owner = self.array.placements[coil].layers[-end], (coil, "lead", end)
-                ways[end] = self._with_fewer_corners(ways[end], [piece.shape for piece in self._foreign(coil, end)])
+                ways[end] = self._with_fewer_corners(
+                    ways[end], np.array([piece.shape for piece in self._foreign(coil, end)])
+                )
                 self.copper[layer] = [piece for piece in self.copper[layer] if piece.owner != owner]
                 self._take([layer], trace_outline(ways[end], self.width), owner)
         return found
@@ -289,7 +292,10 @@ class _Grid:
         for piece in self.copper[place.layers[-end]]:
             if piece.owner == line:
                 shape = piece.shape.difference(disc(x, y, 2 * self.around))
-                meets = shapely.intersects(shape, self.edges[piece.edges])
+                shapely.prepare(shape)
+                near = np.hypot(*(self.nodes[self.start[piece.edges]] - (x, y)).T) < self.around + 2 * self.step
+                meets = np.ones(len(near), dtype=np.bool_)
+                meets[near] = shapely.intersects(shape, self.edges[piece.edges[near]])
                 pieces.append(_Taken(shape, line, piece.edges[meets]))
             elif piece.owner not in ((coil, "pad", end), (coil, "lead", end)):
                 pieces.append(piece)
@@ -302,7 +308,7 @@ class _Grid:
         place, layer = self.array.placements[coil], self.array.placements[coil].layers[-end]
         begin, pad = place.to_board(place.coil.terminal_points)[end], self.pads[coil, end]
         taken = self._foreign(coil, end)
-        foreign = [piece.shape for piece in taken]
+        foreign = np.array([piece.shape for piece in taken])
         free = np.ones(len(self.edges), dtype=np.bool_)
         for piece in taken:
             free[piece.edges] = False
@@ -330,7 +336,7 @@ class _Grid:
             "connector.distance_mm or connector.trace_width_mm, or let the coils' leads leave at another side.",
         )
 
-    def _with_fewer_corners(self, way: FloatArray, others: Sequence[BaseGeometry]) -> FloatArray:
+    def _with_fewer_corners(self, way: FloatArray, others: npt.NDArray[np.object_]) -> FloatArray:
         """Replace corners of a way, shape (n, 2), by one wherever a straight and a slanting piece are as free."""
         short, k = [way[0]], 0
         while k < len(way) - 1:
@@ -352,12 +358,12 @@ class _Grid:
             k = best
         return _straightened(np.array(short))
 
-    def _hops(self, place: FloatArray, others: Sequence[BaseGeometry], ahead: FloatArray) -> IntArray:
+    def _hops(self, place: FloatArray, others: npt.NDArray[np.object_], ahead: FloatArray) -> IntArray:
         """Nodes that a straight piece reaches from a place in m, but for those behind it."""
         apart = self.nodes - place
         close = np.flatnonzero((np.hypot(*apart.T) <= 1.5 * self.step) & (apart @ ahead >= 0))
-        hops = [shapely.LineString((place, self.nodes[node])) for node in close]
-        return close[[not np.any(shapely.intersects(others, hop)) for hop in hops]]
+        hops = np.asarray(shapely.linestrings([(place, node) for node in self.nodes[close]]))
+        return close[~shapely.intersects(others[:, None], hops).any(axis=0)]
 
     def _take(self, layers: Sequence[str], shape: BaseGeometry, owner: _Owner) -> None:
         """Keep what comes after off a piece of copper; the own leads of `owner` may touch it."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal, cast
@@ -17,7 +17,7 @@ from coilarray.geometry.array import CoilArray, Placement
 
 # A mitre longer than this many half widths is cut off flat. 2 is the tip of an equilateral triangle; 4 leaves room
 # for corners down to 29°.
-_MITRE_LIMIT = 4.0
+MITRE_LIMIT = 4.0
 # Segments a quarter circle: the polygon of a 1 mm pad stays within 0.2 µm of the circle.
 _QUADRANT = 32
 
@@ -99,25 +99,31 @@ def copper_features(array: CoilArray) -> tuple[CopperFeature, ...]:
     >>> [(feature.layer, feature.kind) for feature in features]
     [('top', 'trace'), ('bottom', 'trace'), ('top', 'via'), ('bottom', 'via')]
     """
-    traces = [
-        CopperFeature(layer, placement.name, "trace", trace_outline(line, widths))
-        for placement in array.placements
-        for line, widths, layer in placement.traces()
-    ]
-    pads = [
-        CopperFeature(layer, drill.net, drill.kind, disc(drill.x, drill.y, drill.pad))
-        for drill in drills(array)
-        for layer in drill.layers
-    ]
-    return (*traces, *pads)
+    placements = array.placements
+    return (
+        *(trace for placement in placements for trace in _traces_of(placement)),
+        *(pad for placement in placements for pad in _pads_of(array, placement)),
+    )
+
+
+def _traces_of(placement: Placement) -> Iterator[CopperFeature]:
+    for line, widths, layer in placement.traces():
+        yield CopperFeature(layer, placement.name, "trace", trace_outline(line, widths))
+
+
+def _pads_of(array: CoilArray, placement: Placement) -> Iterator[CopperFeature]:
+    for drill in drills_of(array, placement):
+        for layer in drill.layers:
+            yield CopperFeature(layer, drill.net, drill.kind, disc(drill.x, drill.y, drill.pad))
 
 
 def drills(array: CoilArray) -> tuple[Drill, ...]:
     """Return every hole and pad, coil by coil: the vias along the path, then the two terminals."""
-    return tuple(drill for placement in array.placements for drill in _drills_of(array, placement))
+    return tuple(drill for placement in array.placements for drill in drills_of(array, placement))
 
 
-def _drills_of(array: CoilArray, placement: Placement) -> list[Drill]:
+def drills_of(array: CoilArray, placement: Placement) -> list[Drill]:
+    """Return the holes and pads of one coil, as `drills`; `placement` need not be one of the array."""
     coil, stackup, name = placement.coil, array.stackup, placement.name
     holes = []
     for (x, y), first, last in zip(
@@ -146,13 +152,23 @@ def copper_by_layer(array: CoilArray) -> dict[str, dict[str, BaseGeometry]]:
         By layer, from top to bottom: copper of each net in m, in the order of the coils; nets without copper on the
         layer are left out.
     """
-    shapes: dict[str, dict[str, list[shapely.Polygon]]] = {layer: {} for layer in array.stackup.names}
-    for feature in copper_features(array):
-        shapes[feature.layer].setdefault(feature.net, []).append(feature.shape)
-    return {
-        layer: {net: shapely.union_all(nets[net]) for net in array.names if net in nets}
-        for layer, nets in shapes.items()
-    }
+    copper: dict[str, dict[str, BaseGeometry]] = {layer: {} for layer in array.stackup.names}
+    united: dict[tuple[int, tuple[str, ...]], dict[str, BaseGeometry]] = {}  # of equal coils once, in their frame
+    for placement in array.placements:
+        key = id(placement.coil), placement.layers
+        if key not in united:
+            united[key] = _united(array, placement.at_origin())
+        for layer, shape in united[key].items():
+            copper[layer][placement.name] = shapely.transform(shape, placement.to_board)
+    return copper
+
+
+def _united(array: CoilArray, placement: Placement) -> dict[str, BaseGeometry]:
+    """Unite the copper of a coil on every layer that has some."""
+    shapes: dict[str, list[shapely.Polygon]] = {}
+    for feature in (*_traces_of(placement), *_pads_of(array, placement)):
+        shapes.setdefault(feature.layer, []).append(feature.shape)
+    return {layer: shapely.union_all(parts) for layer, parts in shapes.items()}
 
 
 def board_outline(array: CoilArray) -> shapely.Polygon:
@@ -172,6 +188,18 @@ def uniform_runs(line: FloatArray, widths: FloatArray) -> list[tuple[FloatArray,
     """
     starts = [0, *(np.flatnonzero(np.diff(widths)) + 1).tolist(), len(widths)]
     return [(line[first : last + 1], float(widths[first])) for first, last in pairwise(starts)]
+
+
+def segment_rectangles(ends: FloatArray, widths: FloatArray) -> FloatArray:
+    """Return rectangles of the given widths in m about segments, with no corners and ends beyond them, shape (n, 4, 2).
+
+    `ends` are those of the segments, shape (n, 2, 2) in m; the corners are anticlockwise.
+    """
+    start, stop = ends[:, 0], ends[:, 1]
+    along = stop - start
+    along *= (widths / 2 / np.hypot(*along.T))[:, None]
+    left = np.column_stack((-along[:, 1], along[:, 0]))
+    return np.stack((start - left, stop - left, stop + left, start + left), axis=1)
 
 
 def groups(count: int, pairs: Iterable[tuple[int, int]]) -> list[int]:
@@ -200,6 +228,18 @@ def trace_outline(line: FloatArray, widths: npt.ArrayLike) -> shapely.Polygon:
     return ribbons[0] if not joints else cast(shapely.Polygon, shapely.union_all([*ribbons, *joints]))
 
 
+def simple_outline(line: FloatArray, width: float) -> shapely.Polygon | None:
+    """Outline of a trace of one width whose corners and runs leave each other free; None for any other.
+
+    `line` is its centre line, shape (n, 2), in m.
+    """
+    offset = _corners(line, width)[1]
+    if offset is None:
+        return None
+    ribbon = shapely.Polygon(np.vstack((line + offset, (line - offset)[::-1])))
+    return ribbon if ribbon.is_valid else None
+
+
 def _ribbon(line: FloatArray, width: float) -> shapely.Polygon:
     """Outline of a trace of one width.
 
@@ -207,6 +247,16 @@ def _ribbon(line: FloatArray, width: float) -> shapely.Polygon:
     -----
     Built from the offset corners themselves: the general buffer of GEOS simplifies its input by up to 1 % of the
     distance, which shows in the area of a finely divided circle.
+    """
+    simple = simple_outline(line, width)
+    return simple if simple is not None else _pieced_outline(line, width / 2, *_corners(line, width)[0])
+
+
+def _corners(line: FloatArray, width: float) -> tuple[tuple[FloatArray, FloatArray], FloatArray | None]:
+    """Find normals of segments (n − 1, 2), mitres of corners (n − 2, 2), and offsets of the sides (n, 2) in m.
+
+    A mitre beyond the limit is zero. The offsets are None where there is one, or where a segment is shorter than its
+    corners.
     """
     half = width / 2
     step = np.diff(line, axis=0)
@@ -218,13 +268,10 @@ def _ribbon(line: FloatArray, width: float) -> shapely.Polygon:
     mitre = (left[:-1] + left[1:]) / np.maximum(1 + cosine, 1e-12)[:, None]
     overlap = half * np.sqrt(np.maximum(1 - cosine, 0) / np.maximum(1 + cosine, 1e-12))
     taken = np.concatenate(([0.0], overlap)) + np.concatenate((overlap, [0.0]))
-    sharp = np.hypot(*mitre.T) > _MITRE_LIMIT
-    if not sharp.any() and (taken < length).all():
-        offset = half * np.vstack((left[:1], mitre, left[-1:]))
-        ribbon = shapely.Polygon(np.vstack((line + offset, (line - offset)[::-1])))
-        if ribbon.is_valid:
-            return ribbon
-    return _pieced_outline(line, half, left, np.where(sharp[:, None], 0.0, mitre))
+    sharp = np.hypot(*mitre.T) > MITRE_LIMIT
+    free = not sharp.any() and (taken < length).all()
+    offset = half * np.vstack((left[:1], mitre, left[-1:])) if free else None
+    return (left, np.where(sharp[:, None], 0.0, mitre)), offset
 
 
 def _pieced_outline(line: FloatArray, half: float, left: FloatArray, mitre: FloatArray) -> shapely.Polygon:

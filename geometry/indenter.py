@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.errors import GeometryError
-from coilarray.geometry.values import require_positive
+from coilarray.errors import GeometryError, require_positive
 
 Symmetry = Literal["axial", "plane"]
 """``"axial"``: a body of revolution; ``"plane"``: infinitely long along y."""

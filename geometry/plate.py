@@ -11,9 +11,9 @@ import numpy as np
 import shapely
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.errors import GeometryError
+from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.material import Material
-from coilarray.geometry.values import Point, require_positive
+from coilarray.geometry.values import Point
 
 TOUCHING = 1e-9
 """Length in m by which bodies that touch may overlap: rounding of sums of thicknesses."""

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.errors import GeometryError
+from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.arcs import Arc, rounded_line
 from coilarray.geometry.spiral import Sense, Winding
-from coilarray.geometry.values import require_positive
 
 
 @dataclass(frozen=True)

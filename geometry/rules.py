@@ -15,9 +15,10 @@ from shapely.geometry.base import BaseGeometry
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM, PLAIN
+from coilarray.compute.recent import Recent
 from coilarray.errors import GeometryError, RuleViolationError
 from coilarray.geometry.array import CoilArray, Placement
-from coilarray.geometry.copper import Drill, copper_by_layer, drills
+from coilarray.geometry.copper import Drill, copper_by_layer, drills, drills_of
 from coilarray.geometry.values import place_in_mm
 
 if TYPE_CHECKING:
@@ -155,8 +156,9 @@ def check_rules(array: CoilArray, rules: FabRules, *, progress: Progress | None 
     Returns
     -------
     tuple of Margin
-        One for each rule, layer and net or pair of nets: first the broken ones, then the kept ones, of each the
-        counts and ratios before the lengths, the smallest margin first. Distances beyond ten limits are not listed.
+        One for each rule, layer and net or pair of nets, the smallest margin first: broken counts and ratios, broken
+        lengths; kept lengths and ratios of the copper and its holes; what is kept of the bare board. Distances beyond
+        ten limits are not listed.
 
     Notes
     -----
@@ -184,20 +186,38 @@ def check_rules(array: CoilArray, rules: FabRules, *, progress: Progress | None 
     >>> worst.rule, worst.feature, round(worst.margin * 1e3, 6)
     ('clearance', 'A – B', 0.05)
     """
-    pads = drills(array)
-    holes = tuple(pad for pad in pads if pad.drilled)
+    return _MEASURED.get((array, rules), lambda: _measured(array, rules, progress))
+
+
+def _measured(array: CoilArray, rules: FabRules, progress: Progress | None) -> tuple[Margin, ...]:
+    holes = tuple(pad for pad in drills(array) if pad.drilled)
     done, total = itertools.count(1), len(array.stackup.names) * len(array.placements)
     margins = [*_board(array, rules), *_trace_widths(array, rules), *_holes(array, holes, rules)]
     margins += _hole_depths(array, holes, rules)
     for layer, copper in copper_by_layer(array).items():
         margins += _edge_clearance(array, layer, copper, rules)
-        margins += _clearances(layer, copper, rules)
+        margins += clearances(layer, copper, rules)
+        nearest: dict[tuple[int, tuple[str, ...]], Gap | None] = {}  # equal coils have the same gaps
         for placement in array.placements:
-            own = [pad for pad in pads if pad.net == placement.name and layer in pad.layers]
-            margins += _spacing_within(placement, layer, own, rules)
+            key = id(placement.coil), placement.layers
+            if key not in nearest:
+                nearest[key] = _gap_within(array, placement.at_origin(), layer, rules.min_gap)
+            if (gap := nearest[key]) is not None:
+                place = placement.to_board(gap[1])
+                margins.append(_margin("spacing within net", layer, placement.name, gap[0], rules.min_gap, place))
             if progress is not None:
                 progress(next(done), total)
-    return tuple(sorted(margins, key=lambda margin: (margin.kept, margin.unit == "m", margin.margin)))
+    return tuple(sorted(margins, key=_rank))
+
+
+def _rank(margin: Margin) -> tuple[int, bool, float]:
+    """Order of a margin; a copper thickness as ordered has no margin at all, and would hide how near the traces are."""
+    place = 0 if not margin.kept else 2 if margin.feature == "board" else 1
+    return place, (margin.unit == "m") != margin.kept, margin.margin
+
+
+# A command refuses broken rules first, and its report shows the same margins later
+_MEASURED: Recent[tuple[Margin, ...]] = Recent(4)
 
 
 def require_rules(array: CoilArray, rules: FabRules) -> None:
@@ -311,7 +331,8 @@ def _edge_clearance(array: CoilArray, layer: str, copper: dict[str, BaseGeometry
         yield _margin("edge clearance", layer, net, inside[k], rules.min_edge_clearance, xy[k])
 
 
-def _clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
+def clearances(layer: str, copper: dict[str, BaseGeometry], rules: FabRules) -> Iterator[Margin]:
+    """Measure the distances of the nets of a layer, by their copper in m, up to ten limits; of an overlap −d."""
     nets = list(copper)
     if len(nets) < 2:
         return
@@ -340,33 +361,32 @@ def _penetration(a: BaseGeometry, b: BaseGeometry) -> tuple[float, FloatArray | 
     return 2 * float(shapely.length(radii[k])), shapely.get_coordinates(radii[k])[0]
 
 
-_Gap = tuple[float, FloatArray]
+Gap = tuple[float, FloatArray]
 """Distance in m of two places of one net, edge to edge, and the place between them, shape (2,)."""
 
 
-def _spacing_within(placement: Placement, layer: str, holes: list[Drill], rules: FabRules) -> Iterator[Margin]:
-    """Smallest distance of the separate pieces of one net on one layer."""
-    limit, coil = rules.min_gap, placement.coil
+def _gap_within(array: CoilArray, placement: Placement, layer: str, limit: float) -> Gap | None:
+    """Smallest distance of the separate pieces of one net on one layer; None where none are near."""
+    coil = placement.coil
+    holes = [pad for pad in drills_of(array, placement) if layer in pad.layers]
     traces = [(placement.to_board(coil.lines[k]), coil.widths[k] / 2) for k in placement.lines_on(layer)]
-    found: list[_Gap | None] = [*_pads_apart([line for line, _ in traces], holes, limit)]
+    found: list[Gap | None] = [*_pads_apart([line for line, _ in traces], holes, limit)]
     for line, half in traces:
         found += _pads_to_trace(line, half, holes, limit)
-        near = _trace_to_itself(line, half, limit, reach=2 * limit)
-        found += [near if near is not None else _trace_to_itself(line, half, limit, reach=_HORIZON * limit)]
-    found += [_trace_to_trace(one, other, reach=_HORIZON * limit) for one, other in itertools.combinations(traces, 2)]
+        near = trace_to_itself(line, half, limit, reach=2 * limit)
+        found += [near if near is not None else trace_to_itself(line, half, limit, reach=_HORIZON * limit)]
+    found += [trace_to_trace(one, other, reach=_HORIZON * limit) for one, other in itertools.combinations(traces, 2)]
     gaps = [gap for gap in found if gap is not None and gap[0] <= _HORIZON * limit]
-    if gaps:
-        value, place = min(gaps, key=lambda gap: gap[0])
-        yield _margin("spacing within net", layer, placement.name, value, limit, place)
+    return min(gaps, key=lambda gap: gap[0], default=None)
 
 
 def _segments(line: FloatArray) -> npt.NDArray[np.object_]:
     return np.asarray(shapely.linestrings(np.stack((line[:-1], line[1:]), axis=1)))
 
 
-def _trace_to_trace(
+def trace_to_trace(
     one: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray], reach: float
-) -> _Gap | None:
+) -> Gap | None:
     """Smallest gap of two traces, each with half its widths, up to `reach` (m)."""
     segments, others = _segments(one[0]), _segments(other[0])
     i, j = shapely.STRtree(others).query(segments, predicate="dwithin", distance=one[1].max() + other[1].max() + reach)
@@ -378,10 +398,13 @@ def _trace_to_trace(
     return float(gaps[k]), bridge.mean(axis=0)
 
 
-def _trace_to_itself(line: FloatArray, half: FloatArray, limit: float, reach: float) -> _Gap | None:
+def trace_to_itself(line: FloatArray, half: FloatArray, limit: float, reach: float) -> Gap | None:
     """Smallest gap of the trace to itself up to `reach` (m)."""
     segments = _segments(line)
-    i, j = shapely.STRtree(segments).query(segments, predicate="dwithin", distance=2 * half.max() + reach)
+    x_min, y_min, x_max, y_max = shapely.bounds(segments).T
+    r = 2 * half.max() + reach
+    # boxes that overlap, which costs less than distances: those below are computed anyway
+    i, j = shapely.STRtree(segments).query(shapely.box(x_min - r, y_min - r, x_max + r, y_max + r))
     i, j = i[j > i + 1], j[j > i + 1]
     copper = half[i] + half[j]  # from centre line to centre line where the edges meet
     step = np.diff(line, axis=0)
@@ -454,7 +477,7 @@ def _end_at(line: FloatArray, hole: Drill) -> str | None:
     return None
 
 
-def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit: float) -> Iterator[_Gap]:
+def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit: float) -> Iterator[Gap]:
     """Gaps of every pad and the part of the trace that does not lead into it."""
     for hole in holes:
         end = _end_at(line, hole)
@@ -474,7 +497,7 @@ def _pads_to_trace(line: FloatArray, half: FloatArray, holes: list[Drill], limit
         yield float(distance[k]) - hole.pad / 2 - float(reach[k]), points[k] + t[k] * along[k]
 
 
-def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> Iterator[_Gap]:
+def _pads_apart(lines: list[FloatArray], holes: list[Drill], limit: float) -> Iterator[Gap]:
     """Gaps of every two pads of one net; pads joined by a short trace are one piece."""
     lengths = [float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines]
     for a, b in itertools.combinations(holes, 2):

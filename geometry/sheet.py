@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from coilarray.errors import GeometryError
-from coilarray.geometry.values import require_positive
+from coilarray.errors import GeometryError, require_positive
 
 RigidBase = Literal["bonded", "frictionless"]
 """How the lowest sheet lies on a rigid board: glued, or free to slide but not to lift off."""
@@ -83,8 +82,7 @@ class Seat:
     shear: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.stiffness) and self.stiffness > 0):
-            raise GeometryError(f"stiffness of a seat must be positive and finite; got {self.stiffness} Pa/m.")
+        require_positive("stiffness of a seat", self.stiffness, " Pa/m")
         if not (math.isfinite(self.shear) and self.shear >= 0):
             raise GeometryError(f"shear stiffness of a seat must be finite and at least 0; got {self.shear} Pa/m.")
 

@@ -16,9 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.errors import GeometryError
+from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.arcs import Arc
-from coilarray.geometry.values import require_positive
 
 Sense = Literal["ccw", "cw"]
 """Sense of rotation of the current seen from above (+z)."""

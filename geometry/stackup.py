@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from coilarray.errors import GeometryError
-from coilarray.geometry.values import require_positive
+from coilarray.errors import GeometryError, require_positive
 
 COPPER_THICKNESS = 35e-6
 """Usual thickness in m of a copper layer, 1 oz."""

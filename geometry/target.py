@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeAlias
 
-from coilarray.errors import GeometryError
+from coilarray.errors import GeometryError, require_finite
 from coilarray.geometry.ball import Ball
 from coilarray.geometry.plate import FinitePlate, Plate
-from coilarray.geometry.values import require_finite
 
 Body: TypeAlias = Plate | FinitePlate | Ball
 """What a target can be; the place of a plate does not count, its tilt does."""

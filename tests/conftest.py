@@ -28,7 +28,8 @@ hypothesis.settings.load_profile("shared machine")
 
 # Files that take longest, or wait for other processes: begun first, none of them is left for the end.
 LONGEST = (
-    "viz/test_studio_page", "compute/test_cluster", "cli/test_live", "response/test_response", "test_examples",
+    "viz/test_studio_page", "compute/test_cluster", "fuzz/test_flips", "fuzz/test_fuzz", "cli/test_live",
+    "response/test_response", "test_examples", "cli/test_no_room", "cli/test_interrupts",
     "compute/test_under_load", "report/test_report", "studies/test_calibrate_campaigns", "cli/test_localize",
     "studies/test_tolerance_analysis", "metal/test_finite_plates", "metal/test_coupled_plates",
     "elastomer/test_finite_sample", "studies/test_create", "elastomer/test_finite_strain",
@@ -102,6 +103,17 @@ def rendering():
 
     if (problem := rendering_problem()) is not None:
         pytest.skip(problem)
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    """A running Chromium; skips the tests where there is none."""
+    from support import browser
+
+    if (problem := browser.missing()) is not None:
+        pytest.skip(problem)
+    with browser.launched() as started:
+        yield started
 
 
 @pytest.fixture

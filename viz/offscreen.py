@@ -11,6 +11,7 @@ import sys
 import threading
 from dataclasses import dataclass, replace
 
+from coilarray.compute.extras import not_installed
 from coilarray.errors import MissingDependencyError
 
 NO_RENDERING = "COILARRAY_NO_RENDERING"
@@ -20,7 +21,6 @@ _WINDOW = "VTK_DEFAULT_OPENGL_WINDOW"
 _OFF_SCREEN_WINDOW = "vtkEGLRenderWindow"
 _WITHOUT_SCREEN = ("EGL", "OSOpenGL", "OSMesa")  # in the names of VTK's render windows that no screen shows
 _TIMEOUT = 60.0  # s; a cold start from a slow disk takes ten
-_LIBRARIES = "PyVista and VTK, which are not installed; pip install pyvista."
 _INSTEAD = "write a picture, film, page or VTK files instead"
 
 # what PyVista does, without loading it, which takes longer
@@ -70,6 +70,8 @@ def rendering_problem() -> str | None:
 
 def window_problem() -> str | None:
     """Return one line that says why no window can be opened here, or None where one can."""
+    if _missing():
+        return _without_pyvista("windows")
     if not has_screen():
         return f"a window needs a screen, and neither DISPLAY nor WAYLAND_DISPLAY is set; {_INSTEAD}."
     problem = rendering_problem()
@@ -114,10 +116,14 @@ def _answer() -> _Answer:
         return _probe()
 
 
-def require_vtk() -> None:
-    """Refuse to make VTK files where the libraries are missing, before anything is computed: MissingDependencyError."""
+def require_pyvista(purpose: str, extra: str = "3d") -> None:
+    """Refuse what needs PyVista where it is missing, before anything is computed: MissingDependencyError."""
     if _missing():
-        raise MissingDependencyError(f"files for ParaView need {_LIBRARIES}")
+        raise MissingDependencyError(_without_pyvista(purpose, extra))
+
+
+def _without_pyvista(purpose: str = "pictures in three dimensions", extra: str = "3d") -> str:
+    return not_installed(purpose, "PyVista", extra)
 
 
 def _missing() -> bool:
@@ -127,7 +133,7 @@ def _missing() -> bool:
 @functools.cache
 def _probe() -> _Answer:
     if _missing():
-        return _Answer(f"3-D rendering needs {_LIBRARIES}")
+        return _Answer(_without_pyvista())
     choice = {} if has_screen() or _WINDOW in os.environ else {_WINDOW: _OFF_SCREEN_WINDOW}
     answer = _run_probe({**os.environ, **choice})
     if answer.problem is None:

@@ -33,7 +33,11 @@ MANY = (
     "#78A5FF", "#4B690F", "#B496C3", "#E1C33C", "#8778A5", "#D2964B", "#2D0FD2", "#005A5A",
 )  # fmt: skip
 """Colours for up to 64 coils; the first 16 are distinct for every eye."""
-LAYERS = (VERMILLION, ORANGE, BLUE, SKY, PURPLE, GREEN)  # neighbours alike, pairs of layers far apart
+# neighbours alike, pairs of layers far apart; as many as the layers of the thickest boards
+LAYERS = (
+    VERMILLION, ORANGE, BLUE, SKY, PURPLE, GREEN, "#8700F0", "#9687FF", "#5A3C1E", "#C3C378", "#870069", "#F0B4B4",
+    "#3C2DA5", "#965AFF", "#874B00", "#F00F5A",
+)  # fmt: skip
 KINDS = (*COILS, WINE, INDIGO, OLIVE)
 """Colours for areas of more than six kinds: those of the coils, then three dark ones."""
 LAMINATE = "#3F8F4F"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from importlib import metadata
 
 import numpy as np
@@ -13,7 +14,7 @@ import xarray as xr
 
 from coilarray.circuit.active_coil import Termination, checked_network, checked_terminations
 from coilarray.circuit.network import Network, Resonance, SampledMatrix
-from coilarray.circuit.plates import PlateEffect, plate_effect, plate_model_error
+from coilarray.circuit.plates import PlateEffect, plate_effect, plate_model_errors
 from coilarray.circuit.state_sensitivity import resonances
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.netcdf import variables
@@ -30,6 +31,7 @@ from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix, ind
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.errors import GeometryError, NetworkError
 from coilarray.geometry import CoilArray
+from coilarray.metal.surface_impedance import ModelError
 
 LEFT_OUT = ("alternating-current resistance of the copper", "stray capacitances and inductances")
 """What an ideal network leaves out."""
@@ -366,7 +368,8 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
         sheets have in the inductance; with plates ``plate_inductance`` in H and ``plate_resistance`` in Ω (coil,
         other), what they add at the attribute ``working_frequency_Hz``, to which the inductance and the coupling belong
         then, and with an outline the attributes ``plate_error_inductance`` and ``plate_error_resistance``, relative
-        estimates of the model's error; the coils' centres ``x`` and ``y`` in m; and the attributes of `provenance`.
+        estimates of the model's error, and ``plate_skin_depths``, the thickness in skin depths; the coils' centres
+        ``x`` and ``y`` in m; and the attributes of `provenance`.
 
     Raises
     ------
@@ -411,11 +414,12 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
 def plate_errors(design: Design) -> dict[str, float]:
     """Return the attributes that say how the model of a plate with an outline errs, none where there is no such plate.
 
-    ``plate_error_inductance`` and ``plate_error_resistance`` are relative estimates at the working frequency.
+    ``plate_error_inductance`` and ``plate_error_resistance`` are relative estimates at the working frequency, where
+    the plate with the largest is ``plate_skin_depths`` thick.
     """
     plates = design_plates(design)
-    error = None if plates is None else plate_model_error(design, plates.working)
-    return {} if error is None else error.attributes
+    errors = {} if plates is None else plate_model_errors(design, plates.working)
+    return reduce(ModelError.or_worse, errors.values()).attributes if errors else {}
 
 
 def design_inductance(
@@ -439,6 +443,7 @@ def _without_plates(
 
 
 def _design_inductance(design: Design, accuracy: Accuracy, progress: Progress | None) -> tuple[FloatArray, FloatArray]:
+    # not of the array: copper in copper is one of the rules that a search breaks on its way and a command may allow
     conductors = design.array.conductors()
     by_sheets = layer_inductance(conductors, design.sheets, accuracy=accuracy)
     return inductance_matrix(conductors, accuracy=accuracy, progress=progress) + by_sheets, by_sheets
@@ -579,7 +584,13 @@ def _coupled(network: Network, states: Sequence[ScanState], terminations: Sequen
         ("inductance", pair, L, "H", "inductance matrix"),
         ("coupling", pair, coupling_matrix(L), "1", "coupling coefficient"),
         ("resistance", single, R, "ohm", "DC resistance"),
-        ("open_inductance", single, np.diag(L).copy(), "H", "inductance, all other coils open"),
+        (
+            "open_inductance",
+            single,
+            np.diag(L).copy(),
+            "H",
+            "inductance, all other coils open" if len(L) > 1 else "inductance",
+        ),
         ("effective_inductance", single, effective, "H", "effective inductance"),
         ("open_effective_inductance", single, unchanged, "H", "effective inductance, others open"),
         ("inductance_change", single, effective / unchanged - 1, "1", "change by the others"),

@@ -37,6 +37,7 @@ CLOSE_CHANNELS = 0.03
 """Relative distance of two frequencies below which simultaneous channels would pull each other."""
 # resonances without the tank beside plates are looked for among samples so far around the last guess, and how often
 _AROUND, _SAMPLES, _ROUNDS = 0.15, 5, 4
+_SWEPT, _SHOWN_BELOW, _BEYOND = (0.1, 4.0), 10.0, 1.25  # frequencies of a sweep, see `sweep_range`
 _BYTES_A_RESISTANCE = 24.0  # an entry at a frequency: as computed, interpolated, and a copy on the way
 
 
@@ -229,6 +230,18 @@ def sweep_design(design: Design, frequencies: npt.ArrayLike, *, progress: Progre
     return xr.Dataset(
         variables(*rows), {**frequency, "state": [state.name for state in plan]}, attrs=provenance(design)
     )
+
+
+def sweep_range(scan: xr.Dataset) -> tuple[float, float]:
+    """Frequencies in Hz to sweep a design between, from those of its `scan_design`.
+
+    From a tenth of the resonance with the tank to four times that; on to 1.25 times the highest self-resonance where
+    that is below ten times the resonance, beyond which the coil is used by nobody.
+    """
+    middle = float(np.sqrt(scan.frequency.min() * scan.frequency.max()))
+    own = float(scan.state_self_resonance.max())
+    low, high = (share * middle for share in _SWEPT)
+    return low, max(high, _BEYOND * own) if own < _SHOWN_BELOW * middle else high
 
 
 def close_channels(names: Sequence[str], frequencies: npt.ArrayLike) -> list[tuple[str, str, float]]:

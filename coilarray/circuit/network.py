@@ -241,7 +241,10 @@ def resonate(network: Network, state: ScanState) -> Resonance:
         points = math.ceil(math.log(high / low) / _SEARCH_STEP) + 1
         crossing = _upward_crossing(susceptance, np.geomspace(low, high, points))
     if crossing is None:
-        raise NetworkError(f"state {state.name} has no resonance between {low:.4g} and {high:.4g} Hz.")
+        raise NetworkError(
+            f"state {state.name} has no resonance between {low:.4g} and {high:.4g} Hz; "
+            f"capacitance_pF is {network.switches.tank_capacitance * 1e12:.4g}."
+        )
     return Resonance(**vars(solve_state(network, state, crossing)), tank_capacitance=network.switches.tank_capacitance)
 
 

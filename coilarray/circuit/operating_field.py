@@ -54,7 +54,10 @@ def require_endless(design: Design) -> tuple[Plate, ...]:
     """Return the plates of a design, all of which must be without end for their field to be computed: MetalError."""
     for plate in design.plates:
         if isinstance(plate, FinitePlate):
-            raise MetalError(f"B beside a plate with an outline is not computed; {design.name} has {plate.name!r}.")
+            raise MetalError(
+                f"B beside a plate with an outline is not computed; {design.name} has {plate.name!r}: leave it out, or "
+                'make it infinite with shape = "plate".'
+            )
     return tuple(plate for plate in design.plates if isinstance(plate, Plate))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 
@@ -54,16 +53,16 @@ def plate_effect(design: Design, low: float, high: float, accuracy: Accuracy = "
     return PlateEffect(band, _SAMPLES.get(key, lambda: _plate_inductance(design, band.nodes, accuracy)))
 
 
-def plate_model_error(design: Design, frequency: float) -> ModelError | None:
-    """Estimate the errors of the model of plates with an outline at a frequency in Hz; None where there is none.
+def plate_model_errors(design: Design, frequency: float) -> dict[str, ModelError]:
+    """Estimate the errors of the model of every plate with an outline at a frequency in Hz, by its name.
 
-    The largest ones. GeometryError for plates that are not computed.
+    GeometryError for plates that are not computed.
     """
-    outlined = [plate for plate in design.plates if isinstance(plate, FinitePlate)]
-    if not outlined:
-        return None
-    errors = [moving_plate_error(design.array, one, [one.centre], [frequency], design.sheets) for one in outlined]
-    return reduce(ModelError.or_worse, errors)
+    return {
+        one.name: moving_plate_error(design.array, one, [one.centre], [frequency], design.sheets)
+        for one in design.plates
+        if isinstance(one, FinitePlate)
+    }
 
 
 def _plate_inductance(design: Design, frequencies: FloatArray, accuracy: Accuracy) -> ComplexArray:

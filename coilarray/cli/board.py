@@ -39,7 +39,7 @@ _NONE, _ALWAYS = "–", 2  # in the table of the self-test: no value; columns th
 _MOST_LINES = 6  # symptoms and faults shown; all of them with --json
 
 
-@board_command(without=("rate", "coils", "temperature"))
+@board_command(without=("coils", "temperature"))
 def board(
     design: DesignArgument = None,
     self_test: Annotated[
@@ -82,7 +82,8 @@ def board(
     mellow-fly or ldc1614evm, none of them verified on a device. The self-test then tells which coils oscillate.
 
     With --noise nothing may touch the board: the noise of single scans, averages over longer times and the drift are
-    shown with their confidence intervals, beside the budget that `coilarray noise` explains.
+    shown with their confidence intervals, beside the budget that `coilarray noise` explains. At a --rate faster than
+    full resolution allows, both are those of the shorter conversions.
 
     Example: coilarray board --port /dev/ttyACM0 --self-test
 
@@ -96,8 +97,8 @@ def board(
             options=options, as_json=as_json, allow_violations=allow_violations,
         )  # fmt: skip
         return
-    if reference or plot is not None:
-        raise HardwareError("--reference and --plot are for --noise.")
+    if reference or plot is not None or options.rate is not None:
+        raise HardwareError("--reference, --plot and --rate are for --noise.")
     from coilarray.hardware.board.connect import open_board, wiring_of_board
     from coilarray.hardware.board.first_conversions import DISCARDS
     from coilarray.hardware.wire.ports import board_of, parse_port

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 import typer
 
 from coilarray.cli.shared import print_json
+from coilarray.compute.files import read_text
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
@@ -162,7 +163,9 @@ class BoardOptions:
         path = self.emulation.get("path")
         if path is None:
             return None
-        at_x, at_y = (0.0, 0.0) if design.indentation is None else design.indentation.origin_point
+        from coilarray.response.coordinates import map_origin
+
+        at_x, at_y = map_origin(design.indentation)
         return [(time, x - at_x, y - at_y, depth) for time, x, y, depth in path]
 
 
@@ -384,11 +387,7 @@ def _press(text: str) -> tuple[str, object]:
 
 
 def _path(text: str) -> tuple[str, object]:
-    path = Path(text)
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, ValueError) as error:
-        raise HardwareError(f"cannot read {text}: {getattr(error, 'strerror', None) or 'no UTF-8 text'}.") from None
+    lines = read_text(Path(text), HardwareError).splitlines()
     if len(lines) > _LONGEST_PATH:
         raise HardwareError(f"{text} must have at most {_LONGEST_PATH} lines; got {len(lines)}.")
     try:

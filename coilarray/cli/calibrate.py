@@ -40,9 +40,7 @@ def calibrate(
         list[str] | None,
         typer.Option("--unknown", help="KEY=LOW:HIGH in the unit of the key, instead of a plan; repeat for more."),
     ] = None,
-    calibration: Annotated[
-        Path | None, typer.Option(help="Constants of the measured board, of `coilarray calibrate-board` (.toml).")
-    ] = None,
+    calibration: shared.BoardConstants = None,
     workers: shared.Workers = None,
     cluster: shared.Cluster = None,
     cache: shared.Cache = None,

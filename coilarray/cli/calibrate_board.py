@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from datetime import UTC, datetime
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +11,7 @@ import typer
 
 from coilarray.cli.board_options import all_or_each, print_marked
 from coilarray.cli.shared import AsJson, check_file, table_text
+from coilarray.compute.display_units import true_minus
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def calibrate_board(
     from coilarray.circuit.impedance import part_switches
     from coilarray.hardware.record.calibration_file import save_calibration
     from coilarray.hardware.record.channel_calibration import calibrate_board as calibrate
-    from coilarray.hardware.record.recording import open_recording
+    from coilarray.hardware.record.recording import iso_time, open_recording
 
     with open_recording(recording) as opened:
         known = dict.fromkeys(opened.states, given[""]) if "" in given else given
@@ -90,7 +91,7 @@ def calibrate_board(
             frequency_error=frequency_error,
             order=drift_order,
             source=f"coilarray calibrate-board {recording.name}",
-            made=datetime.now(UTC).isoformat(timespec="seconds"),
+            made=iso_time(time.time()),
         )
         design = opened.design if result.channels else None
     expected = None if design is None else part_switches(design)
@@ -179,6 +180,6 @@ def _drift_row(drift: Drift) -> tuple[str, ...]:
         str(drift.session + 1),
         drift.state,
         str(len(drift.coefficients)),
-        *(f"{number * 1e6:.3f}".replace("-", "−") for number in numbers),
+        *(true_minus(f"{number * 1e6:.3f}") for number in numbers),
         "yes" if drift.smooth else "no",
     )

@@ -16,7 +16,11 @@ from coilarray.cli.scan_info import FORMATS, write_response
 from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
+    Depths,
     DesignArgument,
+    PlacesX,
+    PlacesY,
+    Resume,
     check_file,
     from_map_origin,
     lengths,
@@ -45,13 +49,10 @@ _PATIENCE = 10.0  # s in which the port of a board that restarted may come back
 def campaign(
     design: DesignArgument = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Recording to write (SQLite).")] = RUN,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue the recording where the file exists.")] = False,
-    x_mm: Annotated[
-        str | None,
-        typer.Option(help="Positions on the board along x, as 0,5 or START:STOP:COUNT; the design's by default."),
-    ] = None,
-    y_mm: Annotated[str | None, typer.Option(help="The same along y.")] = None,
-    depth_mm: Annotated[str | None, typer.Option(help="Depths of the indentation, likewise.")] = None,
+    resume: Resume = False,
+    x_mm: PlacesX = None,
+    y_mm: PlacesY = None,
+    depth_mm: Depths = None,
     repeats: Annotated[int, typer.Option(help="Number of passes over the whole grid.")] = 1,
     average: Annotated[int, typer.Option(help="Number of scans at every baseline and every peak.")] = 1,
     dwell_s: Annotated[float, typer.Option(help="Time at full depth before the peak is measured.")] = 0.5,
@@ -97,8 +98,7 @@ def campaign(
     Example: coilarray campaign --port /dev/ttyACM0 --stage grbl:/dev/ttyUSB0 --reach-mm -30,30,-10,10,1.2 --resume
     """
     *places, depths = (
-        None if text is None else lengths(option, text)
-        for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm), ("--depth-mm", depth_mm))
+        lengths(option, text) for option, text in (("--x-mm", x_mm), ("--y-mm", y_mm), ("--depth-mm", depth_mm))
     )
     check_file("--out", out, None)
     check_file("--response", response, [f".{one}" for one in FORMATS])
@@ -109,9 +109,9 @@ def campaign(
     from coilarray.hardware.record.campaign import design_campaign
     from coilarray.hardware.record.recorder import open_recorder
     from coilarray.hardware.record.recording import open_recording
+    from coilarray.response.coordinates import map_origin
 
-    origin = (0.0, 0.0) if opened.indentation is None else opened.indentation.origin_point
-    make_stage = _stage_maker(stage, reach_mm, clearance_mm, options.port, origin)
+    make_stage = _stage_maker(stage, reach_mm, clearance_mm, options.port, map_origin(opened.indentation))
     grid = design_campaign(
         opened, x=x, y=y, depths=depths, repeats=repeats, scans=average, dwell=dwell_s, speed=speed_mm_s * 1e-3
     )

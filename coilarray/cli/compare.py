@@ -39,9 +39,7 @@ def compare(
     simulated: Annotated[
         str, typer.Argument(metavar="SIMULATED", help="The same; a design is computed at the measured positions.")
     ],
-    calibration: Annotated[
-        Path | None, typer.Option(help="Constants of the measured board, of `coilarray calibrate-board` (.toml).")
-    ] = None,
+    calibration: shared.BoardConstants = None,
     reference: shared.References = None,
     largest_shift_mm: Annotated[
         float | None,

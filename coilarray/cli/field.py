@@ -10,7 +10,7 @@ import typer
 
 from coilarray.cli import shared
 from coilarray.errors import ClusterError, GeometryError, OutputError
-from coilarray.viz.offscreen import require_vtk
+from coilarray.viz.offscreen import require_pyvista
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,7 +70,7 @@ def field(
     shared.check_workers(workers, cluster)
     heights = None if z_mm is None else _heights(z_mm)
     if out.suffix.lower() == ".vtr":
-        require_vtk()
+        require_pyvista("files for ParaView")
     from coilarray.circuit.coupling import couple_design
 
     opened = shared.open_design(design, allow_violations=allow_violations)

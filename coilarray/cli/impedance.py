@@ -14,8 +14,14 @@ from coilarray.errors import GeometryError
 
 def impedance(
     design: shared.DesignArgument = None,
-    from_mhz: Annotated[float, typer.Option("--from-MHz", help="Lowest frequency of the sweep.")] = 0.1,
-    to_mhz: Annotated[float, typer.Option("--to-MHz", help="Highest frequency of the sweep.")] = 10.0,
+    from_mhz: Annotated[
+        float | None,
+        typer.Option("--from-MHz", help="Lowest frequency of the sweep; a tenth of the resonance by default."),
+    ] = None,
+    to_mhz: Annotated[
+        float | None,
+        typer.Option("--to-MHz", help="Highest one; four times the resonance and the self-resonance by default."),
+    ] = None,
     points: Annotated[
         int,
         shared.number_option(("--points",), 2, 10_000, "Number of frequencies, evenly spaced on a logarithmic scale."),
@@ -32,18 +38,20 @@ def impedance(
 
     Example: coilarray impedance gast2020 --from-MHz 0.5 --to-MHz 5 --out sweep.csv --plot sweep.png
     """
-    if not 1e-6 <= from_mhz < to_mhz <= 1e6:
-        raise GeometryError(f"--from-MHz must be at least 1e-06 and below --to-MHz; got {from_mhz:g} and {to_mhz:g}.")
+    _require_range(1e-6 if from_mhz is None else from_mhz, 1e6 if to_mhz is None else to_mhz)  # before any work
     import numpy as np
 
-    from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
+    from coilarray.circuit.impedance import close_channels, scan_design, sweep_design, sweep_range
     from coilarray.report import circuit_tables
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     with shared.progress_bar("states") as progress:
         scan = scan_design(opened, progress=progress)
+    low, high = (f * 1e-6 for f in sweep_range(scan))
+    low, high = low if from_mhz is None else from_mhz, high if to_mhz is None else to_mhz
+    _require_range(low, high)
     with shared.progress_bar(f"impedance at {points} frequencies") as progress:
-        sweep = sweep_design(opened, np.geomspace(from_mhz * 1e6, to_mhz * 1e6, points), progress=progress)
+        sweep = sweep_design(opened, np.geomspace(low * 1e6, high * 1e6, points), progress=progress)
     of_sweep = circuit_tables.sweep_table(sweep)
     shared.write_numbers(out, sweep, of_sweep.csv)
     shared.draw(plot, lambda: viz.frequency_figure(sweep, scan))
@@ -69,7 +77,13 @@ def impedance(
     if close:
         a, b, distance = close[0]
         lines.append(
-            f"warning: {len(close)} pairs of states are closer than 3 % in frequency (closest {a} and {b}, "
+            f"warning: pairs of states closer than 3 % in frequency: {len(close)} (closest {a} and {b}, "
             f"{distance * 100:.2g} %): harmless one after another, not at the same time"
         )
     shared.print_result(data, as_json=as_json, tables=(states, windings, drives), lines=lines, files=(out, plot))
+
+
+def _require_range(low: float, high: float) -> None:
+    """Refuse frequencies in MHz that are no range."""
+    if not 1e-6 <= low < high <= 1e6:
+        raise GeometryError(f"--from-MHz must be at least 1e-06 and below --to-MHz; got {low:g} and {high:g}.")

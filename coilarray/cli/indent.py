@@ -44,7 +44,7 @@ def indent(
 
     Example: coilarray indent gast2020 --depth-mm 0.1:1:10 --plot dent.png --out dent.csv
     """
-    depths = None if depth_mm is None else shared.lengths("--depth-mm", depth_mm)
+    depths = shared.lengths("--depth-mm", depth_mm)
     if depths is not None and depths[0] <= 0:
         raise ElastomerError(f"--depth-mm must be above zero; got {depth_mm!r}.")
     from coilarray.circuit.coupling import provenance

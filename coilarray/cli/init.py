@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -95,7 +96,7 @@ def init(
             raise DesignError(f"there is no bundled design {copied!r}; there are {', '.join(bundled.names())}.")
         write_text(target, bundled.read(copied))
         remember("init", [target])
-        typer.echo(f"wrote {target}; next: coilarray check {target}")
+        typer.echo(f"wrote {target}; next: coilarray check {shlex.quote(str(target))}")
         return
     if not chosen:
         asking = sys.stdin.isatty() and sys.stdout.isatty()
@@ -106,7 +107,8 @@ def init(
     remember("init", [target])
     for line in (f"wrote {target}: {made.design.title}", *_described(made, chosen.get("inductance_uH"))):
         typer.echo(line)
-    typer.echo(f"next: coilarray check {target}, coilarray report {target}")
+    quoted = shlex.quote(str(target))
+    typer.echo(f"next: coilarray check {quoted}, coilarray report {quoted}")
 
 
 def _made(name: str, chosen: Mapping[str, Any]) -> DesignFile:

@@ -21,6 +21,7 @@ from coilarray.cli.live_source import LiveOptions, live_readings, live_source
 from coilarray.cli.live_window import show_window
 from coilarray.cli.maps import kept_table
 from coilarray.cli.shared import AllowViolations, References, check_file, drop_output, open_design_file, progress_bar
+from coilarray.compute.display_units import true_minus
 from coilarray.errors import HardwareError
 
 if TYPE_CHECKING:
@@ -251,10 +252,10 @@ def _beside(reading: LiveReading) -> list[str]:
     texts = []
     if reading.press is not None:
         begun = f"press {reading.press.number} since {reading.press.begin:.2f} s"
-        ended = f"press {reading.press.number} ended, δ {reading.press.delta * 1e6:+.1f}".replace("-", "−")
+        ended = true_minus(f"press {reading.press.number} ended, δ {reading.press.delta * 1e6:+.1f}")
         texts.append(begun if reading.press.end is None else ended)
     if reading.temperature is not None:
-        texts.append(f"{reading.temperature:.2f} °C".replace("-", "−"))
+        texts.append(true_minus(f"{reading.temperature:.2f} °C"))
     return texts
 
 
@@ -288,7 +289,7 @@ def noise_text(own: float, common: float | None) -> str:
 def _delta_text(state: LiveState) -> str:
     if state.delta is None:
         return "bad" if state.verdict == "bad" else "–"
-    return f"{state.delta * 1e6:+.1f}".replace("-", "−")
+    return true_minus(f"{state.delta * 1e6:+.1f}")
 
 
 def _bar(part: float) -> str:
@@ -326,4 +327,4 @@ def _mode_text(mode: Mode) -> str:
     for name, value, deviation in zip_longest(("x", "y", "depth"), values, mode.known_deviations):
         error = "" if deviation is None else f" ± {deviation * 1e3:.2f}"
         parts.append(f"{name} {value * 1e3:.2f}{error}")
-    return ", ".join(parts).replace("-", "−") + " mm"
+    return true_minus(", ".join(parts)) + " mm"

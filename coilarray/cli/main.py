@@ -163,7 +163,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if format_message is None:
             raise
         help_for = f" {arguments[0]}" if arguments[0] in COMMANDS else ""
-        return _refuse(f"{' '.join(format_message().split())} (try: coilarray{help_for} --help)")
+        words = " ".join(format_message().split()).replace("Value error, ", "")  # which typer adds to pydantic's
+        return _refuse(f"{words} (try: coilarray{help_for} --help)")
     if code == INTERRUPTED:  # typer's own answer to an interrupt, without a word
         typer.echo("coilarray: interrupted", err=True)
     return code if isinstance(code, int) else 0

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from coilarray.compute.arrays import FloatArray
     from coilarray.compute.threads import Progress
     from coilarray.design.model import Design
+    from coilarray.hardware.record.recording import Recording
     from coilarray.localize.ellipse_model import EllipseModel
 
 _SQLITE = b"SQLite format 3\0"  # begins every file of SQLite
@@ -72,30 +73,32 @@ def recorded_map(path: Path, calibration: Path | None) -> tuple[xr.Dataset, list
 
     `calibration` is a file with the constants of the board.
     """
-    from coilarray.hardware.record.calibration_file import load_calibration
-    from coilarray.hardware.record.channel_calibration import calibrated_response
-    from coilarray.hardware.record.recorded_response import recorded_response
     from coilarray.hardware.record.recording import open_recording
     from coilarray.report.figures import map_outlines
 
-    known = None if calibration is None else load_calibration(calibration)
     with open_recording(path) as recording:
-        if known is None:
-            response = recorded_response(recording, partial=True)
-        else:
-            response = calibrated_response(recording, known, partial=True)
+        response = campaign_response(recording, calibration, partial=True)
         design = recording.design
     return response, map_outlines(design, response)
 
 
+def campaign_response(recording: Recording, calibration: Path | None, *, partial: bool) -> xr.Dataset:
+    """Return the response of a campaign, calibrated where a file with the constants of the board is given."""
+    from coilarray.hardware.record.calibration_file import load_calibration
+    from coilarray.hardware.record.channel_calibration import calibrated_response
+    from coilarray.hardware.record.recorded_response import recorded_response
+
+    if calibration is None:
+        return recorded_response(recording, partial=partial)
+    return calibrated_response(recording, load_calibration(calibration), partial=partial)
+
+
 def read_ellipses(path: Path) -> EllipseModel:
     """Read an ellipse model of `coilarray fit`; LocalizeError where it is none."""
+    from coilarray.compute.files import read_text
     from coilarray.localize.ellipse_model import model_from_json
 
-    try:
-        return model_from_json(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError):
-        raise LocalizeError(f"cannot read {path}.") from None
+    return model_from_json(read_text(path, LocalizeError))
 
 
 def one_map(source: str | None, depth: float | None, *, allow_violations: bool) -> tuple[xr.Dataset, int | float]:

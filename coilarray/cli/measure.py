@@ -15,6 +15,7 @@ from coilarray.cli.shared import (
     AllowViolations,
     AsJson,
     DesignArgument,
+    Resume,
     check_file,
     open_design,
     progress_bar,
@@ -52,7 +53,7 @@ def measure(
     single: Annotated[
         bool, typer.Option("--single", help="Print one scan; write a file only where --out names one.")
     ] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue the recording where the file exists.")] = False,
+    resume: Resume = False,
     campaign: Annotated[bool, typer.Option("--campaign", "--ignore-self-test", hidden=True)] = False,
     of_campaign: Annotated[
         list[str] | None,

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from coilarray.cli import shared
 
 
 def noise(
     design: shared.DesignArgument = None,
-    reference: Annotated[
-        list[str] | None,
-        typer.Option(help="Reference coil, whose δ is taken from that of the others; may be repeated."),
-    ] = None,
+    reference: shared.References = None,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:

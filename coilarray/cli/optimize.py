@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli import shared
+from coilarray.compute.display_units import value_text
 from coilarray.errors import GoalError
 
 if TYPE_CHECKING:
@@ -183,9 +183,9 @@ def _print_result(result: Optimization) -> None:
     chosen = chosen_designs(result)
     shown = [result.start, *(one.trial for one in chosen)]
     rows = [
-        [key, *(_text(trial.quantities.get(key)) for trial in shown)] for key in result.goal.quantities
+        [key, *(value_text(trial.quantities.get(key)) for trial in shown)] for key in result.goal.quantities
     ] + [
-        [axis.entry, *(_text(result.values(trial)[axis.entry]) for trial in shown)] for axis in result.axes
+        [axis.entry, *(value_text(result.values(trial)[axis.entry]) for trial in shown)] for axis in result.axes
     ]  # fmt: skip
     shared.print_table(("", "as it was", *(one.label for one in chosen)), rows, title=tried)
     broken = [
@@ -197,14 +197,6 @@ def _print_result(result: Optimization) -> None:
         typer.echo(f"{', '.join(broken)} break fabrication rules (coilarray check); fab_margin_mm can be a constraint")
     if len(result.goal.objectives) > 1:
         typer.echo(f"Pareto front: {len(result.front)} designs")
-
-
-def _text(value: object) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    return value if isinstance(value, str) else json.dumps(value)
 
 
 @contextmanager

@@ -7,12 +7,12 @@ import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from coilarray.errors import LocalizeError
+from coilarray.compute.checksum import COLUMN, checksum
+from coilarray.compute.files import read_text
+from coilarray.errors import LocalizeError, shown
 
 Reading = dict[str, float] | list[float]
 """δ by the names of the coils, or in the order of the model."""
-
-_SHOWN = 60  # characters of a bad input that an error repeats
 
 
 def read_readings(text: str) -> list[Reading | LocalizeError]:
@@ -26,15 +26,10 @@ def read_readings(text: str) -> list[Reading | LocalizeError]:
     if suffix not in (".csv", ".json", ".jsonl"):
         if "=" not in text:
             raise LocalizeError(
-                f"READINGS must be coil1=7.1e-4,coil2=..., a file .csv, .json or .jsonl, or -; got {_short(text)}."
+                f"READINGS must be coil1=7.1e-4,coil2=..., a file .csv, .json or .jsonl, or -; got {shown(text)}."
             )
         return [_pairs(text)]
-    try:
-        content = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise LocalizeError(f"cannot read {path}: it is no UTF-8 text.") from None
-    except OSError as error:
-        raise LocalizeError(f"cannot read {path}: {error.strerror}.") from None
+    content = read_text(path, LocalizeError)
     if suffix == ".csv":
         readings = list(_csv_readings(content))
     elif suffix == ".jsonl":
@@ -66,7 +61,7 @@ def _json_reading(value: object) -> Reading | LocalizeError:
             return [_number(f"number {k + 1}", one) for k, one in enumerate(value)]
     except LocalizeError as error:
         return error
-    return LocalizeError(f"a reading must be an object or a list of numbers; got {_short(json.dumps(value))}.")
+    return LocalizeError(f"a reading must be an object or a list of numbers; got {shown(json.dumps(value))}.")
 
 
 def _json_file(content: str) -> list[Reading | LocalizeError]:
@@ -81,12 +76,17 @@ def _csv_readings(content: str) -> Iterator[Reading | LocalizeError]:
     try:
         names = [name.strip() for name in next(rows, [])]
         if len(set(names)) < len(names):
-            raise LocalizeError(f"the first line must name every coil once; got {_short(', '.join(names))}.")
+            raise LocalizeError(f"the first line must name every coil once; got {shown(', '.join(names))}.")
+        kept = names[-1:] == [COLUMN]
         for row in rows:
             try:
                 if len(row) != len(names):
                     raise LocalizeError(f"a line must have {len(names)} values; got {len(row)}.")
-                yield {name: _from_text(name, value) for name, value in zip(names, row, strict=True)}
+                if kept and row.pop() != checksum(names[:-1], row):
+                    raise LocalizeError(
+                        "the line is damaged, or was changed by another program: its checksum is wrong."
+                    )
+                yield {name: _from_text(name, value) for name, value in zip(names[: len(row)], row, strict=True)}
             except LocalizeError as error:
                 yield error
     except csv.Error as error:
@@ -110,14 +110,14 @@ def _parsed(text: str) -> object:
     try:
         return json.loads(text)
     except (ValueError, RecursionError):
-        raise LocalizeError(f"a reading must be JSON; got {_short(text.strip())}.") from None
+        raise LocalizeError(f"a reading must be JSON; got {shown(text.strip())}.") from None
 
 
 def _from_text(name: str, value: str) -> float:
     try:
         return float(value)
     except ValueError:
-        raise LocalizeError(f"δ of {name} must be a number; got {_short(value)}.") from None
+        raise LocalizeError(f"δ of {name} must be a number; got {shown(value)}.") from None
 
 
 def _number(name: str, value: object) -> float:
@@ -126,8 +126,4 @@ def _number(name: str, value: object) -> float:
             return float(value)
         except OverflowError:
             pass  # an integer of hundreds of digits
-    raise LocalizeError(f"δ of {_short(name)} must be a number; got {_short(str(value))}.")
-
-
-def _short(text: str) -> str:
-    return repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…")
+    raise LocalizeError(f"δ of {shown(name)} must be a number; got {shown(str(value))}.")

@@ -77,8 +77,7 @@ def response(
     Example: coilarray response gast2020 --depth-mm 0.5,1 --out map.nc --plot map.png
     """
     depths, *places = (
-        None if text is None else shared.lengths(option, text)
-        for option, text in (("--depth-mm", depth_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
+        shared.lengths(option, text) for option, text in (("--depth-mm", depth_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
     )
     errors = _thickness_errors(thickness_error_mm or ())
     counted = _reach(reach)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from coilarray.cli.board_options import print_marked
-from coilarray.cli.maps import is_recording
+from coilarray.cli.maps import campaign_response, is_recording
 from coilarray.cli.replacing import replacing
-from coilarray.cli.shared import AsJson, Force, check_file, print_result, table_text, write_numbers
+from coilarray.cli.shared import AsJson, BoardConstants, Force, check_file, print_result, table_text, write_numbers
 from coilarray.errors import HardwareError, OutputError
 
 if TYPE_CHECKING:
@@ -43,9 +43,7 @@ def scan_info(
     partial: Annotated[
         bool, typer.Option("--partial", help="Convert an unfinished campaign; missing positions are NaN.")
     ] = False,
-    calibration: Annotated[
-        Path | None, typer.Option(help="Constants of the board, from coilarray calibrate-board, for a response.")
-    ] = None,
+    calibration: BoardConstants = None,
     verify: Annotated[
         bool, typer.Option("--verify", help="Only check the file against its checksums; also .nc and .toml files.")
     ] = False,
@@ -82,7 +80,8 @@ def scan_info(
     from coilarray.hardware.record.recording import open_recording
     from coilarray.hardware.record.recording_summary import summarize_recording
 
-    with open_recording(run) as recording:
+    written = [] if target is None else [target]
+    with replacing("scan-info", *written, force=force), open_recording(run) as recording:
         recording.check()
         summary = summarize_recording(recording)
         as_series = series or recording.campaign is None
@@ -207,18 +206,12 @@ def write_response(
     recording: Recording, target: Path, calibration: Path | None = None, *, partial: bool = False
 ) -> str:
     """Write the response of a campaign to a file; return a line for people."""
-    from coilarray.hardware.record.calibration_file import load_calibration
-    from coilarray.hardware.record.channel_calibration import calibrated_response
-    from coilarray.hardware.record.recorded_response import recorded_response, response_csv
+    from coilarray.hardware.record.recorded_response import response_csv
 
-    note = ""
-    if calibration is None:
-        response = recorded_response(recording, partial=partial)
-    else:
-        known = load_calibration(calibration)
-        response = calibrated_response(recording, known, partial=partial)
-        if known.board != response.attrs["board"]:
-            note = f"\nthe calibration is of the board “{known.board}”, the recording of “{response.attrs['board']}”"
+    response = campaign_response(recording, calibration, partial=partial)
+    board = response.attrs["board"]
+    known = response.attrs.get("calibration_board", board)
+    note = "" if known == board else f"\nthe calibration is of the board “{known}”, the recording of “{board}”"
     return _write(response, response_csv, target, "the response") + note
 
 

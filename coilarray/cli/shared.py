@@ -82,7 +82,11 @@ DesignArgument = Annotated[
     typer.Argument(metavar="DESIGN", help="Design file (TOML) or name of a bundled design; gast2020 by default."),
 ]
 AllowViolations = Annotated[
-    bool, typer.Option("--allow-violations", help="Go on with a design that breaks a fabrication rule.")
+    bool,
+    typer.Option(
+        "--allow-violations",
+        help="Go on with a design that breaks a fabrication rule; traces that overlap have no inductance.",
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON in SI units, and nothing else.")]
 Force = Annotated[
@@ -107,6 +111,13 @@ References = Annotated[
         help="Coil that nothing touches: δ of the others is less its δ, without the drift of all; may be repeated.",
     ),
 ]
+BoardConstants = Annotated[
+    Path | None,
+    typer.Option(
+        "--calibration", help="Constants of the board of a recorded campaign, from coilarray calibrate-board (.toml)."
+    ),
+]
+Resume = Annotated[bool, typer.Option("--resume", help="Continue the recording where the file exists.")]
 Workers = Annotated[
     int | None, typer.Option("--workers", help="Number of local processes of one thread; one for each core by default.")
 ]
@@ -194,14 +205,19 @@ def from_map_origin(
     setup: Indentation | Target | None, x: Sequence[float] | None, y: Sequence[float] | None
 ) -> tuple[tuple[float, ...] | None, ...]:
     """Return positions of options, in m on the board, as counted from the origin of the map of a setup."""
-    from coilarray.response.coordinates import from_board
+    from coilarray.response.coordinates import from_board, map_origin
 
-    origin = (0.0, 0.0) if setup is None else setup.origin_point
-    return tuple(None if row is None else from_board(row, at) for row, at in zip((x, y), origin, strict=True))
+    rows = zip((x, y), map_origin(setup), strict=True)
+    return tuple(None if row is None else from_board(row, at) for row, at in rows)
 
 
-def lengths(option: str, text: str) -> list[float]:
-    """Convert a rising list or range in mm, as 0.5,1 or START:STOP:COUNT, to m; ElastomerError where it is neither."""
+def lengths(option: str, text: str | None) -> list[float] | None:
+    """Convert a rising list or range in mm, as 0.5,1 or START:STOP:COUNT, to m; ElastomerError where it is neither.
+
+    None where the option is not given.
+    """
+    if text is None:
+        return None
     import numpy as np
 
     parts = text.split(":")
@@ -233,10 +249,10 @@ def check_file(option: str, path: Path | None, suffixes: Sequence[str] | None) -
     if suffixes is not None and path.suffix.lower() not in suffixes:
         listed = " or ".join([", ".join(suffixes[:-1]), suffixes[-1]] if len(suffixes) > 1 else suffixes)
         raise OutputError(f"{option} must end in {listed}; got {path}.")
-    try:
+    from coilarray.compute.files import writing
+
+    with writing(path):
         taken, placed = path.is_dir(), path.parent.is_dir()
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror}.") from None
     if taken:
         raise OutputError(f"cannot write {path}: it is a folder.")
     if not placed:
@@ -303,8 +319,8 @@ def plate_error_lines(attributes: Mapping[Any, Any]) -> list[str]:
     errors = [attributes.get(f"plate_error_{what}", 0.0) for what in ("inductance", "resistance")]
     if max(errors) > _WORTH_SAYING:
         lines.append(
-            "the plate's skin depth or thickness is not small against its width: its ΔL errs by about "
-            f"{errors[0]:.1%}, its ΔR by {errors[1]:.1%} (estimated), beside rim and mesh"
+            f"a plate with an outline is {attributes['plate_skin_depths']:.2g} skin depths thick: taken for currents "
+            f"on its faces and rim, it errs by up to {errors[0]:.1%} of ΔL and {errors[1]:.1%} of ΔR (estimated)"
         )
     return lines
 

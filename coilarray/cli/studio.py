@@ -98,7 +98,7 @@ def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None)
     """See `coilarray.viz.studio.services.Summarize`; the numbers are those of the report."""
     from coilarray.circuit.impedance import scan_design
     from coilarray.geometry import check_rules
-    from coilarray.report.summary import summary_table, verdicts
+    from coilarray.report.summary import position_bounds, summary_table, verdicts
     from coilarray.viz.studio.services import Summary
 
     margins = check_rules(design.array, design.rules)
@@ -106,7 +106,8 @@ def summarize(design: Design, coupling: xr.Dataset, response: xr.Dataset | None)
         scan = scan_design(design)
     except (GeometryError, NetworkError):  # as in the report
         scan = None
-    table = summary_table(coupling, scan, margins, response)
+    bounds = None if response is None else position_bounds(response)
+    table = summary_table(coupling, scan, margins, response, bounds=bounds)
     return Summary(table.headers, table.cells(), verdicts(scan, margins))
 
 

@@ -11,6 +11,7 @@ import typer
 
 from coilarray import viz
 from coilarray.cli import shared
+from coilarray.compute.display_units import value_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,7 +64,7 @@ def sweep(
     shared.check_workers(workers, cluster)
     from coilarray.compute.store import open_store
     from coilarray.design.model import load_design_file
-    from coilarray.studies.optimize.sweep_points import best_points
+    from coilarray.studies.optimize.trials import best_points
     from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
 
     file = load_design_file(design)
@@ -106,7 +107,9 @@ def sweep(
         shared.print_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
         if reasons:
             lines.append(f"{len(reasons)} of {points} points have no result; the first: {reasons[0]}")
-        lines.append(f"wrote {out}: {points} points over {', '.join(map(str, result.reason.dims))}")
+        lines.append(
+            f"wrote {out}: {points} point{'s' if points > 1 else ''} over {', '.join(map(str, result.reason.dims))}"
+        )
     shared.print_result(data, as_json=as_json, lines=lines, files=[plot])
 
 
@@ -118,7 +121,7 @@ def _best_lines(best: Sequence[Trial], goal: Goal) -> list[str]:
     names = [objective.quantity for objective in goal.objectives]
     return [
         f"{wishes}: {', '.join(f'{name} = {point.quantities[name]:.6g}' for name in names)} at "
-        + ", ".join(f"{entry} = {_shown(value)}" for entry, value in point.changes.items())
+        + ", ".join(f"{entry} = {value_text(value)}" for entry, value in point.changes.items())
         for point in best[:_MOST_BEST]
     ]
 
@@ -144,10 +147,6 @@ def _extremes(result: xr.Dataset, key: str, unit: str) -> list[str]:
     row = [key, unit]
     for place in (values.argmin(...), values.argmax(...)):
         there = values.isel(place)
-        entries = [f"{name} = {_shown(value.item())}" for name, value in there.coords.items() if name != "sample"]
-        row += [_shown(there.item()), ", ".join(entries)]
+        entries = [f"{name} = {value_text(value.item())}" for name, value in there.coords.items() if name != "sample"]
+        row += [value_text(there.item()), ", ".join(entries)]
     return row
-
-
-def _shown(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -55,7 +55,7 @@ def target(
     Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
     """
     distances, *places = (
-        None if text is None else shared.lengths(option, text)
+        shared.lengths(option, text)
         for option, text in (("--distance-mm", distance_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
     )
     from coilarray.report.figures import map_outlines
@@ -89,7 +89,7 @@ def target(
         "body": result.attrs["target"],
         "material": result.attrs["material"],
         "noise": result.attrs["sigma"],
-        **{key: value for key, value in result.attrs.items() if key.startswith("plate_error_")},
+        **{key: value for key, value in result.attrs.items() if key.startswith("plate_")},
         **{table.name: table.records() for table in (*tables, target_coupling_table(shown))},
     }
     lines = [

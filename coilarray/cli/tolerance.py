@@ -144,8 +144,8 @@ def _positions(
     depth = depth_in_metres(depth_mm)
     base = given or Positions((), (0.0,), design.indentation.depths[0])
     return Positions(
-        base.x if x_mm is None else tuple(shared.lengths("--x-mm", x_mm)),
-        base.y if y_mm is None else tuple(shared.lengths("--y-mm", y_mm)),
+        tuple(shared.lengths("--x-mm", x_mm) or base.x),
+        tuple(shared.lengths("--y-mm", y_mm) or base.y),
         base.depth if depth is None else depth,
         base.noise if noise is None else noise,
     )

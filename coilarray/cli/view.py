@@ -17,7 +17,7 @@ from coilarray.cli import shared
 from coilarray.cli.maps import kept_table, read_map
 from coilarray.cli.readings import read_readings
 from coilarray.errors import GeometryError, LocalizeError, OutputError
-from coilarray.viz.offscreen import require_vtk
+from coilarray.viz.offscreen import require_pyvista
 
 if TYPE_CHECKING:
     from coilarray.cli.readings import Reading
@@ -225,7 +225,7 @@ class _Outputs:
 def _check_vtk(path: Path | None) -> None:
     """Refuse before a long computation a file .vtm, or a folder, that could not be written after it."""
     if path is not None:
-        require_vtk()
+        require_pyvista("files for ParaView")
     if path is None or path.suffix.lower() == ".vtm":
         shared.check_file("--vtk", path, None)
         return

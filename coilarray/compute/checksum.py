@@ -8,8 +8,10 @@ an older file, or that of another program.
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import hashlib
+import io
 import json
 import re
 from pathlib import Path
@@ -18,6 +20,9 @@ from typing import IO, Any
 import numpy as np
 
 from coilarray.errors import DamagedError
+
+COLUMN = "checksum"
+"""Name of the last column of a CSV whose lines have checksums."""
 
 _SEAL = re.compile(rb"\n# coilarray checksum ([0-9a-f]{32})\n")
 _LENGTH = len("\n# coilarray checksum \n") + 32
@@ -48,6 +53,21 @@ def checksum(*parts: Any) -> str:
 def checksum_of_bytes(data: bytes) -> str:
     """Return the checksum of bytes: 64 bits of BLAKE2b, hexadecimal."""
     return hashlib.blake2b(data, digest_size=_VALUE_BYTES).hexdigest()
+
+
+def with_checksums(table: str) -> str:
+    r"""Return a CSV with one more column, the checksum of the head and the cells of each line.
+
+    Examples
+    --------
+    >>> print(with_checksums("a,b\n1,2\n"), end="")
+    a,b,checksum
+    1,2,7594a7c09dbff61f
+    """
+    head, *rows = csv.reader(io.StringIO(table))
+    lines = io.StringIO()
+    csv.writer(lines, lineterminator="\n").writerows([[*head, COLUMN], *([*row, checksum(head, row)] for row in rows)])
+    return lines.getvalue()
 
 
 def sealed(data: bytes) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,9 +57,27 @@ class DisplayUnit:
         return f"{float(value) * self.factor:{digits}g} {self.symbol}".rstrip()
 
 
-def number_text(number: float, digits: int) -> str:
-    """Return a number with so many decimal places as text, with a true minus sign, and none before a zero."""
-    return true_minus(f"{round(number, digits) + 0.0:.{digits}f}")
+def number_text(number: float, digits: int, sign: str = "-") -> str:
+    """Return a number with so many decimal places as text, with a true minus sign, and none before a zero.
+
+    Where `sign` is "+", positive numbers have a plus sign.
+    """
+    return true_minus(f"{round(number, digits) + 0.0:{sign}.{digits}f}")
+
+
+def value_text(value: object) -> str:
+    """Return an entry of a design or a quantity as text: numbers with up to six digits, a dash where there is none.
+
+    Examples
+    --------
+    >>> value_text(13.0), value_text(1 / 3), value_text("L1"), value_text([["L1"], ["L2"]]), value_text(None)
+    ('13', '0.333333', 'L1', '[["L1"], ["L2"]]', '–')
+    """
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return value if isinstance(value, str) else json.dumps(value)
 
 
 def true_minus(text: str) -> str:

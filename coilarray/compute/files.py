@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from coilarray.errors import OutputError
+from coilarray.errors import CoilarrayError, OutputError
 
 # there is no way to read the mask without setting it; once, before any thread runs
 _UMASK = os.umask(0o022)
@@ -33,12 +33,16 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
 
 
 @contextmanager
-def writing(path: object) -> Iterator[None]:
-    """Turn what the system says of a file that it cannot write into an OutputError that names the file."""
+def writing(path: object, *others: type[Exception]) -> Iterator[None]:
+    """Turn what the system says of a file that it cannot write into an OutputError that names the file.
+
+    `others` are errors that say the same, such as ValueError for a name with a zero byte.
+    """
+    failures: tuple[type[Exception], ...] = (OSError, *others)
     try:
         yield
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}.") from None
+    except failures as error:
+        raise OutputError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}.") from None
 
 
 def write_text(path: Path, text: str) -> None:
@@ -57,6 +61,23 @@ def write_bytes(path: Path, data: bytes) -> None:
         temporary.write_bytes(data)
 
     write_atomically(path, write)
+
+
+def require_suffix(path: Path, *suffixes: str) -> None:
+    """Raise OutputError for a file with another suffix."""
+    if path.suffix.lower() not in suffixes:
+        allowed = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
+        raise OutputError(f"cannot write {path}: the suffix must be {allowed}; got {path.suffix!r}.")
+
+
+def read_text(path: Path, error: type[CoilarrayError]) -> str:
+    """Read a UTF-8 text file, with or without a byte order mark; `error`, one line, where that fails."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise error(f"cannot read {path}: it is no UTF-8 text.") from None
+    except (OSError, ValueError) as reason:  # ValueError: a name with a zero byte
+        raise error(f"cannot read {path}: {getattr(reason, 'strerror', reason)}.") from None
 
 
 def make_folder(path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable, Sequence
 from html import escape
 
@@ -37,6 +38,11 @@ def html_table(headers: Sequence[str], rows: Iterable[Sequence[str]], mark: str 
 def html_card(title: str, *parts: str) -> str:
     """Return what a notebook shows of a value: a title in words, and tables or pictures as HTML below it."""
     return f'<div class="coilarray">{_STYLE}<strong>{escape(title)}</strong>{"".join(parts)}</div>'
+
+
+def png_url(png: bytes) -> str:
+    """Return a PNG file as a data URL."""
+    return f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
 
 
 def _cells(tag: str, texts: Sequence[str]) -> str:

@@ -92,14 +92,12 @@ class LargeFile:
 
     def finish(self, number: int, figure: float = 0.0) -> None:
         """Record a block as written, with a figure to keep of it; OutputError where that fails."""
-        try:
+        with writing(self._path, sqlite3.Error):
             self._stream.flush()
             os.fsync(self._stream.fileno())  # on the disk before the journal says so
             row = (number, float(figure), json.dumps(self._pieces))
             self._connection.execute("INSERT OR REPLACE INTO block VALUES (?, ?, ?, ?)", (*row, checksum(*row)))
             self._pieces.clear()
-        except (OSError, sqlite3.Error) as error:
-            raise OutputError(f"cannot write {self._path}: {getattr(error, 'strerror', None) or error}.") from None
 
     def close(self) -> None:
         """Close the file, whatever is in it."""

@@ -26,6 +26,28 @@ from coilarray.errors import CoilarrayError, DamagedError
 _SHOWN = 100  # characters of names in a message
 
 
+class _File(h5py.File):  # type: ignore[misc]  # h5py has no types
+    """An HDF5 file that opens each of its objects once: h5netcdf asks for every variable some twenty times."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._opened: dict[str, Any] = {}
+
+    def __getitem__(self, name: Any) -> Any:
+        if not isinstance(name, str):  # a reference
+            return super().__getitem__(name)
+        path = name.strip("/")
+        if not path:
+            return self
+        if path not in self._opened:
+            self._opened[path] = super().__getitem__(path)
+        return self._opened[path]
+
+    def __delitem__(self, name: str) -> None:
+        self._opened.pop(name.strip("/"), None)
+        super().__delitem__(name)
+
+
 @dataclass(frozen=True)
 class Entry:
     """What a variable, a coordinate or an attribute of a dataset must be.
@@ -188,12 +210,22 @@ def variables(
 
 def save_dataset(dataset: xr.Dataset, path: Path) -> None:
     """Write a dataset as netCDF, whole or not at all; OutputError where that fails."""
+    save_netcdf(netcdf_of(dataset), path)
+
+
+def netcdf_of(dataset: xr.Dataset) -> memoryview:
+    """Return the content of the netCDF file of a dataset."""
     memory = io.BytesIO()
     with netcdf_in(memory, dataset):
         pass
+    return memory.getbuffer()
+
+
+def save_netcdf(content: memoryview, path: Path) -> None:
+    """Write what `netcdf_of` returned to a file, whole or not at all; OutputError where that fails."""
 
     def write(temporary: Path) -> None:
-        temporary.write_bytes(memory.getbuffer())
+        temporary.write_bytes(content)
         seal_file(temporary)
 
     write_atomically(path, write)
@@ -205,7 +237,7 @@ def netcdf_in(memory: io.IOBase, dataset: xr.Dataset) -> Iterator[Any]:
     import h5netcdf
     from xarray.backends import H5NetCDFStore
 
-    with h5netcdf.File(memory, "w") as file:
+    with _File(memory, "w", track_order=True) as opened, h5netcdf.File(opened, "w") as file:
         dataset.dump_to_store(H5NetCDFStore(file))
         yield file
 
@@ -243,11 +275,17 @@ def read_checked(path: Path, *schemas: Schema) -> xr.Dataset:
 
 
 def _load(path: Path) -> xr.Dataset:
+    import h5netcdf
+    from xarray.backends import H5NetCDFStore
+
     check_seal(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of what a damaged attribute means
-        with h5py.File(path, "r") as file:  # what fails here would leave half an object of h5netcdf, loud on stderr
-            file.attrs.get("_nc3_strict")
-        with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
-            require_memory(dataset.nbytes, str(path))
-            return dataset.load()
+        with _File(path, "r") as opened:
+            opened.attrs.get("_nc3_strict")  # what fails here would leave half an object of h5netcdf, loud on stderr
+            with (
+                h5netcdf.File(opened, "r", decode_vlen_strings=True, phony_dims="access") as file,
+                xr.open_dataset(H5NetCDFStore(file), decode_times=False) as dataset,
+            ):
+                require_memory(dataset.nbytes, str(path))
+                return dataset.load()

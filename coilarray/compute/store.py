@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from coilarray.compute.checksum import canonical, sealed, unsealed
 from coilarray.compute.code_version import code_version
-from coilarray.compute.files import make_folder, write_bytes
+from coilarray.compute.files import make_folder, write_bytes, writing
 from coilarray.errors import DamagedError, OutputError
 
 if TYPE_CHECKING:
@@ -147,11 +147,9 @@ def locked_database(path: Path, message: str) -> Iterator[sqlite3.Connection]:
     It is made where it does not exist, empty as a plain lock, and in autocommit mode. OutputError for a file that
     another process has locked, which `message` says, that cannot be written, or that is not a database.
     """
-    try:
+    with writing(path, sqlite3.Error, ValueError):
         there = path.exists()
         connection = sqlite3.connect(path, timeout=0, isolation_level=None)
-    except (sqlite3.Error, OSError, ValueError) as error:  # ValueError: a name with a zero byte
-        raise OutputError(f"cannot write {path}: {error}.") from None
     with closing(connection):
         try:
             connection.execute("PRAGMA locking_mode = EXCLUSIVE")

@@ -38,7 +38,7 @@ class CircuitTable(Table):
     capacitance_pF: Picofarads = 120  # noqa: N815 - the unit
     """Capacitance of the tank capacitor."""
     short_resistance_ohm: Ohms = 0.0
-    """Resistance of the path that grounds a passive coil."""
+    """Resistance of two closed switches: they ground a passive coil, or join the measured one to the converter."""
     switches: PartName | None = None
     """Part whose resistance and capacitances stand where the other keys are not given: ADG714, ADG738 or ADG739."""
     resistivity_ohm_m: Resistivity = RESISTIVITY_COPPER

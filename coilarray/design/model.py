@@ -24,7 +24,7 @@ from coilarray.design.scan_states import Passive, ScanState, Switches, check_sta
 from coilarray.design.switch_parts import PartName
 from coilarray.design.tables import Document
 from coilarray.design.window import Positions, array_window
-from coilarray.errors import DesignError, GeometryError, NetworkError
+from coilarray.errors import DesignError, GeometryError, NetworkError, require_finite
 from coilarray.geometry import (
     EVEN,
     Ball,
@@ -42,7 +42,6 @@ from coilarray.geometry import (
 )
 from coilarray.geometry.connector import lead_out
 from coilarray.geometry.sheet import Base, Strain
-from coilarray.geometry.values import require_finite
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from coilarray.errors import CoilarrayError, NetworkError
+from coilarray.errors import CoilarrayError, NetworkError, require_positive
 
 Passive = Literal["ground", "ground one end", "ground other end", "open", "load"]
 """What closes a coil that is not measured: both ends to ground, its first or its second only, nothing, or a load."""
@@ -55,8 +55,7 @@ class Switches:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
                 raise NetworkError(f"{name} must be finite and not negative; got {value}.")
-        if not (math.isfinite(self.tank_capacitance) and self.tank_capacitance > 0):
-            raise NetworkError(f"tank_capacitance must be positive and finite; got {self.tank_capacitance} F.")
+        require_positive("tank_capacitance", self.tank_capacitance, " F", NetworkError)
         if self.tank_at not in ("converter", "coil"):
             raise NetworkError(f"tank_at must be 'converter' or 'coil'; got {self.tank_at!r}.")
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from coilarray.design.scan_states import Switches
-from coilarray.errors import HardwareError
+from coilarray.errors import HardwareError, shown
 
 CONVERTER_PIN = 4e-12
 """Capacitance of a pin of the LDC1614 to ground in F, about (TI SNOSCY9A, eq. 3)."""
@@ -37,10 +37,6 @@ class SwitchPart:
         Names of the switches from bit 0 to bit 7.
     drains : mapping of str to tuple of str
         Common pins, each with the switches that share it; none where each switch has both pins for itself.
-    reset_pin : bool
-        Whether a pin opens all switches.
-    sampling_edge : {"falling"}
-        Edge of the clock at which a bit is shifted in.
     on_resistance : float
         Typical resistance of a closed switch in Ω.
     off_isolation : float
@@ -57,14 +53,12 @@ class SwitchPart:
     title: str
     bits: tuple[str, ...]
     drains: Mapping[str, tuple[str, ...]]
-    reset_pin: bool
     on_resistance: float
     off_isolation: float
     source_capacitance: float
     drain_capacitance: float
     on_capacitance: float
     unverified: Mapping[str, str] = field(default_factory=dict)
-    sampling_edge: Literal["falling"] = "falling"
 
     @property
     def common_pins(self) -> tuple[tuple[str, ...], ...]:
@@ -104,18 +98,18 @@ _ONE_TO_EIGHT = tuple(f"S{k}" for k in range(1, 9))
 _CAPACITANCES = ("source_capacitance", "drain_capacitance", "on_capacitance")
 _PARTS = (
     SwitchPart(
-        "ADG714", "eight switches, each with two pins of its own", _ONE_TO_EIGHT, {}, True,
+        "ADG714", "eight switches, each with two pins of its own", _ONE_TO_EIGHT, {},
         on_resistance=2.5, off_isolation=60, source_capacitance=11e-12, drain_capacitance=11e-12, on_capacitance=22e-12,
         unverified=dict.fromkeys((*_CAPACITANCES, "off_isolation"), _FROM_MEMORY),
     ),
     SwitchPart(
-        "ADG738", "eight switches with one common pin", _ONE_TO_EIGHT, {"D": _ONE_TO_EIGHT}, True,
+        "ADG738", "eight switches with one common pin", _ONE_TO_EIGHT, {"D": _ONE_TO_EIGHT},
         on_resistance=2.5, off_isolation=55, source_capacitance=13e-12, drain_capacitance=85e-12, on_capacitance=96e-12,
         unverified=dict.fromkeys((*_CAPACITANCES, "bits"), _FROM_MEMORY)
         | {"off_isolation": "that of the ADG728, which has the same switches and another bus"},
     ),
     SwitchPart(
-        "ADG739", "twice four switches with a common pin", (*_A, *_B), {"DA": _A, "DB": _B}, False,
+        "ADG739", "twice four switches with a common pin", (*_A, *_B), {"DA": _A, "DB": _B},
         on_resistance=2.5, off_isolation=55, source_capacitance=13e-12, drain_capacitance=42e-12, on_capacitance=48e-12,
         unverified=dict.fromkeys(_CAPACITANCES, _FROM_MEMORY)
         | {
@@ -126,7 +120,7 @@ _PARTS = (
     ),
 )  # fmt: skip
 PARTS: Mapping[str, SwitchPart] = {part.name: part for part in _PARTS}
-"""The known parts by name. R_ON, topology and RESET: front pages of ADG714/715 Rev. B and ADG738/739 Rev. A, at 5 V;
+"""The known parts by name. R_ON and topology: front pages of ADG714/715 Rev. B and ADG738/739 Rev. A, at 5 V;
 bits of the ADG714: ADG714/715, S8 first; off isolation: ADG728/729 Rev. C, −75 dB at 1 MHz and −55 dB at 10 MHz."""
 
 
@@ -137,5 +131,5 @@ def switch_part(name: str) -> SwitchPart:
     ('S1A', 'S2A', 'S3A', 'S4A')
     """
     if name not in PARTS:
-        raise HardwareError(f"part of the switches must be {', '.join(PARTS)}; got {name!r}.")
+        raise HardwareError(f"wiring.device.part must be {', '.join(PARTS)}; got {shown(name)}.")
     return PARTS[name]

@@ -384,7 +384,7 @@ class LatticeArray(Table):
     rings: Annotated[int, Field(ge=1, le=100)] | None = None
     """Number of rings of hexagons around the middle coil, for `lattice = "rings"`."""
     pitch_mm: Millimetres | None = None
-    """Distance between the centres of neighbouring coils; a single coil needs none."""
+    """Distance between the centres of neighbouring coils; a single coil has none."""
     direction_deg: Degrees = 0.0
     """Direction of the rows; 0 is +x."""
     rotation_deg: Degrees = 0.0
@@ -404,6 +404,8 @@ class LatticeArray(Table):
                 raise ValueError(f'{"needs" if wanted else "has no"} {key} for lattice = "{self.lattice}"')
         if self.rows > 1 and not in_rows:
             raise ValueError(f'has no rows for lattice = "{self.lattice}"')
+        if self.lattice == "single" and self.pitch_mm is not None:
+            raise ValueError('has no pitch_mm for lattice = "single"')
         coils = self.rows * (self.columns or 1)
         if self.pitch_mm is None and (coils > 1 or self.rings):
             raise ValueError("needs pitch_mm for more than one coil")

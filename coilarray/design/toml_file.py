@@ -56,7 +56,8 @@ class TomlFiles:
             return path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
         except FileNotFoundError:
             bundled = f", nor a bundled {self.kind} of that name ({', '.join(self.names())})" if self.package else ""
-            raise self.error(f"there is no {self.kind} file {cut}{bundled}.") from None
+            meant = f"; did you mean {cut}.toml?" if path.with_name(f"{path.name}.toml").is_file() else "."
+            raise self.error(f"there is no {self.kind} file {cut}{bundled}{meant}") from None
         except UnicodeDecodeError:
             raise self.error(f"{cut} is not a text file in UTF-8.") from None
         except OSError as error:
@@ -143,6 +144,7 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
         "string_type": "be a text",
         "list_type": "be a list",
         "model_type": "be a table",
+        "model_attributes_type": "be a table",
         "dict_type": "be a table",
         "literal_error": f"be {limits.get('expected')}",
     }.get(kind, details["msg"].removeprefix("Input should ").removeprefix("Value error, "))

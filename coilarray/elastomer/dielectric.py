@@ -20,12 +20,11 @@ from coilarray.constants import EPSILON_0
 from coilarray.elastomer.dent import STILL, Dent
 from coilarray.elastomer.dent_energy import dent_energies
 from coilarray.elastomer.scattering import LayerMesh, scatter
+from coilarray.electromagnetics.capacitance import closed_band
 from coilarray.electromagnetics.coil_spectrum import Segments
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Coil, CoilArray, Placement, Stackup
-from coilarray.geometry.copper import uniform_runs
-
-_SLIT = 0.05  # of half a pitch: slits between turns, from the slight tilt of a spiral's sides, are closed
+from coilarray.geometry.copper import segment_rectangles
 
 
 def dent_capacitance(
@@ -116,7 +115,7 @@ def surface_potential(placement: Placement, stackup: Stackup, zero_at: float = 0
     lines = [placement.to_board(coil.lines[k]) for k in upper]
     ends = np.concatenate([np.stack((line[:-1], line[1:]), axis=1) for line in lines])
     pitch = np.concatenate([coil.widths[k] for k in upper]) + coil.gap
-    outlines, potentials = list(_strips(ends, pitch)), potential.tolist()
+    outlines, potentials = list(segment_rectangles(ends, pitch)), potential.tolist()
     traces = shapely.linestrings(ends)
     for hole in _holes(coil, upper, lines):
         around = shapely.distance(traces, hole) < 0.75 * pitch
@@ -160,23 +159,8 @@ def _along(coil: Coil, zero_at: float) -> tuple[list[FloatArray], list[FloatArra
     return [zero_at - middle / whole for middle in middles], lengths
 
 
-def _strips(ends: FloatArray, widths: FloatArray) -> FloatArray:
-    """Rectangles of the given widths about segments with the given ends, anticlockwise, shape (n, 4, 2)."""
-    start, stop = ends[:, 0], ends[:, 1]
-    along = stop - start
-    along *= (widths / 2 / np.hypot(*along.T))[:, None]
-    left = np.column_stack((-along[:, 1], along[:, 0]))
-    return np.stack((start - left, stop - left, stop + left, start + left), axis=1)
-
-
 def _holes(coil: Coil, upper: Sequence[int], lines: Sequence[FloatArray]) -> list[shapely.Polygon]:
     """Areas inside the coil's `upper` lines, here in the frame of the board, that traces and gaps leave free."""
-    slit = _SLIT * (coil.trace_width + coil.gap) / 2
-    ribbons = [
-        shapely.buffer(shapely.LineString(piece), (width + coil.gap) / 2 + slit, cap_style="flat", join_style="mitre")
-        for k, line in zip(upper, lines, strict=True)
-        for piece, width in uniform_runs(line, coil.widths[k])
-    ]
-    wide = ribbons[0] if len(ribbons) == 1 else shapely.union_all(ribbons)
-    band = shapely.buffer(wide, -slit, join_style="mitre")
+    # joins as sharp as a corner of 23° are kept
+    band = closed_band(coil, [(line, coil.widths[k]) for k, line in zip(upper, lines, strict=True)], mitre_limit=5.0)
     return [orient(shapely.Polygon(ring)) for part in shapely.get_parts(band) for ring in part.interiors]

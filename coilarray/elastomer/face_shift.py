@@ -104,9 +104,8 @@ def shift_energy(
     if backing is None:
         fields = gradients_on_grid(segment_spectra(coils, wavenumbers), *on_grid, at, (above - at) / step)
     else:
-        often, _ = backing.between(wavenumbers, thicknesses, mu[1:-1])
         fields = np.zeros((len(centres), 3, len(faces), len(x), len(y)), dtype=np.complex128)
-        for those, arriving in zip(seen, (often, often * backing.reflection(wavenumbers)), strict=False):
+        for those, arriving in zip(seen, backing.arriving(wavenumbers, thicknesses, mu[1:-1]), strict=True):
             profiles, slopes = (
                 np.concatenate((values * arriving.real, values * arriving.imag)) for values in (at, (above - at) / step)
             )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from coilarray.errors import ElastomerError
+from coilarray.errors import ElastomerError, require_positive
 
 GUTH_GOLD_LIMIT = 0.35
 """Largest volume fraction that `guth_gold_modulus` accepts."""
@@ -44,8 +44,7 @@ def guth_gold_modulus(matrix_modulus: float, volume_fraction: float) -> float:
     >>> round(guth_gold_modulus(1.0, 0.30), 3)
     3.019
     """
-    if not (math.isfinite(matrix_modulus) and matrix_modulus > 0):
-        raise ElastomerError(f"the matrix's modulus must be positive and finite; got {matrix_modulus} Pa.")
+    require_positive("the matrix's modulus", matrix_modulus, " Pa", ElastomerError)
     if not 0 <= volume_fraction <= GUTH_GOLD_LIMIT:
         raise ElastomerError(
             f"the volume fraction must be 0 to {GUTH_GOLD_LIMIT}, where Guth and Gold's formula ends; "

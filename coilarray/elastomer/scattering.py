@@ -44,7 +44,7 @@ from typing import TypeAlias
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
-from scipy.special import jv
+from scipy.special import j0, j1, jv
 from skfem import Basis, BilinearForm, ElementQuad2, MeshQuad
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
@@ -120,23 +120,24 @@ class Scattering:
     energies: tuple[FloatArray | ComplexArray, ...]
 
     def over(self, backing: Backing, dent: Dent) -> Scattering:
-        """Put layers below the coils of a dent: complex patterns for direct waves, then for those of mirrored coils.
+        """Put layers below the coils of a dent: complex patterns for the waves of each of `Backing.seen`.
 
         Without layers nothing of the dent's own field comes back.
         """
         if not backing.layers:
             return self
-        often, again = backing.between(self.wavenumbers, dent.thicknesses, dent.permeabilities, dent.motion.lift)
-        to_and_fro = self.weights * again / 2
-        arriving = np.concatenate((often, often * backing.reflection(self.wavenumbers)))
+        around = self.wavenumbers, dent.thicknesses, dent.permeabilities, dent.motion.lift
+        to_and_fro = self.weights * backing.between(*around)[1] / 2
+        ways = backing.arriving(*around)
+        arriving: ComplexArray = np.concatenate(ways)
 
         def energies(patterns: FloatArray | ComplexArray, own: FloatArray | ComplexArray) -> ComplexArray:
             return np.asarray(np.linalg.solve(np.eye(len(own)) - own @ (patterns * to_and_fro) @ patterns.T, own + 0j))
 
         return Scattering(
-            np.tile(self.wavenumbers, 2),
-            np.tile(self.weights, 2),
-            tuple(np.tile(patterns, 2) * arriving for patterns in self.patterns),
+            np.tile(self.wavenumbers, len(ways)),
+            np.tile(self.weights, len(ways)),
+            tuple(np.tile(patterns, len(ways)) * arriving for patterns in self.patterns),
             tuple(map(energies, self.patterns, self.energies)),
         )
 
@@ -414,8 +415,25 @@ def radial_pattern(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray
     """Lateral pattern: J_m(kr), or cos kx and sin kx in plane strain; shape (r, k)."""
     kr = np.outer(r, wavenumbers)
     if symmetry == "axial":
-        return np.asarray(jv(m, kr))
+        return _bessel(m, kr)
     return np.cos(kr) if m == 0 else np.sin(kr)
+
+
+def _bessel(m: int, x: FloatArray) -> FloatArray:
+    """J_m(x) for x ≥ 0; scipy's takes as long as twenty steps of J_{n+1} = (2n/x) J_n − J_{n−1}.
+
+    The steps lose no digits for n ≤ x (Abramowitz and Stegun, 9.1.27 and 9.12).
+    """
+    if m < 2:
+        return np.asarray(j1(x) if m else j0(x))
+    found, far = np.empty_like(x), x >= m
+    found[~far] = jv(m, x[~far])
+    x = x[far]
+    before, last = j0(x), j1(x)
+    for n in range(1, m):
+        before, last = last, 2 * n / x * last - before
+    found[far] = last
+    return found
 
 
 def _sloping(symmetry: str, m: int, r: FloatArray, wavenumbers: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -33,7 +33,7 @@ from coilarray.electromagnetics.kernels.eddy_modes import (
 from coilarray.electromagnetics.kernels.sections import transverse_fields
 from coilarray.electromagnetics.resistance import dc_resistance
 from coilarray.electromagnetics.source import Source, as_conductors
-from coilarray.errors import GeometryError
+from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry import Conductor
 
 WIDE = 2.0
@@ -81,8 +81,7 @@ def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
     bad = ~(np.isfinite(f) & (f > 0))
     if bad.any():
         raise ValueError(f"frequency must be positive and finite; got {f[bad].flat[0]} Hz.")
-    if not (math.isfinite(resistivity) and resistivity > 0):
-        raise GeometryError(f"resistivity must be positive and finite; got {resistivity} Ω·m.")
+    require_positive("resistivity", resistivity, " Ω·m")
     return np.asarray(np.sqrt(resistivity / (np.pi * f * MU_0)))
 
 
@@ -108,8 +107,7 @@ def cross_section(
     array([1.002, 1.14 ])
     """
     for value, name in ((width, "width"), (thickness, "thickness")):
-        if not (math.isfinite(value) and value > 0):
-            raise GeometryError(f"{name} of a trace must be positive and finite; got {value} m.")
+        require_positive(f"{name} of a trace", value)
     delta = skin_depth(frequency, resistivity)
     _check_mesh(max(width, thickness), delta)
     own, normal, lateral = _isolated_modes(round(thickness / width, 12))
@@ -209,18 +207,20 @@ def resistance_matrix(
     R = np.zeros((len(f), n, n))
     wide = np.zeros((len(f), n), dtype=bool)
     shapes = [shape_key(conductor) for conductor in conductors]
-    known: dict[bytes, _Traces] = {}
-    for c, (conductor, shape) in enumerate(zip(conductors, shapes, strict=True)):
+    horizontal: list[int] = []  # coils with more than vias
+    for c, conductor in enumerate(conductors):
         _, flat = lateral_axes(conductor.vertices)
-        via = ~flat
-        R[:, c, c] += resistivity * (conductor.lengths[via] / conductor.areas[via]).sum()
+        R[:, c, c] += resistivity * (conductor.lengths[~flat] / conductor.areas[~flat]).sum()
         if flat.any():
             wide[:, c] = conductor.widths[flat].max() > WIDE * delta
-            if shape not in known:
-                known[shape] = _traces(conductor, shape, f, resistivity, wide[:, c])
-            R += _trace_losses(conductors, shapes, c, known[shape])
+            horizontal.append(c)
+    first = {shapes[c]: c for c in reversed(horizontal)}  # one coil of each shape
+    prepared = run_blocks(lambda c: _traces(conductors[c], shapes[c], f, resistivity, wide[:, c]), first.values())
+    traces = dict(zip(first, prepared, strict=True))
+    for done, c in enumerate(horizontal, 1):
+        R += _trace_losses(conductors, shapes, c, traces[shapes[c]])
         if progress is not None:
-            progress(c + 1, n)
+            progress(done, len(horizontal))
     names = [conductor.name for conductor in conductors]
     model = np.array(MODELS)[wide.astype(int)]
     rows = (

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -410,7 +411,7 @@ def _bands(array: CoilArray) -> list[_Band]:
     for index, placement in enumerate(array.placements):
         coil = placement.coil
         if id(coil) not in own:
-            own[id(coil)] = [_band(coil, k) for k in range(len(coil.lines))]
+            own[id(coil)] = [closed_band(coil, [trace]) for trace in zip(coil.lines, coil.widths, strict=True)]
         for layer in dict.fromkeys(placement.layers):
             lines = placement.lines_on(layer)
             shape = own[id(coil)][lines[0]] if len(lines) == 1 else shapely.union_all([own[id(coil)][k] for k in lines])
@@ -427,21 +428,23 @@ def _mean_width(coil: Coil, lines: Sequence[int]) -> float:
     return float(widths[0] + np.average(widths - widths[0], weights=lengths))  # exact where all are the same
 
 
-def _band(coil: Coil, index: int) -> shapely.Geometry:
-    """Traces of a line and half of the gaps; slits between turns, from the slight tilt of their sides, are closed."""
+def closed_band(
+    coil: Coil, traces: Sequence[tuple[FloatArray, FloatArray]], mitre_limit: float = 2.0
+) -> shapely.Geometry:
+    """Traces of a coil and half of the gaps; slits between turns, from the slight tilt of their sides, are closed.
+
+    `traces` are centre lines, shape (n, 2), with the widths, shape (n − 1,), of their segments in m.
+    """
     slit = 0.05 * (coil.trace_width + coil.gap) / 2
+    corners: dict[str, Any] = {"join_style": "mitre", "mitre_limit": mitre_limit}
     ribbons = [
-        shapely.buffer(
-            shapely.LineString(piece),
-            (width + coil.gap) / 2 + slit,
-            cap_style="flat",
-            join_style="mitre",
-            mitre_limit=2.0,
-        )
-        for piece, width in uniform_runs(coil.lines[index], coil.widths[index])
+        shapely.buffer(shapely.LineString(piece), (width + coil.gap) / 2 + slit, cap_style="flat", **corners)
+        for line, widths in traces
+        for piece, width in uniform_runs(line, widths)
     ]
     wide = ribbons[0] if len(ribbons) == 1 else shapely.union_all(ribbons)
-    return shapely.buffer(wide, -slit, join_style="mitre", mitre_limit=2.0)
+    band: shapely.Geometry = shapely.buffer(wide, -slit, **corners)
+    return band
 
 
 def _refuse_touching_coils(array: CoilArray) -> None:

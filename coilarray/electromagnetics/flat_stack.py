@@ -15,8 +15,8 @@ with −ρ. The electric potential above a board is the same with permittivities
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -192,6 +192,14 @@ def _joined(
 
 
 @dataclass(frozen=True)
+class PassedWaves:
+    """Currents behind layers, of whose waves e^{k(z' − z)} these let the `share` (k,) pass upwards at k in 1/m."""
+
+    eddies: Segments
+    share: Callable[[FloatArray], ComplexArray]
+
+
+@dataclass(frozen=True)
 class Backing:
     """What lies below the coils and sends their field back up at one frequency: flat layers, and currents over them.
 
@@ -205,21 +213,27 @@ class Backing:
         In Hz.
     eddies : Segments, optional
         Currents above the face for 1 A in each of n coils, 2n weights each: the real parts, then the imaginary ones.
+    passed : tuple of PassedWaves
+        Currents between the layers or below them, with the same pieces, seen from above, and weights.
     """
 
     face: float
     layers: tuple[Layer, ...]
     frequency: float
     eddies: Segments | None = None
+    passed: tuple[PassedWaves, ...] = ()
 
     def sources(self, coils: Sequence[Segments]) -> list[Segments]:
         """Return the coils, with the currents below them as further coils."""
         return [*coils, *([] if self.eddies is None else [self.eddies])]
 
     def seen(self, coils: Sequence[Segments]) -> list[list[Segments]]:
-        """Return the `sources`, and where layers mirror them these images of them."""
+        """Return the `sources`, where layers mirror them their images, and as many again for each of `passed`."""
         sources = self.sources(coils)
-        return [sources, mirrored_segments(sources, self.face)] if self.layers else [sources]
+        if not self.layers:
+            return [sources]
+        silent = [replace(coil, weights=0 * coil.weights) for coil in coils]
+        return [sources, mirrored_segments(sources, self.face), *([*silent, one.eddies] for one in self.passed)]
 
     def currents(self, coils: int) -> ComplexArray:
         """Currents in the `sources` for 1 A in each of so many coils, shape (sources, coils)."""
@@ -245,6 +259,18 @@ class Backing:
         back = self.reflection(wavenumbers) * np.exp(-2 * wavenumbers * (lift - self.face))
         often = 1 / (1 + reflection(wavenumbers, thicknesses, permeabilities) * back)
         return often, often * back
+
+    def arriving(
+        self,
+        wavenumbers: FloatArray,
+        thicknesses: Sequence[float],
+        permeabilities: Sequence[float],
+        lift: float = 0.0,
+    ) -> list[ComplexArray]:
+        """Part of the waves (k,) of each of the `seen` that arrives at flat sheets, as `between` has them."""
+        often, _ = self.between(wavenumbers, thicknesses, permeabilities, lift)
+        ways = [self.reflection(wavenumbers), *(one.share(wavenumbers) for one in self.passed)]
+        return [often, *(often * way for way in ways)] if self.layers else [often]
 
 
 def flat_profile(

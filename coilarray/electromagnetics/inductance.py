@@ -18,8 +18,9 @@ from coilarray.electromagnetics.neumann import BYTES_A_PAIR, path_sums, segment_
 from coilarray.electromagnetics.neumann_near import Accuracy as Accuracy
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
-from coilarray.geometry import Conductor
+from coilarray.geometry import CoilArray, Conductor
 from coilarray.geometry.conductor import LARGEST, SMALLEST
+from coilarray.geometry.overlap import require_apart
 
 _SCALE = MU_0 / (4 * np.pi)
 
@@ -191,7 +192,8 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
     Raises
     ------
     GeometryError
-        A thin filament, whose self-inductance is infinite, or an unknown accuracy.
+        A thin filament, whose self-inductance is infinite, an unknown accuracy, or a `CoilArray` whose traces overlap
+        on a layer, as `coilarray.geometry.check_rules` measures it; conductors of no array may lie in each other.
     MemoryLimitError
         More paths than `coilarray.compute.memory.allowed_memory` allows.
 
@@ -204,10 +206,8 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
     which is worth less than 3e-7 of L in larger ones. The rules are set for 1e-6 of L and of k for traces wider than
     thick, with gaps of a quarter of their width or more and sides of a few widths;
     `tests/electromagnetics/test_inductance_convergence.py` holds the study. Shorter sides or narrower gaps than that
-    cost up to 2e-5 in windings, copper thicker than wide more. In a single turn the corners, but for right angles,
-    count for more: 2e-4 of L where a triangle's sides are three widths long, 4e-5 at eight; some half of it in a
-    hexagon. Traces run from vertex to vertex with square ends: the true, mitred corner of a trace as wide as a tenth of
-    its turns changes L by some 1e-3.
+    cost up to 2e-5, in a single turn of wide copper too, copper thicker than wide more. Traces run from vertex to
+    vertex with square ends: the true, mitred corner of a trace as wide as a tenth of its turns changes L by some 1e-3.
 
     Examples
     --------
@@ -218,6 +218,8 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
     """
     conductors = as_conductors(source)
     _require_memory(len(conductors), len(conductors) * (len(conductors) + 1) // 2)
+    if isinstance(source, CoilArray):
+        require_apart(source)
     return _matrix(conductors, *np.triu_indices(len(conductors)), accuracy, progress)
 
 

@@ -26,7 +26,8 @@ from coilarray.electromagnetics.inductance import Accuracy, inductance_matrix, m
 from coilarray.electromagnetics.neumann import BYTES_A_PAIR
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import OutputError
-from coilarray.geometry import Conductor
+from coilarray.geometry import CoilArray, Conductor
+from coilarray.geometry.overlap import require_apart
 
 _PATHS = 256  # rows and columns of a block
 _VARIABLE = Variable("inductance", ("path", "other"), "H", "inductance matrix")
@@ -64,7 +65,7 @@ def write_inductance_matrix(
     Raises
     ------
     GeometryError
-        A thin filament: its self-inductance is infinite.
+        A thin filament, whose self-inductance is infinite, or traces of an array that overlap, as `inductance_matrix`.
     MemoryLimitError
         The blocks in flight need more memory than is allowed.
     OutputError
@@ -92,6 +93,8 @@ def write_inductance_matrix(
      [ 8.24 37.64]]
     """
     conductors = as_conductors(source)
+    if isinstance(source, CoilArray):
+        require_apart(source)
     if path.suffix.lower() != ".nc":
         raise OutputError(f"a matrix is written as .nc; got {path}.")
     tiles = ranges(len(conductors), _PATHS)

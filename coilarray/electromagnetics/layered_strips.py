@@ -27,7 +27,7 @@ from coilarray.compute.arrays import FloatArray, IntArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import serial_algebra
 from coilarray.constants import EPSILON_0
-from coilarray.errors import GeometryError
+from coilarray.errors import GeometryError, require_positive
 
 # Wavenumbers times functions times functions: some ten seconds, and 1 GB of memory.
 _MOST_PRODUCTS = 1e11
@@ -68,8 +68,8 @@ class LayeredMedium:
             if not (math.isfinite(epsilon) and epsilon >= 1):
                 raise GeometryError(f"a relative permittivity must be at least 1; got {epsilon}.")
         for distance in (self.ground_above, self.ground_below):
-            if distance is not None and not (math.isfinite(distance) and distance > 0):
-                raise GeometryError(f"the distance to ground must be positive and finite; got {distance} m.")
+            if distance is not None:
+                require_positive("the distance to ground", distance)
 
     @property
     def planes(self) -> int:
@@ -331,8 +331,7 @@ def _check_strips(
         raise ValueError(f"planes must be 0 to {medium.planes - 1}; got {plane.min()} to {plane.max()}.")
     if not np.array_equal(np.unique(label), np.arange(label.max() + 1)):
         raise ValueError(f"conductors must be numbered 0, 1, … without a hole; got {np.unique(label).tolist()}.")
-    if not (math.isfinite(period) and period > 0):
-        raise ValueError(f"period must be positive and finite; got {period} m.")
+    require_positive("period", period, " m", ValueError)
     if not (np.isfinite(x).all() and np.isfinite(w).all() and (w > 0).all()):
         raise GeometryError(f"strips must have finite centres and positive widths; got a width of {w.min()} m.")
     for p in np.unique(plane):

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.electromagnetics.source import Source, as_conductors
-from coilarray.errors import GeometryError
+from coilarray.errors import GeometryError, require_positive
 
 
 def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> npt.NDArray[np.float64]:
@@ -38,8 +36,7 @@ def dc_resistance(source: Source, resistivity: float = RESISTIVITY_COPPER) -> np
     >>> dc_resistance(Conductor([[0, 0, 0], [1, 0, 0]], 1e-3, 17.24e-6))
     array([1.])
     """
-    if not (math.isfinite(resistivity) and resistivity > 0):
-        raise GeometryError(f"resistivity must be positive and finite; got {resistivity} Ω·m.")
+    require_positive("resistivity", resistivity, " Ω·m")
     conductors = as_conductors(source)
     for conductor in conductors:
         if not (conductor.areas > 0).all():

@@ -121,7 +121,8 @@ def align(
     if used.sum() < LEAST_PLACES:
         used, axes = inside(model, at), []
     at, values = at[used], values[used]
-    if not values_at(model, at)[0].any():
+    simulated = values_at(model, at)[0]
+    if not float(simulated @ simulated) > 0:  # a δ of 1e-200 is none
         return Alignment(np.nan, (np.nan, np.nan), np.nan, (np.nan, np.nan), used, False, np.nan)
     each = None if sigma is None else np.broadcast_to(sigma, used.shape)[used]
     unknowns, deviations, scatter = _solve(model, at, values, largest_shift, axes, each)

@@ -44,8 +44,8 @@ import xarray as xr
 from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import label
 
-from coilarray.compute.arrays import FloatArray
-from coilarray.errors import LocalizeError
+from coilarray.compute.arrays import FloatArray, IntArray
+from coilarray.errors import LocalizeError, require_positive
 from coilarray.response.schema import RESPONSE
 
 PARAMETERS = ("x0", "A", "B")
@@ -67,7 +67,8 @@ LEAST_REACH = 0.5
 """How far the points of a determined level go beyond the centre on both sides, in semi-axes."""
 
 _LEAST_SAMPLES = 4  # of a cubic, along each axis
-_MOST_LEVELS = 20_000  # δ = 0.6 with the paper's step
+_MOST_LEVELS = 3000  # δ = 0.09 with the paper's step; each takes 0.4 ms
+_MOST_POINTS = 10**9  # levels times refined points of all states, some 10 s; the paper's map has 1.2e7
 _CORNERS = 4  # of a cell of the sampled grid: so many independent values has the smallest level
 _LONGEST = 10.0  # semi-axis over the extent of the points: beyond it the conic is as good as a parabola or two lines
 
@@ -230,7 +231,8 @@ def fit_ellipses(
     ------
     LocalizeError
         A response without δ or the wanted state or depth, a map that `refined_map` refuses, coils that are not on
-        y = 0, a state without closed curves or without any ellipse, settings that are not positive.
+        y = 0, a state without closed curves or without any ellipse, settings that are not positive, more than 3000
+        levels or 10⁹ points in all of them.
 
     Notes
     -----
@@ -239,27 +241,23 @@ def fit_ellipses(
     delta = _delta(response, depth)
     first = step if lowest is None else lowest
     for name, value in (("threshold", threshold), ("step", step), ("lowest", first)):
-        if not (np.isfinite(value) and value > 0):
-            raise LocalizeError(f"{name} must be positive and finite; got {value}.")
+        require_positive(name, value, "", LocalizeError)
     wanted = _wanted(delta, states)
     _check_map(delta.sel(state=wanted))
-    most = float(delta.sel(state=wanted).max())
-    if (most - first) / step > _MOST_LEVELS:
-        raise LocalizeError(
-            f"step must be at least {(most - first) / _MOST_LEVELS:.3g} for a map whose largest δ is {most:.3g}; "
-            f"got {step:g}."
-        )
     chosen = _with_a_peak(delta.sel(state=wanted), first + 5 * step, required=states is not None)
     _check_axis(response, delta, chosen)
+    points = len(chosen) * int(np.prod([(delta.sizes[axis] - 1) * refinement + 1 for axis in ("y", "x")]))
+    _require_few_levels(float(delta.sel(state=chosen).max()), first, step, points)
     maps = [refined_map(delta.sel(state=state), refinement) for state in chosen]
     peaks = np.array([float(fine.values.max()) for fine in maps])
+    _require_few_levels(float(peaks.max()), first, step, points)  # a spline overshoots beside a point far off
     count = max(1, int(np.floor((peaks.max() - first) / step)) + 1)
     levels = first + step * np.arange(count, dtype=np.float64)
     spacing = float(np.median(np.diff(delta.x.values)))
-    rows = []
-    for fine in maps:
-        grid = fine.x.values, fine.y.values, fine.values
-        rows.append([_fit_level(*grid, level, threshold, connected, refinement, spacing) for level in levels.tolist()])
+    rows = [
+        _fit_levels(fine.x.values, fine.y.values, fine.values, levels, threshold, connected, refinement, spacing)
+        for fine in maps
+    ]
     for state, row in zip(chosen, rows, strict=True):
         if all(one.refused for one in row):
             raise LocalizeError(f"no level of {state} is an ellipse: the map has no closed curves of δ ≥ {first:.3g}.")
@@ -283,23 +281,45 @@ class _Level:
     refused: str = ""
 
 
-def _fit_level(
+def _fit_levels(
     along: FloatArray,
     across: FloatArray,
     values: FloatArray,
-    level: float,
+    levels: FloatArray,
     threshold: float,
     connected: bool,
     refinement: int,
     spacing: float,
+) -> list[_Level]:
+    """Fit rising levels of the refined values, shape (y, x), over positions along x and across, along y, in m."""
+    peak = np.unravel_index(np.argmax(values), values.shape)
+    top, left, part = 0, 0, values  # the window that holds the hill of the last level, and so those of all above
+    found = []
+    for level in levels.tolist():
+        if level > values[peak]:
+            found.append(_Level(0, refused="above the largest δ"))
+            continue
+        within = np.abs(part - level) <= threshold
+        hill = _hill(part, level - threshold) if connected else np.ones_like(within)
+        rows, columns = np.nonzero(within & hill)
+        found.append(_fit_level(along, across, values, rows + top, columns + left, peak, refinement, spacing))
+        of_rows, of_columns = (np.flatnonzero(hill.any(axis=axis)) for axis in (1, 0))
+        part = part[of_rows[0] : of_rows[-1] + 1, of_columns[0] : of_columns[-1] + 1]
+        top, left = top + int(of_rows[0]), left + int(of_columns[0])
+    return found
+
+
+def _fit_level(
+    along: FloatArray,
+    across: FloatArray,
+    values: FloatArray,
+    rows: IntArray,
+    columns: IntArray,
+    peak: tuple[np.intp, ...],
+    refinement: int,
+    spacing: float,
 ) -> _Level:
-    """Fit one level of the refined values, shape (y, x), over positions along x and across, along y, in m."""
-    if level > values.max():
-        return _Level(0, refused="above the largest δ")
-    within = np.abs(values - level) <= threshold
-    if connected:
-        within &= _hill(values, level - threshold)
-    rows, columns = np.nonzero(within)
+    """Fit the points of one level, (n,) rows and columns of the refined values."""
     if len(rows) < LEAST_POINTS:
         return _Level(len(rows), refused="too few points")
     x, y = along[columns], across[rows]
@@ -309,12 +329,11 @@ def _fit_level(
         return _Level(len(rows), refused="no ellipse")
     if not along[0] <= ellipse.x0 <= along[-1]:
         return _Level(len(rows), refused="centre outside the map")
-    mean = float(values[within].mean())
+    mean = float(values[rows, columns].mean())
     rms = float(np.sqrt(np.mean(ellipse.distance(x, y) ** 2)))
     of_cell = np.bincount(rows // refinement * len(along) + columns // refinement)
     errors = standard_errors(ellipse, x, y, max(int(np.count_nonzero(of_cell)), _CORNERS))
-    row, column = np.unravel_index(np.argmax(values), values.shape)
-    holds_peak = bool(ellipse.distance(along[column], across[row]) <= spacing)
+    holds_peak = bool(ellipse.distance(along[peak[1]], across[peak[0]]) <= spacing)
     undetermined = not (errors[0] <= spacing and closes(x, ellipse.x0, ellipse.A) and holds_peak)
     return _Level(len(rows), mean, ellipse.x0, ellipse.A, ellipse.B, rms, *errors, undetermined)
 
@@ -373,6 +392,17 @@ def _peaks_at_edge(delta: xr.DataArray) -> bool:
     values = delta.transpose("y", "x").values
     row, column = np.unravel_index(int(np.argmax(values)), values.shape)
     return bool(row in (0, values.shape[0] - 1) or column in (0, values.shape[1] - 1))
+
+
+def _require_few_levels(largest: float, first: float, step: float, points: int) -> None:
+    """Refuse a sweep from `first` to the largest δ that would go through too many points in all."""
+    levels = (largest - first) / step + 1
+    most = min(_MOST_LEVELS, _MOST_POINTS // points)
+    if not levels <= most:
+        raise LocalizeError(
+            f"a largest δ of {largest:.3g} in steps of {step:.3g} makes {levels:.3g} levels on {points} refined "
+            f"points; at most {most} levels are fitted."
+        )
 
 
 def _check_axis(response: xr.Dataset, delta: xr.DataArray, states: list[str]) -> None:

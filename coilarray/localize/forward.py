@@ -16,7 +16,7 @@ from coilarray.compute.arrays import FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.design.scan_states import referenced_names
-from coilarray.errors import LocalizeError
+from coilarray.errors import LocalizeError, require_positive
 from coilarray.localize.whitening import Whitening, whitening
 from coilarray.response.coordinates import is_of_target, over_depth
 from coilarray.response.interpolation import (
@@ -287,8 +287,7 @@ def table_grid(
     step = sum(sheet.thickness for sheet in design.sheets) / _STEPS if spacing is None else spacing
     end = _DEEPEST * max(setup.depths) if deepest is None else deepest
     for name, value in (("spacing", step), ("deepest", end)):
-        if not (math.isfinite(value) and value > 0):
-            raise LocalizeError(f"{name} of a table must be positive and finite; got {value} m.")
+        require_positive(f"{name} of a table", value, " m", LocalizeError)
     (x_min, y_min), (x_max, y_max) = coil_extent(design).tolist()
     return end * np.array(_DEPTHS), even_row(x_min, x_max, step), even_row(y_min, y_max, step)
 

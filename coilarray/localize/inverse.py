@@ -18,6 +18,7 @@ import numpy.typing as npt
 from scipy.special import chdtrc, chdtri
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.display_units import true_minus
 from coilarray.compute.html import html_card, html_table
 from coilarray.compute.threads import ranges
 from coilarray.errors import LocalizeError
@@ -183,7 +184,7 @@ def _mode_words(mode: Mode) -> str:
     parts = []
     for name, value, sigma in zip_longest(("x", "y", "depth"), (mode.x, mode.y, mode.depth), mode.known_deviations):
         parts.append(f"{name} = {value * 1e3:.2f}{'' if sigma is None else f' ± {sigma * 1e3:.2g}'} mm")
-    return ", ".join(parts).replace("-", "−")
+    return true_minus(", ".join(parts))
 
 
 def locate(

@@ -2,42 +2,39 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from coilarray.electromagnetics.coil_spectrum import Segments
-from coilarray.electromagnetics.flat_stack import Backing
+from coilarray.compute.arrays import FloatArray
+from coilarray.electromagnetics.coil_spectrum import Segments, mirrored_segments
+from coilarray.electromagnetics.flat_stack import Backing, PassedWaves
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet
 from coilarray.metal.finite_plates import EddyCurrents, eddy_currents_over
 from coilarray.metal.flat_plates import stack_below
+from coilarray.metal.layered_air import LayeredAir
 
 _SAME_PLACE = 1e-9  # of the plate's size
 _SHORT = 1e-3  # of the plate's size: pieces that stand for the current at one point
 
 
-def require_below(plates: Sequence[Plate | FinitePlate]) -> None:
-    """Refuse plates beside which no indentation is computed: MetalError."""
-    floor = max((plate.heights[1] for plate in plates if isinstance(plate, Plate) and plate.z < 0), default=-np.inf)
+def require_below(plates: Sequence[Plate | FinitePlate], what: str = "an indentation") -> None:
+    """Refuse plates beside which no indentation, or `what` else is above the sheets, is computed: MetalError."""
     for k, plate in enumerate(plates):
         name = f"plate.{k} {plate.name!r}"
         if plate.heights[1] > 0:
             raise MetalError(
-                f"an indentation is computed beside plates below the coils; {name} lies above the sheets, in the way "
-                "of the indenter: leave it out, or give it a z_mm below the board."
+                f"{what} is computed beside plates below the coils; {name} lies above them, in its way: leave it out, "
+                "or give it a z_mm below the board."
             )
         if isinstance(plate, FinitePlate) and plate.material.relative_permeability != 1:
             raise MetalError(
-                f"an indentation is computed beside plates with an outline that are not magnetic; {name} has "
+                f"{what} is computed beside plates with an outline that are not magnetic; {name} has "
                 f"a relative permeability of {plate.material.relative_permeability:g}: give it shape = "
                 '"plate", which is infinite, or another material.'
-            )
-        if isinstance(plate, FinitePlate) and plate.heights[0] < floor:
-            raise MetalError(
-                f"an indentation is computed beside plates with an outline above the infinite ones; {name} reaches "
-                f"down to {plate.heights[0] * 1e3:.4g} mm, an infinite one up to {floor * 1e3:.4g} mm: raise its z_mm."
             )
 
 
@@ -52,13 +49,17 @@ def backings_of(
     """Return what plates below the coils send back up at each of the frequencies in Hz; empty where there are none.
 
     The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`. MetalError for plates beside
-    which no indentation is computed, and the errors of `coilarray.metal.finite_plates.eddy_currents`.
+    which nothing above is computed, and the errors of `coilarray.metal.finite_plates.eddy_currents`.
     """
-    require_below(plates)
+    require_below(plates, "an indentation or a sphere")
     face, layers = stack_below([plate for plate in plates if isinstance(plate, Plate)])
     if any(isinstance(plate, FinitePlate) for plate in plates):
         currents = eddy_currents_over(source, plates, frequencies, sheets, fineness=fineness)
-        return [Backing(face, layers, f, _pieces(one)) for f, one in zip(frequencies, currents, strict=True)]
+        endless = [plate for plate in plates if isinstance(plate, Plate)]
+        return [
+            Backing(face, layers, f, *_seen_from_above(LayeredAir.between(endless, (), np.array([f])), one))
+            for f, one in zip(frequencies, currents, strict=True)
+        ]
     return [Backing(face, layers, f) for f in frequencies] if layers else []
 
 
@@ -74,15 +75,33 @@ def backing_of(
     return next(iter(backings_of(source, plates, [frequency], sheets, fineness=fineness)), None)
 
 
-def _pieces(currents: Sequence[EddyCurrents]) -> Segments:
+def _seen_from_above(air: LayeredAir, currents: Sequence[EddyCurrents]) -> tuple[Segments, tuple[PassedWaves, ...]]:
+    """Return the currents above all layers, and what passes of those behind some; the air has one frequency."""
+    gaps = [air.gap(float(z.min()), float(z.max()), "a plate") for z in (one.corners[..., 2] for one in currents)]
+    pieces = [_pieces(one) for one in currents]
+    start, stop = (np.concatenate(ends) for ends in zip(*((one.start, one.stop) for one in pieces), strict=True))
+
+    def those_in(gap: int) -> FloatArray:
+        return np.concatenate([one.weights * (own == gap) for one, own in zip(pieces, gaps, strict=True)])
+
+    highest = len(air.layers)
+    passed = []
+    for gap in sorted(set(gaps) - {highest}):
+        behind = Segments(start, stop, those_in(gap))
+        floor = air.gap_faces(gap)[0]
+        passed.append(PassedWaves(behind, lambda k, gap=gap: air.weights(k, gap, highest)[2][0]))  # type: ignore[misc]
+        if math.isfinite(floor):  # also what the next layer below sends up
+            (mirrored,) = mirrored_segments([behind], floor)
+            passed.append(PassedWaves(mirrored, lambda k, gap=gap: air.weights(k, gap, highest)[1][0]))  # type: ignore[misc]
+    return Segments(start, stop, those_in(highest)), tuple(passed)
+
+
+def _pieces(currents: EddyCurrents) -> Segments:
     """Short pieces along x and y in the middles of all edges, whose rule integrates quadratic fields exactly."""
-    middles, moments = [], []
-    for one in currents:
-        corners = one.corners
-        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-        middles.append((corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2)
-        moments.append(np.repeat(one.density * areas[:, None] / 3, 3, axis=1)[..., :2])
-    points, moment = np.concatenate(middles), np.concatenate(moments, axis=1)
+    corners = currents.corners
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    points = (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3) / 2
+    moment = np.repeat(currents.density * areas[:, None] / 3, 3, axis=1)[..., :2]
     size = float(np.ptp(points[:, :2], axis=0).max())
     _, first, number = np.unique(
         np.round(points / (_SAME_PLACE * size)), axis=0, return_index=True, return_inverse=True

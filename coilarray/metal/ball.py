@@ -41,8 +41,8 @@ from coilarray.electromagnetics.flat_stack import Backing, Layer, flat_profile, 
 from coilarray.electromagnetics.plane_waves import wave_count, wave_rule
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
-from coilarray.geometry import Ball, Material, Plate, Sheet
-from coilarray.metal.flat_plates import stack_below
+from coilarray.geometry import Ball, FinitePlate, Material, Plate, Sheet
+from coilarray.metal.backing import backings_of
 from coilarray.metal.frequencies import checked_frequencies
 
 _LEFT_OUT = 1e-7  # of the energy: multipoles of higher order
@@ -60,8 +60,9 @@ def ball_inductance(
     centres: npt.ArrayLike,
     frequencies: npt.ArrayLike,
     sheets: Sequence[Sheet] = (),
-    plates: Sequence[Plate] = (),
+    plates: Sequence[Plate | FinitePlate] = (),
     *,
+    fineness: float = 1.0,
     progress: Progress | None = None,
 ) -> ComplexArray:
     """Change of the impedance matrix of coils by a conducting or magnetic ball above them, as a complex inductance.
@@ -78,8 +79,10 @@ def ball_inductance(
         Frequencies in Hz, at least 0.
     sheets : sequence of Sheet
         Flat sheets between the coils and the ball, upwards from z = 0 and wide against both.
-    plates : sequence of Plate
-        Infinite plates below the coils.
+    plates : sequence of Plate or FinitePlate
+        Plates below the coils, infinite or with an outline.
+    fineness : float
+        Fineness of the mesh of plates with an outline, see `coilarray.metal.finite_plates.moving_plate`.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -93,13 +96,17 @@ def ball_inductance(
     ------
     MetalError
         Centres or frequencies that are not allowed, a ball that reaches into the sheets or the coils, or comes so near
-        to them that more than 120 multipoles count; a plate that is not below the coils.
+        to them that more than 120 multipoles count; a plate that is not below the coils, and what
+        `coilarray.metal.backing.require_below` and `coilarray.metal.finite_plates.eddy_currents` refuse.
     MemoryLimitError
         More values than there is memory for.
 
     Notes
     -----
-    Exact for filaments: every multipole at any skin depth, and all reflections between ball, sheets and plates.
+    Exact for filaments: every multipole at any skin depth, and all reflections between ball, sheets and infinite
+    plates. The currents in plates with an outline are those without the ball: what they send back of its own field is
+    left out. Against an infinite plate, 1 mm of aluminium 3 mm below the board, that was 0.7 % for a ball of 5 mm on
+    the sheets of gast2020 (0.9 % of ferrite), and 0.5 % (2.5 %) at 1 mm over a bare board.
     Multipoles are counted until they add less than 1e-7 of the whole. Measured: where a ball of 5 mm touches the
     magnetic sheet of gast2020, the reflections change what one of aluminium does by −6 %, one of ferrite by 19 %.
 
@@ -124,19 +131,19 @@ def ball_inductance(
     for plate in plates:
         if plate.heights[1] > lowest:
             raise MetalError(
-                f"a ball is computed beside infinite plates below the coils; {plate.name!r} reaches up to "
+                f"a ball is computed beside plates below the coils; {plate.name!r} reaches up to "
                 f"z = {plate.heights[1] * 1e3:.4g} mm, the lowest copper lies at {lowest * 1e3:.4g} mm."
             )
-    face, layers = stack_below(plates)
     frequency = checked_frequencies(frequencies)
-    if not layers:
+    backings = backings_of(source, plates, frequency.tolist(), sheets, fineness=fineness)
+    if not backings:
         return ball_over(source, ball, at, frequency, sheets, None, progress=progress)
     parts = [
         ball_over(
-            source, ball, at, np.array([f]), sheets, Backing(face, layers, f),
+            source, ball, at, np.array([backing.frequency]), sheets, backing,
             progress=part_of(progress, number, len(frequency)),
         )
-        for number, f in enumerate(frequency.tolist())
+        for number, backing in enumerate(backings)
     ]  # fmt: skip
     return np.concatenate(parts, axis=1)
 
@@ -286,11 +293,11 @@ def with_mirrored(
     thicknesses: Sequence[float],
     permeabilities: Sequence[float],
 ) -> FloatArray | ComplexArray:
-    """Multipoles (orders, k) of waves of the coils, and beside them over layers those of their mirror images."""
+    """Multipoles (orders, k) of waves of the coils, or over layers beside each other those of each `Backing.seen`."""
     if backing is None or not backing.layers:
         return field
-    often, _ = backing.between(wavenumbers, thicknesses, permeabilities)
-    return np.concatenate((field * often, field * often * backing.reflection(wavenumbers)), axis=1)
+    arriving = backing.arriving(wavenumbers, thicknesses, permeabilities)
+    return np.concatenate([field * one for one in arriving], axis=1)
 
 
 def answer_of(alpha: ComplexArray, returned: FloatArray | ComplexArray) -> ComplexArray:

@@ -136,6 +136,8 @@ class PlatesInAir:
         frequencies = len(self.air.frequencies)
         shape = (frequencies, count, len(plate.where), len(self.paths))
         require_memory(32.0 * math.prod(shape), f"a plate at {len(plate.where)} places", "compute fewer")
+        if not images:  # behind a plate that nothing passes
+            return np.zeros(shape, dtype=np.complex128)
         weights, number = self._sums(images)
         used = weights.any(axis=1)
         fluxes = linked_fluxes(plate.body, self.paths, plate.plate, plate.where, images, weights[used])

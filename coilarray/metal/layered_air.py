@@ -36,6 +36,7 @@ _TOLERANCE = 2e-4  # of the largest wave
 _RATIOS = (math.inf, 4.0, 2.8, 2.0, 1.6, 1.3)  # of the distances; inf: one image alone
 _SMALLEST = 1e-7  # singular value of a fit
 _LEFT_OUT = 5e-5  # of the largest wave: images so weak at all frequencies
+_NOTHING = 1e-6  # of the wave with nothing in its way: what passes a thick plate, and acts by its square
 
 
 def layer_of(plate: Plate) -> Layer:
@@ -152,13 +153,13 @@ class LayeredAir:
                 continue
             shortest = max(way, TOUCHING)
             k = np.geomspace(_LONGEST / (extent + shortest), _DIGITS / shortest, _WAVES)
-            weights = self._weights(k, source[0], place[0])[number]
+            weights = self.weights(k, source[0], place[0])[number]
             for distance, shares in _fitted(k, weights, shortest, extent):
                 found.append(Image(sign, offset + outwards * 2 * distance, shares))
         return found
 
-    def _weights(self, k: FloatArray, source: int, place: int) -> tuple[ComplexArray, ...]:
-        """Weights (f, k) of the four ways from one gap to the same or a higher one."""
+    def weights(self, k: FloatArray, source: int, place: int) -> tuple[ComplexArray, ...]:
+        """Weights (f, k) of the four ways from one gap to the same or a higher one, at wavenumbers (k,) in 1/m."""
         omega = 2 * np.pi * self.frequencies[:, None]
         floor, roof = self.gap_faces(source)
         up, down = (layer_waves(self._outwards(source, up=side), k, omega) for side in (True, False))
@@ -194,20 +195,22 @@ def _fitted(k: FloatArray, weights: ComplexArray, way: float, extent: float) -> 
     counted = np.exp(-k * way) * np.minimum(k * (extent + way), 1.0) ** 2
     wanted = weights * counted
     largest = np.abs(wanted).max()
-    if largest == 0:
+    allowed = max(_TOLERANCE * largest, _NOTHING * counted.max())
+    if largest <= allowed:
         return []
     for ratio in _RATIOS:
         count = 0 if math.isinf(ratio) else math.ceil(math.log(4 * k[-1] / k[0]) / math.log(ratio))
         distances = np.array([0.0, *np.geomspace(0.5 / k[-1], 2 / k[0], count)])
         waves = np.exp(-2 * np.outer(k, distances)) * counted[:, None]
         shares = np.linalg.lstsq(waves, wanted.T, rcond=_SMALLEST)[0]
-        if np.abs(waves @ shares - wanted.T).max() <= _TOLERANCE * largest:
+        if np.abs(waves @ shares - wanted.T).max() <= allowed:
             break
     else:
         raise MetalError(
             f"what plates without end and magnetic sheets reflect must be a sum of images to {_TOLERANCE:g}; {count} "
             f"images of a source {way * 1e3:.4g} mm away by reflection, {extent * 1e3:.4g} mm wide, err by "
-            f"{np.abs(waves @ shares - wanted.T).max() / largest:.2g}."
+            f"{np.abs(waves @ shares - wanted.T).max() / largest:.2g}: move plates with an outline farther away from "
+            "them."
         )
     strengths = np.abs(shares).max(axis=1) * np.abs(waves).max(axis=0)
     return [

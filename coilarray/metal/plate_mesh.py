@@ -18,9 +18,8 @@ import shapely
 from scipy.spatial import Delaunay
 
 from coilarray.compute.arrays import FloatArray, IntArray
-from coilarray.errors import GeometryError
+from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.plate import Outline
-from coilarray.geometry.values import require_positive
 
 _ALONG = 90  # pieces of all rims together, where the plate is not narrow
 _WIDEST, _FINEST = 1.4, 0.06  # largest and smallest piece of the rim, of the inscribed radius

@@ -11,9 +11,9 @@ from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.threads import Progress
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.electromagnetics.source import Source
-from coilarray.errors import MetalError
 from coilarray.geometry import Ball, FinitePlate, Plate, Sheet, Target
 from coilarray.geometry.target import Body
+from coilarray.metal.backing import require_below
 from coilarray.metal.ball import ball_inductance
 from coilarray.metal.finite_plates import moving_plate, outlined_inductance
 from coilarray.metal.flat_plates import plate_inductances
@@ -65,7 +65,8 @@ def target_inductance(
     Raises
     ------
     MetalError
-        A sphere beside plates with an outline or above the coils, and what the solver of the body refuses.
+        A sphere beside plates above the coils or magnetic ones with an outline, and what the solver of the body
+        refuses.
     GeometryError
         A target that reaches into metal, sheets or copper, and what the solver of the body refuses.
     """
@@ -87,17 +88,13 @@ def target_inductance(
             source, body, positions, frequencies, sheets, plates, fineness=fineness, progress=progress
         )  # fmt: skip
     else:
-        below = [plate for plate in plates if isinstance(plate, Plate)]
-        change = ball_inductance(source, body, positions, frequencies, sheets, below, progress=progress)
+        change = ball_inductance(
+            source, body, positions, frequencies, sheets, plates, fineness=fineness, progress=progress
+        )
     return change.reshape(len(heights), len(places), *change.shape[1:])
 
 
 def require_apart(body: Body, plates: Sequence[Plate | FinitePlate]) -> None:
     """Refuse a target beside plates with which it is not computed: MetalError."""
-    for k, plate in enumerate(plates if isinstance(body, Ball) else ()):
-        if isinstance(plate, FinitePlate) or plate.z >= 0:
-            what = "has an outline" if isinstance(plate, FinitePlate) else "lies above the coils"
-            raise MetalError(
-                f"a sphere as the target is computed beside infinite plates below the coils; plate.{k} {plate.name!r} "
-                f'{what}: leave it out, or give it shape = "plate" and a z_mm below the board.'
-            )
+    if isinstance(body, Ball):
+        require_below(plates, "a sphere")

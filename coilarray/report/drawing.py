@@ -23,6 +23,7 @@ Result = TypeVar("Result")
 Task = tuple[Future[Any], Callable[..., Any], tuple[Any, ...]]
 
 _OPEN: list[Drawing] = []  # one, while a block lasts
+_WORTH = 2  # tasks that the process beside has done by the time this one has imported Matplotlib
 
 
 class Drawing:
@@ -49,8 +50,8 @@ class Drawing:
         return future
 
     def finish(self) -> None:
-        """Help with the tasks that have not begun; afterwards all have results."""
-        while (task := self._take()) is not None:
+        """Help where many tasks have not begun; afterwards all have results."""
+        while len(self._todo) > (_WORTH if self._process is not None else 0) and (task := self._take()) is not None:
             _fulfil(task)
         with self._told:
             self._ended = True
@@ -158,6 +159,7 @@ def _draw(questions: BinaryIO, answers: BinaryIO) -> None:
 if __name__ == "__main__":
     replies = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no answer
+    sys.modules["dask"] = None  # type: ignore[assignment]  # which xarray imports where it finds it, and no picture needs
     with suppress(BrokenPipeError, KeyboardInterrupt):
         _draw(sys.stdin.buffer, replies)
     os._exit(0)  # ends at once, whatever threads still wait

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ import xarray as xr
 from coilarray import viz
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.files import writing
+from coilarray.compute.html import png_url
 from coilarray.design.model import Design
 from coilarray.geometry import Indenter
 from coilarray.localize.ellipse_model import EllipseModel
@@ -41,8 +41,7 @@ class Picture:
 
 def board_picture(design: Design) -> list[Picture]:
     """Show the board: rendered where this machine can, else drawn from above."""
-    problem = viz.rendering_problem()
-    if problem is None:
+    if viz.rendering_problem() is None:
         caption = "The board; lengths in mm."
         if design.plates:
             from coilarray.viz.scenes.of_design import View, scene_of_design  # all that a scene may compute
@@ -50,7 +49,8 @@ def board_picture(design: Design) -> list[Picture]:
             scene = scene_of_design(design, View(show=("board", "plates")))
             return [_render("board", caption, lambda path: viz.save_picture(scene, path, size=_SIZE))]
         return [_render("board", caption, lambda path: viz.save_board_picture(design.array, path, size=_SIZE))]
-    return [draw("board", f"The board from above; lengths in mm. {problem}", viz.plot_board(design.array))]
+    caption = "The board from above; lengths in mm. This computer could not render it in three dimensions."
+    return [draw("board", caption, viz.plot_board(design.array))]
 
 
 def copper_pictures(design: Design) -> list[Picture]:
@@ -175,6 +175,13 @@ def target_pictures(design: Design, target: xr.Dataset) -> list[Picture]:
     return found
 
 
+def bounds_picture(design: Design, bounds: xr.Dataset) -> list[Picture]:
+    """Draw how well readings tell the position over the board."""
+    outlines = [_outline(design, name) for name in design.array.names]
+    caption = "Least standard deviation of a located position over the board, grey where readings do not tell it."
+    return [draw("position_bounds", caption, viz.identifiability_figure(bounds, outlines))]
+
+
 def position_pictures(design: Design, positions: MapPositions, published: EllipseModel | None) -> list[Picture]:
     """Draw A, B and x0 of the middle coil over δ, two ellipses that meet, and the error of x over the map."""
     names = positions.model.names
@@ -244,15 +251,11 @@ def _render(name: str, caption: str, save: Callable[[Path], None]) -> Picture:
     with writing("temporary files"), tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.png"
         save(path)
-        return Picture(name, caption, _uri(path.read_bytes()))
+        return Picture(name, caption, png_url(path.read_bytes()))
 
 
 def draw(name: str, caption: str, drawn: Axes | Figure) -> Picture:
     """Return a drawn figure as a picture with a name and a caption."""
     from coilarray.report.png import png_of  # which imports Matplotlib
 
-    return Picture(name, caption, _uri(png_of(drawn)))
-
-
-def _uri(png: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+    return Picture(name, caption, png_url(png_of(drawn)))

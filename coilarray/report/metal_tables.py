@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import xarray as xr
 
+from coilarray.circuit.plates import plate_model_errors
 from coilarray.compute.display_units import MM, PERCENT, DisplayUnit
 from coilarray.design.model import Design
 from coilarray.geometry import FinitePlate
+from coilarray.metal.surface_impedance import ModelError
 from coilarray.report.tables import Column, Table, Value, dataset_table
 
 _CONDUCTIVITY = DisplayUnit("MS/m", 1e-6, 4, significant=True)
@@ -20,8 +23,12 @@ _COMPARED = {
 
 
 def plate_table(design: Design, frequency: float) -> Table:
-    """Return one row for each plate: its place, material, and its skin depth at a frequency in Hz."""
-    columns = (
+    """Return one row for each plate: its place, material, and its skin depth at a frequency in Hz.
+
+    Where there are plates with an outline, also how far ΔL and ΔR of these may be off by their model.
+    """
+    errors = plate_model_errors(design, frequency)
+    columns: tuple[Column, ...] = (
         *map(Column, ("plate", "outline")),
         Column("z", "lowest point at z", "m", MM),
         Column("thickness", unit="m", shown=_SHORT),
@@ -31,6 +38,11 @@ def plate_table(design: Design, frequency: float) -> Table:
         Column("skin_depth", unit="m", shown=_SHORT),
         Column("thickness_over_skin_depth", "thickness in skin depths", "1", _RATIO),
     )
+    if errors:
+        columns += (
+            Column("inductance_error", "ΔL errs by up to", "1", PERCENT),
+            Column("resistance_error", "ΔR errs by up to", "1", PERCENT),
+        )
     rows: list[tuple[Value, ...]] = []
     for plate in design.plates:
         outline = type(plate.outline).__name__.lower() if isinstance(plate, FinitePlate) else "infinite plate"
@@ -41,9 +53,17 @@ def plate_table(design: Design, frequency: float) -> Table:
             (
                 plate.name, outline, plate.heights[0], plate.thickness, material.words,
                 *("" if not math.isfinite(number) else number for number in numbers),
+                *_errors(errors, plate.name),
             )
         )  # fmt: skip
     return Table("plates", "Plates", columns, tuple(rows))
+
+
+def _errors(errors: Mapping[str, ModelError], name: str) -> tuple[Value, ...]:
+    """Cells of the errors of a plate: empty for one without an outline, none where no plate has one."""
+    if name in errors:
+        return errors[name].inductance, errors[name].resistance
+    return ("", "") if errors else ()
 
 
 def beside_plates_table(scan: xr.Dataset, without: xr.Dataset) -> Table:

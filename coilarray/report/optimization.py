@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from coilarray.circuit.coupling import provenance
+from coilarray.compute.display_units import true_minus, value_text
 from coilarray.compute.files import make_folder, write_text
 from coilarray.design.model import Design
 from coilarray.design.vary import vary
@@ -275,8 +276,4 @@ def _allowed(axis: Axis) -> str:
 
 
 def _shown(value: Any) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, float):
-        return f"{value:.5g}".replace("-", "−")
-    return value if isinstance(value, str) else json.dumps(value)
+    return true_minus(f"{value:.5g}") if isinstance(value, float) else value_text(value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -39,6 +38,7 @@ def summary_table(
     response: xr.Dataset | None,
     without: xr.Dataset | None = None,
     target: xr.Dataset | None = None,
+    bounds: xr.Dataset | None = None,
 ) -> Table:
     """Return one row a quantity: its least and most over all coils and states, and which these are.
 
@@ -51,14 +51,15 @@ def summary_table(
     margins : sequence of Margin
         Result of `coilarray.geometry.check_rules`.
     response : xarray.Dataset or None
-        Response on the board; None for a design without one. Of it the largest δ and, where readings tell it, the
-        Cramér–Rao bound of a located x at its best place and in the median of the map.
+        Response on the board; None for a design without one.
     without : xarray.Dataset, optional
         The scan without the plates of a design that has some.
     target : xarray.Dataset, optional
         Result of `coilarray.target_map`.
+    bounds : xarray.Dataset, optional
+        The response's `position_bounds`: of x the least and the median of the map.
     """
-    found = [*_rows(coupling, scan, margins, response), *_metal_rows(scan, without, target)]
+    found = [*_rows(coupling, scan, margins, response), *_position_rows(bounds), *_metal_rows(scan, without, target)]
     columns = (Column("quantity"), Column("least", unit="1"), Column("most", unit="1"), Column("unit"), Column("where"))
     units = tuple(_SHOWN.get(str(unit)) or display_unit(str(unit)) for *_, unit, _ in found)
     return Table("summary", "Summary", columns, tuple(found), units)
@@ -97,33 +98,36 @@ def _rows(
         k = np.abs(coupling.coupling.values - np.eye(len(names)))
         i, j = (int(n) for n in np.unravel_index(int(k.argmax()), k.shape))
         yield ("largest |k| of two coils", "", float(k.max()), "1", f"{names[i]} and {names[j]}")
-    lengths = [margin for margin in margins if margin.unit]
-    if lengths:
-        worst = min(lengths, key=lambda margin: margin.margin)
+    worst = next((one for one in margins if one.unit and one.feature != "board"), None)  # they are sorted
+    if worst is not None:
         where = f"{worst.rule} of {worst.feature}"
-        yield ("least margin to the limits of the board house", worst.margin, "", "m", where)
+        yield ("least margin of traces, gaps and holes", worst.margin, "", "m", where)
     if response is not None:
         peaks = response.delta.isel(depth=-1).max(("x", "y"))
         yield _row("largest δ, deepest", peaks.state.values.tolist(), peaks.values, "ppm")
-        yield from _resolution(response)
 
 
-def _resolution(response: xr.Dataset) -> Iterator[tuple[Value, ...]]:
-    """Least standard deviations of a located x over the deepest map; nothing for a map from which none is located."""
+def position_bounds(response: xr.Dataset) -> xr.Dataset | None:
+    """Return the Cramér–Rao bounds of a position over the deepest map; None for a map from which x is nowhere found."""
     try:
-        model = forward_model(response)
-        sigma = identifiability(model, float(response.depth[-1])).sigma_x
+        bounds = identifiability(forward_model(response), float(response.depth[-1]))
     except LocalizeError:
+        return None
+    return bounds if np.isfinite(bounds.sigma_x).any() else None
+
+
+def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
+    if bounds is None:
         return
+    sigma = bounds.sigma_x
     best, median = float(sigma.min()), float(sigma.median())
-    if not math.isfinite(best):
-        return
-    found = median < float(np.ptp(response.x.values))
+    found = median < float(np.ptp(bounds.x.values))
     place = sigma.where(sigma == best, drop=True)[0, 0]
     at = f"at x {float(place.x) * 1e3:.1f}, y {float(place.y) * 1e3:.1f} mm"
     half = "median of the map" if found else "half of the map does not tell x"
     yield (
-        f"σ of a located x, deepest; noise of δ {model.noise:.2g}, common {model.common_noise.max():.2g}",
+        f"σ of a located x, deepest; noise of δ {max(bounds.attrs['noise']):.2g}, "
+        f"common {max(bounds.attrs['common_noise']):.2g}",
         best,
         median if found else "",
         "m",

@@ -188,7 +188,7 @@ def cell(value: object) -> Value:
 
 def root_mean_square(values: npt.NDArray[np.float64]) -> Value:
     """Return the root mean square of finite numbers as a value of a table; empty where there are none."""
-    return cell(np.sqrt(np.mean(values**2))) if len(values) else ""
+    return cell(np.hypot.reduce(values / np.sqrt(len(values)))) if len(values) else ""  # no square that overflows
 
 
 def coil_table(design: Design, coupling: xr.Dataset) -> Table:

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
+from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
 _CIRCUIT = ("effective_inductance", "frequency", "effective_resistance", "quality_factor", "parallel_resistance")
@@ -61,8 +62,7 @@ def target_coupling_table(response: xr.Dataset) -> Table:
 
     ``coupling`` is that with the target, ``free_coupling`` without.
     """
-    L = response.inductance.values
-    free = L / np.sqrt(np.outer(np.diag(L), np.diag(L)))
+    free = coupling_matrix(response.inductance.values)
     columns = (
         Column("distance", unit="m"), Column("coil"), Column("other"), Column("x", unit="m"), Column("y", unit="m"),
         Column("coupling", "coupling with the target", "1"), Column("free_coupling", "without", "1"),

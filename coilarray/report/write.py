@@ -16,11 +16,11 @@ import xarray as xr
 
 from coilarray import viz
 from coilarray.circuit.coupling import couple_design, design_inductance, provenance, terminations_of
-from coilarray.circuit.impedance import close_channels, scan_design, sweep_design
+from coilarray.circuit.impedance import close_channels, scan_design, sweep_design, sweep_range
 from coilarray.circuit.operating_field import operating_field
 from coilarray.compute.files import make_folder, write_text
 from coilarray.compute.html import html_card, html_table
-from coilarray.compute.netcdf import save_dataset
+from coilarray.compute.netcdf import netcdf_of, save_netcdf
 from coilarray.compute.threads import Progress, threads
 from coilarray.design.fab_limits import load_profile
 from coilarray.design.model import Design, DesignFile
@@ -43,7 +43,7 @@ from coilarray.report import (
 from coilarray.report.drawing import drawing_beside
 from coilarray.report.page import now, render_page, with_contents
 from coilarray.report.position import MapPositions, map_position_table, map_positions
-from coilarray.report.summary import summary_table, verdicts
+from coilarray.report.summary import position_bounds, summary_table, verdicts
 from coilarray.response.answering import coils_outside
 from coilarray.response.coordinates import on_board, origin_of
 from coilarray.response.map import response_map
@@ -56,8 +56,7 @@ T = TypeVar("T")
 _LINE_POINTS = 401
 _PLANE_STEP = 0.5e-3
 _PLANE_POINTS = (100, 400)
-# from a tenth of the resonance to beyond the self-resonance of common windings
-_SWEEP, _SWEEP_POINTS = (0.1, 4.0), 60
+_SWEEP_POINTS = 60
 # depths of the force curve, none nearer to one of the design's than this part of the deepest
 _CURVE_POINTS, _CURVE_APART = 8, 0.02
 _PUBLISHED = "gast2020"  # the design whose coils are those of Table A1
@@ -144,8 +143,8 @@ def write_report(
     ``ldc1614_drive.csv``, ``sweep.csv``, ``indentation.csv``, ``response.csv``, ``ellipses.csv``, ``polynomials.csv``,
     ``map_positions.csv``, ``residuals.csv`` and ``causes.csv``, and of metal ``plates.csv``, ``beside_plates.csv``,
     ``target.csv``, ``target_range.csv`` and ``target_coupling.csv``, all of them in ``report.json``; ``coupling.nc``,
-    ``field.nc``, ``scan.nc``, ``impedance.nc``, ``target.nc``, ``indentation.nc``, ``response.nc`` and
-    ``ellipses.nc`` hold the arrays.
+    ``field.nc``, ``scan.nc``, ``impedance.nc``, ``target.nc``, ``indentation.nc``, ``response.nc``,
+    ``position_bounds.nc`` and ``ellipses.nc`` hold the arrays.
     Parts that a design does not ask for are left out, and so are parts that cannot be computed, with the reason on the
     page.
     """
@@ -212,6 +211,9 @@ def write_report(
             # beside the paper in its own system, and where the axis of the coils is not the board's
             counted = response if compare or origin_of(response)[1] else shown
             positions, position_problem = _or_reason(lambda: map_positions(counted))
+        bounds = None if shown is None else position_bounds(shown)
+        if bounds is not None and min(bounds.sizes.values()) > 1:
+            draw(figures.bounds_picture, design, bounds)
         if positions is not None:
             draw(figures.position_pictures, design, positions, published_model() if compare else None)
         if distortion is not None:
@@ -222,67 +224,70 @@ def write_report(
         if seen is not None:
             draw(figures.target_pictures, design, seen)
         step()
+        # while the last pictures are drawn
+        all_tables = [
+            summary_table(coupling, scan, margins, shown, without, seen, bounds),
+            tables.coil_table(design, coupling),
+            tables.pair_table(coupling),
+            tables.design_table(file),
+            tables.rules_table(margins),
+            *([tables.line_table(line)] if line else []),
+            *_circuit_tables(scan, sweep),
+            *_metal_tables(design, coupling, scan, without, seen),
+            *([] if indentation is None else [indentation_tables.indentation_table(indentation)]),
+            *([] if shown is None else [indentation_tables.response_table(shown)]),
+            *([] if positions is None else _position_tables(positions, compare)),
+            *([] if distortion is None else _distortion_tables(distortion)),
+        ]
+        broken = verdicts(scan, margins)
+        data: dict[str, object] = {
+            "schema": 1,
+            "provenance": {**provenance(design), "date": now()},
+            "title": design.title or design.name,
+            "verdicts": broken,
+            "board": array_words(design.array),
+            "metal": metal_words(design),
+            "source": design.source,
+            "capacitance_F": design.circuit.capacitance,
+            "short_resistance_ohm": design.circuit.short_resistance,
+            "terminations": dict(zip(design.array.names, terminations_of(design), strict=True)),
+            "left_out": coupling.attrs["left_out"],
+            "circuit_problem": circuit_problem,
+            "close_channels": [
+                {"states": [a, b], "relative_distance": distance}
+                for a, b, distance in (
+                    [] if scan is None else close_channels(scan.state.values.tolist(), scan.frequency)
+                )
+            ],
+            "indentation_problem": indentation_problem or response_problem,
+            "coils_outside_map": [] if shown is None else coils_outside(shown),
+            "position_problem": "" if design.indentation is None else position_problem,
+            "field_problem": field_problem,
+            "target_problem": target_problem,
+            "target_noise": None if target is None else float(target.attrs["sigma"]),
+            "position": None if positions is None else _position_summary(positions),
+            "sheet_share": _sheet_share(coupling),
+            "field_coil": active,
+            "field_height_m": design.field_height,
+            **{table.name: table.records() for table in all_tables},
+        }
+        texts = {f"{table.name}.csv": table.csv() for table in all_tables}
+        texts["report.json"] = json.dumps(data, indent=1, allow_nan=False) + "\n"
+        datasets = {
+            "coupling": coupling, "field": _both(plane) if plane else None, "scan": scan, "impedance": sweep,
+            "target": target, "indentation": indentation, "response": response,
+            "position_bounds": bounds, "ellipses": None if positions is None else positions.fits,
+        }  # fmt: skip
+        contents = {name: netcdf_of(dataset) for name, dataset in datasets.items() if dataset is not None}
         drawing.finish()
         step()
-    all_tables = [
-        summary_table(coupling, scan, margins, shown, without, seen),
-        tables.coil_table(design, coupling),
-        tables.pair_table(coupling),
-        tables.design_table(file),
-        tables.rules_table(margins),
-        *([tables.line_table(line)] if line else []),
-        *_circuit_tables(scan, sweep),
-        *_metal_tables(design, coupling, scan, without, seen),
-        *([] if indentation is None else [indentation_tables.indentation_table(indentation)]),
-        *([] if shown is None else [indentation_tables.response_table(shown)]),
-        *([] if positions is None else _position_tables(positions, compare)),
-        *([] if distortion is None else _distortion_tables(distortion)),
-    ]
-    broken = verdicts(scan, margins)
-    data: dict[str, object] = {
-        "schema": 1,
-        "provenance": {**provenance(design), "date": now()},
-        "title": design.title or design.name,
-        "verdicts": broken,
-        "board": array_words(design.array),
-        "metal": metal_words(design),
-        "source": design.source,
-        "capacitance_F": design.circuit.capacitance,
-        "short_resistance_ohm": design.circuit.short_resistance,
-        "terminations": dict(zip(design.array.names, terminations_of(design), strict=True)),
-        "left_out": coupling.attrs["left_out"],
-        "circuit_problem": circuit_problem,
-        "close_channels": [
-            {"states": [a, b], "relative_distance": distance}
-            for a, b, distance in ([] if scan is None else close_channels(scan.state.values.tolist(), scan.frequency))
-        ],
-        "indentation_problem": indentation_problem or response_problem,
-        "coils_outside_map": [] if shown is None else coils_outside(shown),
-        "position_problem": "" if design.indentation is None else position_problem,
-        "field_problem": field_problem,
-        "target_problem": target_problem,
-        "target_noise": None if target is None else float(target.attrs["sigma"]),
-        "position": None if positions is None else _position_summary(positions),
-        "sheet_share": _sheet_share(coupling),
-        "field_coil": active,
-        "field_height_m": design.field_height,
-        **{table.name: table.records() for table in all_tables},
-    }
     # everything that can fail on the numbers comes before the first file
     page = _page(file, data, all_tables, [picture for drawn in pictures for picture in drawn.result()])
-    texts = {f"{table.name}.csv": table.csv() for table in all_tables}
-    texts["report.json"] = json.dumps(data, indent=1, allow_nan=False) + "\n"
     make_folder(data_folder)
     for name, text in texts.items():
         write_text(data_folder / name, text)
-    datasets = {
-        "coupling": coupling, "field": _both(plane) if plane else None, "scan": scan, "impedance": sweep,
-        "target": target, "indentation": indentation, "response": response,
-        "ellipses": None if positions is None else positions.fits,
-    }  # fmt: skip
-    for name, dataset in datasets.items():
-        if dataset is not None:
-            save_dataset(dataset, data_folder / f"{name}.nc")
+    for name, content in contents.items():
+        save_netcdf(content, data_folder / f"{name}.nc")
     write_text(folder / "report.html", page)
     step()
     return Report(folder / "report.html", data_folder, coupling, data, problem.result(), all_tables[0], broken)
@@ -292,8 +297,7 @@ def _circuit(design: Design) -> tuple[xr.Dataset | None, xr.Dataset | None, str]
     """Scan and sweep of the design's circuit; where it has none, nothing and the reason."""
     try:
         scan = scan_design(design)
-        middle = float(np.sqrt(scan.frequency.min() * scan.frequency.max()))
-        return scan, sweep_design(design, middle * np.geomspace(*_SWEEP, _SWEEP_POINTS)), ""
+        return scan, sweep_design(design, np.geomspace(*sweep_range(scan), _SWEEP_POINTS)), ""
     except (GeometryError, NetworkError) as error:  # a winding without turns has no capacitance model, for example
         return None, None, str(error)
 

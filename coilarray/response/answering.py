@@ -34,7 +34,8 @@ def _middle_first(response: xr.Dataset) -> list[int]:
     peak, at = size.max(axis=0), size.argmax(axis=0)
     middle = [(axis.min() + axis.max()) / 2 for axis in (x, y)]
     distance = np.hypot(x.ravel()[at] - middle[0], y.ravel()[at] - middle[1])
-    order = np.lexsort((-peak, distance.round(9), peak < _ANSWERS * peak.max()))
+    # of equally near ones that with the larger peak, or the first: a symmetric board is that to the mesh's error only
+    order = np.lexsort((-(peak / (peak.max() or 1.0)).round(2), distance.round(9), peak < _ANSWERS * peak.max()))
     return [int(k) for k in order]
 
 

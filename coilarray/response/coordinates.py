@@ -15,19 +15,6 @@ if TYPE_CHECKING:
     from coilarray.design.model import Indentation
     from coilarray.geometry import Target
 
-__all__ = [
-    "as_depths",
-    "axis_label",
-    "depth_words",
-    "from_board",
-    "is_of_target",
-    "map_coordinates",
-    "on_board",
-    "origin_attributes",
-    "origin_of",
-    "over_depth",
-]
-
 _BOARD = "board"
 _PICOMETRE = 12  # digits of m: what a shift adds to a number of few digits
 
@@ -50,16 +37,28 @@ def map_coordinates(
 
     Places `x` and `y` in m count from the map's origin, the coils' `centres`, shape (coils, 2), from the board's.
     """
-    from_origin = centres - setup.origin_point
     return {
         "y": ("y", y, {"units": "m"}),
         "x": ("x", x, {"units": "m"}),
         "state": list(states),
-        "coil": list(coils),
         "other": list(coils),
+        **coil_coordinates(setup, coils, centres),
+    }
+
+
+def coil_coordinates(setup: Indentation | Target | None, coils: Sequence[str], centres: FloatArray) -> dict[str, Any]:
+    """Return the coordinates of the coils in a map: their names, and their `centres` on the board from its origin."""
+    from_origin = centres - map_origin(setup)
+    return {
+        "coil": list(coils),
         "coil_x": ("coil", from_origin[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
         "coil_y": ("coil", from_origin[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
     }
+
+
+def map_origin(setup: Indentation | Target | None) -> tuple[float, float]:
+    """Return x and y in m on the board from which a map counts; the board's own origin where there is no setup."""
+    return (0.0, 0.0) if setup is None else setup.origin_point
 
 
 def from_board(positions: Iterable[float], origin: float) -> tuple[float, ...]:

@@ -596,13 +596,17 @@ def _through_circuit(
     delta = np.empty((*shape, len(flats)))
     for k, flat in enumerate(flats):
         inductances = network.inductance + changed(flat.frequency).reshape(-1, *network.inductance.shape)
-        dented = np.concatenate(
-            [
-                resonances_near(network, flat, inductances[start:stop], capacitances[start:stop])
-                for start, stop in ranges(len(inductances), at_once)
-            ]
-        )
-        delta[..., k] = ((flat.frequency / dented) ** 2 - 1).reshape(shape)
+        parts = []
+        for start, stop in ranges(len(inductances), at_once):
+            # the network itself first: what changes nothing then gives zero to the last digit
+            found = resonances_near(
+                network,
+                flat,
+                np.insert(inductances[start:stop], 0, network.inductance, axis=0),
+                np.insert(capacitances[start:stop], 0, network.winding_capacitance, axis=0),
+            )
+            parts.append((found[0] / found[1:]) ** 2 - 1)
+        delta[..., k] = np.concatenate(parts).reshape(shape)
     return delta
 
 

@@ -55,12 +55,9 @@ TARGET_MAP = replace(
 """Map over the distance of a target."""
 
 
-def checked_response(response: xr.Dataset, who: str = "a response", *, gaps: bool = False) -> xr.Dataset:
-    """Return a response, or the map of a target, with its numbers in float64; LocalizeError names what is wrong.
-
-    `who` is the response in messages; with `gaps` a δ may be NaN.
-    """
-    checked = (TARGET_MAP if is_of_target(response) else RESPONSE).checked(response, who)
-    if not gaps and bool(checked["delta"].isnull().any()):
-        raise LocalizeError(f"delta of {who} must be finite everywhere.")
+def checked_response(response: xr.Dataset) -> xr.Dataset:
+    """Return a response, or the map of a target, with its numbers in float64; LocalizeError names what is wrong."""
+    checked = (TARGET_MAP if is_of_target(response) else RESPONSE).checked(response, "a response")
+    if bool(checked["delta"].isnull().any()):
+        raise LocalizeError("delta of a response must be finite everywhere.")
     return checked

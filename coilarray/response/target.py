@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import xarray as xr
 from coilarray.circuit.coupling import design_circuit, provenance, widened
 from coilarray.circuit.network import Network, Resonance, changed_resonances, loaded_quality, resonate
 from coilarray.circuit.noise_budget import budget_of
+from coilarray.circuit.plates import plate_model_errors
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.netcdf import variables
@@ -26,6 +28,7 @@ from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Target
 from coilarray.metal.finite_plates import moving_plate_error
 from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
+from coilarray.metal.surface_impedance import ModelError
 from coilarray.metal.target import require_apart, target_inductance
 from coilarray.response.coordinates import map_coordinates, origin_attributes
 from coilarray.response.setup import MapAxes, checked_axis
@@ -109,11 +112,12 @@ def target_map(
         coils' matrix, and its ``coupling``, at ``matrix_frequency`` (distance, y, x), the mean of the states'
         resonances there. ``inductance`` (coil, other) in H without the target. And the ranges and resolutions of
         `coilarray.response.target_range.ranges_of`. ``coil_x`` and ``coil_y`` are the centres in m from the map's
-        origin, which ``origin_x`` and ``origin_y`` place on the board. Of a plate with an outline the attributes
+        origin, which ``origin_x`` and ``origin_y`` place on the board. With plates with an outline the attributes
         ``plate_error_inductance`` and ``plate_error_resistance`` are relative estimates of the model's error of ΔL and
-        ΔR at the least distance, and ``delta_error`` (distance, y, x, state) is what the mesh errs in δ: a third of
-        what half the fineness changes, as for an error of the second order; ``plate_error_mesh`` is the same of ΔL,
-        the root of the mean square against that of ΔL.
+        ΔR, the largest of the target at the least distance and of those that stay, and ``plate_skin_depths`` is the
+        thickness of that plate in skin depths. Of a target with an outline ``delta_error`` (distance, y, x, state) is
+        what the mesh errs in δ: a third of what half the fineness changes, as for an error of the second order;
+        ``plate_error_mesh`` is the same of ΔL, the root of the mean square against that of ΔL.
 
     Raises
     ------
@@ -178,9 +182,10 @@ def target_map(
         result = result.assign(budget.variables())
     own, sigma = (float(budget.independent.max()), budget.largest) if noise is None else (noise, noise)
     result = result.assign_attrs(noise=own).merge(ranges_of(result, sigma), combine_attrs="no_conflicts")
+    errors = list(plate_model_errors(design, float(mean.mean())).values())
     if isinstance(target.body, FinitePlate):
         height = target.height(sum(sheet.thickness for sheet in design.sheets), float(axes.depth[0]))
-        error = moving_plate_error(design.array, target.body, [[0.0, 0.0, height]], band.nodes, design.sheets)
+        errors.append(moving_plate_error(design.array, target.body, [[0.0, 0.0, height]], band.nodes, design.sheets))
         coarse = _cases(band, _changes(design, axes, band.nodes, parts, None, _COARSE * fineness))
         other = [_through_circuit(network, one, coarse, axes)["effective_inductance"] for one in alone]
         of_L = np.abs(by_state["effective_inductance"] - np.stack(other, axis=-1)) * _OF_DIFFERENCE
@@ -189,8 +194,8 @@ def target_map(
         result = result.assign(variables(row))
         matrices, others = near.of_each(mean).real, coarse.of_each(mean).real
         mesh = _OF_DIFFERENCE * float(np.linalg.norm(matrices - others) / np.linalg.norm(matrices))
-        result.attrs |= {**error.attributes, "plate_error_mesh": mesh}
-    return result
+        result.attrs |= {"plate_error_mesh": mesh}
+    return result.assign_attrs(reduce(ModelError.or_worse, errors).attributes if errors else {})
 
 
 def _around(frequencies: FloatArray) -> FrequencyBand:

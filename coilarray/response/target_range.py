@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.netcdf import variables
-from coilarray.errors import MetalError
+from coilarray.errors import MetalError, require_positive
 
 STEPS = (1e-6, 1e-5, 1e-4)
 """Changes of distance in m for which the farthest distance is given at which they are resolved."""
@@ -83,8 +83,7 @@ def ranges_of(response: xr.Dataset, noise: float) -> xr.Dataset:
 
 def require_noise(noise: float) -> None:
     """Refuse noise of δ that is not positive and finite: MetalError."""
-    if not (np.isfinite(noise) and noise > 0):
-        raise MetalError(f"noise must be positive and finite; got {noise}.")
+    require_positive("noise", noise, "", MetalError)
 
 
 Curve = Callable[[FloatArray], FloatArray]

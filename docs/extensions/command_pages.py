@@ -57,7 +57,9 @@ def _table(lines: list[str], first: str) -> list[str]:
 
 def _prose(text: str) -> str:
     """Return a line of the help in Markdown; options are set as code."""
-    return re.sub(r"(?<![\w`-])--\w[\w-]*", r"`\g<0>`", text.replace("<", "&lt;"))
+    pieces = re.split(r"(`+[^`]*`+)", text.replace("<", "&lt;"))  # what is code already stands at odd places
+    pieces[::2] = [re.sub(r"(?<![\w-])--\w[\w-]*", r"`\g<0>`", piece) for piece in pieces[::2]]
+    return "".join(pieces)
 
 
 def page(name: str) -> str:

@@ -41,7 +41,9 @@ def _figures(last: object) -> list[Figure]:
 def of_program(block: tuple[Any, ...], block_vars: Mapping[str, Any], gallery_conf: Mapping[str, Any]) -> str:
     """Save the figures of a block of code and return what shows them."""
     paths = []
-    for one in _figures(block_vars["example_globals"].get("___")):
+    names = block_vars["example_globals"]
+    last, names["___"] = names.get("___"), None  # a later block without a value would show the figure again
+    for one in _figures(last):
         path = next(block_vars["image_path_iterator"])
         one.savefig(path, dpi=_DPI)
         paths.append(path)

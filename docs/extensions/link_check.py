@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
@@ -24,11 +25,18 @@ def _tags(page: Path) -> list[tuple[str, dict[str, str]]]:
     return [(tag, dict(_ATTRIBUTE.findall(attributes))) for tag, attributes in _TAG.findall(text)]
 
 
+def _file(folder: Path, path: str) -> Path | None:
+    """Return the file that a link in a page of a folder leads to; None where there is none."""
+    found = (folder / unquote(path)).resolve()
+    return found if found.exists() else None
+
+
 def faults(folder: Path) -> Iterator[str]:
     """Yield a line for everything in built pages that does not work in a browser without a network."""
     pages = [page for page in sorted(folder.rglob("*.html")) if page.relative_to(folder).parts[0] not in _NOT_READ]
     tags = {page.resolve(): _tags(page) for page in pages}
     places = {page: {given[key] for _, given in tags[page] for key in ("id", "name") if key in given} for page in tags}
+    file_at = cache(_file)  # the menu is on every page
     for page, found in tags.items():
         for tag, given in found:
             target = given.get("href") or given.get("src")
@@ -40,8 +48,8 @@ def faults(folder: Path) -> Iterator[str]:
                 if tag != "a" and outside:
                     yield f"{page.relative_to(folder.resolve())} loads {target}"
                 continue
-            file = (page.parent / unquote(parts.path)).resolve() if parts.path else page
-            if not file.exists():
+            file = file_at(page.parent, parts.path) if parts.path else page
+            if file is None:
                 yield f"{page.relative_to(folder.resolve())} links to {target}, which is missing"
             elif parts.fragment and file in places and unquote(parts.fragment) not in places[file]:
                 yield f"{page.relative_to(folder.resolve())} links to {target}, where there is no such place"

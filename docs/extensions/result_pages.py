@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 from command_pages import write_page
+from sphinx.errors import ExtensionError
 
 import coilarray as ca
 from coilarray.hardware import design_settings, open_board
@@ -78,7 +79,14 @@ def results() -> Iterator[tuple[str, str, xr.Dataset]]:
 
 
 def table(dataset: xr.Dataset) -> list[str]:
-    """Return the variables of a dataset as a table, and its attributes as another."""
+    """Return the variables of a dataset as a table, and its attributes as another.
+
+    ExtensionError for a variable that does not say what it means, or a number that does not say its unit.
+    """
+    for name, one in dataset.data_vars.items():
+        for key in ("long_name", "units") if one.dtype.kind == "f" else ("long_name",):
+            if not one.attrs.get(key):
+                raise ExtensionError(f"a file of results has the variable {name} without {key}.")
     lines = ["| variable | dimensions | unit | meaning |", "| --- | --- | --- | --- |"]
     for name in (*dataset.data_vars, *dataset.coords):
         one = dataset[name]

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 _ROOT = Path(__file__).parents[2]
 _FOLDER = "made/validation"
 _KEPT, _MISSED = "#2f6fb5", "#c2410c"
-# "413 × magpylib 6.2.0, …" and "cfsem 267 M pairs/s; …"
+# "413 × magpylib 6.2.0, …", "cfsem 267 M pairs/s; …" and "FastHenry 1.5 s on one core; …"
 _TIMES_OTHER = re.compile(r"(?P<ratio>[\d.]+) × (?P<other>magpylib)")
-_OTHERS_SPEED = re.compile(r"\w+(?:'s \w+)? [\d.]+ M pairs/s")
+_OTHERS_SPEED = re.compile(r"\w+(?:'s \w+)? [\d.]+ (?:M pairs/s|s on one core)")
 
 
 def speed_ratios(results: Mapping[str, Any]) -> list[tuple[str, float]]:

@@ -36,8 +36,9 @@ for key, reason in made.assumed.items():
 # worst of each kind.
 
 margins = ca.check_rules(design.array, design.rules)
-worst = margins[0]
-print(f"{len(margins)} margins; the worst: {worst.rule}, {worst.value} where {worst.limit} is allowed")
+worst = min((one for one in margins if one.unit == "m"), key=lambda one: one.margin)
+print(f"{sum(not one.kept for one in margins)} of {len(margins)} limits are broken")
+print(f"nearest to its limit: {worst.rule}, {worst.value * 1e3:.3f} mm; the limit is {worst.limit * 1e3:.3f} mm")
 check_figure(design.array, margins)
 
 # %%
@@ -69,3 +70,11 @@ nearer = ca.vary(made, {"elastomer.0.thickness_mm": 2.0})
 peak = ca.response_map(nearer, depths=[0.6e-3], x=[x0], y=[y0]).delta.sel(state=name)
 before, after = (float(values.max()) * 1e4 for values in (response.delta.sel(state=name), peak))
 print(f"largest δ {before:.2f}e-4, now {after:.2f}e-4")
+
+# %%
+# To the board house
+# ------------------
+#
+# In the terminal ``coilarray report pad.toml --out results`` writes a page with all of this and more.
+# ``coilarray export pad.toml --to kicad`` writes a board for KiCad, and ``--to gerber`` the files that a board house
+# makes it from; the latter needs the extra ``fab``.

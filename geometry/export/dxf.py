@@ -10,12 +10,12 @@ import numpy as np
 import shapely
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.files import write_atomically
+from coilarray.compute.extras import import_extra
+from coilarray.compute.files import require_suffix, write_atomically
 from coilarray.errors import OutputError
 from coilarray.geometry.arcs import pieces_of
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import Drill, board_outline, copper_by_layer, drills
-from coilarray.geometry.extras import import_extra
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -72,8 +72,7 @@ def write_dxf(array: CoilArray, path: Path) -> None:
     Traceback (most recent call last):
     coilarray.errors.OutputError: cannot write board.dwg: the suffix must be .dxf; got '.dwg'.
     """
-    if path.suffix.lower() != ".dxf":
-        raise OutputError(f"cannot write {path}: the suffix must be .dxf; got {path.suffix!r}.")
+    require_suffix(path, ".dxf")
     names = array.stackup.names
     listed = ", ".join(names)
     if any(character in name for name in names for character in _NOT_IN_NAMES):

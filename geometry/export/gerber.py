@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.files import write_atomically
+from coilarray.compute.files import require_suffix, write_atomically
 from coilarray.errors import OutputError
 from coilarray.geometry.arcs import arc_centre, arc_size, pieces_of
 from coilarray.geometry.array import CoilArray
@@ -88,8 +88,7 @@ def write_gerbers(
     Traceback (most recent call last):
     coilarray.errors.OutputError: cannot write board.rar: the suffix must be .zip; got '.rar'.
     """
-    if path.suffix.lower() != ".zip":
-        raise OutputError(f"cannot write {path}: the suffix must be .zip; got {path.suffix!r}.")
+    require_suffix(path, ".zip")
     if not name.strip():
         raise OutputError(f"cannot write {path}: the project must have a name; got {name!r}.")
     project = _Project(name, revision)

@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coilarray.compute.files import write_atomically
+from coilarray.compute.files import require_suffix, write_bytes
 from coilarray.errors import OutputError
 
 if TYPE_CHECKING:
     import trimesh
 
 _MM = 1e3
-# red, green, blue, opacity of each kind of solid, the first part of its key
-_COLOURS = {
+COLOURS = {
     "copper": (200, 117, 51, 255),
     "barrel": (184, 134, 72, 255),
     "board": (24, 92, 52, 160),
     "sheet": (110, 110, 118, 90),
 }
+"""Red, green, blue and opacity, up to 255, of each kind of solid, the first part of its key."""
 _OTHER = (160, 160, 160, 255)
 # glTF's up is y: (x, y, z) becomes (x, z, −y)
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
@@ -46,8 +46,7 @@ def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
     import trimesh  # slow to import
 
     suffix = path.suffix.lower()
-    if suffix not in (".stl", ".ply", ".glb"):
-        raise OutputError(f"cannot write {path}: the suffix must be .stl, .ply or .glb; got {path.suffix!r}.")
+    require_suffix(path, ".stl", ".ply", ".glb")
     if not solids:
         raise OutputError(f"cannot write {path}: there are no solids.")
     if suffix == ".glb":
@@ -58,11 +57,7 @@ def write_solids(solids: Mapping[str, trimesh.Trimesh], path: Path) -> None:
         )  # trimesh is typed in part only
         merged.vertices *= _MM
         data = merged.export(file_type=suffix[1:])
-
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(data)
-
-    write_atomically(path, write)
+    write_bytes(path, data)
 
 
 def _scene(solids: Mapping[str, trimesh.Trimesh]) -> Any:
@@ -71,7 +66,7 @@ def _scene(solids: Mapping[str, trimesh.Trimesh]) -> Any:
     scene: Any = trimesh.Scene()
     for name, solid in solids.items():
         mesh = solid.copy()
-        colour = np.array(_COLOURS.get(name.split("/")[0], _OTHER), dtype=np.uint8)
+        colour = np.array(COLOURS.get(name.split("/")[0], _OTHER), dtype=np.uint8)
         mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=np.tile(colour, (len(mesh.vertices), 1)))
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     scene.apply_transform(_Y_UP)

@@ -16,22 +16,15 @@ import shapely
 from shapely.geometry.polygon import orient
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.compute.files import write_atomically
-from coilarray.errors import OutputError
+from coilarray.compute.extras import import_extra
+from coilarray.compute.files import require_suffix, write_atomically
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import disc, drills
-from coilarray.geometry.extras import import_extra
+from coilarray.geometry.export.solid_files import COLOURS
 from coilarray.geometry.sheet import Sheet
 from coilarray.geometry.solids import Prism, board_prisms, sheet_prisms
 
 _MM = 1e3
-# red, green, blue, opacity of each kind of solid, the first part of its key
-_COLOURS = {
-    "copper": (0.78, 0.46, 0.20, 1.0),
-    "barrel": (0.72, 0.53, 0.28, 1.0),
-    "board": (0.09, 0.36, 0.20, 0.63),
-    "sheet": (0.43, 0.43, 0.46, 0.35),
-}
 # Relative to the radius: corners of a circle's polygon lie on it to rounding, other corners only by accident.
 _ON_CIRCLE = 1e-9
 _CURVES = "write.surfacecurve.mode"
@@ -77,8 +70,7 @@ def write_step(array: CoilArray, path: Path, *, name: str, sheets: Sequence[Shee
     Traceback (most recent call last):
     coilarray.errors.OutputError: cannot write board.iges: the suffix must be .step or .stp; got '.iges'.
     """
-    if path.suffix.lower() not in (".step", ".stp"):
-        raise OutputError(f"cannot write {path}: the suffix must be .step or .stp; got {path.suffix!r}.")
+    require_suffix(path, ".step", ".stp")
     import_extra("OCP.STEPCAFControl", "STEP files", package="cadquery-ocp-novtk", extra="step")
     prisms = sheet_prisms(array, sheets) | faceted_prisms(array)
     circles = _circles(array)
@@ -222,7 +214,7 @@ def _document(name: str, parts: Mapping[str, Any]) -> Any:
         component = shapes.AddComponent(assembly, label, TopLoc_Location())
         for named in (label, component):
             TDataStd_Name.Set_s(named, TCollection_ExtendedString(key, True))
-        *rgb, opacity = _COLOURS[key.split("/")[0]]
+        *rgb, opacity = (part / 255 for part in COLOURS[key.split("/")[0]])
         colours.SetColor(label, Quantity_ColorRGBA(Quantity_Color(*rgb, Quantity_TOC_sRGB), opacity), XCAFDoc_ColorGen)
     shapes.UpdateAssemblies()
     return document

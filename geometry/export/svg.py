@@ -9,8 +9,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from coilarray.compute.files import write_text
-from coilarray.errors import OutputError
+from coilarray.compute.files import require_suffix, write_text
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.copper import board_outline, copper_by_layer, drills
 
@@ -58,8 +57,7 @@ def write_svg(array: CoilArray, path: Path, *, title: str = "") -> None:
     Traceback (most recent call last):
     coilarray.errors.OutputError: cannot write board.png: the suffix must be .svg; got '.png'.
     """
-    if path.suffix.lower() != ".svg":
-        raise OutputError(f"cannot write {path}: the suffix must be .svg; got {path.suffix!r}.")
+    require_suffix(path, ".svg")
     write_text(path, f'<?xml version="1.0" encoding="UTF-8"?>\n{svg_text(array, title=title)}\n')
 
 

@@ -79,7 +79,7 @@ def read_gerbers(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     areas = tuple(area for layer, objects in drawn.items() for area in _areas(layer, objects))
     lands = [(layer, item) for layer, objects in drawn.items() for item in objects if isinstance(item, Flash)]
     bores = _bores(files, board, lands)
-    openings = [(flash.x, flash.y) for flash in _flashes(files, "Soldermask")]
+    openings = [(flash.x, flash.y) for flash in _mask_openings(files)]
     holes = [_hole(bore, openings) for bore in bores if _has_pad(bore, tracks)]
     if len(copper) > 1 and not holes:
         raise BoardError(f"{path}: has {len(copper)} copper layers and no plated hole that joins them.")
@@ -169,9 +169,9 @@ def _areas(layer: str, objects: Sequence[Stroke | Flash | Region | Clear]) -> It
                 yield CopperArea(layer, shape, item.net, "a region", item.where)
 
 
-def _flashes(files: Iterable[DataFile], function: str) -> list[Flash]:
-    """Flashes in all files of one function."""
-    chosen = [file for file in files if file.function[:1] == (function,)]
+def _mask_openings(files: Iterable[DataFile]) -> list[Flash]:
+    """Flashes in all files of solder masks."""
+    chosen = [file for file in files if file.function[:1] == ("Soldermask",)]
     return [item for file in chosen for item in parse_gerber(file) if isinstance(item, Flash)]
 
 

@@ -16,9 +16,9 @@ from pathlib import Path, PurePosixPath
 from types import ModuleType
 from typing import Any, Literal
 
+from coilarray.compute.extras import import_extra
 from coilarray.compute.memory import require_memory
-from coilarray.errors import BoardError, GeometryError
-from coilarray.geometry.extras import import_extra
+from coilarray.errors import BoardError, GeometryError, shown
 from coilarray.geometry.readers.board_copper import Slab, filled_copper, filled_dielectrics, united
 from coilarray.geometry.stackup import Stackup
 
@@ -88,7 +88,7 @@ def _contents(path: Path) -> Iterator[tuple[str, bytes]]:
     except FileNotFoundError:
         raise BoardError(f"{path}: there is no such file or folder.") from None
     except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, ValueError, struct.error) as error:
-        raise BoardError(f"{path}: must be a folder or a whole zip of Gerber files; {error}.") from None
+        raise BoardError(f"{path}: must be a folder or a whole zip of Gerber files; {shown(str(error))}.") from None
     except OSError as error:
         raise BoardError(f"{error.filename or path}: cannot be read: {error.strerror or error}.") from None
 

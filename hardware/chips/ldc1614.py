@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from coilarray.design import readout
 from coilarray.design.readout import DRIVE_DELAY, INTERNAL_CLOCK
-from coilarray.errors import HardwareError
+from coilarray.errors import HardwareError, require_positive
 
 CODE_BITS = 28
 """Width of a conversion result."""
@@ -134,8 +134,8 @@ def inductance_from_frequency(frequency: float, capacitance: float, quality_fact
     >>> round(inductance_from_frequency(2e6, 120e-12, 20.0) * 1e6, 2)
     52.47
     """
-    _check_positive("frequency", frequency)
-    _check_positive("capacitance", capacitance)
+    require_positive("frequency", frequency, "", ValueError)
+    require_positive("capacitance", capacitance, "", ValueError)
     if not quality_factor > 1:
         raise ValueError(f"quality_factor must be above 1; got {quality_factor}.")
     p, q = (
@@ -147,13 +147,8 @@ def inductance_from_frequency(frequency: float, capacitance: float, quality_fact
     return (2 * math.sqrt(p / 3) * math.cos(math.acos(-cosine) / 3)) ** 2 / capacitance
 
 
-def _check_positive(name: str, value: float) -> None:
-    if not (math.isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be positive and finite; got {value}.")
-
-
 def _check(reference: float, divider: int, offset: int) -> None:
-    _check_positive("reference", reference)
+    require_positive("reference", reference, "", ValueError)
     if not 1 <= divider <= 15:
         raise ValueError(f"divider must be 1 to 15; got {divider}.")
     if not 0 <= offset <= 0xFFFF:
@@ -181,8 +176,7 @@ def rcount_for(duration: float, reference: float) -> int:
     1234
     """
     _check_clock(reference)
-    if not (math.isfinite(duration) and duration > 0):
-        raise HardwareError(f"a duration must be positive and finite; got {duration} s.")
+    require_positive("a duration", duration, " s", HardwareError)
     # the rounding of a duration that is itself a multiple of a clock must not cost a count
     clocks = math.floor(duration * reference * (1 + 1e-12))
     rcount = (clocks - 4) // 16
@@ -299,5 +293,4 @@ def state_time(
 
 
 def _check_clock(frequency: float) -> None:
-    if not (math.isfinite(frequency) and frequency > 0):
-        raise HardwareError(f"a clock must be positive and finite; got {frequency} Hz.")
+    require_positive("a clock", frequency, " Hz", HardwareError)

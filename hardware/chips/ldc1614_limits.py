@@ -21,7 +21,7 @@ from coilarray.hardware.chips.ldc1614 import (
 
 REFERENCE = INTERNAL_CLOCK / 2
 """Reference frequency in Hz: the internal oscillator's typical 43.4 MHz by the divider 2 that one channel needs."""
-AMPLITUDE = AMPLITUDE_LOW, AMPLITUDE_HIGH = (1.2, 1.8)
+AMPLITUDE_LOW, AMPLITUDE_HIGH = 1.2, 1.8
 """Allowed peak voltage of the sensor in V: below it measures poorly, above it the input clamps act."""
 _SHOWN = {"Ω": DisplayUnit("kΩ", 1e-3)}
 DRIVE_WINDOW = "R_p (Ω)"

@@ -13,7 +13,6 @@ from coilarray.hardware.emulator.conversion import Resonator
 from coilarray.hardware.emulator.indenter import Indenter, Place
 from coilarray.hardware.emulator.ldc1614_chip import EmulatedBus, Ldc1614, Misuse, OpenPoints
 from coilarray.hardware.emulator.switches import EmulatedChain, EmulatedSwitches
-from coilarray.hardware.emulator.world import World
 from coilarray.hardware.scan.closure import Drains, Seen, switch_table, what_is_seen
 from coilarray.hardware.wire.buses import Clock
 
@@ -40,6 +39,19 @@ class Netlist(Protocol):
 
     def capacitances(self, switches: Switches) -> Switches:
         """Return switches with the capacitances of the parts in place of their own."""
+
+
+class World(Protocol):
+    """Physics of the coils behind the switches; `SensorWorld` has all of them."""
+
+    def check(self, place: Place) -> None:
+        """Refuse a place where the indenter cannot go; HardwareError."""
+
+    def resonator(self, state: ScanState, place: Place, temperature: float) -> Resonator | None:
+        """Return the tank that the converter drives at its resonance; None where nothing oscillates.
+
+        `state` has the measured coils and the terminations of the others; `temperature` is the board's in °C.
+        """
 
 
 class EmulatedBoard:

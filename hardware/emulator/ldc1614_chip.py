@@ -17,12 +17,10 @@ from coilarray.hardware.emulator.conversion import Result, Run, Setting, Surroun
 from coilarray.hardware.wire.buses import Clock
 from coilarray.hardware.wire.faults import BusFault, BusTimeout
 
-ADDRESS = 0x2A
-"""I²C address with the pin ADDR low."""
 _BUS_TIMEOUT = 25e-3  # s until a master gives up a bus that is held down
 _MSB, _LSB = (0x00, 0x02, 0x04, 0x06), (0x01, 0x03, 0x05, 0x07)
 _DIVIDERS, _DRIVE = 0x14, 0x1E
-_STATUS, _ERROR_CONFIG, _CONFIG, _MUX, _RESET = 0x18, 0x19, 0x1A, 0x1B, 0x1C
+_STATUS, _ERROR_CONFIG, _CONFIG, _RESET = 0x18, 0x19, 0x1A, 0x1C
 _OFFSETS = (0x0C, 0x0D, 0x0E, 0x0F)
 _CAPACITIVE_ERRORS, _CAPACITIVE_RCOUNT = 0x3821, 0x100
 _SLEEP, _INTB_DIS, _DRDY = 1 << 13, 1 << 7, 1 << 6

@@ -66,8 +66,8 @@ class ResponseTable:
         return self.spline.values_at(np.array(place))
 
 
-def table_axes(design: Design, spacing: float = SPACING) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Choose where the change is computed: depth, y and x in m, each of shape (n,), at most `spacing` apart in x and y.
+def table_axes(design: Design) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Choose where the change is computed: depth, y and x in m, each of shape (n,), at most `SPACING` apart in x and y.
 
     They cover all coils and all positions of the design's own map, down to 1.7 times its depth; for a sample with edges
     the map's positions and depth alone. HardwareError for a design without an indentation.
@@ -80,7 +80,7 @@ def table_axes(design: Design, spacing: float = SPACING) -> tuple[FloatArray, Fl
         edges = np.concatenate((edges, coil_extent(design)))
     (x_min, y_min), (x_max, y_max) = edges.min(axis=0), edges.max(axis=0)
     depth = deepest * (np.arange(1, _PLANES + 1) / _PLANES) ** 1.5
-    return depth, even_row(y_min, y_max, spacing), even_row(x_min, x_max, spacing)
+    return depth, even_row(y_min, y_max, SPACING), even_row(x_min, x_max, SPACING)
 
 
 def response_table(

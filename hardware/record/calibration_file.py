@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import tomli_w
 from pydantic import Field
 
-from coilarray.compute.checksum import check_seal, sealed
+from coilarray.compute.checksum import sealed, unsealed
 from coilarray.compute.files import write_bytes
 from coilarray.design.toml_file import TomlFiles
 from coilarray.design.units import Table
@@ -87,11 +87,12 @@ def load_calibration(path: str | Path) -> BoardCalibration:
     with suppress(OSError, ValueError):  # reading says why it cannot be read
         if Path(path).stat().st_size > _MOST_BYTES:
             raise HardwareError(f"{path} must be at most {_MOST_BYTES} bytes long.")
-        try:
-            check_seal(Path(path))
-        except DamagedError as error:
-            raise HardwareError(f"{error} Delete its last line to use it as it is.") from None
-    return calibration_from_toml(_CALIBRATIONS.text(path), str(path))
+    text = _CALIBRATIONS.text(path)
+    try:
+        unsealed(text.encode(), path)
+    except DamagedError as error:
+        raise HardwareError(f"{error} Delete its last line to use it as it is.") from None
+    return calibration_from_toml(text, str(path))
 
 
 def channel_record(channel: Channel) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from typing import Any
 
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
-from coilarray.errors import HardwareError
+from coilarray.errors import HardwareError, shown
 from coilarray.hardware.record.recorder import Recorder
 from coilarray.hardware.record.recording import GridPlace
 from coilarray.hardware.record.stages import Stage
@@ -66,7 +66,7 @@ class Campaign:
             raise HardwareError(f"depths of a campaign must be positive; got {self.depths[0]} m.")
         for name, count in (("repeats", self.repeats), ("scans", self.scans)):
             if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= _MOST_SCANS:
-                raise HardwareError(f"{name} of a campaign must be 1 to {_MOST_SCANS}; got {count}.")
+                raise HardwareError(f"{name} of a campaign must be 1 to {_MOST_SCANS}; got {shown(count)}.")
         if not 0 <= self.dwell <= _LONGEST:
             raise HardwareError(f"dwell of a campaign must be 0 to {_LONGEST:g} s; got {self.dwell} s.")
         if not 0 < self.speed <= _FASTEST:
@@ -274,6 +274,6 @@ class _Run:
 def _require_rising(name: str, values: tuple[float, ...], least: float, most: float) -> None:
     rising = all(low < high for low, high in pairwise(values))
     if not (values and all(math.isfinite(value) for value in values) and rising):
-        raise HardwareError(f"{name} of a campaign must be finite and rising, in m; got {list(values)}.")
+        raise HardwareError(f"{name} of a campaign must be finite and rising, in m; got {shown(list(values))}.")
     if values[0] < least or values[-1] > most:
-        raise HardwareError(f"{name} of a campaign must be {least:g} to {most:g} m; got {list(values)}.")
+        raise HardwareError(f"{name} of a campaign must be {least:g} to {most:g} m; got {shown(list(values))}.")

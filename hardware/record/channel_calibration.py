@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
-from coilarray.errors import HardwareError
+from coilarray.errors import HardwareError, require_positive
 from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE, INTERNAL_CLOCK_RANGE
 from coilarray.hardware.record.baseline_drift import Drift, at_rest, fit_drifts
 from coilarray.hardware.record.campaign import Campaign
@@ -44,13 +44,12 @@ class Channel:
         low, high = CAPACITANCES
         if not low <= self.capacitance <= high:
             raise HardwareError(
-                f"the capacitance of {self.state} must be {low * 1e12:g} to {high * 1e12:g} pF; "
+                f"capacitance_F of {self.state} must be {low * 1e12:g} to {high * 1e12:g} pF; "
                 f"got {self.capacitance * 1e12:.4g} pF."
             )
         if not (math.isfinite(self.standard_error) and self.standard_error >= 0):
             raise HardwareError(f"the standard error of {self.state} must be finite and not negative.")
-        if not (math.isfinite(self.inductance) and self.inductance > 0):
-            raise HardwareError(f"the inductance of {self.state} must be positive and finite; got {self.inductance} H.")
+        require_positive(f"the inductance of {self.state}", self.inductance, " H", HardwareError)
 
 
 @dataclass(frozen=True)
@@ -81,12 +80,15 @@ class BoardCalibration:
             )
         if self.clock_error is not None and not (math.isfinite(self.clock_error) and self.clock_error >= 0):
             raise HardwareError(f"the standard error of the clock must not be negative; got {self.clock_error} Hz.")
-        for names in ([one.state for one in self.channels], [(one.session, one.state) for one in self.drifts]):
+        for key, names in (
+            ("[[channel]]", [one.state for one in self.channels]),
+            ("[[drift]] of a session", [(one.session, one.state) for one in self.drifts]),
+        ):
             if len(set(names)) < len(names):
-                raise HardwareError("a calibration must have a state once.")
+                raise HardwareError(f"every {key} of a calibration must have a state of its own.")
         if bool(self.channels) != (self.inductances_from is not None):
             raise HardwareError(
-                "capacitances_from must say what its capacitances stand on, and only where there are some."
+                "capacitances_from must say what the capacitances of every [[channel]] stand on, where there are some."
             )
 
     @property

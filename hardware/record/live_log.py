@@ -126,10 +126,8 @@ def open_log(
     """
     check_log(path, force=force)
     lines = _lines_of(path)
-    try:
+    with writing(lines, ValueError):
         file = lines.open("w", encoding="utf-8", newline="")
-    except (OSError, ValueError) as error:
-        raise OutputError(f"cannot write {lines}: {getattr(error, 'strerror', error)}.") from None
     try:
         log = LiveLog(file, states, emulated=emulated, temperature=temperature)
     except OutputError:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from coilarray.errors import HardwareError
+from coilarray.errors import HardwareError, require_positive
 from coilarray.hardware.record.reference_coil import less_reference
 from coilarray.hardware.scan.readings import ScanReading, StateReading, Verdict
 from coilarray.localize.presses import Press, PressDetector
@@ -96,8 +96,8 @@ class LiveTracker:
     ) -> None:
         if baseline_scans < 2:
             raise HardwareError(f"a baseline must have at least 2 scans; got {baseline_scans}.")
-        if noise is not None and not (math.isfinite(noise) and noise > 0):
-            raise HardwareError(f"noise must be positive and finite; got {noise}.")
+        if noise is not None:
+            require_positive("noise", noise, "", HardwareError)
         self._whole, self._budget, self._given = model, budget, noise
         self._scans, self._reference = baseline_scans, tuple(reference)
         self._model = model if model is None or not reference else model.referenced(reference)

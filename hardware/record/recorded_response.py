@@ -11,11 +11,12 @@ import numpy.typing as npt
 import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.checksum import with_checksums
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recording import GridPlace, RecordedScan, Recording, iso_time
 from coilarray.hardware.scan.readings import ScanReading, Verdict, read_scan
-from coilarray.response.coordinates import origin_attributes
+from coilarray.response.coordinates import coil_coordinates, origin_attributes
 
 Capacitances = Mapping[str, float] | float | None
 
@@ -74,7 +75,7 @@ def recorded_response(
     L_0 is measured again at every position before the indenter touches, as in the paper (eq. 2), so that a slow drift
     does not affect δ.
     """
-    campaign = _campaign(recording)
+    campaign, design = _campaign(recording), recording.design
     base, peak, doubtful, baselines = _measured(recording, campaign, capacitances, clock)
     delta = peak / base - 1
     count = np.isfinite(delta).sum(axis=0)
@@ -108,7 +109,7 @@ def recorded_response(
             "y": ("y", list(campaign.y), {"units": "m"}),
             "x": ("x", list(campaign.x), {"units": "m"}),
             "state": list(recording.states),
-            **_coils(recording),
+            **coil_coordinates(design.indentation, design.array.names, design.array.centres),
         },
         attrs={**_provenance(recording), "repeats": campaign.repeats, **_indentation(recording)},
     )  # fmt: skip
@@ -182,22 +183,26 @@ def recorded_series(
 
 
 def response_csv(response: xr.Dataset) -> str:
-    """Return a measured response as CSV: depth_m, y_m, x_m, state, delta, delta_std for every position and state."""
+    """Return a measured response as CSV: depth_m, y_m, x_m, state, delta, delta_std for every position and state.
+
+    The last column is the checksum of the line.
+    """
     in_metres = response[["delta", "delta_std"]].rename(depth="depth_m", y="y_m", x="x_m")
     table = in_metres.to_dataframe(dim_order=["depth_m", "y_m", "x_m", "state"])
-    return str(table[["delta", "delta_std"]].to_csv(lineterminator="\n"))
+    return with_checksums(table[["delta", "delta_std"]].to_csv(lineterminator="\n"))
 
 
 def series_csv(series: xr.Dataset) -> str:
     """Return a time series as CSV for ``coilarray locate``: time_s and δ of every state, empty where unknown.
 
-    Where the series has temperatures, ``temperature_C`` follows, nan where unknown.
+    Where the series has temperatures, ``temperature_C`` follows, nan where unknown. The last column is the checksum of
+    the line.
     """
     table = series.delta.to_pandas()
     table.index = series.time.to_index().rename("time_s")
     if "temperature" in series.coords:
         table["temperature_C"] = [f"{value:.3f}" for value in series.temperature.values]
-    return str(table.to_csv(lineterminator="\n"))
+    return with_checksums(table.to_csv(lineterminator="\n"))
 
 
 def _campaign(recording: Recording) -> Campaign:
@@ -316,16 +321,6 @@ def _times(scans: Sequence[_Row]) -> list[float]:
             start = 0.0 if k == 0 else max(since, times[-1])  # virtual time may run ahead of the computer's
         times.append(start + scan.time - first)
     return times
-
-
-def _coils(recording: Recording) -> dict[str, object]:
-    setup, array = recording.design.indentation, recording.design.array
-    centres = array.centres - ((0.0, 0.0) if setup is None else setup.origin_point)
-    return {
-        "coil": list(array.names),
-        "coil_x": ("coil", centres[:, 0], {"units": "m", "long_name": "centre of the coil, x"}),
-        "coil_y": ("coil", centres[:, 1], {"units": "m", "long_name": "centre of the coil, y"}),
-    }
 
 
 def _indentation(recording: Recording) -> dict[str, str | float]:

@@ -17,6 +17,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TypeVar
 
+from coilarray.compute.files import writing
 from coilarray.compute.store import delete_database, locked_database
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
@@ -35,8 +36,8 @@ from coilarray.hardware.record.recording_file import (
     reading,
     require_recording,
     sign_row,
-    writing,
 )
+from coilarray.hardware.record.write_ahead_log import require_whole_log
 from coilarray.hardware.scan.reader import RawScan, Reader
 from coilarray.hardware.scan.settings import ScanSettings
 from coilarray.hardware.wire.faults import BoardRestarted
@@ -179,7 +180,7 @@ class Recorder:
             raise HardwareError(f"scan {scan.sequence} must have finite times; got {scan.time} and {scan.received} s.")
 
     def _write(self, write: Callable[[sqlite3.Connection], _T], *, durable: bool) -> _T:
-        with held_signals(), writing(self.path):  # Ctrl-C comes before a write or after it
+        with held_signals(), writing(self.path, sqlite3.Error):  # Ctrl-C comes before a write or after it
             if durable:
                 self._connection.execute("PRAGMA synchronous = FULL")
             try:
@@ -216,11 +217,11 @@ def open_recorder(path: Path, *, resume: bool = False) -> Iterator[Recorder]:
     for one to continue that is not a recording, has another schema, or is damaged.
     """
     with _alone(path):
-        try:
+        with writing(path, ValueError):
             there = path.exists()
             taken = there and path.stat().st_size > 0
-        except (OSError, ValueError) as error:
-            raise OutputError(f"cannot write {path}: {error}.") from None
+        if taken and resume:
+            require_whole_log(path)  # before SQLite takes the log into the file, up to where it is damaged
         with closing(_connected(path)) as connection:
             recorder = Recorder(path, connection)
             try:
@@ -293,7 +294,7 @@ def record_stream(
 
 def _log_ahead(path: Path, connection: sqlite3.Connection) -> None:
     """Write the log first, so that readers and a recorder do not wait for each other; makes a file where none is."""
-    with writing(path):
+    with writing(path, sqlite3.Error):
         connection.execute("PRAGMA journal_mode = WAL")
 
 
@@ -364,10 +365,8 @@ def _transaction(connection: sqlite3.Connection, write: Callable[[sqlite3.Connec
 
 
 def _connected(path: Path) -> sqlite3.Connection:
-    try:
+    with writing(path, sqlite3.Error, ValueError):
         return sqlite3.connect(path, isolation_level=None, timeout=5.0)
-    except (sqlite3.Error, OSError, ValueError) as error:
-        raise OutputError(f"cannot write {path}: {error}.") from None
 
 
 @contextmanager

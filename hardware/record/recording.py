@@ -28,6 +28,7 @@ from coilarray.hardware.record.recording_file import (
     scan_checksum,
     table_rows,
 )
+from coilarray.hardware.record.write_ahead_log import require_whole_log
 from coilarray.hardware.scan.reader import Identity, RawSample, RawScan, SampleFault
 from coilarray.hardware.scan.settings import ScanSettings
 
@@ -290,6 +291,7 @@ def open_recording(path: Path) -> Iterator[Recording]:
     at once, what it holds when it is read.
     """
     with closing(connect_to_read(path)) as connection:
+        require_whole_log(path)
         check_pages(connection, path)
         yield Recording(path, connection)
 

@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import quote
 
 from coilarray.compute.checksum import checksum
-from coilarray.errors import HardwareError, OutputError
+from coilarray.errors import HardwareError
 from coilarray.hardware.scan.reader import RawScan
 
 APPLICATION = 0x636F696C
@@ -23,6 +23,7 @@ APPLICATION = 0x636F696C
 SCHEMA = 2
 """Of the tables: SQLite's user_version; 1 had no checksums."""
 
+_LONGEST_TEXT = 160  # characters shown of what SQLite says
 _TABLES = """
 CREATE TABLE session (              -- from opening a board to letting go of it
     id INTEGER PRIMARY KEY,
@@ -271,15 +272,6 @@ def reading(path: Path) -> Iterator[None]:
         raise HardwareError(f"{path} is {what}: {_one_line(str(error))}.") from None
 
 
-@contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Turn what SQLite says of a file that cannot be written into one line."""
-    try:
-        yield
-    except sqlite3.Error as error:
-        raise OutputError(f"cannot write {path}: {error}.") from None
-
-
 def check_pages(connection: sqlite3.Connection, path: Path) -> None:
     """Look through the structure of the whole file for damage; HardwareError names the first that is found."""
     _check(connection, path, "integrity_check(1)")
@@ -314,8 +306,9 @@ def _row_checksum(table: str, row: dict[str, Any]) -> str:
 
 
 def _one_line(text: str) -> str:
-    """Return a text of SQLite, which may have several lines and names out of a damaged file, in one."""
-    return "".join(character if character.isprintable() else " " for character in " ".join(text.split()))
+    """Return a text of SQLite, which may have several lines and names out of a damaged file, in one that is short."""
+    line = "".join(character if character.isprintable() else " " for character in " ".join(text.split()))
+    return line if len(line) <= _LONGEST_TEXT else f"{line[:_LONGEST_TEXT]}…"
 
 
 def _pragma(connection: sqlite3.Connection, name: str) -> int:

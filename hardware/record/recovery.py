@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from coilarray.compute.files import write_atomically
+from coilarray.compute.files import write_atomically, writing
 from coilarray.errors import HardwareError
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.recording import RecordedScan, Recording, open_recording
@@ -20,8 +20,8 @@ from coilarray.hardware.record.recording_file import (
     create_tables,
     insert_row,
     insert_scan,
-    writing,
 )
+from coilarray.hardware.record.write_ahead_log import log_damage
 
 _LEAST_BYTES = 20  # that a row takes in a file
 _TABLES = ("session", "campaign", "position", "self_test")
@@ -68,7 +68,7 @@ def recover_recording(path: Path, target: Path) -> Damage:
         lost = remains.incomplete(whole)
 
         def write(temporary: Path) -> None:
-            with writing(target), closing(sqlite3.connect(temporary, isolation_level=None)) as new:
+            with writing(target, sqlite3.Error), closing(sqlite3.connect(temporary, isolation_level=None)) as new:
                 new.execute("BEGIN")
                 create_tables(new)
                 if remains.has_temperatures:
@@ -97,6 +97,9 @@ class _Remains(Recording):
         self._most = path.stat().st_size // _LEAST_BYTES
         self._connected = connection
         super().__init__(path, connection)
+        log = log_damage(path)
+        if log:
+            self._broken.append(f"{log}, and what is behind it is lost")
 
     def rows(self, table: str, which: str = "", *values: Any) -> list[dict[str, Any]]:
         """Read rows of a table, those of a whole table one by one."""

@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
-from coilarray.errors import HardwareError
+from coilarray.errors import HardwareError, shown
 from coilarray.hardware.record.recording import GridPlace
 from coilarray.hardware.wire.serial_ports import BytePort
 
@@ -31,7 +31,6 @@ _GREETINGS = ("grbl ", "start")  # of a machine that has just started
 _LONGEST_LINE, _MOST_AT_ONCE = 512, 4096  # bytes that are kept of a line that does not end
 _MOST_BYTES = 65536  # of answers to one line
 _QUIET = 0.3  # s after the greeting, for its last lines
-_SHOWN = 80  # characters of an answer
 _FARTHEST, _HIGHEST = 1.0, 0.1  # m
 _ROUNDING = 1e-12  # m, of a position and its origin
 
@@ -269,7 +268,7 @@ class GcodeStage:
                 if not self._due:
                     return
             if low.startswith(_REFUSALS):
-                raise self._failed(f"refused {line!r}: {_shown(answer)}")
+                raise self._failed(f"refused {line!r}: {shown(answer)}")
             if self._ready and low.startswith(_GREETINGS):
                 raise self._failed(f"restarted at {line!r}, so it may not know where it is")
         raise self._failed(f"did not answer {line!r} within {seconds + self._patience:.3g} s")
@@ -323,7 +322,3 @@ def _feed(speed: float) -> str:
     if not (math.isfinite(speed) and speed > 0):
         raise HardwareError(f"speed of the stage must be positive; got {speed} m/s.")
     return f"{speed * 60e3:.2f}"
-
-
-def _shown(text: str) -> str:
-    return repr(text[:_SHOWN])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
-from coilarray.errors import HardwareError
+from coilarray.errors import HardwareError, require_positive
 from coilarray.hardware.chips.ldc1614 import CHANNELS, CODE_BITS, code_to_frequency, inductance_from_frequency
 from coilarray.hardware.chips.ldc1614_limits import SENSOR_FREQUENCY
 from coilarray.hardware.chips.ldc1614_registers import decode
@@ -22,8 +22,6 @@ from coilarray.hardware.scan.settings import ScanSettings, StateSettings, error_
 Verdict = Literal["good", "doubtful", "bad"]
 """Quality of a result: good; doubtful, outside what the data sheet promises; bad, no measurement."""
 
-READY = 0x0048
-"""STATUS of a result of channel 0 without an error: DRDY and UNREADCONV0."""
 ALL_FLAGS = 0xF8FD
 """ERROR_CONFIG that enables every flag in the result and in STATUS."""
 LARGEST_CODE = (1 << CODE_BITS) - 1
@@ -242,15 +240,14 @@ def read_scan(
         )
     if len(scan.samples) != len(settings.states):
         raise HardwareError(f"scan {scan.sequence} must have {len(settings.states)} states; got {len(scan.samples)}.")
-    if clock is not None and not (math.isfinite(clock) and clock > 0):
-        raise HardwareError(f"clock must be positive and finite; got {clock} Hz.")
+    if clock is not None:
+        require_positive("clock", clock, " Hz", HardwareError)
     reference = settings.reference if clock is None else clock / settings.fref_divider
     states = []
     for state, sample in zip(settings.states, scan.samples, strict=True):
         capacitance = _of(capacitances, state.name, "capacitance")
         quality = _of(qualities, state.name, "quality factor")
-        if not (math.isfinite(capacitance) and capacitance > 0):
-            raise HardwareError(f"the capacitance of {state.name} must be positive and finite; got {capacitance} F.")
+        require_positive(f"the capacitance of {state.name}", capacitance, " F", HardwareError)
         if not quality >= _LEAST_QUALITY:
             raise HardwareError(f"the quality factor of {state.name} must be at least 2; got {quality}.")
         states.append(_read(state, sample, settings, reference, capacitance, quality))

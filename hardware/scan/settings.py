@@ -11,7 +11,7 @@ from functools import cache, cached_property
 
 from coilarray.design.readout import INTERNAL_CLOCK
 from coilarray.design.scan_states import ScanState, paper_plan
-from coilarray.errors import HardwareError
+from coilarray.errors import HardwareError, require_positive
 from coilarray.hardware.chips.converters import FAMILIES, Family
 from coilarray.hardware.chips.ldc1614 import (
     BUS_RATE,
@@ -117,7 +117,7 @@ class ScanSettings:
         devices = len(self.safe_words)
         lengths = {len(state.words) for state in self.states} - {devices}
         if lengths:
-            raise HardwareError(f"a state must have {devices} words, as the safe words do; got {min(lengths)}.")
+            raise HardwareError(f"states must have {devices} words each, as safe_words; got {min(lengths)}.")
         if len(self.wiring) != 8 * devices:
             raise HardwareError(f"the wiring of {devices} devices must have 8 bytes each; got {len(self.wiring)}.")
         if not 1 <= self.scanned <= CHANNELS:
@@ -443,7 +443,7 @@ def scan_settings(
     if external_clock and clock is None:
         raise HardwareError("an external clock needs its frequency.")
     for name, value in (("bus_rate", bus_rate), ("clock", INTERNAL_CLOCK if clock is None else clock)):
-        _require_positive(name, value)
+        require_positive(name, value, "", HardwareError)
     if isinstance(discard, bool) or not isinstance(discard, int) or not 0 <= discard <= MOST_DISCARDED:
         raise HardwareError(f"discard must be an integer from 0 to {MOST_DISCARDED}; got {discard!r}.")
     channels = [wiring.channel(state.measured[0][0]) for state in states]
@@ -513,13 +513,8 @@ def _of_each(name: str, values: Mapping[str, float] | float, states: Sequence[st
         raise HardwareError(f"the {name} of {missing[0]} must be given; there is none.")
     each = [values[state] if isinstance(values, Mapping) else values for state in states]
     for value in each:
-        _require_positive(name, value)
+        require_positive(name, value, "", HardwareError)
     return each
-
-
-def _require_positive(name: str, value: float) -> None:
-    if not (math.isfinite(value) and value > 0):
-        raise HardwareError(f"{name} must be positive and finite; got {value}.")
 
 
 def _scanned(channels: Sequence[int], *, undivided: bool) -> int:
@@ -545,8 +540,7 @@ def _drive(drives: Mapping[str, int] | int, coil: str) -> int:
 
 
 def _rcount_of_rate(settings: ScanSettings, rate: float, bus_rate: float) -> int:
-    if not (math.isfinite(rate) and rate > 0):
-        raise HardwareError(f"rate must be positive and finite; got {rate} scans/s.")
+    require_positive("rate", rate, " scans/s", HardwareError)
     count = len(settings.states)
     least = smallest_rcount(settings.scanned, settings.family)
     fastest = 1 / replace(settings, rcount=least).period_on(bus_rate)

@@ -14,7 +14,7 @@ from pydantic import Field
 from coilarray.design.scan_states import Passive, ScanState, Switches, check_state
 from coilarray.design.switch_parts import CONVERTER_PIN, switch_part
 from coilarray.design.units import Name, Table
-from coilarray.errors import HardwareError
+from coilarray.errors import HardwareError, listed, shown
 from coilarray.hardware.chips.ldc1614 import CHANNELS
 from coilarray.hardware.chips.switch_words import chain_bytes, check_bits, switch_word
 from coilarray.hardware.scan import wirings
@@ -154,7 +154,7 @@ class Wiring:
     def channel(self, coil: str) -> int:
         """Return the channel of the converter that measures a coil; switches join all coils to channel 0."""
         if coil not in self.coils:
-            raise HardwareError(f"wiring {self.name} has no coil {coil!r}; there are {', '.join(self.coils)}.")
+            raise HardwareError(f"wiring {self.name} has no coil {coil!r}; there are {listed(self.coils)}.")
         return self.channels[self.coils.index(coil)] if self.channels else 0
 
     def words(self, state: ScanState) -> bytes:
@@ -304,8 +304,8 @@ class Wiring:
                 raise HardwareError(f"wiring {self.name}: {device.name} has no switch {switch.name!r}.")
             if switch.terminal not in self.terminals:
                 raise HardwareError(
-                    f"wiring {self.name}: {device.name}.{switch.name} goes to {switch.terminal}; "
-                    f"there are the coils {', '.join(self.coils)} with ends a and b."
+                    f"wiring {self.name}: {device.name}.{switch.name} goes to {shown(str(switch.terminal))}; "
+                    f"there are the coils {listed(self.coils)} with ends a and b."
                 )
         if (twice := first_repeated([switch.name for switch in device.switches])) is not None:
             raise HardwareError(f"wiring {self.name}: {device.name} has {twice} twice.")

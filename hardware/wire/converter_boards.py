@@ -10,8 +10,6 @@ from coilarray.errors import HardwareError
 from coilarray.hardware.chips.converters import CONVERTERS, Converter, converter
 from coilarray.hardware.chips.ldc1614 import EXTERNAL_CLOCK_RANGE
 
-OPTIONS = ("board", "channels", "chip", "clock")
-"""Options of a port that describe such a board."""
 _UNITS = MappingProxyType({"mhz": 1e6, "khz": 1e3, "hz": 1.0})
 
 

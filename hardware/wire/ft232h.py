@@ -11,8 +11,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
 from typing import Any
 
-from coilarray.errors import HardwareError
-from coilarray.geometry.extras import import_extra
+from coilarray.compute.extras import import_extra
+from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
 
@@ -29,6 +29,7 @@ _CLOCKS = 9
 _HOLD = 10  # repeats of a level that lasts 5 µs, half a clock of 100 kHz
 _READ_ATTEMPTS = 4
 _USB_TIMEOUT = 500  # ms
+_NO_LIBUSB = "No backend available"  # what pyftdi says without it
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def open_ft232h(
     HardwareError
         No such adapter, no permission to open it, or an adapter without the second port.
     MissingDependencyError
-        pyftdi is not installed.
+        pyftdi or libusb is not installed.
     """
     pins, settings = pins or SwitchPins(), settings or ShiftSettings()
     idle = pins.levels(clock=settings.idle_high, data=False, sync=True)
@@ -107,6 +108,11 @@ def _opened(url: str, speed: float, **pins: int) -> Iterator[Any]:
         yield controller
     except (OSError, ValueError, usb.UsbToolsError) as error:
         _close(controller)
+        if _NO_LIBUSB in str(error):
+            raise MissingDependencyError(
+                f"{url} cannot be opened: the library libusb 1.0 is not installed (Debian: sudo apt "
+                "install libusb-1.0-0; macOS: brew install libusb; Windows: the WinUSB driver, by Zadig)."
+            ) from None
         raise HardwareError(f"{url} cannot be opened: {_one_line(error)}.") from None
     except BaseException:
         _close(controller)

@@ -10,8 +10,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from coilarray.compute.extras import import_extra
 from coilarray.errors import HardwareError
-from coilarray.geometry.extras import import_extra
 from coilarray.hardware.wire.buses import ShiftSettings
 from coilarray.hardware.wire.faults import BusFault, BusTimeout, DeviceLost, SwitchFault
 

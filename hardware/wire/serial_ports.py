@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, Protocol
 
+from coilarray.compute.extras import import_extra
 from coilarray.errors import HardwareError
-from coilarray.geometry.extras import import_extra
 from coilarray.hardware.wire.faults import DeviceLost, NoAnswer
 
 try:

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from coilarray import couple_design, dc_resistance, load_design, parse_design
 from coilarray.circuit.active_coil import active_coil
 from coilarray.circuit.coupling import couple, design_circuit, terminations_of
-from coilarray.circuit.impedance import close_channels, part_switches, scan_design, sweep_design
+from coilarray.circuit.impedance import close_channels, part_switches, scan_design, sweep_design, sweep_range
 from coilarray.compute.recent import Recent
 from coilarray.design.bundled import read
 from coilarray.electromagnetics.ac_resistance import resistance_matrix
@@ -217,3 +218,10 @@ def test_half_grounded_and_loaded_neighbours_are_the_same_in_table_and_scan():
     assert coupling.termination.values.tolist() == ["ground one end", "short", "load"]
     np.testing.assert_array_equal(scan.frequency.values, coupling.frequency.values)
     assert (couple_design(load_design("starter")).frequency.values != coupling.frequency.values).all()
+
+
+@pytest.mark.parametrize(("own", "highest"), [(3e6, 8e6), (18e6, 22.5e6), (90e6, 8e6)])
+def test_a_sweep_reaches_beyond_a_self_resonance_that_is_near(own, highest):
+    """Four times the resonance of 2 MHz, unless the self-resonance lies between that and ten times it."""
+    scan = xr.Dataset({"frequency": ("state", [1e6, 4e6]), "state_self_resonance": ("state", [2e6, own])})
+    assert sweep_range(scan) == pytest.approx((0.2e6, highest), rel=1e-12)

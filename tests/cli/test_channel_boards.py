@@ -19,6 +19,7 @@ measure, measure_record = successes("measure")
 _, calibrate_record = successes("calibrate-board")
 _, info_record = successes("scan-info")
 look, look_record = successes("board")
+_, compare_record = successes("compare")
 run_live, _ = runner("live")
 _, measure_refused = runner("measure")
 
@@ -93,6 +94,22 @@ def test_a_campaign_has_the_response_of_the_switched_board(board, design, tmp_pa
     delta = load_part(response).delta.sel(state="coil1").item()
     assert delta == pytest.approx(switched[1] / switched[0] - 1, abs=1e-6)  # steps of the codes
     assert delta > 1e-4
+
+
+def test_a_campaign_is_compared_with_its_design(design, tmp_path, capsys):
+    recording = tmp_path / "campaign.sqlite"
+    grid = ("--x-mm", "-10:0:3", "--y-mm", "-3:3:3", "--depth-mm", "1", "--emulate", "noise=1e-8")
+    with coarse_maps():
+        assert main(["campaign", str(design), "--port", FOUR, *grid, "--out", str(recording)]) == 0
+        capsys.readouterr()
+        beside = compare_record(capsys, recording, design, "--replicates", "0")
+    assert (beside["emulated"], beside["only_measured"], beside["only_simulated"]) == (True, [], [])
+    scales = {row["state"]: row["scale"] for row in beside["scales"]}
+    # the emulated board is the design; a step of the codes is 1e-7 of L, the largest delta is above 1e-4
+    assert scales == pytest.approx({"coil1": 1.0, "coil2": 1.0}, rel=5e-3)
+    assert max(row["rms_before"] for row in beside["remains"]) < 1e-6
+    for row in beside["inductances"]:  # of one converter, none with the resistance of a switch
+        assert row["ratio"] == pytest.approx(1.0, abs=4e-7)
 
 
 def test_live_shows_every_scan(design, capsys):

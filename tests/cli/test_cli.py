@@ -1,5 +1,6 @@
 """The command line: what it prints, its exit codes, and one line for every mistake."""
 
+import csv
 import re
 import runpy
 import subprocess
@@ -264,7 +265,7 @@ def test_field_plane_and_volume(capsys):
 def test_files_for_paraview_say_which_libraries_are_missing(tmp_path, monkeypatch, capsys, line):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert "files for ParaView need PyVista and VTK, which are not installed" in refused(capsys, *line.split())
+    assert "files for ParaView need PyVista, which is not installed" in refused(capsys, *line.split())
     assert not list(tmp_path.iterdir())
 
 
@@ -276,13 +277,17 @@ def test_impedance(capsys):
     assert data["close_channels"]
     assert all(row["kept"] for row in data["ldc1614"])
     with xr.open_dataset("s.nc", engine="h5netcdf") as saved:
-        assert saved.frequency.values[[0, -1]] == pytest.approx([1e5, 1e7])
+        low, *_, high = saved.frequency.values.tolist()
+        f = [row["frequency_Hz"] for row in data["states"]]
+        assert low == pytest.approx(0.1 * np.sqrt(min(f) * max(f)))
+        assert high > max(row["self_resonance_Hz"] for row in data["windings"])
         assert float(saved.impedance_imag[0, 0]) == pytest.approx(data["sweep"][0]["impedance_imag_ohm"], rel=1e-12)
     assert Path("s.svg").read_text(encoding="utf-8").startswith("<?xml")
-    out = good(capsys, "impedance", "starter", "--points", "2", "--out", "s.csv")
+    out = good(capsys, "impedance", "starter", "--points", "2", "--out", "s.csv", "--from-MHz", "0.1", "--to-MHz", "10")
     assert "LDC1614: all limits are kept" in out
     assert "closer than 3 % in frequency" in out
-    assert len(Path("s.csv").read_text(encoding="utf-8").splitlines()) == 1 + 6
+    rows = list(csv.DictReader(Path("s.csv").read_text(encoding="utf-8").splitlines()))
+    assert [float(row["frequency_Hz"]) for row in rows] == pytest.approx([1e5] * 3 + [1e7] * 3)
 
 
 @pytest.mark.slow
@@ -298,6 +303,11 @@ def test_a_broken_rule_is_refused_unless_allowed(capsys, command):
     if command in ("matrix", "export"):
         # crossing coils on one layer: the numbers are still finite
         good(capsys, command, "d.toml", *more, "--allow-violations")
+
+
+def test_a_design_named_without_its_ending_is_hinted_at(capsys):
+    Path("pad.toml").write_text("", encoding="utf-8")
+    assert refused(capsys, "check", "pad").endswith("starter); did you mean pad.toml?")
 
 
 test_mistakes_are_one_line = mistakes(
@@ -324,6 +334,7 @@ test_mistakes_are_one_line = mistakes(
     (("init", "d", "--size-mm", "1x2x3"), "size must be a width, as 16, or width and height, as 20x12"),
     (("init", "d", "--size-mm", "-3"), "size must be positive and finite; got -3 mm"),
     (("init", "d", "--shape", "rectangle", "--size-mm", "20xnan"), "size must be positive and finite; got nan mm"),
+    (("init", "d", "--shape", "star"), "Invalid value for '--shape': 'star' is not one of 'hexagon', 'square'"),
     (("init", "d", "--coils", "5-hex"), "coils must be as 1, 6 (a row), 4x4"),
     (("init", "no/such/folder/d.toml"), "cannot write no/such/folder/d.toml"),
 )

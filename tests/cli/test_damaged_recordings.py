@@ -1,8 +1,6 @@
 """``scan-info --verify`` and ``--recover``: what is damaged is named, and what is whole is saved."""
 
 import shutil
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +8,7 @@ import pytest
 import xarray as xr
 from support.command_line import runner, successes
 from support.quick_recordings import campaign_file, stream_file
-from support.recorded_boards import without_checksums
+from support.recorded_boards import changed, without_checksums
 
 from coilarray.compute.netcdf import save_dataset
 from coilarray.hardware.record.campaign import Campaign
@@ -36,13 +34,6 @@ def stream(made, tmp_path):
 @pytest.fixture
 def campaign(made, tmp_path):
     return Path(shutil.copy(made[1], tmp_path))
-
-
-def changed(path, *statements):
-    with closing(sqlite3.connect(path)) as connection:
-        for statement in statements:
-            connection.execute(statement)
-        connection.commit()
 
 
 def scans_of(path):

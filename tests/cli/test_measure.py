@@ -138,12 +138,18 @@ def test_campaign(board, campaign, tmp_path, capsys):
     assert [line for line in out.splitlines() if "self-test" in line] == ["[emulator] self-test passed"] * 2
     response = load_part(tmp_path / "campaign.nc")
     assert (response.delta.shape, response.attrs["emulated"]) == ((2, 2, 3, 2), 1)
+    (tmp_path / "mine.nc").write_bytes(b"of somebody else")
+    line = scan_info_refused(capsys, campaign, "--out", tmp_path / "mine.nc")
+    assert "mine.nc exists and is not as `coilarray scan-info` left it; --force replaces it" in line
+    assert (tmp_path / "mine.nc").read_bytes() == b"of somebody else"
+    for more in ("--force",), ():  # its own is replaced
+        scan_info(capsys, campaign, "--out", tmp_path / "mine.nc", *more)
     assert scan_info_record(capsys, campaign, "--out", tmp_path / "long.csv")["campaign"] == {
         "positions": 12, "measured": 12, "x_m": [-0.003, 0.0, 0.003], "y_m": [0.0, 0.002],
         "depths_m": [0.0005, 0.001], "repeats": 1, "scans": 1, "dwell_s": 0.5, "speed_m_per_s": 0.0015,
     }  # fmt: skip
     lines = (tmp_path / "long.csv").read_text().splitlines()
-    assert lines[0] == "depth_m,y_m,x_m,state,delta,delta_std"
+    assert lines[0] == "depth_m,y_m,x_m,state,delta,delta_std,checksum"
     assert len(lines) == 1 + response.delta.size
     before, same = campaign.read_bytes(), tmp_path / "same.csv"
     # nothing is left to measure
@@ -208,7 +214,7 @@ def test_series_for_locate(board, tmp_path, capsys):
     assert series.delta.sel(state="coil1")[-1] > 1e-4
     assert np.abs(series.delta[:20]).max() < 5e-6
     rows = (tmp_path / "run.csv").read_text().splitlines()
-    assert rows[0] == "time_s,coil1,coil2,temperature_C"
+    assert rows[0] == "time_s,coil1,coil2,temperature_C,checksum"
     (tmp_path / "last.csv").write_text("\n".join([rows[0], rows[-1]]) + "\n")
     # a recorded reading on the table of a recorded campaign of that depth: the position comes out
     grid = ("--x-mm", f"{COIL1 - 6}:{COIL1 + 6}:7", "--y-mm", "-4:4:5", "--depth-mm", "0.8")

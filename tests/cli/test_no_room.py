@@ -21,13 +21,14 @@ from support.recorded_boards import WIRING_TEXT, two_coils_document
 from coilarray.cli.main import COMMANDS
 from coilarray.compute.netcdf import save_dataset
 from coilarray.design.bundled import read
+from coilarray.hardware.record.live_log import read_log
 
 run, refused = runner()
 
 BOARD = ("two.toml", "--wiring", "wiring.toml")
 AT = ("--x-mm", "-6.64", "--y-mm", "0", "--depth-mm", "0.5")
 PITCH = ("--vary", "array.pitch_mm=12:14:3", "--workers", "1")
-READ = ("two.toml", "--recording", "rest.sqlite", "--speed", "1000")
+READ = ("two.toml", "--recording", "rest.sqlite", "--speed", "1000", "--no-locate")
 FIELD = ("field", "bare.toml", "--spacing-mm", "4", "--out")
 # whether it writes more than 6 kB in one file, and the command
 WRITES = [
@@ -57,7 +58,7 @@ WRITES = [
     (False, "calibrate-board", "rest.sqlite", "--out", "board.toml"),
     (True, "compare", "campaign.sqlite", "quick.nc", "--replicates", "0", "--out", "folder"),
     (False, "live", *READ, "--log", "log.csv"),
-    (True, "live", *READ, "--log", "log.nc"),
+    (False, "live", *READ, "--log", "log.nc"),
     pytest.param((True, "report", "bare.toml", "--out", "folder"), marks=pytest.mark.slow),
     pytest.param((True, "view", "starter", "--html", "v.html"), marks=pytest.mark.slow),
 ]
@@ -97,6 +98,17 @@ def test_a_command_that_may_not_write_leaves_everything_as_it_was(capsys, inputs
         assert "cannot write" in line or "cannot use" in line or "cannot read" in line
         left = {path: data for path, data in content().items() if path.name != "study.lock"}
         assert left == before
+
+
+@pytest.mark.usefixtures("own_folder")
+def test_a_log_that_finds_no_room_in_the_end_stays_as_its_lines(capsys, inputs):
+    shutil.copytree(inputs, Path(), dirs_exist_ok=True)
+    before = content()
+    with file_limit(6000):  # room for the lines, and not for the netCDF file that they become
+        code, _, err = run(capsys, "live", *READ, "--log", "log.nc")
+    assert (code, err) == (2, "coilarray: error: cannot write log.nc: File too large.\n")
+    assert content().keys() - before.keys() == {Path("log.nc.csv")}
+    assert read_log(Path("log.nc.csv")).sizes["scan"] == 30
 
 
 def test_every_command_is_looked_at():

@@ -55,6 +55,15 @@ def test_the_emulated_board_has_the_noise_of_its_budget(capsys, tmp_path):
     assert first[4]["deviation"] == pytest.approx(first[0]["deviation"] / 4, rel=0.4)  # white
 
 
+def test_faster_scans_have_more_noise_and_so_has_their_budget(capsys):
+    """At twelve times the rate of full resolution: of 400 scans each, told to 4 %."""
+    out = measured(capsys, "starter", "--noise", "5", "--rate", "80", "--emulate", "seed=3")
+    slow = budget_of(capsys, "starter")["scan_noise"]
+    for row, full in zip(out["stability"], slow, strict=True):
+        assert row["scan_noise"] == pytest.approx(row["expected"], rel=0.12)
+        assert row["scan_noise"] > 2 * full
+
+
 def test_a_recording_is_of_its_own_design_and_board(capsys, tmp_path):
     path = stream_file(tmp_path / "run.sqlite", 20, noise=1e-7)
     line = refused(capsys, "--noise", path, "--port", "i2c:1", "--drive", "7")
@@ -94,7 +103,8 @@ def test_a_recording_is_read_instead(capsys, tmp_path):
         (["--noise", "nan"], "--noise must be a recording, or a time above 0"),
         (["--noise", "no_such.sqlite"], "no_such.sqlite"),
         (["--noise", "10", "--self-test"], "--noise cannot be given with --self-test"),
-        (["--reference", "coil1"], "--reference and --plot are for --noise"),
+        (["--reference", "coil1"], "--reference, --plot and --rate are for --noise"),
+        (["--rate", "20", "--self-test"], "--reference, --plot and --rate are for --noise"),
         (["starter", "--noise", "1"], "--noise must be at least"),
     ],
 )

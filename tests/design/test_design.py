@@ -178,6 +178,10 @@ BAD = {
     "name": (changed('name = "starter"', 'name = "a b"'), "name may have letters, digits"),
     "single with a row": (changed('"linear"', '"single"'), 'array has no columns for lattice = "single"'),
     "rings without a number": (changed("columns = 3", "").replace('"linear"', '"rings"'), 'array needs rings for lattice = "rings"'),
+    "single with a pitch": (
+        changed('lattice = "linear"', 'lattice = "single"').replace("columns = 3\n", ""),
+        'array has no pitch_mm for lattice = "single"',
+    ),
     "no pitch": (changed("pitch_mm = 11.0", ""), "array needs pitch_mm for more than one coil"),
     "names": (changed("columns = 3", 'columns = 3\nnames = ["a", "b"]'), "array: a lattice of 3 points must have as many names; got 2"),
     "equal names": (changed("columns = 3", 'columns = 3\nnames = ["a", "b", "a"]'), "coil names must differ"),

@@ -266,19 +266,23 @@ def test_a_board_may_be_turned_to_fit():
     assert [margin.kept for margin in found(array, too_small, "board size")] == [False, True]
 
 
-def test_no_limit_no_margin_and_broken_ones_come_first_and_counts_before_lengths():
+def test_no_limit_no_margin_and_broken_ones_come_first():
+    """Broken counts before broken lengths; of what is kept the copper before the bare board, which has no margin."""
     named = {margin.rule for margin in check_rules(reference_board(), FabRules())}
     assert named.isdisjoint({"layer count", "copper thickness", "aspect ratio", "blind holes", "board size"})
-    rules = FabRules(max_layers=2, max_aspect_ratio=100.0, max_inner_copper=20e-6)
+    rules = FabRules(max_layers=2, max_aspect_ratio=100.0, max_inner_copper=20e-6, max_outer_copper=35e-6)
     margins = check_rules(reference_board(), rules)
     kept = [margin.kept for margin in margins]
     assert kept == sorted(kept)
     assert [margin.rule for margin in margins[:3]] == ["layer count", "copper thickness", "copper thickness"]
-    for group in (True, False):
-        units = [margin.unit for margin in margins if margin.kept is group]
-        assert units == sorted(units)  # "" before "m"
-        lengths = [margin.margin for margin in margins if margin.kept is group and margin.unit == "m"]
+    of_board = [margin.feature == "board" for margin in margins if margin.kept]
+    assert of_board == sorted(of_board)
+    assert [margin.margin for margin in margins[-2:]] == pytest.approx([0, 0], abs=1e-15)  # both outer layers
+    for group in (margins[:3], [one for one in margins if one.kept and one.feature != "board"]):
+        lengths = [margin.margin for margin in group if margin.unit == "m"]
         assert lengths == sorted(lengths)
+        units = [margin.unit for margin in group]
+        assert units == sorted(units, reverse=group[0].kept)  # "" before "m", and after it where nothing is broken
 
 
 @pytest.mark.slow
@@ -322,6 +326,7 @@ def test_the_table_shows_millimetres_and_numbers_and_files_keep_si():
 def test_a_report_names_the_profile_and_its_sources(tmp_path, monkeypatch):
     monkeypatch.setenv("COILARRAY_THREADS", "1")  # pictures would be drawn in this process
     monkeypatch.setattr("coilarray.report.png.png_of", lambda drawn: b"a picture")
+    monkeypatch.setattr("coilarray.viz.rendering_problem", lambda: "no rendering in this test")
     stated = load_profile("multi-cb-35um")
     design = parse_design_file("""
 schema = 1

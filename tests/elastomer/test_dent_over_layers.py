@@ -11,8 +11,9 @@ import tracemalloc
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
-from support.axial_field import loop_inductance
+from support.axial_field import dent_over_metal, pit
 from support.references import polygon
 
 from coilarray.compute.arrays import ComplexArray, FloatArray
@@ -30,13 +31,6 @@ FACE, METAL = -2e-3, 2e-3  # upper face and thickness of the plate in m
 ALUMINIUM, STEEL, PERFECT = Layer(METAL, 1.0, 3.5e7), Layer(METAL, 100.0, 5e6), Layer(METAL, 1.0, math.inf)
 
 
-def pit(base: float = 4e-3, mu: float = 3.0) -> Dent:
-    """Sheets of a base and 2 mm of a permeability, pressed in by a third of the base."""
-    r = np.linspace(0, 20e-3, 201)
-    shape = -1.5e-3 * np.exp(-((r / 3e-3) ** 2))
-    return Dent((base, 2e-3), (1.0, mu), r, np.column_stack((0 * r, 0.8 * shape, shape)))
-
-
 def over(layer: Layer, dent: Dent, frequency: float = 1e4, face: float = FACE) -> ComplexArray:
     return dent_inductance_over(Backing(face, (layer,), frequency), FEW, [dent], PLACES, MESH)[0]
 
@@ -49,38 +43,23 @@ def over(layer: Layer, dent: Dent, frequency: float = 1e4, face: float = FACE) -
 )
 def test_coils_dent_and_plate_are_those_of_finite_elements(layer: Layer, frequency: float) -> None:
     """What a dent does over a plate, over what it does without: elements of 0.12 mm err alike in both."""
-    base, top, dent = 4e-3, 6e-3, pit()
+    dent = pit()
 
-    def solved(plate: Layer) -> ComplexArray:
-        def materials(dented: float):  # type: ignore[no-untyped-def]
-            def at(r: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-                faces = dented * dent.faces(r)
-                sheet = (z > base + faces[..., 1]) & (z < top + faces[..., 2])
-                metal = (z < FACE) & (z > FACE - METAL)
-                mu = np.where(metal, plate.permeability, np.where(sheet, 3.0, 1.0))
-                return mu, np.where(metal, plate.conductivity, 0.0)
+    def inside(r: FloatArray, z: FloatArray) -> npt.NDArray[np.bool_]:
+        return np.asarray((z < FACE) & (z > FACE - METAL))
 
-            return at
+    def edges(r: FloatArray, z: FloatArray) -> FloatArray:
+        return np.where(r < 16e-3, np.abs(z - FACE), 1.0)  # the skin depth of steel is 0.2 mm
 
-        def surfaces(r: FloatArray, z: FloatArray) -> FloatArray:
-            faces = dent.faces(r)
-            moved = np.minimum(np.abs(z - base - faces[..., 1]), np.abs(z - top - faces[..., 2]))
-            face = np.where(r < 16e-3, np.abs(z - FACE), 1.0)  # the skin depth of steel is 0.2 mm
-            return np.minimum(np.where(r < 9e-3, moved, 1.0), face)
-
-        dented, flat = (
-            loop_inductance(
-                LOOPS, materials(part), frequency, lambda r, z: (r < 9e-3) & (np.abs(z) < 7e-3), surfaces, 1.25e-4
-            )
-            for part in (1.0, 0.0)
-        )
-        return np.asarray(dented - flat)
-
+    of_metal, of_air = (
+        dent_over_metal(LOOPS, dent, (inside, edges), one.permeability, one.conductivity, frequency)
+        for one in (layer, Layer(METAL))
+    )
     backing = Backing(FACE, (layer,), frequency)
     alone = dent_inductance(COILS, [dent], [[0.0, 0.0]])[0, 0].diagonal()
     found = dent_inductance_over(backing, COILS, [dent], [[0.0, 0.0]])[0, 0].diagonal()
     # 1 %: what remains of the elements' 0.5 to 1.6 % in the ratio, most in that of the skin depth
-    assert found / alone == pytest.approx(solved(layer) / solved(Layer(METAL)), rel=0.01)
+    assert found / alone == pytest.approx(of_metal / of_air, rel=0.01)
 
 
 @pytest.mark.parametrize("motion", [Motion(), Motion(slope=(0.01, -0.02), pivot=3e-3)], ids=["still", "turned"])

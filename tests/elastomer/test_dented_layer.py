@@ -26,7 +26,7 @@ from coilarray.constants import MU_0
 from coilarray.elastomer.contact import indent
 from coilarray.elastomer.dent import Dent, Motion, dent_of
 from coilarray.elastomer.dented_layer import dent_inductance
-from coilarray.elastomer.scattering import LayerMesh, wavenumber_rule
+from coilarray.elastomer.scattering import LayerMesh, radial_pattern, wavenumber_rule
 from coilarray.electromagnetics.coil_spectrum import coil_segments, harmonics_about, segment_spectra
 from coilarray.electromagnetics.flat_layer import layer_inductance
 from coilarray.electromagnetics.flat_stack import flat_profile, reflection
@@ -64,6 +64,13 @@ def plateau(lower, upper, mu=2.7):
 def usual():
     """Change of the pair by the usual dent at the places, on the default mesh."""
     return dent_inductance(PAIR, [smooth_dent()], PLACES)[0]
+
+
+@pytest.mark.parametrize("m", [0, 1, 2, 6, 15])
+def test_lateral_patterns_are_bessel_functions(m):
+    r, wavenumbers = np.linspace(0, 40e-3, 41), np.linspace(1.0, 2000.0, 60)  # both sides of kr = m
+    expected = jv(m, np.outer(r, wavenumbers))
+    np.testing.assert_allclose(radial_pattern("axial", m, r, wavenumbers), expected, rtol=0, atol=2e-15)  # rounding
 
 
 @given(st.floats(50, 3000), st.floats(1.0, 500), st.floats(0.1e-3, 8e-3), st.floats(0.1e-3, 8e-3))

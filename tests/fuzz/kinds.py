@@ -18,6 +18,8 @@ write them.
 
 from __future__ import annotations
 
+import re
+import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
@@ -27,8 +29,13 @@ from typing import Any
 import numpy as np
 import tomli_w
 import xarray as xr
+from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
+from aiohttp.http_parser import HttpRequestParser
+from aiohttp.test_utils import make_mocked_request
 from support.board_text import board as kicad_text
 from support.board_text import path as tracks
+from support.optimize_points import StandIn
 from support.plot_results import GOAL, response, target
 from support.quick_recordings import campaign_file, stream_file
 from support.recorded_boards import WIRING_TEXT, two_coils_document
@@ -69,10 +76,13 @@ from coilarray.report.localize_tables import cause_table, distortion_table, inde
 from coilarray.response.coordinates import on_board
 from coilarray.studies.calibrate.draws import CALIBRATION, calibrated_imperfections, posterior_draws
 from coilarray.studies.calibrate.plan import PLANS, load_plan
+from coilarray.studies.optimize import optimize_with, study_file
 from coilarray.studies.optimize.goal import GOALS, parse_goal
 from coilarray.studies.optimize.space import axes_of
 from coilarray.studies.tolerance.files import load_tolerances, typical_text
 from coilarray.studies.tolerance.tolerances import contributors
+from coilarray.viz.studio import server
+from coilarray.viz.studio.runs import read_runs
 from fuzz import mutations as change
 
 
@@ -530,6 +540,120 @@ def _imported(path: Path) -> Any:
     return [one.vertices for one in parse_design(text, "board").array.conductors()]
 
 
+# searches
+
+
+_SEARCH = """
+schema = 1
+variable = [{ entry = "array.pitch_mm", low = 10, high = 16 }]
+[[objective]]
+quantity = "worst_k"
+direction = "minimize"
+[search]
+trials = 4
+seed = 3
+batch = 2
+polish = 0
+"""
+
+
+@cache
+def _search() -> Any:
+    return load_design("gast2020"), parse_goal(_SEARCH, "search")
+
+
+@cache
+def _whole_study() -> bytes:
+    def outcome(changes: Mapping[str, Any]) -> dict[str, float]:
+        return {"worst_k": float(changes.get("array.pitch_mm", 13.28)) ** 2}
+
+    with tempfile.TemporaryDirectory() as folder:
+        optimize_with(*_search(), Path(folder), StandIn(outcome))
+        return Path(folder, study_file.FILE).read_bytes()
+
+
+def _studies(folder: Path) -> list[Path]:
+    (folder / "study.db").write_bytes(_whole_study())
+    return [folder / "study.db"]
+
+
+def _study(path: Path) -> Any:
+    return _trials(path.read_bytes())
+
+
+def _trials(data: bytes) -> tuple[list[str], int]:
+    """The trials of a study as the search and as the studio read them."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, study_file.FILE).write_bytes(data)
+        with study_file.open_study(Path(folder), *_search()) as opened:
+            trials = [f"{trial.state} {trial.params} {trial.values} {trial.constraints}" for trial in opened.trials()]
+        return trials, sum(len(run.points) for run in read_runs(Path(folder)))
+
+
+@cache
+def _true_trials() -> frozenset[str]:
+    return frozenset(_trials(_whole_study())[0])
+
+
+def _invented(answer: Any) -> str:
+    """Every trial that is read is one that was made."""
+    return "a trial that was never made" if set(answer[0]) - _true_trials() else ""
+
+
+# the studio
+
+
+_TOKEN = "a-token-of-24-letters"
+_REQUESTS = {
+    "page": "GET / HTTP/1.1\r\nHost: 127.0.0.1:8080\r\nSec-Fetch-Site: cross-site\r\nSec-Fetch-Dest: document\r\n\r\n",
+    "asset": "GET /assets/x.js?a=1 HTTP/1.1\r\nHost: localhost:8080\r\nOrigin: http://localhost:8080\r\n\r\n",
+    "session": f"POST /open/tab?token={_TOKEN} HTTP/1.1\r\nHost: lab.example:80\r\nSec-Fetch-Site: same-origin\r\n\r\n",
+    "cookie": f"GET /reports/a HTTP/1.1\r\nHost: lab.example\r\nCookie: coilarray_studio_8080={_TOKEN}\r\n\r\n",
+}
+
+
+def _request_files(folder: Path) -> list[Path]:
+    return _written(folder, ".txt", _REQUESTS)
+
+
+def _requested(path: Path) -> Any:
+    """What the studio on this computer and one with a token say to a request: host, origin, path and token with it."""
+    parser = HttpRequestParser(None, None, 2**16)
+    try:
+        messages, _, _ = parser.feed_data(path.read_bytes())
+        (message, _), *_ = messages
+        request = make_mocked_request(message.method, message.path, headers=message.headers)
+    except (HttpProcessingError, ValueError) as error:  # answered by the web server itself, or cut off
+        raise CoilarrayError(f"no request: {type(error).__name__}.") from None
+    said = []
+    for token in ("", _TOKEN):
+        studio = server._Studio(None, None, None, server.Address("127.0.0.1", 8080, token), 0.0)
+        studio._cookie = "coilarray_studio_8080"
+        said.append(studio._refusal(request))
+    try:
+        file = server._file_of(Path(__file__).parent, request.path.removeprefix("/"))._path
+    except web.HTTPException:
+        file = None
+    asked = {name: request.headers.get(name) for name in ("Host", "Origin", "Sec-Fetch-Site", "Sec-Fetch-Dest")}
+    given = _TOKEN in (request.query.get("token"), request.cookies.get("coilarray_studio_8080"))
+    return {"alone": said[0], "with token": said[1], **asked, "path": request.path, "given": given, "file": file}
+
+
+def _let_in(answer: Any) -> str:
+    """Nobody comes in by another name, from another page, or without the token, and to no file beside the folder."""
+    host, origin, site = answer["Host"] or "", answer["Origin"], answer["Sec-Fetch-Site"]
+    name = re.sub(r":\d*$", "", host)
+    elsewhere = origin is not None and origin not in (f"http://{host}", f"https://{host}")
+    opened = answer["path"] == "/" and answer["Sec-Fetch-Dest"] == "document"
+    elsewhere |= site not in (None, "none", "same-origin") and not opened
+    if not answer["alone"] and (elsewhere or name not in ("127.0.0.1", "localhost", "[::1]")):
+        return "the studio of this computer lets a stranger in"
+    if not answer["with token"] and (elsewhere or not answer["given"]):
+        return "the studio with a token lets a stranger in"
+    file = answer["file"]
+    return "a file outside is served" if file and Path(__file__).parent not in Path(file).resolve().parents else ""
+
+
 _CSV = (change.text_changed, change.text_changed, change.bytes_changed)
 _DATABASE = (change.database_changed, change.database_changed, change.bytes_changed)
 _ZIP = (change.zip_changed, change.zip_changed, change.bytes_changed)
@@ -562,6 +686,8 @@ KINDS = (
     Kind("readings, JSON", ".json", _readings_files(".json", f"[{_READING}, [1e-4, 2e-4, 3e-4]]"), _JSON, _readings),
     Kind("readings, JSON lines", ".jsonl", _readings_files(".jsonl", f"{_READING}\n[1, 2, 3]\n"), _CSV, _readings),
     Kind("KiCad board", ".kicad_pcb", _kicad_boards, _CSV, _imported, share=2),
+    Kind("study of a search", ".db", _studies, _DATABASE, _study, _invented),
+    Kind("request to the studio", ".txt", _request_files, _CSV, _requested, _let_in),
     Kind("Gerber archive", ".zip", _gerber_zips, _ZIP, _imported, share=2),
 )  # fmt: skip
 """Every kind, in the order of the table."""

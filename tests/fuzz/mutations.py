@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import json
 import sqlite3
@@ -133,13 +134,13 @@ def _change_place(random: np.random.Generator, tree: Any) -> None:
             factor = float(_pick(random, (-1, 0.1, 0.5, 0.99, 1 + 1e-12, 1.01, 2, 10, 1e3, 1e6, 1e-6)))
         holder[key] = type(value)(value * factor) if isinstance(value, float) else int(value * factor)
     elif kind < 7:
-        holder[key] = _pick(random, VALUES)
+        holder[key] = copy.deepcopy(_pick(random, VALUES))  # a later change may be made within it
     elif kind == 7:
         del holder[key]
     elif kind == 8 and isinstance(holder, dict):
         holder[_pick(random, (key + "x", "", "unknown", "a b", key.upper()))] = holder.pop(key)
     elif isinstance(holder, list):
-        holder.insert(key, value)
+        holder.insert(key, copy.deepcopy(value))
     else:
         holder[key] = [value]
 
@@ -269,6 +270,14 @@ def database_changed(random: np.random.Generator, data: bytes) -> bytes:
         return path.read_bytes()
 
 
+def _is_tree(text: str) -> bool:
+    """Whether a text is a JSON object or list; the change before may have cut it."""
+    try:
+        return isinstance(json.loads(text), dict | list)
+    except ValueError:
+        return False
+
+
 def _database_change(random: np.random.Generator, connection: sqlite3.Connection) -> None:
     query = "SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name"
     table = str(_pick(random, [name for (name,) in connection.execute(query)]))
@@ -290,7 +299,7 @@ def _database_change(random: np.random.Generator, connection: sqlite3.Connection
             connection.execute(f"UPDATE {table} SET {column} = CAST(x'80ff41' AS TEXT) WHERE {where}", row)
         case 3 | 4:
             (old,) = connection.execute(f"SELECT {column} FROM {table} WHERE {where}", row).fetchone()
-            if isinstance(old, str) and old[:1] in "{[":
+            if isinstance(old, str) and _is_tree(old):
                 new: Any = json.dumps(tree_changed(random, json.loads(old)))
             elif isinstance(old, str):
                 new = old[: int(random.integers(len(old) + 1))]

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import math
 import multiprocessing
 import os
@@ -25,6 +26,7 @@ import signal
 import sys
 import tempfile
 import time
+import tomllib
 import traceback
 import warnings
 from collections import Counter
@@ -67,7 +69,6 @@ _NO_KEYS = (
     "the file must be a table",
     "it must have kind",
 )
-_WORDS = {"set", "from", "at", "the", "of", "others", "number", "list", "low", "high", "x", "y", ""}
 
 
 class HangError(BaseException):
@@ -200,16 +201,27 @@ def unclear(message: str, keyed: bytes | None) -> str:
 
 
 def names_key(message: str, data: bytes) -> bool:
-    """Whether an error names a key of the file or of a schema, or says that it is no text.
+    """Whether an error names a key of the file, or one that the file lacks, or says that it is no text of its kind.
 
-    What a file must have as a whole, such as its kind, is named there too.
+    A key is named by its dotted path in the file, with or without the numbers of list entries, as a key of the table
+    at such a path, or alone where it stands at the top of the file or cannot be an English word: `gap_mm`. Of a key
+    that is not there the message says that it is missing, or has it in brackets as the head of a table.
     """
     if any(text in message for text in _NO_KEYS):
         return True
-    told = {
-        word.rstrip("0123456789") for word in re.findall(r"\w+", message.partition(": ")[2].lower() or message.lower())
-    }
-    return bool(told & (_schema_keys() | _keys_of(data)))
+    paths = {path.lower() for path in _paths_of(_tree_of(data))}
+    paths |= {re.sub(r"\.\d+(?=\.|$)", "", path) for path in paths}
+    alone = {path for path in paths if "." not in path}
+    alone |= {key for path in paths if "_" in (key := path.rpartition(".")[2])}
+    said = message.lower()
+    words = {word.strip(".-+") for word in re.findall(r"[\w.+-]+", said)}
+    words |= {word.rstrip("0123456789") for word in words}  # of registers, which bear the names of keys
+    lacking = re.findall(r"([\w.]+) is missing|\[(\w+)\]", said)
+    return (
+        bool(words & (alone | {path for path in paths if "." in path}))
+        or any(word.rpartition(".")[0] in paths for word in words if "." in word)
+        or any(key.rpartition(".")[2] in _schema_keys() for pair in lacking for key in pair)
+    )
 
 
 @cache
@@ -219,15 +231,25 @@ def _schema_keys() -> frozenset[str]:
         one = classes.pop()
         classes += one.__subclasses__()
         found |= {(field.alias or name).lower() for name, field in one.model_fields.items()}
-    return frozenset(found) - _WORDS
+    return frozenset(found)
 
 
-def _keys_of(data: bytes) -> set[str]:
-    """Names in the headers of a file, which are keys where no schema has them: of coils, for example."""
-    headers = re.findall(rb"^\s*\[+(.*?)\]", data, re.MULTILINE)
-    return {
-        word.decode().lower().rstrip("0123456789") for line in headers for word in re.findall(rb"\w+", line)
-    } - _WORDS
+def _tree_of(data: bytes) -> Any:
+    """Tables of a TOML or JSON file; empty where it is neither."""
+    for read in (tomllib.loads, json.loads):
+        try:
+            return read(data.decode("utf-8-sig", "replace"))
+        except (ValueError, RecursionError):
+            continue
+    return {}
+
+
+def _paths_of(tree: Any, above: str = "") -> Iterator[str]:
+    """Give the dotted path of every key and list entry, below `above`."""
+    items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    for key, value in items:
+        yield f"{above}{key}"
+        yield from _paths_of(value, f"{above}{key}.")
 
 
 def digest(answer: Any) -> str:

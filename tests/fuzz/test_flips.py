@@ -1,5 +1,6 @@
 """Every kind of file that the package writes and reads back, with one bit flipped: no result changes in silence."""
 
+import os
 import shutil
 from dataclasses import asdict
 
@@ -8,18 +9,19 @@ import pytest
 import xarray as xr
 from support.flips import flipped
 from support.optimize_points import StandIn
-from support.quick_recordings import campaign_file, stream_file
+from support.quick_recordings import campaign_file, killed_file, stream_file
 
 from coilarray.compute.large_file import Variable, open_large, parts_folder
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.compute.store import open_store
 from coilarray.design.model import load_design
+from coilarray.errors import LocalizeError
 from coilarray.hardware.record.calibration_file import load_calibration, save_calibration
 from coilarray.hardware.record.campaign import Campaign
 from coilarray.hardware.record.channel_calibration import calibrate_board
 from coilarray.hardware.record.live_log import open_log, read_log
 from coilarray.hardware.record.live_tracking import LiveReading, LiveState
-from coilarray.hardware.record.recorded_response import recorded_response, recorded_series
+from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, series_csv
 from coilarray.hardware.record.recording import open_recording
 from coilarray.hardware.record.recording_summary import summarize_recording
 from coilarray.localize.ellipse_model import model_to_json
@@ -28,8 +30,8 @@ from coilarray.studies.optimize import optimize_with, parse_goal
 from coilarray.studies.optimize.study_file import FILE, open_study
 from coilarray.viz.studio.runs import read_runs
 
-FEW, MANY = 25, 500
-"""Flips of every kind in each run of the tests, and in the whole of them."""
+FEW, MANY = 25, int(os.environ.get("COILARRAY_TEST_FLIPS", "100"))
+"""Flips of every kind in each run of the tests, and in the whole of them: some on every page of a database."""
 PLAN = Campaign(x=(0.0, 4e-3), y=(0.0, 2e-3), depths=(1e-3,), scans=2)
 KEY = "ab" + 62 * "0"
 FRAME = xr.Dataset(
@@ -206,11 +208,33 @@ def log(folder):
     return path, lambda: content(read_log(path))
 
 
+def killed(folder):
+    path = killed_file(folder / "killed.sqlite", 12)
+    return folder / "killed.sqlite-wal", lambda: recording_content(path)
+
+
+def csv_of_a_stream(folder):
+    from coilarray.cli.readings import read_readings
+
+    path = folder / "stream.csv"
+    with open_recording(stream_file(folder / "stream.sqlite", 12, noise=1e-6)) as recording:
+        path.write_text(series_csv(recorded_series(recording)), encoding="utf-8", newline="")
+
+    def read():
+        found = read_readings(str(path))
+        if any(isinstance(one, LocalizeError) for one in found):
+            raise next(one for one in found if isinstance(one, LocalizeError))
+        return found
+
+    return path, read
+
+
 KINDS = {
     "recording of a stream": stream, "recording of a campaign": campaign, "netCDF": netcdf, "entry of the store": entry,
     "dataset of the store": kept_dataset, "large file": large_file, "unfinished large file": unfinished("data.nc"),
     "journal of a large file": unfinished("journal.db"), "study": study, "study in the studio": run_of_studio,
     "calibration of a board": board_calibration, "ellipse model": ellipses, "log": log,
+    "CSV of a stream": csv_of_a_stream, "log of a killed recording": killed,
 }  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 import tomli_w
 
@@ -13,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from coilarray.errors import CoilarrayError
+from fuzz import mutations
 from fuzz import run as module
 from fuzz.kinds import KINDS, Kind
 from fuzz.mutations import bytes_changed
@@ -106,9 +108,30 @@ def test_an_error_is_one_printable_line():
     assert str(CoilarrayError("a\nb\x1b[31m\u202ec")) == "a b�[31m�c"
     assert len(str(CoilarrayError("x" * 10_000))) <= 501
     assert unclear("two\nlines", None)
-    assert names_key("file.toml: coils.a.gap_mm must be a number; got 'x'.", b"")
-    assert names_key("file.toml: coil7 has no room.", b"[coil7]")
-    assert not names_key("file.toml: something is wrong.", b"")
+
+
+@pytest.mark.parametrize(
+    ("message", "named"),
+    [
+        ("coils.a.gap_mm must be a number; got 'x'.", True),
+        ("elastomer.0.thickness_mm must be at most 1.", True),
+        ("elastomer.thickness_mm must be at most 1.", True),
+        ("thickness_mm must be at most 1.", True),
+        ("coils.a.turns is missing.", True),  # of a table that is there
+        ("schema is missing.", True),
+        ("needs the table [indenter] too.", True),
+        ("has no key 'x'; allowed are y.", True),
+        ("array needs columns.", True),
+        ("something is wrong.", False),
+        ("the shape of the coil has no gap and a name is wrong.", False),  # English words that are keys elsewhere
+        ("base must be thinner.", False),
+        ("its min_trace_mm is too small.", False),  # a key that the file does not have
+        ("answer is missing.", False),
+    ],
+)
+def test_what_names_a_key(message, named):
+    data = b'[coils.a]\ngap_mm = 1\n[array]\npitch_mm = 2\n[[elastomer]]\nname = "base"\nthickness_mm = 2\n'
+    assert names_key(f"file.toml: {message}", data) == named
 
 
 def test_a_case_is_decided_by_its_number(tmp_path):
@@ -118,6 +141,15 @@ def test_a_case_is_decided_by_its_number(tmp_path):
     kind = next(one for one in KINDS if one.name == "goal")
     assert [first.mutated(kind, k)[1] for k in range(20)] == [second.mutated(kind, k)[1] for k in range(20)]
     assert len({first.mutated(kind, k)[1] for k in range(20)}) > 15
+
+
+def test_a_mutation_leaves_nothing_behind():
+    """What one case puts into a tree is not what another one gets."""
+    before = repr(mutations.VALUES)
+    for number in range(2000):
+        random = np.random.default_rng([1, number])
+        mutations.toml_changed(random, b"a = [1, 2]\n[b]\nc = [[1], [2, 3]]\n")
+    assert repr(mutations.VALUES) == before
 
 
 @pytest.mark.slow

@@ -95,7 +95,8 @@ def test_the_copper_of_a_layer_is_its_features(through_holes):
     for layer, nets in copper_by_layer(array).items():
         for net, copper in nets.items():
             own = [piece.shape for piece in copper_features(array) if (piece.layer, piece.net) == (layer, net)]
-            assert shapely.equals(copper, shapely.union_all(own))
+            apart = shapely.symmetric_difference(copper, shapely.union_all(own)).area
+            assert apart < 1e-12 * copper.area  # moved after they are united: the rounding of coordinates
 
 
 @given(rotation=st.floats(-7, 7))

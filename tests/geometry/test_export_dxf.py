@@ -169,6 +169,6 @@ def test_files_that_cannot_be(tmp_path, monkeypatch):
     path = tmp_path / "board.dxf"
     refused(OutputError, r"cannot write .*board\.dxf: No space left on device", write_dxf, array, path)
     monkeypatch.setitem(sys.modules, "ezdxf", None)
-    message = r'DXF files need ezdxf, .*: pip install "coilarray\[fab\]"'
+    message = r'DXF files need ezdxf, .*: .*python.* -m pip install .*\[fab\]"'
     refused(MissingDependencyError, message, write_dxf, array, path)
     assert list(tmp_path.iterdir()) == []

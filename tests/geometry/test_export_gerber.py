@@ -328,7 +328,7 @@ def test_what_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     # without gerbonara
     for module in ("gerbonara", "gerbonara.newstroke"):
         monkeypatch.setitem(sys.modules, module, None)
-    message = r"pip install \"coilarray\[fab\]\""
+    message = r"-m pip install .*\[fab\]\""
     refused(MissingDependencyError, message, write_gerbers, small_board(), tmp_path / "board.zip", name="board")
     assert list(tmp_path.iterdir()) == []
 

@@ -30,9 +30,7 @@ from coilarray.geometry.solids import board_prisms, sheet_prisms
 
 pytestmark = pytest.mark.slow
 
-needs_occt = pytest.mark.skipif(
-    importlib.util.find_spec("OCP") is None, reason='no Open CASCADE: pip install "coilarray[step]"'
-)
+needs_occt = pytest.mark.skipif(importlib.util.find_spec("OCP") is None, reason="no Open CASCADE (extra step)")
 
 FLAT = 1e-9  # relative: volumes of flat faces in float64, 1e-7 mm apart at worst in the file
 ROUND = 1e-6  # relative: a circle of 4096 corners has 4e-7 less area than the true one
@@ -259,7 +257,7 @@ def test_files_that_cannot_be(tmp_path, monkeypatch):
     refused(OutputError, message, write_step, array, tmp_path / "board.iges", name="board")
     monkeypatch.setitem(sys.modules, "OCP", None)
     monkeypatch.setitem(sys.modules, "OCP.STEPCAFControl", None)
-    message = r'STEP files need cadquery-ocp-novtk, .*"coilarray\[step\]"'
+    message = r'STEP files need cadquery-ocp-novtk, .* -m pip install .*\[step\]"'
     refused(MissingDependencyError, message, write_step, array, tmp_path / "board.step", name="board")
     assert list(tmp_path.iterdir()) == []
 

@@ -16,6 +16,7 @@ if sys.platform == "win32":
 
 from support.firmware_host import FirmwareHost, needs_compiler
 from support.patience import PATIENCE
+from support.refusals import raising
 
 from coilarray.hardware.board.connect import open_board
 from coilarray.hardware.board.drive_codes import find_drives
@@ -74,13 +75,6 @@ def test_the_chain_can_be_asked_through_the_firmware():
         assert opened.check_chain() in ("differ", "none")
     with open_board() as opened:
         assert opened.check_chain() is None
-
-
-def raising(error):
-    def way_out():
-        raise error
-
-    return way_out
 
 
 @pytest.mark.parametrize(

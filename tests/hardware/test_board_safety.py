@@ -13,6 +13,7 @@ import threading
 import pytest
 from support.emulated_reader import at_rest, plain, quick_settings, reader_of
 from support.patience import PATIENCE
+from support.refusals import raising
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import Board
@@ -53,13 +54,6 @@ class Stepping:
     def __getattr__(self, name):
         call = getattr(self._inner, name)
         return call if name in ("now", "close") else lambda *given: self._wire.step(lambda: call(*given))
-
-
-def raising(error):
-    def action():
-        raise error
-
-    return action
 
 
 WAYS_OUT = {

@@ -118,6 +118,7 @@ def test_plans_come_back(x, y, repeats, scans, dwell, speed):
         *(({"depths": (wrong,)}, "depths of a campaign must be 0 to 0.1 m") for wrong in (-1e-3, 1.0)),
         *(({"repeats": wrong}, "repeats of a campaign must be 1 to 1000") for wrong in (0, True)),
         ({"scans": 1.5}, "scans of a campaign must be 1 to 1000"),
+        ({"scans": "x" * 1000}, "scans of a campaign must be 1 to 1000; got 'x{79}….$"),
         ({"dwell": -1.0}, "dwell of a campaign must be 0 to 3600 s"),
         ({"dwell": float("nan")}, "dwell of a campaign must be"),
         *(({"speed": wrong}, "speed of a campaign must be positive") for wrong in (0.0, float("inf"))),
@@ -194,7 +195,7 @@ def test_the_response_in_a_file(whole, tmp_path):
     save_dataset(whole, tmp_path / "run.nc")
     xr.testing.assert_identical(load_part(tmp_path / "run.nc"), whole)
     rows = list(csv.DictReader(io.StringIO(response_csv(whole))))
-    assert list(rows[0]) == ["depth_m", "y_m", "x_m", "state", "delta", "delta_std"]
+    assert list(rows[0]) == ["depth_m", "y_m", "x_m", "state", "delta", "delta_std", "checksum"]
     assert len(rows) == whole.delta.size
     for row in rows:
         at = {axis: float(row[f"{axis}_m"]) for axis in ("depth", "y", "x")}

@@ -240,7 +240,7 @@ def test_states_without_enough_scans_are_refused(tmp_path):
     [
         ({"inductances": {"coil9": TRUE}}, "has no state 'coil9'; there are coil1, coil2"),
         *(({"inductances": {"coil1": L}}, "inductance of coil1 must be positive and fin") for L in (0.0, math.nan)),
-        ({"inductances": {"coil1": 1e3}}, "the capacitance of coil1 must be 1 to 1e\\+06 pF"),
+        ({"inductances": {"coil1": 1e3}}, "capacitance_F of coil1 must be 1 to 1e\\+06 pF"),
         ({"inductances": {"coil1": TRUE}, "from_design": True}, "must be known or simulated, not both"),
         ({"inductance_error": -1.0}, "the relative error of the inductances must be 0 to 0.5; got -1"),
         ({"frequency_error": math.nan}, "the relative error of the frequency must be 0 to 0.5"),
@@ -283,10 +283,10 @@ GOOD = calibration_to_toml(
         ("= 43200000.0", "= nan", "clock.frequency_Hz must be"),
         ("= 43200000.0", "= 1e9", "the clock must be 2 to 55 MHz"),
         ('from = "known frequency"', 'from = "guess"', "clock.from must be"),
-        ("capacitance_F = 1.2e-10", "capacitance_F = 1.2", "the capacitance of coil1 must be 1 to 1e\\+06 pF"),
+        ("capacitance_F = 1.2e-10", "capacitance_F = 1.2", "capacitance_F of coil1 must be 1 to 1e\\+06 pF"),
         ("capacitance_F = 1.2e-10", "capacitance_F = -1.0", "channel.0.capacitance_F must be"),
         ("capacitance_F = 1.2e-10", "capacitance_pF = 120.0", "has no key 'capacitance_pF'"),
-        ('capacitances_from = "known inductances"', "", "must say what its capacitances stand on"),
+        ('capacitances_from = "known inductances"', "", "must say what the capacitances of every"),
         ('boot = "00000001"', 'boot = "1"', "drift.0.boot"),
         ("coefficients = [", "coefficients = [0.0, 0.0, 0.0, ", "drift.0.coefficients"),
         ("smooth = true", "smooth = 1", "drift.0.smooth must be"),
@@ -305,7 +305,7 @@ def test_bad_files(tmp_path, before, after, words):
 def test_a_state_is_there_once():
     good = calibration_from_toml(GOOD)
     for part in ("channels", "drifts"):
-        refused(HardwareError, "must have a state once", replace, good, **{part: 2 * getattr(good, part)})
+        refused(HardwareError, "must have a state of its own", replace, good, **{part: 2 * getattr(good, part)})
 
 
 @pytest.mark.parametrize(

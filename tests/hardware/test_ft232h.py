@@ -10,6 +10,7 @@ import pytest
 from support.emulated_reader import WIRING
 from support.firmware_chips import StubConverter
 from support.firmware_pins import I2cSlave, ShiftRegisters
+from support.refusals import refused
 
 from coilarray.errors import HardwareError, MissingDependencyError
 from coilarray.hardware.board.connect import open_board
@@ -257,13 +258,20 @@ def test_an_adapter_that_returns_nothing_is_told(bench):
 
 @pytest.mark.parametrize(("error", "message"), [
     (UsbToolsError("No USB device matches URL ftdi://ftdi:232h/1"), "No USB device matches URL"),
-    (ValueError("No backend available"), "No backend available"),
     (OSError(13, "Access denied (insufficient permissions)"), "insufficient permissions"),
 ])  # fmt: skip
 def test_an_adapter_that_cannot_be_opened_is_one_line(bench, error, message):
     bench.refuses = error
     with pytest.raises(HardwareError, match=rf"ftdi://ftdi:232h/1 cannot be opened: .*{message}"):
         opened(bench)
+
+
+def test_a_missing_library_for_usb_is_named(bench):
+    bench.refuses = ValueError("No backend available")  # as pyftdi has it without libusb
+    refused(
+        MissingDependencyError, "cannot be opened: the library libusb 1.0 is not installed .*apt install libusb-1.0-0",
+        opened, bench,
+    )  # fmt: skip
 
 
 def test_an_adapter_without_a_second_port_is_refused_and_closed_and_so_are_pins_that_cannot_be(bench):

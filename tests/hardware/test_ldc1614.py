@@ -16,7 +16,7 @@ from coilarray.hardware import (  # isort: skip
     check_channel, code_to_frequency, drive_for, frequency_to_code, inductance_from_frequency, settle_count,
 )  # fmt: skip
 from coilarray.hardware.chips.ldc1614_limits import (  # isort: skip
-    AMPLITUDE, DRIVE_WINDOW, check_clock, deglitch_for, drive_of, input_divider, reference_divider,
+    AMPLITUDE_HIGH, AMPLITUDE_LOW, DRIVE_WINDOW, check_clock, deglitch_for, drive_of, input_divider, reference_divider,
 )  # fmt: skip
 
 
@@ -68,7 +68,7 @@ def test_every_resistance_of_the_table_has_a_drive(R):
     assert drive is not None  # the table's rows leave no gap
     assert drive.amplitude == pytest.approx(4 * R * drive.current / math.pi)
     # rows of the table are rounded to three digits: the lower end may be missed by that
-    assert AMPLITUDE[0] * 0.99 <= drive.amplitude <= AMPLITUDE[1]
+    assert AMPLITUDE_LOW * 0.99 <= drive.amplitude <= AMPLITUDE_HIGH
 
 
 # data sheet, table 42: IDRIVE, current in µA, smallest and largest R_p in kΩ

@@ -12,11 +12,12 @@ from coilarray.design.scan_states import ScanState
 from coilarray.errors import HardwareError
 from coilarray.hardware.chips.ldc1614 import frequency_to_code
 from coilarray.hardware.scan.reader import RawSample, RawScan, SampleFault
-from coilarray.hardware.scan.readings import ALL_FLAGS, LARGEST_CODE, QUARTER, READY, Reason, judge, read_scan
+from coilarray.hardware.scan.readings import ALL_FLAGS, LARGEST_CODE, QUARTER, Reason, judge, read_scan
 from coilarray.hardware.scan.settings import scan_settings
 from coilarray.hardware.scan.wiring import load_wiring
 
 UNDER, OVER, WATCHDOG, AMPLITUDE = 8, 4, 2, 1  # flags of the upper word
+READY = 0x0048  # STATUS of a result of channel 0 without an error: DRDY and UNREADCONV0
 statuses = st.sampled_from([READY, READY | 0x400, READY | 0x200]) | st.integers(0, 0xFFFF)
 LEGAL = 0x0179, 0x82F3  # 2 MHz at 21.7 MHz
 

@@ -19,12 +19,20 @@ import pytest
 import xarray as xr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from support.recorded_boards import QuickWorld, configured, quick_board, session_of, two_coils, without_checksums
+from support.recorded_boards import (
+    QuickWorld,
+    changed,
+    configured,
+    quick_board,
+    session_of,
+    two_coils,
+    without_checksums,
+)
 from support.refusals import refused
 
 from coilarray.cli.readings import read_readings
 from coilarray.compute.netcdf import load_part, save_dataset
-from coilarray.errors import HardwareError, OutputError
+from coilarray.errors import HardwareError, LocalizeError, OutputError
 from coilarray.hardware.record import recorder as recorder_module
 from coilarray.hardware.record.recorded_response import recorded_response, recorded_series, series_csv
 from coilarray.hardware.record.recorder import open_recorder, record_stream
@@ -243,11 +251,6 @@ def test_a_recorder_must_be_started(path, session):
         recorder.add(raw_scan(session, 0), "stream")
 
 
-def changed(path, statements):
-    with closing(sqlite3.connect(path)) as connection:
-        connection.executescript(statements)
-
-
 def overwritten(path):
     """Damage every page but the first."""
     data = bytearray(path.read_bytes())
@@ -423,10 +426,16 @@ def test_series(path, board, session):
 def test_series_as_csv_is_what_locate_reads_and_comes_back_from_netcdf(tmp_path, path, board, session):
     series = read(recorded(path, session, [board.reader.scan() for _ in range(4)]), recorded_series)
     (tmp_path / "run.csv").write_text(series_csv(series))
-    assert series_csv(series).splitlines()[0] == "time_s,coil1,coil2"
+    assert series_csv(series).splitlines()[0] == "time_s,coil1,coil2,checksum"
     readings = read_readings(str(tmp_path / "run.csv"))
     assert [reading["coil2"] for reading in readings] == series.delta.sel(state="coil2").values.tolist()
     assert [reading["time_s"] for reading in readings] == series.time.values.tolist()
+    lines = series_csv(series).splitlines()
+    time, _, *others = lines[2].split(",")
+    (tmp_path / "run.csv").write_text("\n".join([*lines[:2], ",".join([time, "0.1", *others]), *lines[3:]]))
+    damaged = read_readings(str(tmp_path / "run.csv"))
+    assert [isinstance(one, LocalizeError) for one in damaged].count(True) == 1
+    assert "its checksum is wrong" in str(next(one for one in damaged if isinstance(one, LocalizeError)))
     save_dataset(series, tmp_path / "run.nc")
     xr.testing.assert_identical(load_part(tmp_path / "run.nc").load(), series)
 

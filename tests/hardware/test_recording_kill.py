@@ -43,6 +43,7 @@ DESIGN = two_coils()
 
 def campaign(path, plan, left, limit):
     if limit:
+        sys.dont_write_bytecode = True  # half a compiled module would be loaded later
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
     with open_recorder(Path(path), resume=True) as recorder, quick_board(seed=3) as board:

@@ -221,7 +221,7 @@ def test_every_setting_is_in_the_hash(change):
 
 
 def test_lengths_must_agree():
-    with pytest.raises(HardwareError, match="a state must have 5 words, as the safe words do; got 6"):
+    with pytest.raises(HardwareError, match="states must have 5 words each, as safe_words; got 6"):
         replace(DEFAULT, safe_words=bytes(5), wiring=bytes(40))
     with pytest.raises(HardwareError, match="the wiring of 6 devices must have 8 bytes each; got 47"):
         replace(DEFAULT, wiring=bytes(47))
@@ -242,7 +242,7 @@ def test_json():
     ({"rcount": -1}, "scan settings: rcount"), ({"rcount": "100"}, "scan settings: rcount"),
     ({"clock": 1e-300}, "scan settings: clock"), ({"clock": float("nan")}, "scan settings: clock"),
     ({"fref_divider": 0}, "scan settings: fref_divider"), ({"safe_words": "zz"}, "scan settings: safe_words"),
-    ({"safe_words": "11"}, "a state must have 1 words"), ({"states": []}, "scan settings: states"),
+    ({"safe_words": "11"}, "states must have 1 words each"), ({"states": []}, "scan settings: states"),
     ({"states": [{"name": "a", "words": "111111111122", "drive": 32}]}, "scan settings: states.0.drive"),
     ({"states": [{"name": "a"}]}, "scan settings: states.0.words is missing"), ({"more": 1}, "has no key 'more'"),
 ])  # fmt: skip

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import pytest
 from support.patience import PATIENCE, lasting, until
 
+from coilarray.compute import extras
 from coilarray.errors import HardwareError, MissingDependencyError
-from coilarray.geometry import extras
 from coilarray.hardware.board.microcontroller import open_microcontroller
 from coilarray.hardware.wire import serial_ports
 from coilarray.hardware.wire.faults import DeviceLost, NoAnswer, NotABoard
@@ -103,7 +103,7 @@ def test_a_missing_library_is_named(monkeypatch):
     monkeypatch.setattr(extras.importlib, "import_module", missing)
     monkeypatch.setattr(extras.importlib.util, "find_spec", lambda name: None)
     for call in (list_serial_ports, lambda: open_serial_port("/dev/null")):
-        with pytest.raises(MissingDependencyError, match=r"need pyserial, .*coilarray\[serial\]"):
+        with pytest.raises(MissingDependencyError, match=r"need pyserial, .* -m pip install .*\[serial\]"):
             call()
 
 

@@ -64,7 +64,7 @@ def test_chain_shifts_like_a_register(words):
 
 @pytest.mark.parametrize(("call", "message"), [
     (lambda: switch_word(["S5A"], SWITCHES), "a switch must be one of S1A, .*; got 'S5A'"),
-    (lambda: switch_part("ADG708"), "part of the switches must be ADG714, ADG738, ADG739; got 'ADG708'"),
+    (lambda: switch_part("ADG708"), "wiring.device.part must be ADG714, ADG738, ADG739; got 'ADG708'"),
     (lambda: chain_bytes([]), "a chain must have at least one device; got none"),
     (lambda: chain_bytes([0x11, 300]), "the word of a switch must be 0 to 255; got 300"),
 ])  # fmt: skip
@@ -338,11 +338,11 @@ def test_small_file(tmp_path):
     ('coils = ["one"]', "coils = []", "small: wiring.coils"),
     ('coils = ["one"]', 'coils = ["one", "one"]', "names the coil 'one' twice"),
     ('coils = ["one"]', 'coils = ["one", "two"]', "must have a switch that grounds two.a"),
-    ('coils = ["one"]', 'coils = ["two"]', "U1.S1A goes to one.a; there are the coils two"),
+    ('coils = ["one"]', 'coils = ["two"]', "U1.S1A goes to 'one.a'; there are the coils two"),
     ('"S1A", "S2A", ', '"S1A", "S1A", ', "device U1: bits must name each of"),
     ('bits = ["S1A", ', "bits = [", "wiring.part.ADG739.bits"),
     ('part = "ADG739"', 'part = "ADG714"', "U1 has no switch 'S1A'"),
-    ('part = "ADG739"', 'part = "74HC4066"', "part of the switches must be ADG714, ADG738, ADG739; got '74HC4066'"),
+    ('part = "ADG739"', 'part = "74HC4066"', "wiring.device.part must be ADG714, ADG738, ADG739; got '74HC4066'"),
     ("S1A = {", "S5A = {", "U1 has no switch 'S5A'"),
     ('end = "a", net = "ground"', 'end = "c", net = "ground"', "wiring.device.0.switch.S1A.end"),
     ('net = "INA"', 'net = "INC"', "wiring.device.0.switch.S2A.net"),

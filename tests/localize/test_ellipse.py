@@ -314,6 +314,8 @@ def test_refinement_of_the_board(board):
 
 MAP = response(HILL)
 GAP = MAP.where((MAP.y != WINDOW_Y[2]) | (MAP.x != WINDOW_X[3]))
+SPIKE = MAP.assign(delta=MAP.delta.where((MAP.y != WINDOW_Y[2]) | (MAP.x != WINDOW_X[3]), -99.0))
+"""Its largest sample is that of `MAP`, and that of its spline is far above."""
 
 
 @pytest.mark.parametrize(("dataset", "settings", "text"), [
@@ -337,6 +339,9 @@ GAP = MAP.where((MAP.y != WINDOW_Y[2]) | (MAP.x != WINDOW_X[3]))
     (0 * MAP, {}, "no closed curves"),
     (MAP - 2e-3, {}, "no closed curves"),
     (MAP, {"states": ["coil1"], "lowest": 2e-3}, "no level of coil1 is an ellipse"),
+    (1e3 * MAP, {}, "a largest δ of 1 in steps of 3e-05 makes 3.33e.04 levels on .* at most 3000"),
+    (MAP, {"refinement": 200, "step": 1e-6}, "levels on 6.* refined points; at most 160 "),
+    (SPIKE, {}, "a largest δ of 43.* levels on .* at most"),
     (MAP.assign_coords(coil=["coil1"], coil_y=("coil", [12e-3])), {}, "of coils in one row, .* coil1 is at y = 12 mm"),
 ])  # fmt: skip
 def test_bad_maps_and_settings_are_named(dataset, settings, text):

@@ -88,6 +88,14 @@ def test_reflections_that_no_images_stand_for_are_refused():
     )
 
 
+def test_what_a_thick_plate_lets_pass_is_nothing():
+    """1 mm of aluminium has 12 skin depths at 1 MHz; of the rounding of what passes no images could be made."""
+    back = Plate("back", -4e-3, 1e-3, ALUMINIUM)
+    hidden = disc(centre=(0.0, 0.0, -6e-3))
+    assert not LayeredAir.between([back], (), np.array([1e6])).images((0, -6.3e-3, -5.8e-3), (1, -1e-3, 0.0), 20e-3)
+    assert not outlined_inductance([loop(5e-3)], [hidden, back], [1e6], fineness=0.2).any()
+
+
 def test_a_perfect_conductor_has_one_image():
     air = LayeredAir.between([Plate("p", -3e-3, 1e-3, PERFECT)], (), np.array([1e6]))
     (image,) = air.images((1, -1e-3, 0.0), (1, 2e-3, 3e-3), 20e-3)
@@ -217,6 +225,6 @@ def test_refusals():
     )  # fmt: skip
     ball = Target(Ball(5e-3, ALUMINIUM), (1e-3,))
     refused(
-        MetalError, "beside infinite plates below the coils; plate.1 'disc' has an outline: leave it out",
+        MetalError, "a sphere is computed beside plates below the coils; plate.1 'disc' lies above them",
         target_inductance, coil, ball, np.zeros((1, 2)), [1e-3], np.array([1e6]), (), [back, disc()],
     )  # fmt: skip

@@ -15,6 +15,7 @@ import pytest
 import scipy.special
 from scipy.integrate import quad_vec
 from support.axial_field import disc_before_loop
+from support.coil_paths import loop
 
 from coilarray import load_design
 from coilarray.compute.arrays import FloatArray
@@ -32,16 +33,7 @@ F = np.array([1e3, 1e5, 1e7])
 SHEETS = [Sheet("base", 3e-3), Sheet("magnetic", 1e-3, 2.5)]
 
 
-def loop(radius: float, z: float, sides: int = 6, centre: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
-    """A closed regular polygon with the area of a circle."""
-    angle = 2 * np.pi * np.arange(sides + 1) / sides
-    corner = radius * math.sqrt(2 * math.pi / sides / math.sin(2 * math.pi / sides))
-    return np.column_stack(
-        (centre[0] + corner * np.cos(angle), centre[1] + corner * np.sin(angle), np.full_like(angle, z))
-    )
-
-
-LOOPS = [loop(10e-3, -0.5e-3), loop(8e-3, -1e-3, 5, (7e-3, 3e-3)), loop(6e-3, -0.2e-3, 4, (-20e-3, 0.0))]
+LOOPS = [loop(10e-3, -0.5e-3, 6), loop(8e-3, -1e-3, 5, (7e-3, 3e-3)), loop(6e-3, -0.2e-3, 4, (-20e-3, 0.0))]
 
 
 def dodd_deeds(radius: float, height: float, plate: Plate) -> npt.NDArray[np.complex128]:
@@ -186,7 +178,7 @@ def test_frequencies_and_coils_above_a_magnetic_sheet_are_refused() -> None:
     with pytest.raises(
         ElastomerError, match=r"paths must lie below the magnetic sheet, whose lower face is at z = 0.0"
     ):
-        plate_inductance([loop(10e-3, 5e-3)], [Plate("x", 6e-3, 1e-3, ALUMINIUM)], F, SHEETS)
+        plate_inductance([loop(10e-3, 5e-3, 6)], [Plate("x", 6e-3, 1e-3, ALUMINIUM)], F, SHEETS)
 
 
 @pytest.mark.parametrize(

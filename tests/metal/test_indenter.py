@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.special import lpmv
-from support.axial_field import loop_inductance
+from support.axial_field import ball_over_sheets
 from support.references import polygon
 
 from coilarray.elastomer.dent import Dent
@@ -30,68 +30,28 @@ def pressed(depth, ball_radius=RADIUS):
     return Dent((6e-3, 2e-3), (1.0, MU), r, np.column_stack((0 * r, 0.6 * top, top)))
 
 
-def around_a_ball(dent, centre, material, of_plate=lambda z: 0.0):
-    """Materials of dented sheets with the ball or without it, and the distance of their faces, for `loop_inductance`.
-
-    `of_plate` is the conductivity of what lies elsewhere, over the height in m.
-    """
-
-    def materials(with_ball):
-        def at(r, z):
-            faces = dent.faces(r)
-            inside = np.hypot(r, z - centre) < RADIUS
-            sheet = (z > 6e-3 + faces[..., 1]) & (z < 8e-3 + faces[..., 2]) & ~inside
-            mu = np.where(sheet, MU, np.where(inside & with_ball, material.relative_permeability, 1.0))
-            return mu, np.where(inside & with_ball, material.conductivity, of_plate(z))
-
-        return at
-
-    def surfaces(r, z):
-        faces = dent.faces(r)
-        dented = np.minimum(np.abs(z - 6e-3 - faces[..., 1]), np.abs(z - 8e-3 - faces[..., 2]))
-        return np.minimum(np.abs(np.hypot(r, z - centre) - RADIUS), np.where(r < 8e-3, dented, 1.0))
-
-    return materials, surfaces
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("material", "frequency"), [(MATERIALS["ferrite"], 0.0), (Material("metal", 3e7), 1e5)])
 def test_ball_in_a_dent_agrees_with_finite_elements(material, frequency):
     """Flat sheets under the tip would be 9 % off for the metal and 2 % for ferrite at 0.5 mm in bonded sheets."""
     dent = pressed(1e-3)
-    centre = 7e-3 + RADIUS
-    materials, surfaces = around_a_ball(dent, centre, material)
-    filled, empty = (
-        loop_inductance(
-            LOOPS, materials(with_ball), frequency, lambda r, z: np.hypot(r, z - centre) < 1.5 * RADIUS, surfaces, 1e-4
-        )
-        for with_ball in (True, False)
-    )
+    expected = ball_over_sheets(LOOPS, RADIUS, 7e-3 + RADIUS, material, frequency, dent=dent)
     change = indenter_inductance(COILS, Ball(RADIUS, material), [dent], np.zeros((1, 2)), frequency)[0, 0].diagonal()
     # finite elements of 0.1 mm, as beside flat sheets (test_ball.py)
-    assert filled - empty == pytest.approx(change, rel=5e-3)
+    assert expected == pytest.approx(change, rel=5e-3)
 
 
 @pytest.mark.slow
 def test_ball_in_a_dent_over_a_plate_agrees_with_finite_elements():
     """Ferrite 1 mm deep, and 2 mm of aluminium at 2.3 skin depths below the coils."""
-    dent, centre, frequency = pressed(1e-3), 7e-3 + RADIUS, 1e4
-    ferrite, aluminium = MATERIALS["ferrite"], MATERIALS["aluminium"]
-    materials, surfaces = around_a_ball(
-        dent, centre, ferrite, lambda z: np.where((z < -3e-3) & (z > -5e-3), aluminium.conductivity, 0.0)
-    )
-
-    def near(r, z):
-        return (np.hypot(r, z - centre) < 1.5 * RADIUS) | (np.abs(z + 4e-3) < 1e-3) & (r < 20e-3)
-
-    filled, empty = (
-        loop_inductance(LOOPS, materials(with_ball), frequency, near, surfaces, 1e-4) for with_ball in (True, False)
-    )
+    dent, frequency, ferrite, aluminium = pressed(1e-3), 1e4, MATERIALS["ferrite"], MATERIALS["aluminium"]
+    plate = (-5e-3, -3e-3, aluminium.conductivity)
+    expected = ball_over_sheets(LOOPS, RADIUS, 7e-3 + RADIUS, ferrite, frequency, dent=dent, plate=plate)
     backing = Backing(-3e-3, (Layer(2e-3, 1.0, aluminium.conductivity),), frequency)
     arguments = COILS, Ball(RADIUS, ferrite), [dent], np.zeros((1, 2)), frequency
     change, alone = (indenter_inductance(*arguments, None, one)[0, 0].diagonal() for one in (backing, None))
     # elements as without the plate, and what the plate sends back of the field of ball and dent
-    np.testing.assert_allclose(change.real, (filled - empty).real, rtol=1.5e-2)
+    np.testing.assert_allclose(change.real, expected.real, rtol=1.5e-2)
     assert (change.real < 0.7 * alone.real).all()
 
 

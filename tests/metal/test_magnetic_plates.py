@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.axial_field import loop_inductance
+from support.axial_field import disc_region, loop_inductance
 from support.coil_paths import loop
 from support.eddy_bodies import sphere_body
 from support.refusals import refused
@@ -66,14 +66,7 @@ def test_without_a_skin_it_is_a_perfect_conductor():
 def test_axisymmetric_finite_elements():
     """A steel disc of 10 skin depths. What its edges err is 3 % of ΔL − jΔR/ω, as the estimate says; the mesh 1 %."""
     loops, f = [(8e-3, 0.0), (4e-3, 0.0)], 2e4
-
-    def inside(r, z):
-        return (r < 10e-3) & (z > 2e-3) & (z < 4e-3)
-
-    def edges(r, z):
-        near = np.maximum(np.maximum(r - 10e-3, np.abs(z - 3e-3) - 1e-3), 0.0)
-        depth = np.minimum(10e-3 - r, 1e-3 - np.abs(z - 3e-3))
-        return np.where(inside(r, z), np.abs(depth), near)
+    inside, edges = disc_region(10e-3, 2e-3, 4e-3)
 
     def materials(r, z):
         within = inside(r, z)

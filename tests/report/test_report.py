@@ -3,16 +3,15 @@
 import base64
 import csv
 import html.parser
+import io
 import json
 import re
-import shutil
-import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.image import imread
+from support import browser
 from support.contacts import coarse_maps, few_turns
 from support.plot_results import distortion
 
@@ -109,7 +108,7 @@ def page(made):
 
 def test_files(made):
     assert made.page.name == "report.html"
-    arrays = ("coupling", "ellipses", "field", "impedance", "indentation", "response", "scan")
+    arrays = ("coupling", "ellipses", "field", "impedance", "indentation", "position_bounds", "response", "scan")
     names = {"report.json", *(f"{name}.nc" for name in arrays), *(f"{name}.csv" for name in TABLES)}
     assert {path.name for path in made.folder.iterdir()} == names
 
@@ -135,11 +134,11 @@ def test_page_has_every_part(page):
     parts = "Coils Coupling Field Circuit Indentation Position Copper Fabrication Design Provenance assumed"
     assert all(part in text for part in parts.split())
     # board, 4 layers of copper, L, k, L_eff, currents, line, two maps, L and R over frequency, force, dent, responses,
-    # bell curve, ellipses over δ, two of them, error of x, what moves x0
-    assert page.tags.count("img") == 23
+    # bell curve, σ of the position, ellipses over δ, two of them, error of x, what moves x0
+    assert page.tags.count("img") == 24
     assert "What moves x0" in text
     assert "two standard deviations of the calibration" in text
-    assert "no rendering in this test" in text
+    assert "could not render it in three dimensions" in text
 
 
 def test_the_page_begins_with_a_summary_and_its_contents(made):
@@ -160,6 +159,10 @@ def test_the_page_begins_with_a_summary_and_its_contents(made):
     within = bound[1:-1, 1:-1]
     assert resolution["least"] == pytest.approx(within[within > 0].min(), rel=0.3)
     assert resolution["least"] < resolution["most"] < np.ptp(x)
+    with xr.open_dataset(made.folder / "position_bounds.nc", engine="h5netcdf") as bounds:
+        assert (float(bounds.sigma_x.min()), bounds.sigma_x.shape) == (resolution["least"], (len(y), len(x)))
+    lengths = [row["margin"] for row in made.data["rules"] if row["unit"] == "m" and row["feature"] != "board"]
+    assert rows["least margin of traces, gaps and holes"]["least"] == min(lengths)
     page = made.page.read_text(encoding="utf-8")
     assert page.index("largest |k| of two coils") < page.index("<h2")
     assert re.findall(r'href="#(section-\d+)"', page) == re.findall(r'<h2 id="(.*?)"', page)
@@ -357,7 +360,7 @@ def test_single_coil_report(tmp_path):
     assert text.count("<img") == 11
     assert "Bz_alone_T_per_A" in table(made, "field_line")[0]
     coils = text[text.index(">Coils</h2>") : text.index(">Field</h2>")]
-    assert not re.search("change by the others|others open", coils)  # of nothing
+    assert not re.search("change by the others|others open|other coils", coils)  # of nothing
     assert made.data["sheet_share"]["least"] > 0
     # a single line of places has no closed curves
     assert "at least 4 positions along y" in made.data["position_problem"]
@@ -467,14 +470,68 @@ def test_column_text():
     assert (Column("line_force", unit="N/m").key, Column("a", "b").header) == ("line_force_N_per_m", "b")
 
 
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
-def test_page_opens_in_a_browser_without_a_network(made, tmp_path):
-    picture = tmp_path / "page.png"
-    command = [
-        "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync",
-        "--disable-background-networking", "--disable-component-update", "--host-resolver-rules=MAP * ~NOTFOUND",
-        f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1150,1600", f"--screenshot={picture}",
-        Path(made.page).as_uri(),
-    ]  # fmt: skip
-    subprocess.run(command, check=True, capture_output=True, timeout=120)
-    assert imread(picture)[..., :3].std() > 0.05  # not a blank page
+PAD = """
+schema = 1
+name = "sixteen"
+array = { lattice = "square", coil = "square", columns = 4, rows = 4, pitch_mm = 14, layers = [["L1", "L2"]] }
+[stackup]
+layers = ["L1", "L2"]
+copper_thickness_um = [35, 35]
+dielectric_thickness_mm = [1.5]
+dielectric_epsilon_r = [4.5]
+[coils.square]
+shape = "polygon"
+sides = 4
+outer_across_flats_mm = 12
+turns_per_layer = 2
+winding_layers = 2
+trace_width_mm = 0.5
+gap_mm = 0.5
+first_corner_deg = 45
+via = { drill_mm = 0.3, pad_mm = 0.6 }
+"""
+
+
+@pytest.fixture(scope="module")
+def sixteen(tmp_path_factory):
+    """The report of sixteen coils of few turns, whose lists of names and pairs are long."""
+    return written_report(parse_design(PAD), tmp_path_factory.mktemp("sixteen"), drawn=True)
+
+
+@pytest.fixture(params=["made", "sixteen"])
+def opened(request, chromium):
+    """A report in a browser without a network, all its folded parts unfolded."""
+    context = browser.profile(chromium, offline=True)
+    page = context.new_page()
+    page.goto(request.getfixturevalue(request.param).page.as_uri())
+    page.evaluate("document.querySelectorAll('details').forEach(part => { part.open = true; })")
+    yield page
+    context.close()
+
+
+# what ends right of the page's edge, but for what lies in a box that scrolls by itself
+_BEYOND = """() => {
+    const edge = document.documentElement.clientWidth, scrolls = one => getComputedStyle(one).overflowX === "auto";
+    const inside = one => one && (scrolls(one) || inside(one.parentElement));
+    return [...document.querySelectorAll("body *")].filter(one => !inside(one.parentElement))
+        .filter(one => one.getBoundingClientRect().right > edge + 0.5).map(one => `${one.tagName} ${one.innerText}`);
+}"""
+# what is wider than its box
+_CUT = """[...document.querySelectorAll("{}")].filter(one => one.scrollWidth > one.clientWidth + 1)
+    .map(one => one.innerText)"""
+A4 = round((210 - 2 * 12) / 25.4 * 96)  # pixels between the margins of the style's @page
+
+
+def test_the_page_fits_a_telephone_and_paper(opened):
+    """Only wide tables scroll on a screen of 420 pixels, each by itself; on A4 nothing does, and nothing is cut."""
+    opened.set_viewport_size({"width": 420, "height": 800})
+    assert imread(io.BytesIO(opened.screenshot()))[..., :3].std() > 0.05  # not a blank page
+    assert opened.evaluate(_BEYOND) == []
+    assert opened.evaluate("document.documentElement.scrollWidth") == 420
+    assert opened.evaluate(_CUT.format(".wide")) != []  # else this shows nothing of tables that scroll
+    opened.set_viewport_size({"width": A4, "height": 800})
+    opened.emulate_media(media="print")
+    scrolls = "[...document.querySelectorAll('.wide')].some(one => getComputedStyle(one).overflowX !== 'visible')"
+    assert opened.evaluate(scrolls) is False
+    assert opened.evaluate(_BEYOND) == []
+    assert opened.evaluate(_CUT.format("th, td")) == []

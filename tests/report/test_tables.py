@@ -1,13 +1,19 @@
 """Tables of datasets: names, units and digits come from the attributes, SI in the files."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
 
+import coilarray as ca
+from coilarray.circuit.plates import plate_model_errors
 from coilarray.cli import shared
 from coilarray.compute.display_units import PER_MILLION, DisplayUnit, display_unit
 from coilarray.report import summary
 from coilarray.report.indentation_tables import response_table
+from coilarray.report.metal_tables import plate_table
 from coilarray.report.tables import Column, Table, dataset_table
 
 
@@ -86,3 +92,22 @@ def test_a_page_leaves_out_columns_that_say_nothing():
     table = Table("t", "T", columns, rows).telling()
     assert [column.name for column in table.columns] == ["coil", "f", "kept", "share", "x", "y", "ohm"]
     assert table.rows[1] == ("b", 2.0, False, 0.5, 2.0, 2.0, 2.0)
+
+
+def test_plates_with_an_outline_say_what_their_model_errs():
+    """A coin within the coils has its losses in its rim; a plate without end has no such error."""
+    copper = ca.MATERIALS["copper"]
+    back = ca.Plate("back", -6e-3, 1e-3, copper)
+    coin = ca.FinitePlate("coin", ca.Disc(3e-3), (0.0, 0.0, -3.5e-3), 1e-3, copper)
+    design = replace(ca.load_design("starter"), plates=(back, coin))
+    first, second = plate_table(design, 2e6).records()
+    assert (first["inductance_error"], first["resistance_error"]) == ("", "")
+    assert second["thickness_over_skin_depth"] == pytest.approx(21.4, abs=0.1)
+    assert 0 < second["inductance_error"] < 0.02
+    assert 0.13 < second["resistance_error"] < 0.16
+    assert "resistance_error" not in plate_table(replace(design, plates=(back,)), 2e6).records()[0]
+    # the commands have it in one line, and nothing where it is below 1 %
+    (line,) = shared.plate_error_lines(plate_model_errors(design, 2e6)["coin"].attributes)
+    assert re.search(r"21 skin depths thick: .* up to 0\.\d% of ΔL and 1[345]\.\d% of ΔR \(estimated\)$", line)
+    wide = replace(coin, outline=ca.Disc(80e-3))
+    assert not shared.plate_error_lines(plate_model_errors(replace(design, plates=(wide,)), 2e6)["coin"].attributes)

@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 from coilarray import load_design
+from coilarray.response.answering import middle_state
 from coilarray.response.coordinates import axis_label, on_board, origin_attributes, origin_of
 
 AXIS = [-1e-3, 0.0, 2e-3]
@@ -34,3 +35,11 @@ def test_an_axis_names_its_origin_where_it_is_not_the_board():
     assert axis_label(a_map(), "x") == "x (mm)"
     assert axis_label(a_map(origin="coil2", origin_x=-0.02, origin_y=0.0), "y") == "y from coil2 (mm)"
     assert axis_label(a_map(origin="board", origin_x=1e-3, origin_y=0.0), "x") == "x from the map's origin (mm)"
+
+
+def test_of_equally_near_states_the_first_is_the_middle_one():
+    """As `CoilArray.middle_coil`: what a mesh makes of equal peaks does not count, a peak twice as high does."""
+    places = {"depth": [1e-3], "y": [0.0], "x": [-1e-2, 1e-2], "state": ["left", "right"]}
+    for higher, middle in ((1.001, "left"), (2.0, "right")):
+        delta = (("depth", "y", "x", "state"), [[[[1e-4, 0.0], [0.0, higher * 1e-4]]]])
+        assert middle_state(xr.Dataset({"delta": delta}, places)) == middle

@@ -165,7 +165,23 @@ def test_an_interrupted_map_goes_on(tmp_path, monkeypatch):
     again = target_map(design, network=network, parts=tmp_path)
     assert asked[3:] == [[4e-3], [8e-3]]
     xr.testing.assert_identical(again, target_map(design, network=network))
-    assert 0 < again.attrs["plate_error_inductance"] < again.attrs["plate_error_resistance"] < 0.1
+    assert 0 < again.attrs["plate_error_inductance"] < again.attrs["plate_error_resistance"] < 0.2
+    assert again.attrs["plate_skin_depths"] > 1
+
+
+def test_a_coin_that_stays_says_what_its_model_errs(monkeypatch):
+    """Below the coil, within it; a formula stands in for the solver."""
+
+    def solver(source, target, places, distances, frequencies, *rest, **options):
+        return np.full((len(distances), len(places), len(frequencies), 1, 1), -1e-7 + 0j)
+
+    monkeypatch.setattr(module, "target_inductance", solver)
+    coin = ca.FinitePlate("coin", ca.Disc(3e-3), (0, 0, -4e-3), 1e-3, ALUMINIUM)
+    network = design_circuit(ONE, ideal=True)
+    alone, beside = (target_map(replace(ONE, plates=plates), network=network).attrs for plates in ((), (coin,)))
+    assert "plate_error_resistance" not in alone
+    assert 0.13 < beside["plate_error_resistance"] < 0.2
+    assert "plate_error_mesh" not in beside  # that is of a target with an outline
 
 
 def test_a_distance_within_a_plate_of_the_design_is_refused():
@@ -247,7 +263,7 @@ def test_what_cannot_be_computed_is_refused(monkeypatch):
         refused(MetalError, line, lambda wrong: target_map(ONE, **wrong), wrong)
     refused(MetalError, "noise must be positive and finite", ranges_of, exponential(1.0, 1.0, np.array([1.0])), 0.0)
     above = ca.Plate("above", 40e-3, 0.5e-3, ca.MATERIALS["copper"])
-    line = "beside infinite plates below the coils; plate.0 'above' lies above the coils: leave it out"
+    line = "beside plates below the coils; plate.0 'above' lies above them, in its way: leave it out"
     refused(MetalError, line, lambda: target_map(replace(ONE, plates=(above,))))
     monkeypatch.setattr(module, "target_inductance", lambda *args, **options: np.full((1, 2, 1, 1, 1), -1.0 + 0j))
     refused(MetalError, "a target at 1 mm is too near for the model", lambda: target_map(ONE, ideal=True))

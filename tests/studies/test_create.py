@@ -2,6 +2,7 @@
 
 import math
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,9 +50,12 @@ def test_a_winding_of_a_closed_form_has_the_inductance_and_the_least_resistance(
 
 
 def test_an_inductance_out_of_reach_is_refused_with_the_range():
-    words = r"an inductance of 900 µH cannot be reached: 0\.\d+ to \d+\.?\d* µH can, with 1 to 22 turns a layer"
+    most = sheet_formula(Winding(22, 0.15e-3, 0.15e-3)) * 1e6
+    words = f"an inductance of 900 µH cannot be reached: at most {most:.4g} µH can, with 22 turns a layer, traces of"
     refused(DesignError, words, wind, 900e-6, ROOM, sheet_formula)
-    refused(DesignError, "an inductance of 0.0001 µH cannot be reached", wind, 1e-10, ROOM, sheet_formula)
+    least = sheet_formula(Winding(1, ROOM.widest(1), ROOM.gap)) * 1e6
+    words = f"an inductance of 0.0001 µH cannot be reached: at least {least:.3g} µH can, with 1 turn a layer, traces of"
+    refused(DesignError, words, wind, 1e-10, ROOM, sheet_formula)
     narrow = Room(1e-3, 0.9e-3, 0.15e-3, 0.15e-3)
     refused(DesignError, "there is no room for a turn of 0.15 mm trace between 0.9 and 1 mm", wind, 1e-6, narrow, id)
 
@@ -72,9 +76,14 @@ def test_arrangements_are_read(coils, shape, expected):
     assert read_arrangement(coils, shape) == expected
 
 
-@pytest.mark.parametrize("coils", ["", "0", "4x", "x4", "8-hex", "4x0", "-3", "4 by 4", "99999"])
+@pytest.mark.parametrize("coils", ["", "0", "4x", "x4", "8-hex", "4x0", "-3", "4 by 4"])
 def test_other_arrangements_are_refused(coils):
     refused(DesignError, f"coils must be as 1, 6 .*; got '{coils}'", read_arrangement, coils)
+
+
+@pytest.mark.parametrize(("coils", "number"), [("40x26", 1040), ("99999", 99999)])
+def test_too_many_coils_are_refused_with_their_number(coils, number):
+    refused(DesignError, f"coils must be at most 1000; got {number} in '{coils}'", read_arrangement, coils)
 
 
 @pytest.mark.slow
@@ -103,6 +112,9 @@ def test_a_design_has_what_was_asked_and_keeps_every_limit(tmp_path, coils, choi
         assert float(scan.frequency[0]) == pytest.approx(
             choices["frequency"], rel=3e-3
         )  # three digits of the capacitance
+    # the capacitance of a winding under rubber is not that in air
+    assert file.values["circuit.elastomer_permittivity"] == (1.0 if choices.get("elastomer") is False else 3.0)
+    assert ("circuit.elastomer_permittivity" in file.assumed) == (choices.get("elastomer") is not False)
     setup = design.indentation
     assert (setup is None) == (choices.get("elastomer") is False)
 
@@ -156,10 +168,34 @@ def test_a_connector_without_room_is_refused_early(monkeypatch, led, movable, bo
     assert len(tried) == boards
 
 
+@pytest.mark.parametrize(("sets", "winding_layers"), [(1, 2), (2, 2), (4, 2), (3, 4), (4, 4)])
+def test_every_board_is_as_thick_as_its_reason_says(sets, winding_layers):
+    plan = Plan("b", "", Arrangement("linear", 2), "square", (8e-3, 8e-3), False, "multi-cb-35um", sets, pitch=1e-2)
+    document = replace(plan, winding_layers=winding_layers).document
+    stack = document["stackup"]
+    thickness = sum(stack["copper_thickness_um"]) * 1e-3 + sum(stack["dielectric_thickness_mm"])
+    assert thickness == pytest.approx(1.6, abs=8e-3)  # each dielectric is rounded to three digits
+    assert min(stack["dielectric_thickness_mm"]) > 0.06  # thinner ones are not usual
+    assert document["assumed"]["stackup.dielectric_thickness_mm"].startswith("usual of a board of 1.6 mm")
+
+
+def test_only_coils_that_are_switched_have_switches():
+    """A coil alone lies at its converter: no resistance of switches lowers its quality factor."""
+    of = {
+        lattice: Plan("b", "", Arrangement(lattice, 2), "circle", (8e-3, 8e-3), False, "oshpark-4-layer", pitch=1e-2)
+        for lattice in ("single", "linear")
+    }
+    alone, row = (of[lattice].document for lattice in of)
+    assert [document["circuit"]["short_resistance_ohm"] for document in (alone, row)] == [0.0, 5.0]
+    assert ["circuit.short_resistance_ohm" in document["assumed"] for document in (alone, row)] == [False, True]
+
+
 REFUSED = {
     "shape": ({"shape": "star"}, "shape must be one of hexagon, square, circle, rectangle, racetrack; got 'star'"),
     "sides": ({"size": (20e-3, 12e-3)}, "size must be one number for a hexagon; got 20 × 12 mm"),
     "size": ({"size": -1e-3}, "size must be positive and finite; got -1 mm"),
+    "size in mm": ({"size": 12}, "size must be at most 1000 mm; got 12000 mm"),
+    "pitch in mm": ({"pitch": 15}, "pitch must be at most 1000 mm; got 15000 mm"),
     "inductance": ({"inductance": math.nan}, "inductance must be positive and finite; got nan µH"),
     "overlap": ({"overlap": "some"}, "overlap must be none or decoupled; got 'some'"),
     "connector": ({"connector": "up"}, "connector must be one of right, top, left, bottom; got 'up'"),

@@ -11,7 +11,7 @@ import dataclasses
 import pytest
 
 from coilarray import load_design
-from coilarray.design.model import parse_design_file
+from coilarray.design.model import build_design_file
 from coilarray.design.vary import vary
 from coilarray.errors import GoalError
 from coilarray.studies.optimize.goal import parse_goal
@@ -21,71 +21,30 @@ from coilarray.studies.optimize.space import axes_of, start_parameters
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import parse_axis
 
-SQUARE = """
-schema = 1
-name = "pad"
-[stackup]
-layers = ["L1", "L2"]
-copper_thickness_um = [35, 35]
-dielectric_thickness_mm = [1.5]
-dielectric_epsilon_r = [4.5]
-[coils.sq]
-shape = "polygon"
-sides = 4
-outer_across_flats_mm = 14.0
-turns_per_layer = 4
-trace_width_mm = 0.3
-gap_mm = 0.2
-first_corner_deg = 45
-[coils.sq.via]
-drill_mm = 0.3
-pad_mm = 0.6
-"""
-PAD = parse_design_file(
-    SQUARE
-    + """
-[array]
-lattice = "square"
-coil = "sq"
-columns = 3
-rows = 2
-pitch_mm = 15.0
-layers = [["L1", "L2"]]
-"""
-)
-SINGLE = (
-    SQUARE
-    + """
-[array]
-lattice = "linear"
-coil = "sq"
-columns = 1
-pitch_mm = 15.0
-layers = [["L1", "L2"]]
-"""
-)
-ONE = parse_design_file(SINGLE)
-MOVED = parse_design_file(
-    SINGLE
-    + """
-[target]
-shape = "sphere"
-material = "brass"
-diameter_mm = 8
-distances_mm = [1, 2, 6]
-"""
-)
-FREE = parse_design_file(
-    SQUARE
-    + """
-[array]
-lattice = "free"
-placements = [
-  { name = "a", coil = "sq", layers = ["L1", "L2"], x_mm = 0, y_mm = 0 },
-  { name = "b", coil = "sq", layers = ["L1", "L2"], x_mm = 14.5, y_mm = 0 },
-]
-"""
-)
+COIL = {
+    "shape": "polygon", "sides": 4, "outer_across_flats_mm": 14.0, "turns_per_layer": 4, "trace_width_mm": 0.3,
+    "gap_mm": 0.2, "first_corner_deg": 45, "via": {"drill_mm": 0.3, "pad_mm": 0.6},
+}  # fmt: skip
+STACKUP = {
+    "layers": ["L1", "L2"], "copper_thickness_um": [35, 35], "dielectric_thickness_mm": [1.5],
+    "dielectric_epsilon_r": [4.5],
+}  # fmt: skip
+LAYERS = ["L1", "L2"]
+
+
+def pads(lattice, **tables):
+    """Square coils of two layers in a lattice."""
+    array = lattice if "placements" in lattice else {"coil": "sq", "layers": [LAYERS], **lattice}
+    return build_design_file(
+        {"schema": 1, "name": "pad", "stackup": STACKUP, "coils": {"sq": COIL}, "array": array, **tables}
+    )
+
+
+SINGLE = {"lattice": "linear", "columns": 1, "pitch_mm": 15.0}
+PAD, ONE = pads({"lattice": "square", "columns": 3, "rows": 2, "pitch_mm": 15.0}), pads(SINGLE)
+MOVED = pads(SINGLE, target={"shape": "sphere", "material": "brass", "diameter_mm": 8, "distances_mm": [1, 2, 6]})
+PLACES = [{"name": name, "coil": "sq", "layers": LAYERS, "x_mm": x, "y_mm": 0} for name, x in (("a", 0), ("b", 14.5))]
+FREE = pads({"lattice": "free", "placements": PLACES})
 PITCH, SIZE = "array.pitch_mm", "coils.sq.outer_across_flats_mm"
 
 

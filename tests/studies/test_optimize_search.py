@@ -18,7 +18,7 @@ from support.patience import PATIENCE
 from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.report.optimization import none_better
 from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal
-from coilarray.studies.optimize.study_file import FILE, open_study, points_found, study_name
+from coilarray.studies.optimize.study_file import FILE, is_whole, open_study, points_found, study_name
 from coilarray.studies.optimize.trials import better_than
 from coilarray.viz.studio.runs import read_runs
 
@@ -310,10 +310,11 @@ def test_places_where_no_study_can_be(design, tmp_path):
 
 def test_missing_libraries(design, tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(MissingDependencyError, match="pip install cmaes"):
+    monkeypatch.setitem(sys.modules, "cmaes", None)
+    with pytest.raises(MissingDependencyError, match=r"need cmaes, which is not installed: .*\[optimize\]"):
         optimize_with(design, goal_of(sampler="cmaes"), tmp_path, Points())
     monkeypatch.setitem(sys.modules, "optuna", None)
-    with pytest.raises(MissingDependencyError, match=r"coilarray\[optimize\]"):
+    with pytest.raises(MissingDependencyError, match=r"need Optuna, which is not installed: .*\[optimize\]"):
         optimize_with(design, goal_of(), tmp_path, Points())
 
 
@@ -334,3 +335,15 @@ def test_front_is_what_no_other_point_beats(points):
 
     expected = {trial.scores for trial in kept if not any(beats(other, trial) for other in kept)}
     assert [trial.scores for trial in front_of(trials, goal_of(LEAST + MOST))] == sorted(expected)
+
+
+def test_a_finished_trial_without_values_or_with_bytes_is_damaged():
+    """What a damaged file gives: no values, and bytes where there were texts."""
+    kept = optuna.trial.create_trial(value=1.0, params={}, distributions={})
+    assert is_whole(kept)
+    kept.set_user_attr(b"\xff", 1)
+    kept.set_user_attr("a", 1)
+    assert not is_whole(kept)
+    without = optuna.trial.create_trial(value=1.0, params={}, distributions={})
+    without.values = None
+    assert not is_whole(without)

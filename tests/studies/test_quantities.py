@@ -94,7 +94,8 @@ def test_numbers_keep_every_digit_in_a_text(depth, noise, edges):
 
 BAD_REQUESTS = {
     "unknown": ("rms_q", "there is no quantity 'rms_q'; did you mean rms_k? There are board_area_mm2, span_mm"),
-    "nothing like it": ("zzzz", "there is no quantity 'zzzz'; There are board_area_mm2"),
+    "too long": ("z" * 1000, f"there is no quantity '{79 * 'z'}…. There are board_area_mm2"),
+    "nothing like it": ("zzzz", "there is no quantity 'zzzz'. There are board_area_mm2"),
     "no name": ("", "the name of a quantity is missing; there are board_area_mm2"),
     "a table without a name": ({"coils": ["a", "b"]}, "the name of a quantity is missing;"),
     "a number": (3, "a quantity must be a name, with options in brackets as k[coil1,coil2]; got 3."),
@@ -505,6 +506,7 @@ def test_what_is_not_finite_is_refused():
         request("q[coil2]").value(of)
 
 
+@pytest.mark.slow
 def test_a_target_is_that_of_its_map_over_the_coil_or_where_it_is_asked():
     ball = Target(Ball(5e-3, MATERIALS["aluminium"]), (1e-3, 3e-3, 8e-3), (0.0,), (0.0,), origin_point=(2e-3, 0.0))
     design = replace(STARTER, target=ball)

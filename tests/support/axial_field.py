@@ -9,8 +9,34 @@ from skfem import Basis, BilinearForm, ElementQuad2, ElementTriP2, MeshQuad, Mes
 from skfem.helpers import dot, grad
 
 from coilarray.constants import MU_0
+from coilarray.elastomer.dent import Dent
 
 FAR = 0.16  # m, where the potential is held at zero
+
+
+@BilinearForm
+def energy(u, v, w):
+    r = w.x[0]
+    return w.reluctivity * (u.grad[1] * v.grad[1] * r + (u.grad[0] * r + u) * (v.grad[0] * r + v) / r)
+
+
+@BilinearForm
+def loss(u, v, w):
+    return w.conductivity * u * v * w.x[0]
+
+
+def disc_region(radius, bottom, top):
+    """Where a disc about the axis is, and the distances from its faces and rim, as `loop_inductance` takes them."""
+    middle, half = (bottom + top) / 2, (top - bottom) / 2
+
+    def inside(r, z):
+        return (r < radius) & (z > bottom) & (z < top)
+
+    def edges(r, z):
+        beside, over = r - radius, np.abs(z - middle) - half
+        return np.where(inside(r, z), np.minimum(-beside, -over), np.hypot(np.maximum(beside, 0), np.maximum(over, 0)))
+
+    return inside, edges
 
 
 def loop_inductance(loops, materials, frequency, near, edges, finest):
@@ -37,15 +63,6 @@ def loop_inductance(loops, materials, frequency, near, edges, finest):
         mesh = mesh.refined(split)
     basis = Basis(mesh, ElementTriP2(), intorder=6)
 
-    @BilinearForm
-    def energy(u, v, w):
-        r = w.x[0]
-        return w.reluctivity * (u.grad[1] * v.grad[1] * r + (u.grad[0] * r + u) * (v.grad[0] * r + v) / r)
-
-    @BilinearForm
-    def loss(u, v, w):
-        return w.conductivity * u * v * w.x[0]
-
     r, z = np.asarray(basis.global_coordinates())
     mu, sigma = materials(r, z)
     free = np.setdiff1d(np.arange(basis.N), basis.get_dofs().flatten())
@@ -59,6 +76,81 @@ def loop_inductance(loops, materials, frequency, near, edges, finest):
         filled = filled + 2j * np.pi * frequency * MU_0 * loss.assemble(basis, conductivity=sigma)
     fields = [splu(m[free][:, free].tocsc()).solve(sources[free].astype(m.dtype)) for m in (vacuum, filled)]
     return 2 * np.pi * MU_0 * (sources[free] * (fields[1] - fields[0])).sum(axis=0)
+
+
+def dent_over_metal(loops, dent, region, permeability, conductivity, frequency):
+    """What a dent in two sheets does to loops over metal, in H, shape (loops,).
+
+    `region` says where the metal is, and gives the distances from its faces, as `disc_region` does.
+    """
+    inside, edges = region
+    base, top = dent.thicknesses[0], sum(dent.thicknesses)
+
+    def materials(dented):
+        def at(r, z):
+            faces, metal = dented * dent.faces(r), inside(r, z)
+            sheet = (z > base + faces[..., 1]) & (z < top + faces[..., 2])
+            mu = np.where(metal, permeability, np.where(sheet, dent.permeabilities[1], 1.0))
+            return mu, np.where(metal, conductivity, 0.0)
+
+        return at
+
+    def surfaces(r, z):
+        faces = dent.faces(r)
+        moved = np.minimum(np.abs(z - base - faces[..., 1]), np.abs(z - top - faces[..., 2]))
+        return np.minimum(np.where(r < 9e-3, moved, 1.0), edges(r, z))
+
+    def near(r, z):
+        return (r < 9e-3) & (np.abs(z) < 7e-3)
+
+    dented, flat = (loop_inductance(loops, materials(part), frequency, near, surfaces, 1.25e-4) for part in (1.0, 0.0))
+    return dented - flat
+
+
+def ball_over_sheets(loops, radius, centre, material, frequency, *, dent=None, plate=None):
+    """What a ball over sheets of 6 and 2 mm, the upper one with µr = 2.6, does to loops in H, shape (loops,).
+
+    The ball's centre is at a height `centre` in m. The sheets are flat, or those of a dent; below the loops there is a
+    plate where the heights of its faces and its conductivity are given.
+    """
+    bottom, top, conductivity = plate or (0.0, 0.0, 0.0)
+
+    def faces(r):
+        moved = np.zeros((*np.shape(r), 3)) if dent is None else dent.faces(r)
+        return 6e-3 + moved[..., 1], 8e-3 + moved[..., 2]
+
+    def materials(with_ball):
+        def at(r, z):
+            low, high = faces(r)
+            inside = np.hypot(r, z - centre) < radius
+            around = np.where((z > low) & (z < high) & ~inside, 2.6, 1.0)
+            metal = np.where((z > bottom) & (z < top), conductivity, 0.0)
+            ball = inside & with_ball
+            return np.where(ball, material.relative_permeability, around), np.where(ball, material.conductivity, metal)
+
+        return at
+
+    def surfaces(r, z):
+        of_ball = np.abs(np.hypot(r, z - centre) - radius)
+        if dent is None:
+            return of_ball
+        dented = np.minimum(*(np.abs(z - face) for face in faces(r)))
+        return np.minimum(of_ball, np.where(r < 8e-3, dented, 1.0))
+
+    def near(r, z):
+        return (np.hypot(r, z - centre) < 1.5 * radius) | (z > bottom) & (z < top) & (r < 20e-3)
+
+    filled, empty = (
+        loop_inductance(loops, materials(with_ball), frequency, near, surfaces, 1e-4) for with_ball in (True, False)
+    )
+    return filled - empty
+
+
+def pit(base=4e-3, mu=3.0):
+    """Sheets of a base and 2 mm of a permeability, pressed in by 1.5 mm at the top, for `dent_over_metal`."""
+    r = np.linspace(0, 20e-3, 201)
+    shape = -1.5e-3 * np.exp(-((r / 3e-3) ** 2))
+    return Dent((base, 2e-3), (1.0, mu), r, np.column_stack((0 * r, 0.8 * shape, shape)))
 
 
 def disc_before_loop(a, gap, radius, thickness, conductivity, frequency):
@@ -124,12 +216,6 @@ def dented_loops(loops, thickness, mu, top, zone=6e-3, step=0.125e-3):
     found = []
     for moved in (top(flat.p[0]) * share, 0 * height):
         basis = Basis(MeshQuad(np.array([flat.p[0], height + moved]), flat.t), ElementQuad2(), intorder=5)
-
-        @BilinearForm
-        def energy(u, v, w):
-            r = w.x[0]
-            return w.reluctivity * (u.grad[1] * v.grad[1] * r + (u.grad[0] * r + u) * (v.grad[0] * r + v) / r)
-
         matrix = energy.assemble(basis, reluctivity=np.where(inside, 1 / mu, 1.0)[:, None] * np.ones(basis.dx.shape))
         sources = np.zeros((basis.N, len(loops)))
         for number, loop in enumerate(loops):

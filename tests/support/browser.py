@@ -200,8 +200,8 @@ def at_rest(page):
     page.wait_for_selector("#accuracy[data-accuracy=full]")
 
 
-def drawn(page):
-    """Wait until the scene is drawn and smooth; return its picture."""
+def still(page):
+    """Wait until the scene is drawn and smooth."""
     heard(page)
     page.wait_for_selector("#scene[data-rests=true]")
     # the picture follows that word, sometimes twice
@@ -211,6 +211,11 @@ def drawn(page):
         " if (steady.src !== src) window.steady = { src, since: now };"
         " return src && now - steady.since > 300 }"
     )
+
+
+def drawn(page):
+    """Wait until the scene is drawn and smooth; return its picture."""
+    still(page)
     return page.locator("#scene img").first.screenshot()
 
 
@@ -228,7 +233,7 @@ def picture(page, name, rests=True):
     folder = os.environ.get(ARTIFACTS)
     if folder:
         if rests and not page.query_selector("#scene-problem"):
-            drawn(page)
+            still(page)
         Path(folder).mkdir(parents=True, exist_ok=True)
         page.screenshot(path=str(Path(folder, f"studio_{name}.png")))
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from coilarray.geometry import Conductor
 from coilarray.geometry.arcs import coarser_line
+from support.references import polygon
 
 
 def random_matrix(n, seed, spread=0.15):
@@ -27,6 +28,4 @@ def spiral_path(spiral, layers=(0.0,), thickness=35e-6):
 
 def loop(radius, z=0.0, sides=72, centre=(0.0, 0.0)):
     """A circle in the plane as a closed polygon of the same area, shape (sides + 1, 3) in m."""
-    angle = 2 * np.pi * np.arange(sides + 1) / sides
-    corner = radius * np.sqrt(2 * np.pi / sides / np.sin(2 * np.pi / sides))
-    return np.column_stack((corner * np.cos(angle) + centre[0], corner * np.sin(angle) + centre[1], 0 * angle + z))
+    return polygon(sides, radius * np.sqrt(2 * np.pi / sides / np.sin(2 * np.pi / sides)), z, centre=centre)

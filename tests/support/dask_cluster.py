@@ -21,6 +21,8 @@ class Dask:
             **os.environ,
             "PYTHONPATH": os.pathsep.join((str(TESTS), str(folder), os.environ.get("PYTHONPATH", ""))),
             "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1",  # a task may end one worker, not two
+            # workers that start again need not load Dask again
+            "DASK_DISTRIBUTED__WORKER__MULTIPROCESSING_METHOD": "forkserver" if os.name == "posix" else "spawn",
             **environment,
         }
         self.processes = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,14 +13,20 @@ import pytest
 
 @contextmanager
 def file_limit(size: int) -> Iterator[None]:
-    """Let no file of this process grow beyond a size in bytes within the block, as ``ulimit -f`` does."""
+    """Let no file of this process grow beyond a size in bytes within the block, as ``ulimit -f`` does.
+
+    Python keeps no compiled module meanwhile, nor do its children: it would keep the beginning and load that later.
+    """
     resource = pytest.importorskip("resource", reason="no limit of file sizes on this system")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)  # Python ignores SIGXFSZ: a write fails instead
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "dont_write_bytecode", True)
+        patch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @contextmanager

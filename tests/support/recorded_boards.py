@@ -29,6 +29,12 @@ def take_back(connection, which):
     connection.commit()
 
 
+def changed(path, *statements):
+    """Change a recording by statements of SQL."""
+    with closing(sqlite3.connect(path)) as connection:
+        connection.executescript("; ".join(statements))
+
+
 def unsealed_text(path):
     """Text of a file without the checksum behind it, to be changed."""
     return unsealed(path.read_bytes(), path).decode("utf-8")

@@ -1,4 +1,4 @@
-"""What must be refused, in one line each."""
+"""What must be refused, in one line each, and functions that fail."""
 
 from __future__ import annotations
 
@@ -12,3 +12,12 @@ def refused(error: type[Exception], message: str, call: Callable[..., object], *
     with pytest.raises(error, match=message) as caught:
         call(*arguments, **options)
     assert "\n" not in str(caught.value)
+
+
+def raising(error: BaseException) -> Callable[[], None]:
+    """Return a function that raises an error."""
+
+    def fail() -> None:
+        raise error
+
+    return fail

@@ -172,7 +172,7 @@ def test_a_film_that_breaks_off_leaves_nothing(tmp_path):
 
 def test_what_is_missing_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(MissingDependencyError, match=r'MP4 films need PyAV, .*pip install "coilarray\[movie\]"'):
+    with pytest.raises(MissingDependencyError, match=r'MP4 films need PyAV, .*-m pip install .*\[movie\]"'):
         save_movie(FLOOR, steps(), tmp_path / "film.mp4", size=SIZE)
     monkeypatch.setenv(NO_RENDERING, "1")
     with pytest.raises(MissingDependencyError, match=NO_RENDERING):

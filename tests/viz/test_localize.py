@@ -1,7 +1,10 @@
 """Pictures of the localization: that curves and maps are those of the numbers given, which are made up."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+import xarray as xr
 from matplotlib.patches import Ellipse as EllipsePatch
 from matplotlib.patches import Polygon
 from support.localize_boards import FIELD, ROW, board
@@ -138,6 +141,23 @@ def test_bounds_are_shown_in_millimetres_and_infinite_ones_grey():
         viz.plot_identifiability(found * np.inf)
     with pytest.raises(ValueError, match="no finite standard deviation"):
         viz.identifiability_figure(found * np.inf)
+
+
+def test_bounds_of_a_square_board_stand_side_by_side_and_no_title_is_cut():
+    at = np.linspace(-15e-3, 15e-3, 5)
+    sigma = xr.DataArray(np.full((5, 5), 1e-5) * np.arange(1, 6), {"y": at, "x": at}, ("y", "x"))
+    attributes = {"depth": 0.6e-3, "noise": [3e-7, 4e-7], "common_noise": [4.6e-6]}
+    figure = viz.identifiability_figure(
+        xr.Dataset(dict.fromkeys(("sigma_x", "sigma_y", "sigma_h"), sigma), attrs=attributes)
+    )
+    assert figure.get_suptitle() == "Least standard deviation, 0.6 mm deep, noise 3e-07 to 4e-07 in δ, 4.6e-06 common"
+    figure.draw_without_rendering()
+    maps = [ax for ax in figure.axes if ax.get_xlabel() == "x (mm)"]
+    assert [ax.get_title(loc="left") for ax in maps] == ["of x", "of y", "of depth"]
+    boxes = [ax.get_tightbbox() for ax in maps]
+    assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))
+    for box in (*boxes, figure._suptitle.get_window_extent()):
+        assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
 
 
 @pytest.mark.slow

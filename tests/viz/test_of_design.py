@@ -252,7 +252,7 @@ def test_maps_and_designs_that_do_not_fit_are_refused(design, table):
     for show in ("dent", "response"):
         with pytest.raises(CoilarrayError, match=r"has no \[indenter\] and \[indentation\]"):
             scene_of_design(bare, View(show=(show,)))
-    with pytest.raises(GeometryError, match="nothing to see of coupling: There is one coil, which couples with none"):
+    with pytest.raises(GeometryError, match=r"nothing to see of coupling\. There is one coil, which couples with none"):
         scene_of_design(load_design("gast_fem"), View(show=("coupling",)))
 
 

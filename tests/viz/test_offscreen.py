@@ -54,9 +54,12 @@ def test_a_machine_without_drivers_gets_one_line_that_names_the_packages():
 def test_without_pyvista_one_line_says_so_and_nothing_is_tried(fresh, missing):
     fresh.setattr(offscreen, "_run_probe", lambda environment: pytest.fail("probed"))
     fresh.setattr(importlib.util, "find_spec", lambda name: None if name == missing else name)
-    assert offscreen.rendering_problem() == (
-        "3-D rendering needs PyVista and VTK, which are not installed; pip install pyvista."
-    )
+    for problem, what in (
+        (offscreen.rendering_problem(), "pictures in three dimensions"),
+        (offscreen.window_problem(), "windows"),  # and not that there is no screen
+    ):
+        assert problem.startswith(f"{what} need PyVista, which is not installed: ")
+        assert problem.endswith('[3d]".')
 
 
 def test_threads_share_one_probe(fresh):

@@ -196,7 +196,7 @@ def test_without_trame_vtk_it_is_refused_in_one_line(tmp_path, monkeypatch):
     for module in [name for name in sys.modules if name.split(".")[0] == "trame_vtk"]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "trame_vtk", None)
-    with pytest.raises(MissingDependencyError, match=r'pages need trame-vtk, .* pip install "coilarray\[page\]"'):
+    with pytest.raises(MissingDependencyError, match=r'pages need trame-vtk, .* -m pip install .*\[page\]"'):
         save_page(scene(), tmp_path / "scene.html")
     assert not list(tmp_path.iterdir())
 

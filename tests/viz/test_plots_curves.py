@@ -75,6 +75,9 @@ def test_resonances_are_marked_on_every_curve():
     assert (resistance.get_legend(), quality.get_legend()) == (None, None)  # they would say the same
     assert float(next(line for line in inductance.lines if line.get_marker() == "o").get_ydata()[0]) == 50.0  # µH
     assert resistance.get_yscale() == "log"
+    far = sweeps.plot_frequency_sweep(sweep, scan=scan.assign(state_self_resonance=9 * scan.state_self_resonance))
+    labels = [text.get_text() for text in far.get_legend().get_texts()]
+    assert labels == ["a", "b", "with the tank"]  # nothing is named that is not drawn
 
 
 def test_a_pole_is_cut_off_at_four_times_the_first_value():

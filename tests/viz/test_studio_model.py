@@ -26,10 +26,11 @@ from coilarray.localize.inverse import Location, Mode, location_lines
 from coilarray.response.target import target_map
 from coilarray.studies.quantities import evaluate
 from coilarray.studies.sweep import parse_axis
+from coilarray.viz.scenes import overlays
 from coilarray.viz.scenes.scene import Part, Scale, Scene
 from coilarray.viz.studio import metal, numbers, structure, studying
 from coilarray.viz.studio.entries import entries_of, number_of, text_of
-from coilarray.viz.studio.new_panel import NewPanel
+from coilarray.viz.studio.new_panel import NewPanel, choices_of
 from coilarray.viz.studio.numbers import circuit_of, numbers_of
 from coilarray.viz.studio.numbers_panel import NumbersPanel
 from coilarray.viz.studio.runs import Run, RunPoint, front_rows, read_runs, run_folders
@@ -354,6 +355,31 @@ def test_a_pad_has_no_ellipses_which_are_those_of_a_row():
     assert (touch.ellipses, crossing_line(touch)) == ({}, line)
 
 
+def test_a_coil_alone_answers_a_touch_and_says_why_it_locates_none():
+    array = {"lattice": "single", "coil": "hexagon", "layers": [["L1", "L2"]]}
+    document = {**OPENED.document, "array": array}
+    sensor = sensor_of(build_design(document), bells(document, "alone"))
+    touch = touched(sensor, 3e-3, 2e-3, 0.6e-3)
+    assert touch.delta["coil1"] > 1e-4
+    assert location_lines(touch.location) == ["refused: 3 unknowns need at least as many states; the model has coil1."]
+    assert crossing_line(touch).startswith("ellipses: ")
+    drawing = touch_drawing(sensor.design, top_view(sensor.design), touch)
+    assert (drawing["pins"], drawing["indenter"]["x"]) == ([], 3.0)
+    top = overlays.scene_of_location(touch.location, bounds=sensor.design.array.bounds, top=5e-3, truth=touch.at)
+    assert any("3 unknowns" in note for note in top.notes)
+
+
+def test_entries_that_a_lattice_has_not_have_no_slider():
+    array = {"lattice": "single", "coil": "hexagon", "layers": [["L1", "L2"]]}
+    alone = build_design_file({**OPENED.document, "array": array}, "alone")
+    of_array = [entry.key for entry in entries_of(alone) if entry.group == "Array"]
+    assert of_array == ["array.rotation_deg"]
+    rings = build_design_file(
+        {**OPENED.document, "array": {**array, "lattice": "rings", "rings": 1, "pitch_mm": 20.0}}, "r"
+    )
+    assert "array.rows" not in [entry.key for entry in entries_of(rings)]
+
+
 def test_a_table_of_another_design_and_a_design_without_indenter_are_refused(starter, sensor):
     other = work_on(OPENED, "starter").with_entry("array.pitch_mm", "12").design
     with pytest.raises(LocalizeError, match="another design"):
@@ -500,6 +526,13 @@ def test_a_new_design_replaces_no_changes_made_meanwhile(tmp_path, meanwhile, do
     assert page.state.new_problem.startswith(problem)
     assert page.state.new_dialog == bool(problem)
     assert len(taken) == (not problem)
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_a_new_design_has_an_elastomer_where_it_is_wanted(wanted):
+    texts = {"name": "coil", "coils": "1", "shape": "circle", "size": "40", "elastomer": wanted}
+    name, choices = choices_of(texts)
+    assert (name, choices.get("elastomer", True), choices["size"]) == ("coil", wanted, pytest.approx(40e-3))
 
 
 def test_a_new_design_has_no_saved_one_to_compare_with():

@@ -4,6 +4,7 @@ import io
 import os
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
+from itertools import pairwise
 from threading import Thread
 from urllib.parse import urlsplit
 
@@ -28,14 +29,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("rendering", "chromium")
 
 
 @pytest.fixture(scope="module")
-def chromium():
-    if (problem := browser.missing()) is not None:
-        pytest.skip(problem)
-    with browser.launched() as launched:
-        yield launched
-
-
-@pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("designs")
 
@@ -54,6 +47,7 @@ def served_page(**environment):
 
 
 with_scenes, without_scenes = served_page(), served_page(COILARRAY_NO_RENDERING="1")
+BOXES = "all => all.map(one => one.getBoundingClientRect()).map(one => [one.left, one.top, one.right, one.bottom])"
 ALERTS = "[role=alert]:not(#scene-problem)"
 # scenes cost more than all the rest: only tests with this mark have them
 scenes = pytest.mark.parametrize("shared", ["with_scenes"], indirect=True)
@@ -357,11 +351,10 @@ def test_a_new_design_is_made_from_a_few_choices_and_asks_for_changes_first(page
 def test_many_coils_leave_room_for_the_picture_in_small_windows(page):
     browser.enter(page, "array.columns", "16")
     page.wait_for_function("document.querySelectorAll('#matrix td').length === 256")
-    boxes = "all => all.map(one => one.getBoundingClientRect()).map(one => [one.left, one.top, one.right, one.bottom])"
     try:
         for width, height in ((1280, 720), (1024, 700)):
             page.set_viewport_size({"width": width, "height": height})
-            scene, side = page.locator("#scene, .studio-side").evaluate_all(boxes)
+            scene, side = page.locator("#scene, .studio-side").evaluate_all(BOXES)
             assert scene[2] - scene[0] > 400
             assert scene[3] - scene[1] > 300
             assert scene[2] <= side[0] or scene[3] <= side[1]  # neither lies over the other,
@@ -486,6 +479,14 @@ def test_a_report_is_written_beside_the_page_and_can_be_cancelled(page, studio, 
     page.wait_for_selector("#job [role=progressbar][aria-valuenow]")
     change(page, "array.pitch_mm", "12")  # the page goes on meanwhile
     browser.picture(page, "job")
+    for width in (1024, 1280):  # with progress in it the bar at the top is as full as it gets
+        page.set_viewport_size({"width": width, "height": 700})
+        parts = page.locator(".v-app-bar .v-toolbar__content > :not(.v-spacer)").evaluate_all(BOXES)
+        assert all(left[2] <= right[0] + 0.5 for left, right in pairwise(parts))
+        assert parts[-1][2] <= width
+        cut = "chips => chips.filter(chip => chip.scrollWidth > chip.clientWidth).length"
+        assert page.locator(".v-app-bar .v-chip").evaluate_all(cut) == 0
+    page.set_viewport_size(browser.SIZE)
     page.click("#cancel")
     page.wait_for_selector("#job", state="detached")
     assert not (folder / "starter-report").exists()

@@ -290,6 +290,7 @@ def test_a_report_is_that_of_the_report_command(monkeypatch, tmp_path):
     assert (page, calls, steps) == (tmp_path / "report.html", [(design.digest, tmp_path)], [(1, 8)])
 
 
+@pytest.mark.slow
 def test_a_response_is_computed_once(monkeypatch, tmp_path):
     monkeypatch.setenv("COILARRAY_CACHE", str(tmp_path))
     made = []

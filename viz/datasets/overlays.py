@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from coilarray.compute.arrays import FloatArray
 from coilarray.response.coordinates import on_board
@@ -300,7 +301,4 @@ def _rise(delta: FloatArray) -> FloatArray:
 
 def _dense(corners: FloatArray, step: float) -> FloatArray:
     """Return points of a closed outline, at most a step apart."""
-    ring = np.vstack((corners, corners[:1]))
-    length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(ring, axis=0), axis=1))]
-    places = np.unique(np.r_[np.linspace(0.0, length[-1], math.ceil(length[-1] / step) + 1), length])
-    return np.column_stack([np.interp(places, length, ring[:, k]) for k in range(2)])
+    return shapely.get_coordinates(shapely.segmentize(shapely.LinearRing(corners), step))

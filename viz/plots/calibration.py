@@ -49,10 +49,9 @@ def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> Non
     for name, (marker, colour) in _LOOKS.items():
         part = of.isel(datum=np.flatnonzero(of.quantity == name))
         level, model = MILLI_DELTA.of(part.level), np.where(known, MM.of(part.model), np.nan)
-        band = MM.of(part.model_std)
         left.plot(level, MM.of(part.measured), marker, color=colour, markersize=4.0, markerfacecolor="none")
         left.plot(level, model, "-", color=colour, label=_NAMES[name])
-        left.fill_between(level, model - band, model + band, color=colour, alpha=0.2, linewidth=0)
+        style.draw_band(left, level, model, MM.of(part.model_std), colour)
         line = "-" if (part.weight > 0).any() else "--"
         remains = np.where(known, part.residual.values, np.nan)
         right.plot(level, remains, f"{marker}{line}", color=colour, label=_NAMES[name])

@@ -156,8 +156,7 @@ def plot_centres(comparison: xr.Dataset, state: str, depth: int = 0, ax: Axes | 
         colour, look = _SOURCES[source]
         x0, deviation = (MM.of(of[name].sel(source=source)) for name in ("x0", "x0_std"))
         ax.plot(level, x0, look, color=colour, markersize=3.0, markerfacecolor="none", linewidth=1.0, label=source)
-        band = (x0 - _SIGMAS * deviation, x0 + _SIGMAS * deviation)
-        ax.fill_between(level, *band, color=colour, alpha=0.2, linewidth=0)
+        style.draw_band(ax, level, x0, _SIGMAS * deviation, colour)
         style.mark_undetermined(ax, level, x0, of.undetermined.sel(source=source), colour)
     if "coil_x" in of.coords and state in of.coil.values:
         centre = float(MM.of(of.coil_x.sel(coil=state)))

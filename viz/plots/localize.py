@@ -14,7 +14,6 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse as EllipsePatch
 
-from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MILLI_DELTA, MM, true_minus
 from coilarray.localize.ellipse import Ellipse
 from coilarray.localize.ellipse_model import EllipseModel, EllipsePosition
@@ -27,7 +26,8 @@ _NAMES = {"A": "A", "B": "B", "x0": r"$x_0$"}
 
 _MARGIN = 0.3  # mm
 _SHARE = 0.1  # single neighbours whose effect is a smaller share of the largest one have no name in the legend
-_HIGHEST = 10.0  # largest height in inches of maps one below the other
+_HIGHEST = 10.0  # largest height in inches of maps one below the other, and width of maps side by side
+_LANDSCAPE = 1.6  # width over height of maps that are drawn one below the other
 _DECADES = 3.0  # largest range of the standard deviations on a map
 _SIGMAS = {"sigma_x": "x", "sigma_y": "y", "sigma_h": "depth"}
 
@@ -257,7 +257,7 @@ def plot_distortion(distortion: xr.Dataset, state: str, ax: Axes | None = None) 
             ax.plot(at, x0, line, color=colour, label=label)
             determined.append(x0[np.isfinite(x0) & ~curve[f"{prefix}undetermined"].values])
             if not prefix and "x0_std" in curve:
-                _band(ax, at, x0, curve.x0_std, colour)
+                style.draw_band(ax, at, x0, 2 * MM.of(curve.x0_std), colour)
             style.mark_undetermined(ax, at, x0, curve[f"{prefix}undetermined"], colour)
     ax.axhline(float(MM.of(of.centre)), color=GREY, linewidth=0.8, linestyle=":", label="centre of the coil")
     shown = np.concatenate(determined)
@@ -304,18 +304,12 @@ def plot_causes(distortion: xr.Dataset, state: str, ax: Axes | None = None) -> A
         share = MM.of(of.effect.sel(cause=cause))
         ax.plot(at, share, linewidth=0.9 if single else 1.6, label=label, **look)
         if "effect_std" in of:
-            _band(ax, at, share, of.effect_std.sel(cause=cause), look["color"])
+            style.draw_band(ax, at, share, 2 * MM.of(of.effect_std.sel(cause=cause)), look["color"])
     style.zero_line(ax)
     style.faint_grid(ax)
     ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("share in $x_0$"), title=f"Causes for {state}, rms in mm")
     style.legend_beside(ax)
     return ax
-
-
-def _band(ax: Axes, at: FloatArray, values: FloatArray, std: xr.DataArray, colour: str) -> None:
-    """Draw two standard deviations in m on both sides of values in mm."""
-    width = 2 * MM.of(std)
-    ax.fill_between(at, values - width, values + width, color=colour, alpha=0.2, linewidth=0)
 
 
 @style.styled
@@ -378,18 +372,23 @@ def plot_identifiability(
     bar = style.colour_bar(ax, image, MM.label(f"σ of {_SIGMAS[quantity]}"))
     style.logarithmic_ticks(bar.ax.yaxis, math.log10(high / low))
     style.finish_map(ax, outlines)
+    ax.set_title(f"Least standard deviation of {_SIGMAS[quantity]}, {_conditions(bounds)}")
+    return ax
+
+
+def _conditions(bounds: xr.Dataset) -> str:
+    """Say at which depth and with which noise the bounds hold."""
     least, most = np.min(bounds.attrs["noise"]), np.max(bounds.attrs["noise"])
     noise = f"noise {least:.2g} in δ" if least == most else f"noise {least:.2g} to {most:.2g} in δ"
     common = np.max(bounds.attrs.get("common_noise", 0.0))
-    noise += f", {common:.2g} common" if common else ""
-    depth = MM.text(bounds.attrs["depth"])
-    ax.set_title(f"Least standard deviation of {_SIGMAS[quantity]}, {depth} deep, {noise}")
-    return ax
+    return f"{MM.text(bounds.attrs['depth'])} deep, {noise}" + (f", {common:.2g} common" if common else "")
 
 
 @style.styled
 def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike] = ()) -> Figure:
-    """Draw `plot_identifiability` of x, y and, where it is unknown, the depth, one below the other.
+    """Draw `plot_identifiability` of x, y and, where it is unknown, the depth.
+
+    Maps of a wide board stand one below the other, others side by side.
 
     Parameters
     ----------
@@ -400,10 +399,15 @@ def identifiability_figure(bounds: xr.Dataset, outlines: Sequence[npt.ArrayLike]
     if not there:
         raise ValueError("the bounds have no finite standard deviation.")
     width, height = _size(bounds)
-    shrink = min(1.0, _HIGHEST / (height * len(there)))
-    figure = Figure(figsize=(width * shrink, height * shrink * len(there)), layout="compressed")
-    for ax, name in zip(figure.subplots(len(there), 1, squeeze=False).ravel(), there, strict=True):
+    across = 1 if width > _LANDSCAPE * height else len(there)
+    width, height = width * across, height * (len(there) // across)
+    shrink = min(1.0, _HIGHEST / max(width, height))
+    figure = Figure(figsize=(width * shrink, height * shrink), layout="compressed")
+    for ax, name in zip(figure.subplots(len(there) // across, across, squeeze=False).flat, there, strict=True):
         plot_identifiability(bounds, name, ax, outlines)
+        ax.set_title(f"of {_SIGMAS[name]}")
+        ax.locator_params(axis="x", nbins=9 if across == 1 else 5)
+    style.main_title(figure, f"Least standard deviation, {_conditions(bounds)}")
     return figure
 
 

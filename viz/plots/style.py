@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM, DisplayUnit
 from coilarray.viz.palette import DIVERGING, FAINT, GREY, INK, UNKNOWN, coil_colours
 
@@ -113,6 +114,12 @@ def mark_undetermined(ax: Axes, x: npt.ArrayLike, y: npt.ArrayLike, undetermined
         ax.plot(np.asarray(x)[hidden], np.asarray(y)[hidden], "x", color=colour, markersize=4.5, label=label)
 
 
+def draw_band(ax: Axes, x: npt.ArrayLike, middle: FloatArray, half: npt.ArrayLike, colour: str) -> None:
+    """Fill half a width on both sides of a curve."""
+    width = np.asarray(half, dtype=np.float64)
+    ax.fill_between(x, middle - width, middle + width, color=colour, alpha=0.2, linewidth=0)
+
+
 def zero_line(ax: Axes) -> None:
     """Draw a thin line at zero behind the curves."""
     ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
@@ -181,10 +188,10 @@ def map_size(at: xr.Dataset | xr.DataArray) -> tuple[float, float]:
     return figure_size(float(np.ptp(at.x.values)), float(np.ptp(at.y.values)))
 
 
-def require_plane(at: xr.DataArray | xr.Dataset, what: str = "a map") -> None:
+def require_plane(at: xr.DataArray | xr.Dataset) -> None:
     """Raise ValueError where there are fewer than two x or y."""
     if min(at.sizes["x"], at.sizes["y"]) < 2:
-        raise ValueError(f"{what} must have at least two x and two y; got {at.sizes['x']} and {at.sizes['y']}.")
+        raise ValueError(f"a map must have at least two x and two y; got {at.sizes['x']} and {at.sizes['y']}.")
 
 
 def main_title(figure: Figure, title: str) -> None:

@@ -35,6 +35,7 @@ _LEGEND = 2.0  # inches
 _COLUMNS = 3
 _MOST_INSIDE = 4  # pairs of coils whose legend has room beside their curves
 _TEXT = 14  # characters of a text in one line beside a tick
+_LONGEST = 24  # characters of the name of an axis in one line
 _ONE_ZERO = 1e-9  # share of the range within which two zeros are one: a zero at a sample is found from both sides
 
 _NAMES = {
@@ -104,8 +105,10 @@ def plot_frequency_sweep(
         if scan is not None:
             _mark_resonances(ax, scan, name, of_frequency.of, f, curve, curve_look(k)["color"])
     if scan is not None:
-        for mark, label in (("o", "with the tank"), (":", "self-resonance")):
-            ax.plot([], [], mark, color=GREY, label=label)
+        for mark, label, own in (("o", "with the tank", "frequency"), (":", "self-resonance", "state_self_resonance")):
+            at = of_frequency.of(scan[own])
+            if ((f[0] <= at) & (at <= f[-1])).any():
+                ax.plot([], [], mark, color=GREY, label=label)
     if top > 0:
         ax.set_ylim(0.0, float(shown.of(top)))
     ax.set_xscale("log")
@@ -493,7 +496,10 @@ def _is_text(coordinate: xr.DataArray) -> bool:
 
 def _label(array: xr.DataArray) -> str:
     """Return the name and the unit of an entry or quantity, both with the prefix that the dataset has."""
-    return f"{array.name} ({unit})" if (unit := _unit(array)) else str(array.name)
+    name = str(array.name)
+    if len(name) > _LONGEST:  # the options of a quantity on a line of their own
+        name = name.replace("[", "\n[", 1)
+    return f"{name} ({unit})" if (unit := _unit(array)) else name
 
 
 def _unit(array: xr.DataArray) -> str:

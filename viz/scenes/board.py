@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.display_units import true_minus
 from coilarray.errors import GeometryError
 from coilarray.geometry.array import CoilArray
 from coilarray.geometry.sheet import Sheet
@@ -214,7 +215,7 @@ def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length
         return (along, at - outwards, -outwards) if axis == "x" else (at - outwards, along, -outwards)
 
     marks = pyvista.line_segments_from_points([place(t, d) for t in ticks.tolist() for d in (0.0, length)])
-    texts = [Text(f"{t:g}".replace("-", "−"), place(t, 2.2 * length), hidden_from=(edge_on,)) for t in ticks.tolist()]
+    texts = [Text(true_minus(f"{t:g}"), place(t, 2.2 * length), hidden_from=(edge_on,)) for t in ticks.tolist()]
     # beyond the end of the edge, where it is clear of the numbers unless the board is small in the picture
     title = Text(f"{axis} (mm)", place(high + 4 * length, 2.2 * length), hidden_from=(edge_on,), always=True)
     return Part(f"ticks {axis}", marks, colour=INK, lit=False), [*texts, title]

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import shapely
 
+from coilarray.compute.display_units import PLAIN, true_minus
 from coilarray.viz.datasets.triangles import surface_of
 from coilarray.viz.palette import INK
 from coilarray.viz.scenes.camera import Camera, Side, aim, direction, seen_from
@@ -232,7 +233,6 @@ def shown_units(scale: Scale) -> tuple[float, str]:
     >>> shown_units(Scale("k", "k", "", -0.05, 0.05))
     (1.0, 'k')
     """
-    from coilarray.compute.display_units import PLAIN
     from coilarray.viz.plots.style import axis_unit  # loads Matplotlib
 
     plain = not scale.unit and scale.high >= _PLAIN
@@ -243,7 +243,7 @@ def shown_units(scale: Scale) -> tuple[float, str]:
 def bar_of(scale: Scale, stops: int) -> tuple[str, tuple[str, ...], list[str]]:
     """Return the title, colours ``#rrggbb`` at equal steps, and numbers of a colour bar on a web page, from below."""
     factor, title = shown_units(scale)
-    ticks = [f"{value * factor:.3g}".replace("-", "−") for value in scale.values(_TICKS).tolist()]
+    ticks = [true_minus(f"{value * factor:.3g}") for value in scale.values(_TICKS).tolist()]
     return title, scale.steps(stops), ticks
 
 

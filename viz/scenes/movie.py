@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.extras import import_extra
 from coilarray.compute.files import write_atomically
 from coilarray.errors import OutputError
-from coilarray.geometry.extras import import_extra
 from coilarray.viz.scenes.camera import Side
 from coilarray.viz.scenes.draw import draw, draw_parts, pixel_of
 from coilarray.viz.scenes.pictures import check_rendering, off_screen

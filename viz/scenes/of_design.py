@@ -141,8 +141,8 @@ class _Making:
                 scene += make()
         scene += self._field(shown)
         if not scene.parts:
-            reason = f": {' '.join(scene.notes)}" if scene.notes else "."
-            raise GeometryError(f"there is nothing to see of {', '.join(self.view.show) or 'nothing'}{reason}")
+            reason = f" {' '.join(scene.notes)}" if scene.notes else ""
+            raise GeometryError(f"there is nothing to see of {', '.join(self.view.show) or 'nothing'}.{reason}")
         return scene
 
     def _metal(self) -> Scene:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import xarray as xr
 
-from coilarray.compute.display_units import MM
+from coilarray.compute.display_units import MM, true_minus
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.errors import MetalError
@@ -78,9 +78,7 @@ def scene_of_metal(
     place = target_place(design, coil, at) if "target" in shown else (0.0, 0.0)
     numbers = None
     if steps:
-        origin = target_of(design).origin_point
-        x, y = (value - from_ for value, from_ in zip(place, origin, strict=True))
-        numbers = target_map(design, distances=steps, x=[x], y=[y], progress=progress)
+        numbers = target_at(design, place, steps, progress)
     of_plates: list[Eddies] = []
     of_target: list[Eddies | None] = [None] * len(steps)
     if "eddies" in shown:
@@ -110,6 +108,14 @@ def scene_of_metal(
     return scene + scene_of_target(target.body, positions, within, scale, first)
 
 
+def target_at(
+    design: Design, place: tuple[float, float], distances: Sequence[float], progress: Progress | None = None
+) -> xr.Dataset:
+    """Compute what the target of a design does at one place on the board, in m, and several distances."""
+    x, y = (value - origin for value, origin in zip(place, target_of(design).origin_point, strict=True))
+    return target_map(design, distances=distances, x=[x], y=[y], progress=progress)
+
+
 def target_lines(at: xr.Dataset, coil: str) -> tuple[str, ...]:
     """Return what a target at one place does: a line about the state of a coil, and one with δ of the others."""
     states = [str(name) for name in at.state.values]
@@ -129,7 +135,7 @@ def target_lines(at: xr.Dataset, coil: str) -> tuple[str, ...]:
 
 def percent(delta: xr.DataArray) -> str:
     """Return a relative change in %, with three digits."""
-    return f"{float(delta) * 100:+.3g} %".replace("-", "−")
+    return true_minus(f"{float(delta) * 100:+.3g} %")
 
 
 def steps_of(design: Design, distance: float | None = None) -> list[float]:

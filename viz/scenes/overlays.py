@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.display_units import true_minus
 from coilarray.viz.datasets import overlays as meshes
 from coilarray.viz.datasets.field import AMOUNT, field_arrows, field_lines, field_surfaces
 from coilarray.viz.datasets.triangles import polylines, surface_of
@@ -98,7 +99,7 @@ def scene_of_coupling(coupling: xr.Dataset) -> Scene:
         if abs(value) >= _LABELLED * strongest:
             points = np.asarray(arcs.get_cell(n).points)
             x, y, z = points[len(points) // 2].tolist()
-            texts.append(Text(f"{value:+.3f}".replace("-", "−"), (x, y, z + 0.2 * nearest), 16.0, group="coupling"))
+            texts.append(Text(true_minus(f"{value:+.3f}"), (x, y, z + 0.2 * nearest), 16.0, group="coupling"))
     left_out = arcs.n_lines < len(k) * (len(k) - 1) // 2
     notes = (f"Arcs: coupling k; between ±{_LEAST * strongest:.1g} it is left out.",) if left_out else ()
     part = Part("coupling", tubes, "coupling", scale=scale, ambient=0.35, diffuse=0.7)
@@ -206,7 +207,7 @@ def _summary(location: Location) -> str:
     )
     others = len(location.modes) - 1
     also = "" if not others else f"; {others} more position{' fits' if others == 1 else 's fit'}"
-    return f"{location.verdict}: {text} (standard deviations){also}".replace("-", "−")
+    return true_minus(f"{location.verdict}: {text} (standard deviations){also}")
 
 
 def _magnification(modes: Sequence[Mode], length: float) -> float:

@@ -13,9 +13,10 @@ from typing import Any, get_args
 
 import numpy as np
 
+from coilarray.compute.extras import import_extra
 from coilarray.compute.files import write_text
 from coilarray.errors import MissingDependencyError
-from coilarray.geometry.extras import import_extra
+from coilarray.viz.offscreen import require_pyvista
 from coilarray.viz.palette import INK
 from coilarray.viz.scenes.camera import Side, aim, direction
 from coilarray.viz.scenes.draw import actor_of, bar_of, gradient
@@ -82,7 +83,8 @@ def save_page(scene: Scene, path: Path, *, title: str = "coilarray", side: Side 
 
 
 def check_page() -> None:
-    """Refuse pages where trame-vtk is not installed or unknown, before a scene is computed: MissingDependencyError."""
+    """Refuse pages where PyVista or a known trame-vtk is missing, before a scene is made: MissingDependencyError."""
+    require_pyvista("pages", "page")
     _viewer()
 
 

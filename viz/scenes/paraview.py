@@ -9,8 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from coilarray.compute.files import make_folder
-from coilarray.errors import OutputError
+from coilarray.compute.files import make_folder, writing
 from coilarray.viz.datasets.vtk_file import VTK_SUFFIXES, vtk_text
 from coilarray.viz.scenes.scene import Part, Scene
 
@@ -75,19 +74,14 @@ def _index(scene: Scene, files: Sequence[str]) -> str:
 
 def _placed(write: Callable[[Path], None], folder: Path, names: Sequence[str]) -> tuple[Path, ...]:
     """Let `write` fill a temporary folder, then move what it made into `folder`, in the order of `names`."""
-    try:
-        temporary = Path(tempfile.mkdtemp(prefix=".vtk-", dir=folder))
-    except OSError as error:
-        raise OutputError(f"cannot write into {folder}: {error.strerror}.") from None
-    try:
-        write(temporary)
+    with (
+        writing(f"into {folder}"),
+        tempfile.TemporaryDirectory(prefix=".vtk-", dir=folder, ignore_cleanup_errors=True) as temporary,
+    ):
+        write(Path(temporary))
         for name in names:
             target = folder / name
             if target.is_dir():
                 shutil.rmtree(target)
-            (temporary / name).replace(target)
-    except OSError as error:
-        raise OutputError(f"cannot write into {folder}: {error.strerror or error}.") from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+            Path(temporary, name).replace(target)
     return tuple(folder / name for name in names)

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.display_units import true_minus
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design, Indentation
 from coilarray.errors import GeometryError
@@ -42,7 +43,7 @@ class Touch:
         design, setup = self.design, indentation_of(self.design)
         dent, copper, scale = dent_of_design(design, self.depth), copper_parts(design.array), self.scale
         for (x, y), delta in zip(self.places.tolist(), self.delta, strict=True):
-            where = f"x = {x * 1e3:+.1f} mm, y = {y * 1e3:+.1f} mm, {self.depth * 1e3:g} mm deep".replace("-", "−")
+            where = true_minus(f"x = {x * 1e3:+.1f} mm, y = {y * 1e3:+.1f} mm, {self.depth * 1e3:g} mm deep")
             coils = Scene(
                 recoloured(copper, CoilColours(delta, scale)), self._numbers(delta), (f"The indenter is at {where}.",)
             )
@@ -53,7 +54,7 @@ class Touch:
         factor, _ = shown_units(self.scale)
         below = _BELOW * float(np.ptp(self.design.array.placements[0].coil.outline[:, 1]))
         return tuple(
-            Text(f"{round(value * factor):+d}".replace("-", "−"), (x * 1e3, (y - below) * 1e3, 0.0), 16.0)
+            Text(true_minus(f"{round(value * factor):+d}"), (x * 1e3, (y - below) * 1e3, 0.0), 16.0)
             for value, (x, y) in zip(delta.tolist(), self.design.array.centres.tolist(), strict=True)
             if math.isfinite(value)
         )

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coilarray.design.export_formats import Format
+from coilarray.design.export_formats import SUFFIXES, Format
 from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.viz.studio.entries import Entry, entries_of, text_of
 from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel
-from coilarray.viz.studio.searching import SUFFIXES, write_board
+from coilarray.viz.studio.searching import write_board
 from coilarray.viz.studio.work import Work
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class DesignPanel(Panel):
         page = self._page
         if to not in SUFFIXES:
             return
-        path = page.setup.shelf.folder / f"{page.work.design.name}-{to}{SUFFIXES[to]}"
+        path = page.setup.shelf.folder / f"{page.work.design.name}-{to}{SUFFIXES[to][0]}"
         if path.exists() and path not in self._exported:
             page.state.problem = f"{path.name} is there already, and not from this page; rename or remove it first."
             return
@@ -119,11 +119,8 @@ class DesignPanel(Panel):
             self._exported.add(path)
             page.state.file_note = line
 
-        def failed(problem: str) -> None:
-            page.state.problem = problem
-
         item = (write_board, page.work.opened.document, page.work.design.name, path, to)
-        page.start_bar("export", f"{to} of {page.work.design.name}", with_progress, item, done, failed)
+        page.start_bar("export", f"{to} of {page.work.design.name}", with_progress, item, done, page.say)
 
     def _report(self) -> None:
         page = self._page
@@ -138,16 +135,13 @@ class DesignPanel(Panel):
                 try:
                     page.state.report_url = f"reports/{page.setup.reports.add(result)}"
                 except OSError as error:
-                    failed(f"cannot read {result}: {error.strerror}.")
+                    page.say(f"cannot read {result}: {error.strerror}.")
                 page.state.file_note = f"wrote {result}"
             else:
                 page.state.file_note = f"wrote {result}, of the design before it was changed"
 
-        def failed(problem: str) -> None:
-            page.state.problem = problem
-
         item = (write, page.work.opened.document, design.name, folder)
-        page.start_bar("report", f"report of {design.name}", with_progress, item, done, failed)
+        page.start_bar("report", f"report of {design.name}", with_progress, item, done, page.say)
 
 
 def _groups(entries: tuple[Entry, ...]) -> list[dict[str, Any]]:

@@ -8,12 +8,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from coilarray.design.model import DesignFile
+from coilarray.design.units import entry_unit
 from coilarray.errors import DesignError
 
-_UNITS = {
-    "_kPa_per_mm": "kPa/mm", "_MS_per_m": "MS/m", "_mm": "mm", "_um": "µm", "_deg": "°", "_pF": "pF", "_nH": "nH",
-    "_ohm": "Ω", "_kPa": "kPa",
-}  # fmt: skip
+_SYMBOLS = {"deg": "°", "ohm": "Ω", "1": ""}
 _WHOLE = ("columns", "rows", "sides", "winding_layers", "rings")
 _COIL = {
     "turns_per_layer": "turns a layer", "winding_layers": "layers in series",
@@ -30,6 +28,7 @@ _ARRAY = {
     "pitch_mm": "pitch", "columns": "columns", "rows": "rows", "rings": "rings",
     "direction_deg": "direction of the rows", "rotation_deg": "rotation of each coil",
 }  # fmt: skip
+_NOT_OF = {"single": ("rows", "direction_deg"), "rings": ("rows",)}  # entries of _ARRAY that a lattice has not
 _SHEET = {
     "thickness_mm": "thickness", "relative_permeability": "relative permeability",
     "youngs_modulus_kPa": "Young's modulus",
@@ -96,6 +95,11 @@ def number_of(key: str, text: str) -> float:
     return value
 
 
+def place_text(value: float) -> str:
+    """Return the text of a coordinate in m in its field, in mm."""
+    return f"{value * 1e3:.2f}".replace("-0.00", "0.00")
+
+
 def text_of(value: float) -> str:
     """Return the text of a value in its field, with all its significant digits.
 
@@ -111,7 +115,8 @@ def _entries(values: Mapping[str, object]) -> Iterator[Entry]:
     for name in dict.fromkeys(key.split(".")[1] for key in values if key.startswith("coils.")):
         yield from _table(values, f"coils.{name}", f"Coil {name}", _COIL)
         yield from _table(values, f"coils.{name}.leads", f"Coil {name}", _LEADS)
-    yield from _table(values, "array", "Array", _ARRAY)
+    without = _NOT_OF.get(str(values.get("array.lattice")), ())
+    yield from _table(values, "array", "Array", {key: label for key, label in _ARRAY.items() if key not in without})
     for k in itertools.takewhile(lambda k: f"elastomer.{k}.name" in values, itertools.count()):
         yield from _table(values, f"elastomer.{k}", f"Elastomer {values[f'elastomer.{k}.name']}", _SHEET)
     for k in itertools.takewhile(lambda k: f"plate.{k}.name" in values, itertools.count()):
@@ -141,7 +146,8 @@ def _stackup(values: Mapping[str, object]) -> Iterator[Entry]:
 
 
 def _entry(key: str, name: str, label: str, group: str, value: float) -> Entry:
-    unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
+    unit = entry_unit(name)
+    unit = _SYMBOLS.get(unit, unit)
     if unit == "°" and name != "half_angle_deg":
         return Entry(key, label, unit, group, value, min(-_TURN, value), max(_TURN, value), 1.0)
     if name in _WHOLE:

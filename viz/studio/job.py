@@ -9,14 +9,15 @@ import threading
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import get_context, resource_tracker
+from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, Literal
 
 from coilarray.compute.memory import collect_seldom
+from coilarray.compute.workers.processes import no_interrupt
 from coilarray.errors import CoilarrayError
 from coilarray.viz.studio.services import Orders, Tell
 
@@ -65,7 +66,7 @@ class Job:
         self._process = context.Process(
             target=_serve, args=(theirs, pickle.dumps((task, item)), patience), daemon=True, name="coilarray-studio"
         )
-        with _no_interrupt():  # an interrupt is for the studio, which then ends the job
+        with no_interrupt():  # an interrupt is for the studio, which then ends the job
             self._process.start()
         theirs.close()
         self._patience = patience
@@ -194,17 +195,3 @@ def _watch(connection: Connection, orders: _Orders, patience: float) -> None:
 
 def _leave(number: int, _: object) -> None:
     raise SystemExit(128 + number)
-
-
-@contextmanager
-def _no_interrupt() -> Iterator[None]:
-    """Block Ctrl-C in a block; a process that is started in it never receives one."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

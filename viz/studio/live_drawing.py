@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.display_units import number_text, true_minus
 from coilarray.design.model import Design
 from coilarray.localize.inverse import Location
 from coilarray.localize.presses import Press
@@ -65,7 +66,7 @@ def curves(
         "box": f"0 0 {size[0]:g} {size[1]:g}",
         "axes": {"x": _LEFT, "y": _TOP, "width": right - _LEFT, "height": bottom - _TOP},
         "x": [{"at": across(tick), "text": f"{tick:g}"} for tick in _ticks(start, stop)],
-        "y": [{"at": down(tick * 1e-6), "text": _minus(f"{tick:g}")} for tick in _ticks(low * 1e6, high * 1e6)],
+        "y": [{"at": down(tick * 1e-6), "text": true_minus(f"{tick:g}")} for tick in _ticks(low * 1e6, high * 1e6)],
         "curves": shown,
         "presses": marks,
     }
@@ -116,7 +117,7 @@ def press_row(press: Press) -> dict[str, Any]:
         "lasted": "…" if press.end is None else f"{press.end - press.begin:.2f}",
         "place": place,
         "depth": depth,
-        "delta": _minus(f"{press.delta * 1e6:+.0f}"),
+        "delta": true_minus(f"{press.delta * 1e6:+.0f}"),
     }
 
 
@@ -131,12 +132,7 @@ def press_places(view: TopView, presses: Iterable[Press]) -> list[dict[str, Any]
 
 
 def _length(value: float, sigma: float | None) -> str:
-    text = f"{value * 1e3:.2f}" + ("" if sigma is None else f" ± {sigma * 1e3:.2f}")
-    return _minus(text.replace("-0.00", "0.00"))
-
-
-def _minus(text: str) -> str:
-    return text.replace("-", "−")
+    return number_text(value * 1e3, 2) + ("" if sigma is None else f" ± {sigma * 1e3:.2f}")
 
 
 def nearest_place(location: Location, before: tuple[float, float] | None) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from coilarray.compute.display_units import true_minus
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError
 from coilarray.localize.inverse import location_lines
@@ -215,7 +216,7 @@ class LivePanel(Panel):
             state.live_pins = [] if frame.location is None else pins(self._view, frame.location)
         state.live_lines = _lines(frame)
         if frame.temperature is not None:
-            state.live_temperature = f"{frame.temperature:.2f} °C".replace("-", "−")
+            state.live_temperature = true_minus(f"{frame.temperature:.2f} °C")
         if state.tab == "live" and not state.alone and _has_delta(frame):
             self._page.redraw()
 

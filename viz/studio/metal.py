@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from coilarray.compute.display_units import MM, true_minus
 from coilarray.design.model import Design
 from coilarray.design.vary import no_longer_assumed
 from coilarray.errors import DesignError
 from coilarray.geometry import MATERIALS, Plate
-from coilarray.response.target import target_map, target_of
-from coilarray.viz.scenes.of_metal import steps_of, target_place
+from coilarray.viz.scenes.of_metal import steps_of, target_at, target_place
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.services import Document
 from coilarray.viz.studio.structure import without_entry
@@ -54,8 +54,7 @@ def moved(design: Design, place: tuple[float, float] | None) -> Moved:
     MetalError for a design without a target, or what is not computed.
     """
     at = target_place(design, design.array.middle_coil, place)
-    x, y = (value - origin for value, origin in zip(at, target_of(design).origin_point, strict=True))
-    return Moved(design, at, target_map(design, distances=steps_of(design), x=[x], y=[y]))
+    return Moved(design, at, target_at(design, at, steps_of(design)))
 
 
 def target_rows(moved: Moved, step: int) -> list[list[str]]:
@@ -64,7 +63,7 @@ def target_rows(moved: Moved, step: int) -> list[list[str]]:
     return [
         [
             str(state),
-            f"{float(one.delta) * 100:+.4g} %".replace("-", "−"),
+            true_minus(f"{float(one.delta) * 100:+.4g} %"),
             f"{float(one.effective_inductance) * 1e6:.4f}",
             f"{float(one.effective_resistance):.3f}",
             f"{float(one.quality_factor):.2f}",
@@ -81,7 +80,7 @@ def body_rows(design: Design) -> list[dict[str, str]]:
         {
             "key": str(number),
             "text": f"plate {plate.name}: {'infinite plate of ' if isinstance(plate, Plate) else ''}"
-            f"{plate.material.words}, {plate.thickness * 1e3:g} mm, z = {_signed(plate.heights[0] * 1e3)} mm",
+            f"{plate.material.words}, {MM.text(plate.thickness)}, z = {true_minus(MM.text(plate.heights[0], '.4'))}",
         }
         for number, plate in enumerate(design.plates)
     ]
@@ -90,10 +89,6 @@ def body_rows(design: Design) -> list[dict[str, str]]:
         words = f"target: {target.kind} of {target.body.material.words}"
         rows.append({"key": "target", "text": words})
     return rows
-
-
-def _signed(number: float) -> str:
-    return f"{number:.4g}".replace("-", "−")
 
 
 def with_body(document: Document, form: Mapping[str, Any]) -> Document:

@@ -11,7 +11,7 @@ from coilarray.errors import CoilarrayError
 from coilarray.geometry import MATERIALS, Plate
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.studio.calculator import Step
-from coilarray.viz.studio.entries import number_of
+from coilarray.viz.studio.entries import number_of, place_text
 from coilarray.viz.studio.metal import (
     FIRST,
     KINDS,
@@ -89,7 +89,7 @@ class MetalPanel(Panel):
             state.distances = [f"{distance * 1e3:.3g}" for distance in found.distances]
             self._step = min(self._step, len(found.distances) - 1)
             state.distance_at, state.target_problem = self._step, ""
-            state.target_place = [f"{value * 1e3:.2f}".replace("-0.00", "0.00") for value in found.place]
+            state.target_place = [place_text(value) for value in found.place]
             state.target_rows = target_rows(found, self._step)
             self._page.arrived("target", found.design)
         self._page.redraw()

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _FIRST = {
     "name": "mine", "coils": "4x4", "shape": "hexagon", "size": "16", "inductance": "", "connector": "none",
-    "decoupled": False,
+    "decoupled": False, "elastomer": True,
 }  # fmt: skip
 
 
@@ -89,6 +89,8 @@ def choices_of(texts: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
         choices["connector"] = given["connector"]
     if texts.get("decoupled"):
         choices["overlap"] = "decoupled"
+    if not texts.get("elastomer", True):
+        choices["elastomer"] = False
     return given["name"], choices
 
 

@@ -13,6 +13,7 @@ from coilarray.circuit.active_coil import checked_network
 from coilarray.circuit.coupling import couple_design, design_circuit, design_inductance
 from coilarray.circuit.network import Network
 from coilarray.compute.arrays import FloatArray
+from coilarray.compute.display_units import number_text, true_minus
 from coilarray.design.model import Design
 from coilarray.electromagnetics.inductance import Accuracy, coupling_matrix
 from coilarray.geometry.rules import Margin, check_rules
@@ -78,14 +79,14 @@ def margins_of(design: Design) -> tuple[Margin, ...]:
 
 def coupling_cells(numbers: Numbers) -> tuple[tuple[Cell, ...], ...]:
     """Return the cells of the coupling matrix: colours of both signs about zero, the diagonal left out."""
-    return _cells(numbers.k, numbers.names, lambda a, b, k: (_signed(k, 4), f"k({a}, {b}) = {k!r}"))
+    return _cells(numbers.k, numbers.names, lambda a, b, k: (number_text(k, 4, "+"), f"k({a}, {b}) = {k!r}"))
 
 
 def inductance_cells(numbers: Numbers) -> tuple[tuple[Cell, ...], ...]:
     """Return the cells of the inductance matrix in µH, coloured as those of the coupling."""
 
     def texts(a: str, b: str, L: float) -> tuple[str, str]:
-        return f"{L * 1e6:.3f}".replace("-", "−"), f"{'L' if a == b else 'M'}({a}, {b}) = {L!r} H"
+        return true_minus(f"{L * 1e6:.3f}"), f"{'L' if a == b else 'M'}({a}, {b}) = {L!r} H"
 
     return _cells(numbers.inductance, numbers.names, texts)
 
@@ -117,7 +118,7 @@ def coil_rows(numbers: Numbers, circuit: Circuit | None = None) -> tuple[tuple[s
             one = circuit.coupling.sel(coil=name)
             seen = (
                 f"{float(one.effective_inductance) * 1e6:.3f}",
-                _signed(float(one.inductance_change) * 100, 2),
+                number_text(float(one.inductance_change) * 100, 2, "+"),
                 f"{float(one.resistance):.2f}",
                 f"{float(one.quality_factor):.1f}",
                 f"{float(one.frequency) * 1e-6:.4f}",
@@ -145,11 +146,7 @@ def margin_rows(margins: Sequence[Margin]) -> tuple[tuple[str, str, str, str, st
 
 def _length(value: float, unit: str, sign: str = "-") -> str:
     text = f"{value * 1e3:{sign}.3f} mm" if unit == "m" else f"{value:{sign}.4g}"
-    return text.replace("-", "−")
-
-
-def _signed(value: float, digits: int) -> str:
-    return f"{round(value, digits) + 0.0:+.{digits}f}".replace("-", "−")
+    return true_minus(text)
 
 
 def _colours(parts: FloatArray) -> list[list[tuple[str, str]]]:

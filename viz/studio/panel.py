@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import io
 from collections.abc import Callable, Mapping
 from importlib import resources
 from typing import TYPE_CHECKING, Any
+
+from coilarray.compute.html import png_url
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,8 +37,3 @@ def image_of(figure: Figure) -> str:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=_DPI)
     return png_url(buffer.getvalue())
-
-
-def png_url(png: bytes) -> str:
-    """Return a PNG file as a data URL."""
-    return f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coilarray.errors import MissingDependencyError, OutputError
+from coilarray.compute.display_units import value_text
+from coilarray.compute.extras import import_extra
+from coilarray.errors import OutputError
 from coilarray.studies.optimize.study_file import FILE, is_whole, quiet
+from coilarray.studies.optimize.trials import unbeaten
 
 if TYPE_CHECKING:
     from optuna.study import Study
@@ -66,17 +69,8 @@ class Run:
     def front(self) -> tuple[int, ...]:
         """Indices of the points, but for the start, that keep all bounds and that no other beats in all objectives."""
         signs = [-1 if maximized else 1 for maximized in self.maximized]
-        costs = {
-            k: tuple(s * score for s, score in zip(signs, point.scores, strict=True))
-            for k, point in enumerate(self.points)
-            if point.feasible
-        }
-        best: list[int] = []
-        # sorted by all costs, no later point beats an earlier one
-        for k in sorted(costs, key=lambda k: costs[k]):
-            if not any(all(a <= b for a, b in zip(costs[other], costs[k], strict=True)) for other in best):
-                best.append(k)
-        return tuple(k for k in best if not self.points[k].start)
+        scores = {k: point.scores for k, point in enumerate(self.points) if point.feasible}
+        return tuple(k for k in unbeaten(scores, signs) if not self.points[k].start)
 
 
 def run_folders(folder: Path) -> list[str]:
@@ -96,11 +90,7 @@ def read_runs(folder: Path) -> tuple[Run, ...]:
     path = folder / FILE
     if not path.is_file():
         raise OutputError(f"there is no {FILE} in {folder}: coilarray optimize --out {folder} makes one.")
-    try:
-        import optuna
-    except ImportError:
-        text = "runs of an optimisation need Optuna: pip install 'coilarray[optimize]'."
-        raise MissingDependencyError(text) from None
+    optuna = import_extra("optuna", "studies of an optimisation", package="Optuna", extra="optimize")
     from optuna.storages import RDBStorage
 
     with quiet():
@@ -164,5 +154,4 @@ def _value(parameter: object) -> Any:
 
 
 def _list(values: Mapping[str, object]) -> str:
-    texts = {key: f"{value:.6g}" if isinstance(value, float) else str(value) for key, value in values.items()}
-    return ", ".join(f"{key} = {text}" for key, text in texts.items())
+    return ", ".join(f"{key} = {value_text(value)}" for key, value in values.items())

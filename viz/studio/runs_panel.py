@@ -64,9 +64,6 @@ class RunsPanel(Panel):
             state.runs_problem = str(error)
             return
 
-        def failed(problem: str) -> None:
-            state.runs_problem = problem
-
         def ended(line: str) -> None:
             state.file_note = line
             if folder.name in run_folders(folder.parent):
@@ -74,6 +71,7 @@ class RunsPanel(Panel):
 
         item = (search_goal, page.work.opened.document, design.name, goal, count, folder)
         stopped = partial(ended, f"{goal}: stopped; the points are kept, and Start goes on from them")
+        failed = partial(setattr, state, "runs_problem")
         if page.start_bar("search", f"{goal} of {design.name}", with_progress, item, ended, failed, stopped):
             state.runs_problem = ""
             self._starting = asyncio.get_running_loop().create_task(self._read_first(folder))

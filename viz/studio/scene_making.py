@@ -45,8 +45,8 @@ class BoardParts:
         return Scene(recoloured(self.copper, colours)) + self.rest
 
 
-def switched_scene(board: BoardParts, fields: UnitFields | None, result: StateResult, current: float = 1e-3) -> Scene:
-    """Return the board coloured by the currents of a state, under a plane of B for `current` A in its first coil.
+def switched_scene(board: BoardParts, fields: UnitFields | None, result: StateResult) -> Scene:
+    """Return the board coloured by the currents of a state, under a plane of B for 1 mA in its first coil.
 
     The `fields` are None for a design with plates, beside which they are others at every frequency.
     """
@@ -55,10 +55,10 @@ def switched_scene(board: BoardParts, fields: UnitFields | None, result: StateRe
     scene = board.coloured(overlays.colours_of_currents(result.currents, first))
     if fields is None:
         return scene + Scene(notes=("B beside plates is shown by coilarray view --show board,field.",))
-    plane = fields.plane(result.currents.real * current)
+    plane = fields.plane(result.currents.real * 1e-3)
     if np.asarray(plane.point_data[AMOUNT]).max(initial=0.0) > 0:
         scene += overlays.scene_of_slices([plane], overlays.scale_of_field([plane]))
-    note = f"B in phase, {fields.height * 1e3:g} mm above the board, without elastomer; {current * 1e3:g} mA."
+    note = f"B in phase, {fields.height * 1e3:g} mm above the board, without elastomer; 1 mA."
     return scene + Scene(notes=(note,))
 
 

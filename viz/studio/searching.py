@@ -14,11 +14,6 @@ from coilarray.viz.studio.services import Document
 if TYPE_CHECKING:
     import xarray as xr
 
-SUFFIXES: dict[Format, str] = {
-    "kicad": "", "gerber": ".zip", "dxf": ".dxf", "svg": ".svg", "step": ".step", "stl": ".stl", "glb": ".glb"
-}  # fmt: skip
-"""Formats that the page offers, and what the names of their files end in."""
-
 
 def search_goal(document: Document, name: str, goal: str, trials: int, folder: Path, progress: Progress) -> str:
     """Search as ``coilarray optimize`` does, into a folder; return one line about what was found."""

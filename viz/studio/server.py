@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from coilarray.compute.extras import import_extra
 from coilarray.errors import CoilarrayError, OutputError
-from coilarray.geometry.extras import import_extra
-from coilarray.viz.offscreen import rendering_problem
+from coilarray.viz.offscreen import rendering_problem, require_pyvista
 from coilarray.viz.studio.panel import template
 from coilarray.viz.studio.report_pages import ReportPages
 from coilarray.viz.studio.services import Services
@@ -84,6 +84,7 @@ class Address:
 
 def check_studio() -> None:
     """Raise MissingDependencyError where a library of the studio is not installed."""
+    require_pyvista("pages of the studio", "studio")
     needed = {"trame.app": "trame", "trame.ui.vuetify3": "trame-vuetify", "trame_vtk.modules.vtk": "trame-vtk"}
     for module, package in {**needed, "aiohttp": "aiohttp"}.items():
         import_extra(module, "pages of the studio", package=package, extra="studio")
@@ -224,7 +225,7 @@ class _Studio:
     def _refusal(self, request: web.Request) -> str:
         host = request.headers.get("Host", "")
         origin = request.headers.get("Origin")
-        if origin is not None and origin.partition("://")[2] != host:
+        if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
             return _ANOTHER_PAGE
         # programs send none; a link of another site may open the page itself, as a user does, and nothing else of it
         site = request.headers.get("Sec-Fetch-Site", "none")
@@ -232,7 +233,7 @@ class _Studio:
         if site not in ("same-origin", "none") and not opens:
             return _ANOTHER_PAGE
         if not self._address.token:
-            if host.rpartition(":")[0] not in _OWN_HOSTS and host not in _OWN_HOSTS:
+            if re.sub(r":\d+$", "", host) not in _OWN_HOSTS:
                 return "it is served to this computer alone."
             return ""
         given = request.query.get("token") or request.cookies.get(self._cookie, "")

@@ -14,7 +14,6 @@ from coilarray.errors import CoilarrayError, DesignError, OutputError
 from coilarray.viz.studio.work import Work, work_on
 
 _NAME = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]{0,125}")  # none that a file system finds too long
-_FILE = re.compile(r"[A-Za-z0-9_+][A-Za-z0-9_.+-]{0,120}\.toml")
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class Shelf:
     def names(self) -> list[str]:
         """Return the names of the files of the folder, then of the bundled designs."""
         try:
-            files = sorted(path.name for path in self.folder.glob("*.toml") if _FILE.fullmatch(path.name))
+            files = sorted(path.name for path in self.folder.glob("*.toml") if _NAME.fullmatch(path.name))
         except OSError:
             files = []
         return [*files, *bundled.names()]
@@ -84,9 +83,5 @@ class Shelf:
         return self.folder / name
 
     def path(self, name: str) -> Path:
-        """Return the path of a file of the folder; OutputError for a name that is not allowed."""
-        if not _FILE.fullmatch(name):
-            raise OutputError(
-                f"a design file must have a plain, short name that ends in .toml, as better.toml; got {name[:60]!r}."
-            )
-        return self.folder / name
+        """Return the path of a design file of the folder, as `file`."""
+        return self.file(name, (".toml",))

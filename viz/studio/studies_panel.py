@@ -88,9 +88,6 @@ class StudiesPanel(Panel):
         work = page.work
         names = tuple(str(name) for name in quantities)
 
-        def failed(problem: str) -> None:
-            state.study_problem = problem
-
         def cancelled() -> None:
             state.study_problem = f"{kind}: stopped; what is computed is kept, and Start goes on from it"
 
@@ -113,6 +110,7 @@ class StudiesPanel(Panel):
         except CoilarrayError as error:
             state.study_problem = str(error)
             return
+        failed = partial(setattr, state, "study_problem")
         if page.start_bar("study", f"{kind} of {work.design.name}", task, item, done, failed, cancelled, watch):
             state.study_problem, state.study = "", _NONE
             self._of, self._found = None, None

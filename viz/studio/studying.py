@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from coilarray.compute.display_units import value_text
 from coilarray.compute.store import open_store
 from coilarray.compute.threads import Progress
 from coilarray.compute.workers import workers
@@ -109,8 +110,8 @@ def sweep_rows(result: SweepResult) -> tuple[tuple[str, ...], tuple[Row, ...]]:
     for k, reason in enumerate(result.values.reason.values.ravel().tolist()):
         found = [column[k] for column in columns]
         if reason or not np.isnan(found).all():
-            cells = (*map(_shown, result.points[k].values()), *("–" if np.isnan(one) else _shown(one) for one in found))
-            rows.append(Row(cells, None if reason else k, reason))
+            values = (*result.points[k].values(), *(None if np.isnan(one) else one for one in found))
+            rows.append(Row(tuple(map(value_text, values)), None if reason else k, reason))
     return (*result.points[0], *keys), tuple(rows)
 
 
@@ -124,13 +125,9 @@ def tolerance_rows(result: xr.Dataset) -> tuple[tuple[str, ...], tuple[Row, ...]
         share = float(one.share[first])
         of = f"{one.contributor.values[first]} ({100 * share:.0f} %)" if share > 0 else "no error"
         drawn = f"{float(one.sample_deviation):.3g}" if sampled else "–"
-        rows.append(Row((name, _shown(float(one.nominal)), f"{float(one.linear_deviation):.3g}", drawn, of)))
+        rows.append(Row((name, value_text(float(one.nominal)), f"{float(one.linear_deviation):.3g}", drawn, of)))
     if "limit" in result.dims:
         shares = result.sample_yield if "sample_yield" in result else result.linear_yield
         for text, share in zip(result.limit.values.tolist(), shares.values.tolist(), strict=True):
             rows.append(Row((text, "", "", "", f"yield {100 * share:.1f} %")))
     return ("output", "nominal", "σ, linear", "σ, drawn", "most by"), tuple(rows)
-
-
-def _shown(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import xarray as xr
@@ -65,8 +66,6 @@ class SummaryPanel(Panel):
             if circuit is not None:
                 page.calculator.ask(self.steps(page.work.design, circuit.coupling))
 
-        def failed(problem: str) -> None:
-            page.state.summary_problem = problem
-
+        failed = partial(setattr, page.state, "summary_problem")
         item = (map_of, page.work.opened.document, design.name)
         page.start_bar("response", f"response of {design.name}", with_progress, item, done, failed)

@@ -7,6 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from coilarray.circuit.network import Resonance, resonate
+from coilarray.compute.display_units import true_minus
 from coilarray.design.model import Design
 from coilarray.errors import NetworkError
 from coilarray.viz.scenes.scene import Scene
@@ -92,5 +93,5 @@ def _currents(design: Design, result: Resonance) -> list[dict[str, Any]]:
     rows = []
     for name, current in zip(design.array.names, result.currents.tolist(), strict=True):
         angle = math.degrees(cmath.phase(current)) if abs(current) > 1e-9 else 0.0
-        rows.append({"name": name, "amount": f"{abs(current):.4f}", "phase": f"{angle:+.0f}°".replace("-", "−")})
+        rows.append({"name": name, "amount": f"{abs(current):.4f}", "phase": true_minus(f"{angle:+.0f}°")})
     return rows

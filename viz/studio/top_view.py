@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from coilarray.compute.display_units import true_minus
 from coilarray.design.model import Design
 from coilarray.localize.inverse import Location
 from coilarray.viz.datasets.overlays import semi_axis_factor
@@ -137,13 +138,13 @@ LEAST = 1e-4
 """Smallest δ at which bars and colours of a measurement are full."""
 
 
-def delta_bars(delta: Iterable[tuple[str, float | None]], least: float = LEAST) -> list[dict[str, Any]]:
+def delta_bars(delta: Iterable[tuple[str, float | None]]) -> list[dict[str, Any]]:
     """Return a bar for each δ: its text in 10⁻⁶ and its signed length in per cent of half the width."""
     pairs = list(delta)
-    largest = max([least, *(abs(value) for _, value in pairs if value is not None)])
+    largest = max([LEAST, *(abs(value) for _, value in pairs if value is not None)])
     bars = []
     for name, value in pairs:
-        text = "–" if value is None else f"{value * 1e6:+.1f}".replace("-", "−")
+        text = "–" if value is None else true_minus(f"{value * 1e6:+.1f}")
         bars.append({"name": name, "text": text, "part": 0.0 if value is None else round(50 * value / largest, 2)})
     return bars
 

@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 import xarray as xr
 
+from coilarray.compute.display_units import true_minus
 from coilarray.design.model import Design
 from coilarray.errors import LocalizeError
 from coilarray.localize.ellipse import Ellipse, fit_ellipses
@@ -70,7 +71,10 @@ def touched(sensor: Sensor, x: float, y: float, depth: float) -> Touched:
     point = np.clip([x, y, depth], low, high)
     delta = sensor.model.delta(point)
     readings = dict(zip(sensor.model.states, delta.tolist(), strict=True))
-    location = locate(sensor.model, delta)
+    try:
+        location = locate(sensor.model, delta)
+    except LocalizeError as error:  # one or two coils do not tell x, y and depth
+        location = Location("refused", str(error))
     row = indentation_of(sensor.design).origin_point
     ellipses, crossing, problem = _by_ellipses(sensor, float(point[2]), row, readings)
     at = (float(point[0]), float(point[1]))
@@ -123,4 +127,4 @@ def crossing_line(touch: Touched) -> str:
     meet, (x0, y0) = touch.crossing, touch.row
     first, second = meet.coils
     either = " or ".join(f"{(y0 + sign * meet.y) * 1e3:.2f}" for sign in (1, -1))
-    return f"ellipses of {first} and {second} meet at x = {(x0 + meet.x) * 1e3:.2f}, y = {either} mm".replace("-", "−")
+    return true_minus(f"ellipses of {first} and {second} meet at x = {(x0 + meet.x) * 1e3:.2f}, y = {either} mm")

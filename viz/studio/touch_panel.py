@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from coilarray.compute.display_units import true_minus
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, DesignError
 from coilarray.localize.inverse import location_lines
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.scenes.touch import dent_of_design
-from coilarray.viz.studio.entries import number_of
+from coilarray.viz.studio.entries import number_of, place_text
 from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel
 from coilarray.viz.studio.scene_making import BoardParts, touched_scene
@@ -132,9 +133,8 @@ class TouchPanel(Panel):
         state.bars = delta_bars(touch.delta.items())
         state.located = [*location_lines(touch.location), crossing_line(touch)]
         state.place_error = ""
-        (at_x, at_y), deep = touch.at, touch.depth
-        place = {"x": f"{at_x * 1e3:.2f}", "y": f"{at_y * 1e3:.2f}", "depth": f"{deep * 1e3:.2f}"}
-        state.place = {name: text.replace("-0.00", "0.00") for name, text in place.items()}
+        place = zip(("x", "y", "depth"), (*touch.at, touch.depth), strict=True)
+        state.place = {name: place_text(value) for name, value in place}
 
 
 def _place(sensor: Sensor, texts: tuple[str, str, str]) -> list[float]:
@@ -145,6 +145,6 @@ def _place(sensor: Sensor, texts: tuple[str, str, str]) -> list[float]:
         number = number_of(name, str(text)) * 1e-3
         if not low - _SHOWN <= number <= high + _SHOWN:
             line = f"{name} must be {low * 1e3:.2f} to {high * 1e3:.2f} mm; got {number * 1e3:g}."
-            raise DesignError(line.replace("-", "−"))
+            raise DesignError(true_minus(line))
         numbers.append(number)
     return numbers

@@ -18,7 +18,7 @@ from coilarray.circuit.exchange.spice import plain_names
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.constants import RESISTIVITY_COPPER
 from coilarray.electromagnetics.source import Source, as_conductors
-from coilarray.errors import GeometryError
+from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry import Conductor
 
 _MM = 1e-3
@@ -81,8 +81,7 @@ def fasthenry_input(
     """
     conductors = as_conductors(source)
     ports = plain_names([conductor.name for conductor in conductors])
-    if not (math.isfinite(resistivity) and resistivity > 0):
-        raise ValueError(f"resistivity must be positive and finite; got {resistivity} Ω·m.")
+    require_positive("resistivity", resistivity, " Ω·m", ValueError)
     if len(filaments_across) != 2 or any(int(count) != count or count < 1 for count in filaments_across):
         raise ValueError(f"filaments_across must be two positive integers; got {filaments_across}.")
     sweep = _sweep(frequencies)

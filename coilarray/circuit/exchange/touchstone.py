@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.circuit.exchange.spice import plain_names
+from coilarray.compute.extras import import_extra
 from coilarray.compute.files import write_text
-from coilarray.errors import OutputError
-from coilarray.geometry.extras import import_extra
+from coilarray.errors import OutputError, require_positive
 
 
 def touchstone(
@@ -69,8 +68,7 @@ def touchstone(
         raise ValueError("impedances must be finite; at least one is not.")
     if not (np.isfinite(f).all() and f[0] >= 0 and (np.diff(f) > 0).all()):
         raise ValueError("frequencies must be finite, not negative and rise from one to the next.")
-    if not (math.isfinite(reference_resistance) and reference_resistance > 0):
-        raise ValueError(f"reference_resistance must be positive and finite; got {reference_resistance} Ω.")
+    require_positive("reference_resistance", reference_resistance, " Ω", ValueError)
     ports = plain_names(names, Z.shape[1])
     target = Path(path)
     if target.suffix.lower() != f".s{len(ports)}p":

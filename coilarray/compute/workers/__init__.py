@@ -3,8 +3,8 @@
 More than one machine
 ---------------------
 Any scheduler and workers of dask.distributed do, started as its own documentation says
-(https://docs.dask.org/en/stable/deploying-cli.html), with the same coilarray installed on every machine, by
-``pip install 'coilarray[cluster]'``::
+(https://docs.dask.org/en/stable/deploying-cli.html), with the same coilarray installed on every machine with
+its extra ``cluster``::
 
     dask scheduler --port 8786                                   # on one machine
     dask worker tcp://host:8786 --nworkers -1 --nthreads 1       # on every machine that computes: one worker a core

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import importlib
 import logging
 import pickle
 import time
@@ -13,8 +12,9 @@ from contextlib import closing, contextmanager, suppress
 from typing import Any
 
 from coilarray.compute.code_version import code_version
+from coilarray.compute.extras import import_extra
 from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread_for_good, outcome_of
-from coilarray.errors import ClusterError, MissingDependencyError
+from coilarray.errors import ClusterError
 
 Client = Any
 """A ``distributed.Client``; its package is optional, and has no types."""
@@ -155,12 +155,7 @@ def compute(version: str, payload: bytes) -> Any:
 
 
 def _distributed() -> Any:
-    try:
-        return importlib.import_module("distributed")
-    except ImportError:
-        raise MissingDependencyError(
-            "a cluster needs the package distributed: pip install 'coilarray[cluster]'."
-        ) from None
+    return import_extra("distributed", "Dask clusters", package="distributed", extra="cluster")
 
 
 async def _identity(address: str) -> str:

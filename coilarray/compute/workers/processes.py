@@ -34,7 +34,7 @@ class _Worker:
     def submit(self, payload: bytes) -> Future[Any]:
         """Start a task; BrokenProcessPool where the process has ended."""
         if self._process is None:
-            with _no_interrupt():  # an interrupt is for this process, which then ends the others
+            with no_interrupt():  # an interrupt is for this process, which then ends the others
                 future = self._executor.submit(_perform, payload)
             inside: Any = self._executor
             (self._process,) = inside._processes.values()
@@ -129,7 +129,7 @@ def _context() -> BaseContext:
 
 
 @contextmanager
-def _no_interrupt() -> Iterator[None]:
+def no_interrupt() -> Iterator[None]:
     """Block Ctrl-C while the block runs; a process that is started in it never gets one."""
     if not hasattr(signal, "pthread_sigmask"):
         yield

@@ -25,14 +25,15 @@ CAPACITY = 4096
 _LANES = 8
 
 
-def _gauss_tables() -> tuple[FloatArray, FloatArray]:
-    nodes, weights = np.zeros((MOST_NODES + 1, MOST_NODES)), np.zeros((MOST_NODES + 1, MOST_NODES))
-    for n in range(1, MOST_NODES + 1):
+def gauss_tables(most: int) -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights on [−1, 1] of the Gauss rules of up to `most` nodes, that of n nodes in row n."""
+    nodes, weights = np.zeros((most + 1, most)), np.zeros((most + 1, most))
+    for n in range(1, most + 1):
         nodes[n, :n], weights[n, :n] = np.polynomial.legendre.leggauss(n)
     return nodes, weights
 
 
-_NODES, _WEIGHTS = _gauss_tables()
+_NODES, _WEIGHTS = gauss_tables(MOST_NODES)
 
 
 def least_distances(log_tolerance: float) -> FloatArray:

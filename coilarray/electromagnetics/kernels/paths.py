@@ -27,6 +27,7 @@ from coilarray.electromagnetics.kernels.far_pairs import (
     MOST_NODES,
     add_nodes,
     batch_sum,
+    gauss_tables,
     least_distances,
     node_count,
 )
@@ -46,6 +47,9 @@ TOUCHING = 0.5
 """Bars at an angle and nearer than this many widths are taken to meet."""
 PARALLEL_SIN2 = 4e-4
 """Bars below this sin² of the angle share their lateral direction (turns of a spiral are tilted by 3e-3)."""
+_SHORT = 30.0  # widths: the corners of longer sides are worth less than 1e-5 of a single turn
+_WIDE_ANGLE = 0.97  # cosine of 14°: below it both kinks of a corner are nearly one
+_WIDE_NODES, _WIDE_LAYERS = 8, 6  # most nodes of a wide corner, 6 · 8 · 3 · 8 · 6 · 2 in all
 _LOG_TOLERANCE = -16.1  # ln 1e-7: error of the rules across the cross-section, relative to the pair's variation
 _LOG_TOLERANCE_ANGLED = -13.8  # ln 1e-6: the same for bars at an angle, whose errors change sign from pair to pair
 _LOG_TOLERANCE_THICKNESS = -11.5  # ln 1e-5: the thickness changes a pair by about 1 %
@@ -54,13 +58,6 @@ _LEAST, _LEAST_FILAMENTS = least_distances(_LOG_TOLERANCE), least_distances(_LOG
 _NO_SHIFT = np.zeros(3)
 INNER = 0.5 / math.sqrt(3.0)
 """Of a width: the two nodes of a Gauss rule across it."""
-
-
-def _gauss_tables() -> tuple[FloatArray, FloatArray]:
-    nodes, weights = np.zeros((MAX_NODES + 1, MAX_NODES)), np.zeros((MAX_NODES + 1, MAX_NODES))
-    for n in range(1, MAX_NODES + 1):
-        nodes[n, :n], weights[n, :n] = np.polynomial.legendre.leggauss(n)
-    return nodes, weights
 
 
 def _triangle_tables() -> tuple[FloatArray, FloatArray]:
@@ -81,7 +78,7 @@ def _triangle_tables() -> tuple[FloatArray, FloatArray]:
     return nodes, weights
 
 
-_NODES, _WEIGHTS = _gauss_tables()
+_NODES, _WEIGHTS = gauss_tables(MAX_NODES)
 _TRIANGLE_NODES, _TRIANGLE_WEIGHTS = _triangle_tables()
 
 
@@ -226,6 +223,21 @@ def _angled_rule(a: FloatArray, b: FloatArray, distance: float, level: bool, ext
 
 
 @inner_kernel
+def _add_layers(
+    rule: FloatArray, count: int, weight: float, s: float, a: FloatArray, t: float, b: FloatArray, thickness: float,
+    sides: int, n_z: int, normal: Vector,
+) -> int:  # fmt: skip
+    """Add the offsets across the thickness at s and t across the widths, by their triangular density."""
+    for c in range(n_z):
+        z = 0.5 * (1.0 + _NODES[n_z, c])
+        for side in range(sides):
+            h = thickness * z * (1.0 - 2.0 * side)
+            _set_offset(rule, count, weight * _WEIGHTS[n_z, c] * (1.0 - z), s, a, t, b, h, normal)
+            count += 1
+    return count
+
+
+@inner_kernel
 def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: FloatArray) -> int:
     """Offsets of two bars at an angle that meet, as neighbours in a path do.
 
@@ -249,12 +261,44 @@ def _corner_rule(a: FloatArray, b: FloatArray, level: bool, extra: int, rule: Fl
             for m in range(n):
                 t = low + half * (1.0 + _NODES[n, m])
                 weight = _WEIGHTS[n, k] * half * _WEIGHTS[n, m]
-                for c in range(n_z):
-                    z = 0.5 * (1.0 + _NODES[n_z, c])
-                    for side in range(sides):
-                        h = thickness * z * (1.0 - 2.0 * side)
-                        _set_offset(rule, count, weight * _WEIGHTS[n_z, c] * (1.0 - z), s, a, t, b, h, normal)
-                        count += 1
+                count = _add_layers(rule, count, weight, s, a, t, b, thickness, sides, n_z, normal)
+    return count
+
+
+@inner_kernel
+def _wide_corner_rule(a: FloatArray, b: FloatArray, cosine: float, level: bool, extra: int, rule: FloatArray) -> int:
+    """Offsets of two bars at a wide angle that meet and are short, so that their corner counts for much.
+
+    The integrand has kinks where the end of one filament lies on the other: the offsets s and t have the ratio of
+    the cosine, either way. The second width is cut there, and the first one where such a cut meets an edge of the
+    second one, and in its middle, where both cuts cross.
+    """
+    n = min(5 + extra, _WIDE_NODES)
+    n_z = min(3 + extra, _WIDE_LAYERS)
+    thickness = 0.5 * (a[11] + b[11])
+    normal = _normal(a)
+    sides = 1 if level else 2
+    edge, other = 0.5 * a[10], 0.5 * b[10]
+    near, far = min(abs(cosine) * other, edge), min(other / abs(cosine), edge)
+    bounds = (-edge, -far, -near, 0.0, near, far, edge)
+    count = 0
+    for outer in range(6):
+        half = 0.5 * (bounds[outer + 1] - bounds[outer])
+        if half <= 0.0:
+            continue
+        for k in range(n):
+            s = bounds[outer] + half * (1.0 + _NODES[n, k])
+            one = min(max(s * cosine, -other), other)
+            two = min(max(s / cosine, -other), other)
+            cuts = (-other, min(one, two), max(one, two), other)
+            for piece in range(3):
+                width = 0.5 * (cuts[piece + 1] - cuts[piece])
+                if width <= 0.0:
+                    continue
+                for m in range(n):
+                    t = cuts[piece] + width * (1.0 + _NODES[n, m])
+                    weight = half * _WEIGHTS[n, k] * width * _WEIGHTS[n, m]
+                    count = _add_layers(rule, count, weight, s, a, t, b, thickness, sides, n_z, normal)
     return count
 
 
@@ -329,7 +373,10 @@ def bar_pair(
             elif parallel and distance < size:
                 count = 0
             elif distance < TOUCHING * size and _ends_meet(dx, dy, dz, a, b, TOUCHING * size):
-                count = _corner_rule(a, b, level, extra, rule)
+                if abs(cosine) < _WIDE_ANGLE and min(a[6], b[6]) < _SHORT * size:
+                    count = _wide_corner_rule(a, b, cosine, level, extra, rule)
+                else:
+                    count = _corner_rule(a, b, level, extra, rule)
             else:
                 count = _angled_rule(a, b, distance, level, extra, rule)
             if count == 0:

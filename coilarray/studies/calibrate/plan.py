@@ -202,7 +202,7 @@ class Plan(Table):
     def _consistent(self) -> Plan:
         names = [one.name for one in self.alternatives]
         if len(set(names)) != len(names):
-            raise ValueError(f"needs alternatives of different names; got {', '.join(names)}")
+            raise ValueError(f"needs every [[alternative]] to have a name of its own; got {', '.join(names)}")
         count = 1
         for one in self.alternatives:
             count *= len(one.choices)
@@ -211,11 +211,11 @@ class Plan(Table):
         for choices in self.combinations():
             unknowns = self.unknowns_of(choices)
             if not unknowns:
-                raise ValueError("needs at least one unknown in every combination of choices")
+                raise ValueError("needs at least one [[unknown]] in every combination of choices")
             entries = [entry for unknown in unknowns for entry in unknown.entry]
             twice = next((entry for entry in entries if entries.count(entry) > 1), None)
             if twice is not None:
-                raise ValueError(f"names {twice} in more than one unknown")
+                raise ValueError(f"names {twice} in more than one [[unknown]]")
             fixed = [key for choice in choices for key in (*choice.set, *choice.without)]
             for key in fixed:
                 if key in entries or fixed.count(key) > 1:

@@ -42,6 +42,7 @@ class Arrangement:
 
 
 _RINGS = {7: 1, 19: 2, 37: 3}
+_MOST = 1000
 _COILS = "coils must be as 1, 6 (a row), 4x4 (columns by rows), or 7-hex, 19-hex or 37-hex (rings); got {!r}."
 
 
@@ -50,13 +51,15 @@ def read_arrangement(coils: str, shape: str = "square") -> Arrangement:
 
     Hexagons and circles by rows and columns lie on a hexagonal lattice, where all neighbours are equally far.
     """
-    found = re.fullmatch(r"(\d{1,4})(?:x(\d{1,4})|(-hex))?", coils.strip().lower().replace("×", "x"))
+    found = re.fullmatch(r"(\d{1,9})(?:x(\d{1,9})|(-hex))?", coils.strip().lower().replace("×", "x"))
     count, rows, ring = found.groups() if found else ("0", None, None)
     first, second = int(count), int(rows or 1)
     if ring and first in _RINGS:
         return Arrangement("rings", _RINGS[first])
-    if not 1 <= first * second <= 1000 or ring:
+    if first * second < 1 or ring:
         raise DesignError(_COILS.format(coils))
+    if first * second > _MOST:
+        raise DesignError(f"coils must be at most {_MOST}; got {first * second} in {coils!r}.")
     if first == second == 1:
         return Arrangement("single")
     if second == 1:

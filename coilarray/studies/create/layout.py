@@ -24,7 +24,6 @@ _GAP_STEP, _GAP_MARGIN = 10e-6, 1.05  # gaps are rounded up; turns of polygons c
 _USUAL_HOLE = 0.4  # of half the coil's width: the hole of a winding for which no inductance is asked
 _HOLES = (0.45, 0.6, 0.75, 0.3)  # the same of coils that overlap, in which their neighbours' terminals may lie
 _WINDING_LAYERS = (2, 4)
-_MOST_SETS = 4  # of layers that neighbours take in turn
 _BESIDE = 1e-3  # m between the terminals of a coil and its neighbour
 _PASSES, _CLOSE = 3, 1e-3  # corrections of what is left out of the search for a winding, and when they end
 

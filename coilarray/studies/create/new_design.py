@@ -17,6 +17,7 @@ from coilarray.studies.create.plan import SHAPES, Plan, Shape
 from coilarray.studies.create.tank import tank_capacitance
 
 Overlap = Literal["none", "decoupled"]
+_LARGEST = 1.0  # m, wider than any board
 
 
 def new_design(
@@ -97,10 +98,10 @@ def new_design(
         raise DesignError("one coil has no neighbours: pitch and overlap are for several.")
     plan = Plan(name, title, arrangement, shape, sides, elastomer)
     found = lay_out(plan, Wishes(inductance, layers, fab, pitch, overlap == "decoupled"))
-    one = found.one
-    capacitance = tank_capacitance(lambda value: replace(one, capacitance=value).design, frequency)
-    if connector is not None:
+    one = found.one  # without the way to a connector
+    if connector is not None:  # refused before the tank is computed
         found = with_connector(found, connector, movable=found.sets == 1 and pitch is None and found.pitch > 0)
+    capacitance = tank_capacitance(lambda value: replace(one, capacitance=value).design, frequency)
     return build_design_file(plain(replace(found, capacitance=capacitance).document), name)
 
 
@@ -133,3 +134,5 @@ def check_choices(
     for what, number, scale, unit in given:
         if number is not None and not (math.isfinite(number) and number > 0):
             raise DesignError(f"{what} must be positive and finite; got {number * scale:g} {unit}.")
+        if number is not None and unit == "mm" and number > _LARGEST:  # most likely millimetres taken for metres
+            raise DesignError(f"{what} must be at most {_LARGEST * scale:g} mm; got {number * scale:g} mm.")

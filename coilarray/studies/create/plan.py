@@ -115,7 +115,11 @@ class Plan:
         if self.elastomer:
             document |= self._elastomer()
         return document | {
-            "circuit": {"capacitance_pF": float(f"{self.capacitance * 1e12:.6g}"), "short_resistance_ohm": 5.0},
+            "circuit": {
+                "capacitance_pF": float(f"{self.capacitance * 1e12:.6g}"),
+                "short_resistance_ohm": 0.0 if alone else 5.0,  # a coil alone needs no switches
+                **({"elastomer_permittivity": 3.0} if self.elastomer else {}),
+            },
             "field": {"height_mm": 3.0},
             "fab": {"profile": self.fab},
             "assumed": self._assumed(),
@@ -137,8 +141,10 @@ class Plan:
         outer, inner = (min(_COPPER, limit or _COPPER) for limit in most)
         copper = [inner if 0 < k < n - 1 else outer for k in range(n)]
         thin = n // 2 if n > 2 and n % 2 == 0 else 0  # each between the two layers of a pair
+        even = (_BOARD - sum(copper)) / max(n - 1, 1)
         rest = (_BOARD - sum(copper) - thin * _PREPREG) / max(n - 1 - thin, 1)
-        dielectric = [_PREPREG if thin and k % 2 == 0 else max(rest, _PREPREG / 2) for k in range(n - 1)]
+        pair, rest = (_PREPREG, rest) if rest > _PREPREG / 2 else (even, even)  # many layers: all of them thin
+        dielectric = [pair if thin and k % 2 == 0 else rest for k in range(n - 1)]
         return {
             "layers": names,
             "copper_thickness_um": [float(f"{value * 1e6:.6g}") for value in copper],
@@ -202,12 +208,14 @@ class Plan:
     def _assumed(self) -> dict[str, str]:
         board = "usual of a board of 1.6 mm; ask the board house for its own"
         reasons = {"stackup.dielectric_thickness_mm": board, "stackup.dielectric_epsilon_r": "usual of FR-4"}
-        reasons["circuit.short_resistance_ohm"] = "two analogue switches of about 2.5 ohm in series"
+        if self.arrangement.lattice != "single":
+            reasons["circuit.short_resistance_ohm"] = "two analogue switches of about 2.5 ohm in series"
         if self.elastomer:
             reasons |= {
                 "elastomer.0.youngs_modulus_kPa": "typical of a soft silicone rubber",
                 "elastomer.1.youngs_modulus_kPa": "three times the pure rubber, as 30 % of powder makes it (Guth-Gold)",
                 "elastomer.1.relative_permeability": "typical of 30 % of iron powder",
+                "circuit.elastomer_permittivity": "about 3 for silicone rubber; iron powder raises it",
             }
         return reasons
 

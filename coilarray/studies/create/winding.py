@@ -88,10 +88,12 @@ def wind(inductance: float, room: Room, inductance_of: Callable[[Winding], float
 
     fewest = _first(lambda turns: of(turns, room.trace_width) >= inductance, room.most_turns)
     if fewest > room.most_turns:
-        raise DesignError(_out_of_reach(inductance, of, room))
+        most = f"at most {of(room.most_turns, room.trace_width) * 1e6:.4g} µH can, with {room.most_turns} turns a layer"
+        raise DesignError(_out_of_reach(inductance, most, room))
     last = _first(lambda turns: of(turns, room.widest(turns)) > inductance, room.most_turns) - 1
     if last < 1 and fewest == 1:
-        raise DesignError(_out_of_reach(inductance, of, room))
+        least = f"at least {of(1, room.widest(1)) * 1e6:.3g} µH can, with 1 turn a layer"
+        raise DesignError(_out_of_reach(inductance, least, room))
     if last < fewest:  # between two numbers of turns: the nearer one
         ends = [(fewest, room.widest(fewest)), (max(last, 1), room.trace_width)]
         turns, width = min(ends, key=lambda end: abs(of(*end) - inductance))
@@ -125,10 +127,8 @@ def _first(holds: Callable[[int], bool], most: int) -> int:
     return 1 + bisect_left(range(1, most + 1), True, key=holds)
 
 
-def _out_of_reach(inductance: float, of: Callable[[int, float], float], room: Room) -> str:
-    least, most = of(1, room.widest(1)), of(room.most_turns, room.trace_width)
+def _out_of_reach(inductance: float, what_can: str, room: Room) -> str:
     return (
-        f"an inductance of {inductance * 1e6:.4g} µH cannot be reached: {least * 1e6:.3g} to {most * 1e6:.4g} µH can, "
-        f"with 1 to {room.most_turns} turns a layer, traces of at least {room.trace_width * 1e3:g} mm and gaps of "
-        f"{room.gap * 1e3:g} mm."
+        f"an inductance of {inductance * 1e6:.4g} µH cannot be reached: {what_can}, traces of at least "
+        f"{room.trace_width * 1e3:g} mm and gaps of {room.gap * 1e3:g} mm."
     )

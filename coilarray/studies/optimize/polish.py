@@ -9,10 +9,9 @@ which makes it smooth. Whole numbers, steps and choices stay as they are.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -88,9 +87,9 @@ class _Local:
         self._free = [axis for axis in axes if axis.continuous]
         self.begin = np.array([axis.part(best.changes[axis.entry]) for axis in self._free])
         self._tried = 0
-        self._seen = {_text(best.changes): best} if goal.search.accuracy == "full" else {}
+        self._seen = {json.dumps(best.changes): best} if goal.search.accuracy == "full" else {}
         stored = [stored_trial(goal, axes, frozen) for frozen in self._store.trials()]
-        self._stored = {_text(trial.changes): trial for trial in stored if trial.kind == "polish"}
+        self._stored = {json.dumps(trial.changes): trial for trial in stored if trial.kind == "polish"}
         self._objective = goal.objectives[0]
         self._unit = abs(best.scores[0]) or 1.0
 
@@ -114,7 +113,7 @@ class _Local:
         changes = dict(self._best.changes)
         parts = zip(self._free, point.tolist(), strict=True)
         changes |= {axis.entry: axis.value(axis.at(part)) for axis, part in parts}
-        key = _text(changes)
+        key = json.dumps(changes)
         if key in self._seen:  # points closer than what can be made are one
             return self._seen[key]
         if self._tried >= self._goal.polish:
@@ -130,7 +129,3 @@ class _Local:
         self._report(trial)
         self._seen[key] = trial
         return trial
-
-
-def _text(changes: Mapping[str, Any]) -> str:
-    return json.dumps(changes)

@@ -8,15 +8,14 @@ each point with a seed of its own, so that its only state is the history.
 
 from __future__ import annotations
 
-import importlib.util
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from coilarray.compute.extras import import_extra
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.errors import MissingDependencyError
 from coilarray.studies.optimize.goal import Goal
 from coilarray.studies.optimize.space import Axis, changes_of, distributions_of, start_parameters
 from coilarray.studies.optimize.study_file import StudyFile
@@ -49,8 +48,8 @@ def search(
     called with each trial once it is known. OutputError where the study cannot be written, MissingDependencyError where
     the sampler is cmaes and its package is not installed.
     """
-    if goal.sampler == "cmaes" and importlib.util.find_spec("cmaes") is None:
-        raise MissingDependencyError("the sampler cmaes needs the package cmaes: pip install cmaes.")
+    if goal.sampler == "cmaes":
+        import_extra("cmaes", "searches by cmaes", package="cmaes", extra="optimize")
     memory = _Memory(goal, axes)
     points = [(trial.user_attrs["point"], trial) for trial in store.trials()]
     done = {point["place"]: trial for point, trial in points if point["kind"] == "search"}

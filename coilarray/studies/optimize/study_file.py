@@ -19,10 +19,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from coilarray.compute.checksum import checksum
+from coilarray.compute.extras import import_extra
 from coilarray.compute.files import make_folder
 from coilarray.compute.store import content_key, delete_database, locked_database
 from coilarray.design.model import Design
-from coilarray.errors import MissingDependencyError, OutputError
+from coilarray.errors import OutputError
 from coilarray.studies.optimize.goal import Goal
 
 if TYPE_CHECKING:
@@ -76,10 +77,7 @@ def open_study(folder: Path, design: Design, goal: Goal) -> Iterator[StudyFile]:
     identifies the study, as does the code. OutputError for a file that cannot be written or holds something else, or a
     folder in which another search is running; MissingDependencyError where Optuna is not installed.
     """
-    try:
-        import optuna
-    except ImportError:
-        raise MissingDependencyError("optimising needs Optuna: pip install 'coilarray[optimize]'.") from None
+    optuna = import_extra("optuna", "studies of an optimisation", package="Optuna", extra="optimize")
     from optuna.storages import RDBStorage
     from sqlalchemy import event
 
@@ -117,8 +115,13 @@ def check_database(path: Path) -> None:
 
 
 def is_whole(trial: FrozenTrial) -> bool:
-    """Whether a trial of a study is as it was written; one that has no checksum is taken as it is."""
-    return trial.user_attrs.get(_CHECKSUM) in (None, _checksum(trial))
+    """Whether a trial of a study is as it was written; one of an earlier version, without checksum, has its values."""
+    if trial.state.name == "COMPLETE" and trial.values is None:
+        return False
+    try:
+        return trial.user_attrs.get(_CHECKSUM) in (None, _checksum(trial))
+    except TypeError:  # a damaged file has bytes instead of texts
+        return False
 
 
 def points_found(folder: Path, design: Design, goal: Goal) -> int:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import xarray as xr
+
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.studies.optimize.goal import Goal
+from coilarray.studies.sweep import Sweep
 
 _ROUNDING = 1e-9  # of a score: less is no gain
 
@@ -84,15 +88,19 @@ def best_of(trials: Sequence[Trial], goal: Goal) -> Trial | None:
 def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
     """Return the Pareto front: feasible trials that no other beats, by the first objective; of equals only one."""
     signs = [-1 if objective.maximized else 1 for objective in goal.objectives]
-    costs = {
-        k: [s * score for s, score in zip(signs, t.scores, strict=True)] for k, t in enumerate(trials) if t.feasible
-    }
+    scores = {k: trial.scores for k, trial in enumerate(trials) if trial.feasible}
+    return tuple(trials[k] for k in unbeaten(scores, signs))
+
+
+def unbeaten(scores: Mapping[int, Sequence[float]], signs: Sequence[int]) -> list[int]:
+    """Return the numbers of points that no other beats, by the first score; −1 in `signs` is for a maximum."""
+    costs = {k: [sign * score for sign, score in zip(signs, of, strict=True)] for k, of in scores.items()}
     front: list[int] = []
     # sorted by all costs, a point is beaten by none that comes after it
     for k in sorted(costs, key=lambda k: costs[k]):
         if not any(all(a <= b for a, b in zip(costs[other], costs[k], strict=True)) for other in front):
             front.append(k)
-    return tuple(trials[k] for k in front)
+    return front
 
 
 def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
@@ -108,3 +116,18 @@ def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Tria
 
     front = front_of((start, *trials), goal)
     return tuple(trial for trial in front if trial.kind != "start" and (not start.feasible or gains(trial)))
+
+
+def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...]:
+    """Return the best point of a sweep by a goal, of several objectives the Pareto front; none where no bound is kept.
+
+    The result has the quantities of the goal, as `coilarray.studies.sweep.run_sweep` returns it.
+    """
+    columns = {key: result[key].values.ravel().tolist() for key in goal.quantities}
+    reasons = result.reason.values.ravel().tolist()
+    trials = []
+    for k, changes in enumerate(plan.points):
+        values = {key: column[k] for key, column in columns.items()}
+        reason = reasons[k] or ("" if all(map(math.isfinite, values.values())) else "it lacks a quantity.")
+        trials.append(trial_of(goal, "search", k, changes, reason or values, plan.accuracy))
+    return front_of(trials, goal)

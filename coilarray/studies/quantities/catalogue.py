@@ -121,8 +121,8 @@ def _quantity(name: object) -> Quantity:
     if not name:
         raise GoalError(f"the name of a quantity is missing; there are {listed(QUANTITIES)}.")
     close = difflib.get_close_matches(str(name), list(QUANTITIES), n=1)
-    hint = f" did you mean {close[0]}?" if close else ""
-    raise GoalError(f"there is no quantity {shown(name)};{hint} There are {listed(QUANTITIES)}.")
+    hint = f"; did you mean {close[0]}?" if close else "."
+    raise GoalError(f"there is no quantity {shown(name)}{hint} There are {listed(QUANTITIES)}.")
 
 
 def _options(quantity: Quantity, text: str) -> dict[str, Any]:

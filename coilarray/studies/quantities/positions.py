@@ -13,6 +13,7 @@ from coilarray.errors import GoalError
 from coilarray.localize.forward import forward_model
 from coilarray.localize.identifiability import identifiability
 from coilarray.response.coordinates import from_board
+from coilarray.response.interpolation import even_row
 from coilarray.studies.quantities.evaluation import Evaluation
 from coilarray.studies.quantities.quantity import Option, quantity, read_positive, read_rectangle
 from coilarray.studies.quantities.responses import DEPTH
@@ -21,7 +22,6 @@ from coilarray.studies.quantities.responses import DEPTH
 # (tests/studies/test_quantities.py), which is also how far they scatter from one contact mesh to the next.
 _STEPS = 5  # positions of the table in the thickness of all sheets
 _DEPTHS = (0.85, 1.0, 1.15)  # of the table, in the depth that is asked for; δ = 0 at the depth 0 too
-_LEAST_PLACES = 4  # along x and along y
 _PLACES = (40, 20)  # of the median; even numbers leave out the middle line of a board, where y is not determined
 
 
@@ -67,7 +67,7 @@ def _median(evaluation: Evaluation, options: Mapping[str, Any], name: str) -> fl
         edges, origin = [edge * 1e-3 for edge in given], evaluation.indentation.origin_point
         (x_min, x_max), (y_min, y_max) = from_board(edges[:2], origin[0]), from_board(edges[2:], origin[1])
     step = sum(sheet.thickness for sheet in evaluation.design.sheets) / _STEPS
-    table = evaluation.response(depth * np.array(_DEPTHS), _row(x_min, x_max, step), _row(y_min, y_max, step))
+    table = evaluation.response(depth * np.array(_DEPTHS), even_row(x_min, x_max, step), even_row(y_min, y_max, step))
     bound = identifiability(
         forward_model(table),
         depth,
@@ -79,10 +79,6 @@ def _median(evaluation: Evaluation, options: Mapping[str, Any], name: str) -> fl
     if math.isinf(median):
         raise GoalError(f"the readings of {evaluation.design.name} do not tell where and how deep the indenter is.")
     return median
-
-
-def _row(start: float, stop: float, step: float) -> FloatArray:
-    return np.linspace(start, stop, max(_LEAST_PLACES, math.ceil((stop - start) / step) + 1))
 
 
 def _middles(start: float, stop: float, count: int) -> FloatArray:

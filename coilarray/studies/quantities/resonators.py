@@ -11,35 +11,17 @@ import numpy.typing as npt
 from coilarray.hardware.chips.ldc1614_limits import DRIVE_WINDOW, check_channel
 from coilarray.studies.quantities.couplings import COIL
 from coilarray.studies.quantities.evaluation import Evaluation
-from coilarray.studies.quantities.quantity import Option, quantity, read_name
+from coilarray.studies.quantities.quantity import Option, Quantity, quantity, read_name
 
 
-@quantity(
-    "effective_inductance_uH", "µH", "circuit",
-    "inductance of a measured coil, its neighbours terminated as the scan has them", COIL,
-)  # fmt: skip
-def _effective_inductance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    return _of(evaluation, "effective_inductance", options["coil"]) * 1e6
+def _of_state(name: str, unit: str, variable: str, scale: float, says: str) -> Quantity:
+    """Make the quantity of a variable of the scan, of the state that measures one coil alone."""
 
+    @quantity(name, unit, "circuit", says, COIL)
+    def of_state(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
+        return _of(evaluation, variable, options["coil"]) * scale
 
-@quantity("frequency_MHz", "MHz", "circuit", "resonance of a measured coil with the tank", COIL)
-def _frequency(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    return _of(evaluation, "frequency", options["coil"]) * 1e-6
-
-
-@quantity("effective_resistance_ohm", "Ω", "circuit", "AC resistance of a measured coil at its resonance", COIL)
-def _effective_resistance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    return _of(evaluation, "effective_resistance", options["coil"])
-
-
-@quantity("parallel_resistance_kohm", "kΩ", "circuit", "R_p of a measured coil with the tank at its resonance", COIL)
-def _parallel_resistance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    return _of(evaluation, "parallel_resistance", options["coil"]) * 1e-3
-
-
-@quantity("self_resonance_MHz", "MHz", "circuit", "self-resonance of a measured coil, without the tank", COIL)
-def _self_resonance(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
-    return _of(evaluation, "state_self_resonance", options["coil"]) * 1e-6
+    return of_state
 
 
 @quantity(
@@ -76,6 +58,16 @@ def _of(evaluation: Evaluation, name: str, coil: str) -> float:
 
 
 RESONATORS = (
-    _effective_inductance, _effective_resistance, _parallel_resistance, _frequency, _self_resonance, _quality,
-    _self_resonance_margin, _drive_margin,
+    _of_state(
+        "effective_inductance_uH", "µH", "effective_inductance", 1e6,
+        "inductance of a measured coil, its neighbours terminated as the scan has them",
+    ),
+    _of_state("effective_resistance_ohm", "Ω", "effective_resistance", 1.0,
+              "AC resistance of a measured coil at its resonance"),
+    _of_state("parallel_resistance_kohm", "kΩ", "parallel_resistance", 1e-3,
+              "R_p of a measured coil with the tank at its resonance"),
+    _of_state("frequency_MHz", "MHz", "frequency", 1e-6, "resonance of a measured coil with the tank"),
+    _of_state("self_resonance_MHz", "MHz", "state_self_resonance", 1e-6,
+              "self-resonance of a measured coil, without the tank"),
+    _quality, _self_resonance_margin, _drive_margin,
 )  # fmt: skip

@@ -16,10 +16,11 @@ coil = ca.spiral_coil(spiral, 2, ca.PlatedHole(drill=0.25e-3, pad=0.5e-3))
 layers = (("L1", "L2"), ("L3", "L4"))
 lattices = (
     ca.Lattice("linear", pitch=13e-3, columns=4, layers=layers),
-    ca.Lattice("square", pitch=17e-3, columns=3, rows=3, layers=(("L1", "L2"),)),
-    ca.Lattice("rings", pitch=17e-3, rings=1, layers=(("L1", "L2"),)),
+    ca.Lattice("square", pitch=19e-3, columns=3, rows=3, layers=(("L1", "L2"),)),
+    ca.Lattice("rings", pitch=19e-3, rings=1, layers=(("L1", "L2"),)),
 )
-figure, axes = plt.subplots(1, 3, figsize=(11, 4), layout="constrained")
+figure, axes = plt.subplots(1, 3, figsize=(11, 4), width_ratios=(1.2, 1, 1), layout="constrained")
 for ax, lattice in zip(axes, lattices, strict=True):
     plot_board(ca.lattice_array(board, coil, lattice), ax)
-    ax.set_title(lattice.kind)
+    ax.set_title(lattice.kind, loc="left")
+    ax.get_legend().remove()

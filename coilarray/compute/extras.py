@@ -1,0 +1,66 @@
+"""Libraries that only some work needs, and that come with an extra of the package."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+import sys
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
+
+from coilarray.errors import MissingDependencyError
+
+
+def import_extra(module: str, purpose: str, *, package: str, extra: str) -> ModuleType:
+    """Import a module, by its dotted name, of an optional library that `purpose` needs ("STEP files", in the plural).
+
+    MissingDependencyError says how to install it, `package` by the `extra` of coilarray, or why it cannot be loaded.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        if importlib.util.find_spec(module.partition(".")[0]) is None:
+            line = not_installed(purpose, package, extra)
+        else:  # an extension module hides what stopped it, even Ctrl-C, behind an ImportError
+            cause = error.__cause__ or error
+            line = f"{purpose} need {package}, which cannot be loaded: {str(cause) or type(cause).__name__}."
+        raise MissingDependencyError(line) from None
+
+
+def not_installed(purpose: str, package: str, extra: str) -> str:
+    """Return the line that says how to install `package` by an extra of coilarray; `purpose` is in the plural."""
+    return f"{purpose} need {package}, which is not installed: {_install_command(extra)}."
+
+
+def _install_command(extra: str) -> str:
+    """Return the command that adds an extra, by the Python that runs, to coilarray as it was installed."""
+    python = _from_here(Path(sys.executable)) if sys.executable else "python"
+    python = f'"{python}"' if " " in python else python
+    return f"{python} -m pip install {_requirement(extra)}"
+
+
+def _requirement(extra: str) -> str:
+    """Return what pip needs in order to find this coilarray again: a name, a folder, a file or an address."""
+    try:
+        record = distribution("coilarray").read_text("direct_url.json")  # written by pip, except from an index
+    except PackageNotFoundError:
+        record = None
+    origin: dict[str, Any] = {"url": ""} if record is None else json.loads(record)
+    if "vcs_info" in origin:
+        return f'"coilarray[{extra}] @ {origin["vcs_info"]["vcs"]}+{origin["url"]}"'
+    address = urlsplit(origin["url"])
+    path = Path(url2pathname(address.path))
+    if address.scheme != "file" or not path.exists():
+        return f'"coilarray[{extra}]"'
+    editable = "-e " if origin.get("dir_info", {}).get("editable") else ""
+    return f'{editable}"{"." if path == Path.cwd() else path}[{extra}]"'
+
+
+def _from_here(path: Path) -> str:
+    """Return a path as one types it in the working folder."""
+    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)
