@@ -105,7 +105,11 @@ def test_docs_opens_a_page_or_prints_its_path(built, capsys, monkeypatch):
     assert (code, err) == (2, f"coilarray: error: no browser can be opened here; the page is {page}.\n")
     (built / "docs" / "_build" / "html" / "index.html").unlink()
     (built / "docs" / "conf.py").touch()
-    assert f"the pages are not built; in {built}: python -m pip" in refused(capsys, "docs")
+    monkeypatch.setattr("sys.executable", str(built / ".venv" / "bin" / "python"))
+    python = str(Path(".venv", "bin", "python"))  # as one types it in the clone, wherever one is now
+    said = refused(capsys, "docs")
+    assert f"the pages are not built; in {built}: {python} -m pip" in said
+    assert f" && {python} -m sphinx docs docs/_build/html" in said
 
 
 @pytest.mark.slow
