@@ -32,6 +32,17 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
         raise MissingDependencyError(line) from None
 
 
+def leave_out(module: str) -> None:
+    """Have whoever imports a module where it is there find none: xarray alone imports all of dask, for no array here."""
+    sys.modules.setdefault(module, None)  # type: ignore[arg-type]
+
+
+def let_in(module: str) -> None:
+    """Undo `leave_out`, before what needs the module is imported."""
+    if module in sys.modules and sys.modules[module] is None:
+        del sys.modules[module]
+
+
 def not_installed(purpose: str, package: str, extra: str) -> str:
     """Return the line that says how to install `package` by an extra of coilarray; `purpose` is in the plural."""
     return f"{purpose} need {package}, which is not installed: {_install_command(extra)}."

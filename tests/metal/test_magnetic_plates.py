@@ -20,7 +20,7 @@ from coilarray.geometry import Sheet
 from coilarray.geometry.material import MATERIALS, Material
 from coilarray.geometry.plate import Disc, FinitePlate, Plate, Ring
 from coilarray.metal.finite_plates import eddy_currents, moving_plate, moving_plate_error, outlined_inductance
-from coilarray.metal.magnetic_plates import parity_change
+from coilarray.metal.magnetic_plates import of_parity
 
 STEEL = Material("steel", 7e6, 50.0)
 COINS = [[0.0, 0.0, 3e-3], [3e-3, 1e-3, 4e-3]]
@@ -39,11 +39,10 @@ def test_a_sphere_in_a_uniform_field():
     moment = 4 * np.pi * a**3 / MU_0 * (2 * lengths / a - 1) / (2 + 2 * lengths / a)
     for axis, sign in ((2, -1), (0, 1)):
         B = np.broadcast_to(np.eye(3)[axis], (1, len(body.points), 3))
-        b, t = body.linked_to(B, sign)
-        found = parity_change(body, sign, b[:, None], t[:, None], lengths)[0, :, 0, 0]
+        even, odd = (of_parity(body, one, *(part[:, None] for part in body.linked_to(B, one))) for one in (sign, -sign))
+        found = np.array([even.change(length)[0, 0, 0] for length in lengths])
         np.testing.assert_allclose(np.abs(found - moment), 0, atol=3.5e-2 * np.abs(moment).max())
-        other = parity_change(body, -sign, *(part[:, None] for part in body.linked_to(B, -sign)), lengths)
-        np.testing.assert_allclose(other, 0, atol=1e-9 * np.abs(moment).max())
+        np.testing.assert_allclose([odd.change(length) for length in lengths], 0, atol=1e-9 * np.abs(moment).max())
 
 
 @pytest.mark.slow

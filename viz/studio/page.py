@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
+import logging
 import math
 import secrets
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Iterator, Mapping
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from coilarray.design.model import Design
+from coilarray.errors import shown
 from coilarray.viz.studio.build_panel import BuildPanel
 from coilarray.viz.studio.calculator import Calculator
 from coilarray.viz.studio.design_panel import DesignPanel
 from coilarray.viz.studio.job import PATIENCE, Job, Outcome, Task
 from coilarray.viz.studio.live_panel import LivePanel
+from coilarray.viz.studio.messages import MessageError, checked
 from coilarray.viz.studio.metal_panel import MetalPanel
 from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers_panel import NumbersPanel
@@ -47,6 +50,7 @@ class Setup:
     rendering_problem: str | None  # why there is no picture in three dimensions
 
 
+_LOG = logging.getLogger(__name__)
 _PARTS = (
     "bar", "drawer", "scene", "summary", "numbers", "build", "switches", "touch", "metal", "runs", "studies", "live",
     "dialogs",
@@ -98,6 +102,7 @@ class Page:
         self.state.change("tab")(lambda tab, **_: self.redraw())
         self._build_layout()
         self.server.controller.on_server_bind.add(self._bind)
+        self.server.controller.on_error.add(_log_error)
         self.server.start(
             backend="generic", exec_mode="task", port=0, timeout=0, disable_logging=True, show_connection_info=False,
             open_browser=False,
@@ -128,15 +133,14 @@ class Page:
 
     def trigger(self, name: str, function: Callable[..., Any]) -> None:
         """Let the page call a function or coroutine by a name, and show its errors."""
+        strict = checked(function)
 
         async def call(*arguments: Any) -> None:
-            try:
-                result = function(*arguments)
-                if inspect.isawaitable(result):
-                    await result
-            except Exception as error:
-                traceback.print_exc()
-                self.say(f"{type(error).__name__}: {error}")
+            with self._telling():
+                try:
+                    await strict(*arguments)
+                except MessageError as error:
+                    self.say(f"{name}: {error}")
 
         self.server.controller.trigger(name)(call)
 
@@ -271,6 +275,15 @@ class Page:
             progress()
         return started
 
+    def begin(self, work: Callable[..., Coroutine[Any, Any, None]], *arguments: Any) -> asyncio.Task[None]:
+        """Let a coroutine begin on the page, and show its errors."""
+
+        async def told() -> None:
+            with self._telling():
+                await work(*arguments)
+
+        return self._loop.create_task(told())
+
     def tell_job(self, name: str, order: str) -> None:
         """Send an order to a job."""
         if name in self._jobs:
@@ -297,11 +310,24 @@ class Page:
         self.endpoint = server["ws"]
 
     def _on_loop(self, function: Callable[[Any], None]) -> Callable[[Any], None]:
+        def told(value: Any) -> None:
+            with self._telling():
+                function(value)
+
         def call(value: Any) -> None:
             if not self._loop.is_closed():
-                self._loop.call_soon_threadsafe(function, value)
+                self._loop.call_soon_threadsafe(told, value)
 
         return call
+
+    @contextmanager
+    def _telling(self) -> Iterator[None]:
+        """Show an error of the block on the page, where no other code would see it."""
+        try:
+            yield
+        except Exception as error:
+            traceback.print_exc()
+            self.say(f"{type(error).__name__}: {error}")
 
     def _build_layout(self) -> None:
         from trame.ui.vuetify3 import VAppLayout
@@ -311,3 +337,8 @@ class Page:
             text = text.replace(f"<!-- {name} -->", template(name))
         with VAppLayout(self.server) as layout:
             layout.root.add_child(text.replace("<!-- view -->", self.scene.html))
+
+
+def _log_error(message: Any) -> None:
+    """Write an error of the page's scripts as one line, whatever is in it."""
+    _LOG.warning("coilarray: the page of the studio reports %s", shown(message))
