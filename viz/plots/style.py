@@ -71,7 +71,7 @@ def new_axes(width: float, height: float) -> Axes:
 
 
 def save(figure: Figure, file: Any, **look: Any) -> None:
-    """Save a figure; `look` goes to Matplotlib, whose layout of axes with equal scales cuts labels off the first time."""
+    """Save a figure; `look` goes to Matplotlib, whose layout cuts labels of axes with equal scales the first time."""
     figure.draw_without_rendering()
     figure.savefig(file, **look)
 
