@@ -16,6 +16,7 @@ import shapely
 from coilarray.compute.arrays import FloatArray
 from coilarray.errors import GeometryError, require_positive
 from coilarray.geometry.arcs import Arc, arc_size, coarser_line
+from coilarray.geometry.conductor import LARGEST, SMALLEST
 from coilarray.geometry.spiral import Winding
 from coilarray.geometry.values import place_in_mm
 
@@ -181,9 +182,10 @@ class Coil:
                 raise GeometryError(
                     f"line {k} of a coil must have {len(line) - 1} widths, one a segment; got shape {widths.shape}."
                 )
-            wrong = widths[~(np.isfinite(widths) & (widths > 0))]
+            wrong = widths[~((widths >= SMALLEST) & (widths <= LARGEST))]
             if wrong.size:
-                raise GeometryError(f"trace_width must be positive and finite; got {wrong[0]} m on line {k} of a coil.")
+                limits = f"positive, {SMALLEST:g} to {LARGEST:g} m"
+                raise GeometryError(f"trace_width must be {limits}; got {wrong[0]} m on line {k} of a coil.")
             widths.setflags(write=False)
 
     def arcs_of(self, line: int) -> tuple[Arc, ...]:

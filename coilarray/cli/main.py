@@ -6,6 +6,7 @@ import errno
 import functools
 import os
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from typing import Any
@@ -46,6 +47,7 @@ from coilarray.cli import (
 )
 from coilarray.cli.interrupts import INTERRUPTED, end_interrupted, ending_on_interrupt
 from coilarray.cli.shared import drop_output
+from coilarray.compute.extras import leave_out_dask
 from coilarray.compute.memory import collect_seldom
 from coilarray.errors import CoilarrayError
 
@@ -91,8 +93,21 @@ def summary(name: str) -> str:
     return (COMMANDS[name].__doc__ or "").split("\n", 1)[0]
 
 
+class _EndOfFile(Exception):  # noqa: N818 - it carries the error
+    def __init__(self, cause: EOFError) -> None:
+        super().__init__()
+        self.cause = cause
+
+
 class _Grouped(typer.core.TyperGroup):
     """A program whose help shows all commands in their groups, whichever of them it was made of."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; typer would take the end of a file in it for that of what a user types."""
+        try:
+            return super().invoke(ctx)
+        except EOFError as error:
+            raise _EndOfFile(error) from error
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         width = max(map(len, COMMANDS))
@@ -161,7 +176,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # typer brings its own copy of click in some versions; both kinds of usage error have this method
         format_message = getattr(error, "format_message", None)
         if format_message is None:
-            raise
+            return _refuse_damaged(error.cause if isinstance(error, _EndOfFile) else error)
         help_for = f" {arguments[0]}" if arguments[0] in COMMANDS else ""
         words = " ".join(format_message().split()).replace("Value error, ", "")  # which typer adds to pydantic's
         return _refuse(f"{words} (try: coilarray{help_for} --help)")
@@ -172,11 +187,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def run() -> None:
     """Entry point of the installed program."""
+    leave_out_dask()
     with nullcontext() if sys.argv[1:2] and sys.argv[1] in _ORDERLY else ending_on_interrupt():
         code = main()
         if code == INTERRUPTED:
             end_interrupted()
     sys.exit(code)
+
+
+def _refuse_damaged(error: Exception) -> int:
+    """Refuse to go on where Python could not read one of its own compiled files; any other error is ours."""
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        if frame.f_code.co_name == "_compile_bytecode":  # of importlib
+            return _refuse(f"{frame.f_locals.get('bytecode_path')} is damaged; delete it, and Python makes it anew.")
+    raise error
 
 
 def _flush() -> None:

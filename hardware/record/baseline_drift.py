@@ -49,8 +49,10 @@ class Drift:
         numbers = [self.started, self.start, self.stop, self.gap, self.inductance, self.scatter, *self.coefficients]
         if not all(map(math.isfinite, [*numbers, *(value for row in self.covariance for value in row)])):
             raise HardwareError(f"the drift of {self.state} must be of finite numbers.")
-        if not (self.start < self.stop and self.inductance > 0 and self.scatter >= 0 and self.gap >= 0):
-            raise HardwareError(f"the drift of {self.state} must be of a time that rises and positive inductances.")
+        if not (self.start < self.stop and self.inductance > 0 and 0 <= self.scatter < 1 and self.gap >= 0):
+            raise HardwareError(
+                f"the drift of {self.state} must be of a time that rises, a positive inductance and a scatter below 1."
+            )
         if not 2 <= terms <= HIGHEST_ORDER + 1 or [len(row) for row in self.covariance] != [terms] * terms:
             raise HardwareError(
                 f"the drift of {self.state} must have 1 to {HIGHEST_ORDER} coefficients, and a square covariance."

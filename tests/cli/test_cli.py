@@ -1,6 +1,8 @@
 """The command line: what it prints, its exit codes, and one line for every mistake."""
 
 import csv
+import importlib
+import py_compile
 import re
 import runpy
 import subprocess
@@ -15,7 +17,7 @@ from support.command_line import mistakes, runner, successes
 
 from coilarray import couple_design, load_design, load_design_file
 from coilarray.cli.docs import find_page
-from coilarray.cli.main import COMMANDS, GROUPS, summary
+from coilarray.cli.main import COMMANDS, GROUPS, main, summary
 from coilarray.cli.shared import lengths
 from coilarray.compute.netcdf import save_dataset
 from coilarray.design.bundled import read
@@ -175,6 +177,22 @@ def test_init_makes_a_design_that_other_commands_take(capsys):
     assert "all margins are kept" in good(capsys, "check", "my_board.toml", "--fab", "oshpark-4-layer")
     data = answer(capsys, "matrix", "my_board.toml")
     assert f"{data['inductance_H'][0][0] * 1e6:.4g} µH" in out
+    of_scan = answer(capsys, "impedance", "my_board.toml", "--points", "2")["windings"][0]
+    said = re.search(r"resistance: (\S+) ohm at (\S+) MHz, (\S+) times that of direct current", out).groups()
+    assert float(said[0]) == pytest.approx(of_scan["ac_resistance_ohm"], rel=0.05)  # of the coil with the most
+    assert float(said[2]) > 1
+    assert "layers:" not in out
+
+
+@pytest.mark.slow
+def test_init_says_what_fewer_layers_reach_in_a_line_that_can_be_typed(capsys):
+    choices = ("--coils", "1", "--shape", "square", "--size-mm", "10", "--no-elastomer")
+    out = good(capsys, "init", "many", *choices, "--inductance-uH", "12")
+    few, reached, typed = re.search(r"layers: 12 µH takes 4; (\d) reach (\S+) µH, with (--layers .*)", out).groups()
+    again = good(capsys, "init", "few", *choices, *typed.split())
+    assert f"({reached} wanted)" in again
+    assert f"{few} copper layers" in again
+    assert "layers:" not in again
 
 
 @pytest.mark.slow
@@ -416,3 +434,25 @@ def test_the_installed_program():
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 2, done.stderr
     assert done.stderr.startswith("coilarray: error: there is no design file none.toml")
+
+
+@pytest.mark.parametrize("damage", [lambda code: code[:-7], lambda code: code[:16] + b"\xff" + code[17:]])
+def test_a_damaged_compiled_file_is_named(capsys, monkeypatch, tmp_path, damage):
+    """Typer would take the end of such a file for that of the input, and say that it was interrupted."""
+    source = tmp_path / "half_written.py"
+    source.write_text("x = list(range(9))\n", encoding="utf-8")
+    compiled = Path(py_compile.compile(str(source)))
+    compiled.write_bytes(damage(compiled.read_bytes()))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("coilarray.cli.shared.open_design", lambda *_, **__: importlib.import_module("half_written"))
+    line = refused(capsys, "matrix", "starter")
+    assert line == f"coilarray: error: {compiled} is damaged; delete it, and Python makes it anew."
+
+
+def test_an_end_of_file_that_is_ours_keeps_its_traceback(monkeypatch):
+    def ended(*_, **__):
+        raise EOFError("ours")
+
+    monkeypatch.setattr("coilarray.cli.shared.open_design", ended)
+    with pytest.raises(EOFError, match="ours"):
+        main(["matrix", "starter"])

@@ -73,9 +73,10 @@ def test_widths_that_cannot_be():
         ([], "a coil of 1 lines must have as many arrays of widths; got 0"),
         ([[1e-4]], r"line 0 of a coil must have 3 widths, one a segment; got shape \(1,\)"),
         ([[[1e-4]] * 3], r"got shape \(3, 1\)"),
-        ([[1e-4, 0.0, 1e-4]], "trace_width must be positive and finite; got 0.0 m on line 0"),
-        ([[1e-4, -1e-4, 1e-4]], "trace_width must be positive and finite; got -0.0001 m"),
-        ([[1e-4, math.nan, 1e-4]], "trace_width must be positive and finite; got nan m"),
+        ([[1e-4, 0.0, 1e-4]], "trace_width must be positive, 1e-30 to 1e.30 m; got 0.0 m on line 0"),
+        ([[1e-4, -1e-4, 1e-4]], "trace_width must be positive, 1e-30 to 1e.30 m; got -0.0001 m"),
+        ([[1e-4, math.nan, 1e-4]], "trace_width must be positive, 1e-30 to 1e.30 m; got nan m"),
+        ([[1e-4, 1e-300, 1e-4]], "trace_width must be positive, 1e-30 to 1e.30 m; got 1e-300 m"),
         ([["a", "b", "c"]], "trace_width must be a number, or numbers"),
         ("wide", "trace_width must be a number, or numbers"),
     ):

@@ -101,7 +101,8 @@ def test_bad_input(time, values, options, words):
     ("change", "words"),
     [
         ({"stop": 0.0}, "a time that rises"),
-        ({"inductance": -1.0}, "positive inductances"),
+        ({"inductance": -1.0}, "a positive inductance"),
+        ({"scatter": 1e308}, "a scatter below 1"),
         ({"scatter": float("nan")}, "finite numbers"),
         ({"coefficients": ()}, "1 to 3 coefficients"),
         ({"covariance": ((1.0,),)}, "a square covariance"),

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from support.optimize_points import StandIn
 from support.patience import PATIENCE
 
+from coilarray.design.model import load_design
 from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.report.optimization import none_better
 from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal
@@ -347,3 +348,28 @@ def test_a_finished_trial_without_values_or_with_bytes_is_damaged():
     without = optuna.trial.create_trial(value=1.0, params={}, distributions={})
     without.values = None
     assert not is_whole(without)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "UPDATE trial_user_attributes SET value_json = CAST(x'80ff41' AS TEXT) WHERE trial_id = 1",
+        "UPDATE trials SET state = CAST(x'80ff41' AS TEXT) WHERE trial_id = 1",
+    ],
+)
+def test_a_text_that_is_damaged_is_told_in_one_line(tmp_path, capfd, caplog, damage):
+    """Optuna has warnings of its own, of several lines."""
+    design, goal = load_design("gast2020"), goal_of(trials=4)
+    optimize_with(design, goal, tmp_path, StandIn(quantities))
+    with closing(sqlite3.connect(tmp_path / FILE)) as connection, connection:
+        connection.execute(damage)
+    optuna.logging.enable_propagation()
+    try:
+        with suppress(OutputError), open_study(tmp_path, design, goal) as opened:
+            assert len(opened.trials()) == 3
+        with suppress(OutputError):
+            read_runs(tmp_path)
+    finally:
+        optuna.logging.disable_propagation()
+    said = [*capfd.readouterr().err.splitlines(), *(record.getMessage() for record in caplog.records)]
+    assert all(line.startswith("coilarray: ") for line in said)

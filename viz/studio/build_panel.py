@@ -28,15 +28,11 @@ class BuildPanel(Panel):
             "build_bases": list(structure.BASES), "build_edges": ["none", *SIDES],
         }  # fmt: skip
         super().__init__(
-            page, values, add_coil=lambda: self._change(structure.add_coil),
-            remove_coil=lambda name: self._change(structure.remove_coil, str(name)), place_coil=self._place,
-            set_lattice=lambda kind: self._change(structure.set_lattice, str(kind)),
-            set_layers=lambda count: self._change(_with_layers, str(count)),
-            set_leads=lambda there: self._change(structure.set_leads, there=bool(there)),
-            set_connector=lambda edge: self._change(structure.set_connector, str(edge)),
-            add_sheet=lambda: self._change(structure.add_sheet),
-            remove_sheet=lambda index: self._change(structure.remove_sheet, int(index)),
-            set_base=lambda base: self._change(structure.set_base, str(base)),
+            page, values, add_coil=lambda: self._change(structure.add_coil), remove_coil=self._remove_coil,
+            place_coil=self._place, set_lattice=self._set_lattice, set_layers=self._set_layers,
+            set_leads=self._set_leads, set_connector=self._set_connector,
+            add_sheet=lambda: self._change(structure.add_sheet), remove_sheet=self._remove_sheet,
+            set_base=self._set_base,
         )  # fmt: skip
 
     def show(self, work: Work) -> None:
@@ -61,13 +57,34 @@ class BuildPanel(Panel):
             "base": document["indentation"].get("base", "bonded") if "indentation" in document else "",
         }  # fmt: skip
 
+    def _remove_coil(self, name: str) -> None:
+        self._change(structure.remove_coil, name)
+
+    def _set_lattice(self, kind: str) -> None:
+        self._change(structure.set_lattice, kind)
+
+    def _set_layers(self, count: str) -> None:
+        self._change(_with_layers, count)
+
+    def _set_leads(self, there: bool) -> None:
+        self._change(structure.set_leads, there=there)
+
+    def _set_connector(self, edge: str) -> None:
+        self._change(structure.set_connector, edge)
+
+    def _remove_sheet(self, index: int) -> None:
+        self._change(structure.remove_sheet, index)
+
+    def _set_base(self, base: str) -> None:
+        self._change(structure.set_base, base)
+
     def _place(self, name: str, x: str, y: str, turn: str) -> None:
         try:
-            numbers = [number_of(key, str(text)) for key, text in (("x", x), ("y", y), ("turn", turn))]
+            numbers = [number_of(key, text) for key, text in (("x", x), ("y", y), ("turn", turn))]
         except CoilarrayError as error:
             self._page.state.build_problem = str(error)
             return
-        self._change(structure.place_coil, str(name), *numbers)
+        self._change(structure.place_coil, name, *numbers)
 
     def _change(self, function: Callable[..., Document], *arguments: Any, **named: Any) -> None:
         """Change the document of the design; what cannot be gives one line and changes nothing."""

@@ -13,7 +13,7 @@ import xarray as xr
 from coilarray.compute.display_units import MM, true_minus
 from coilarray.design.model import Design
 from coilarray.design.vary import no_longer_assumed
-from coilarray.errors import DesignError
+from coilarray.errors import DesignError, shown
 from coilarray.geometry import MATERIALS, Plate
 from coilarray.viz.scenes.of_metal import steps_of, target_at, target_place
 from coilarray.viz.studio.entries import number_of
@@ -128,5 +128,7 @@ def with_body(document: Document, form: Mapping[str, Any]) -> Document:
 def without_body(document: Document, key: str) -> Document:
     """Return the document of a design without the body of a key of `body_rows`."""
     if key != "target":
+        if not key.isdecimal():
+            raise DesignError(f"a body must be target or the number of a plate; got {shown(key)}.")
         return without_entry(document, "plate", int(key))
     return no_longer_assumed({name: table for name, table in document.items() if name != "target"}, ["target"])

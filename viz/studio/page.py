@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import inspect
+import logging
 import math
 import secrets
 import time
@@ -15,11 +15,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from coilarray.design.model import Design
+from coilarray.errors import shown
 from coilarray.viz.studio.build_panel import BuildPanel
 from coilarray.viz.studio.calculator import Calculator
 from coilarray.viz.studio.design_panel import DesignPanel
 from coilarray.viz.studio.job import PATIENCE, Job, Outcome, Task
 from coilarray.viz.studio.live_panel import LivePanel
+from coilarray.viz.studio.messages import MessageError, checked
 from coilarray.viz.studio.metal_panel import MetalPanel
 from coilarray.viz.studio.new_panel import NewPanel
 from coilarray.viz.studio.numbers_panel import NumbersPanel
@@ -48,6 +50,7 @@ class Setup:
     rendering_problem: str | None  # why there is no picture in three dimensions
 
 
+_LOG = logging.getLogger(__name__)
 _PARTS = (
     "bar", "drawer", "scene", "summary", "numbers", "build", "switches", "touch", "metal", "runs", "studies", "live",
     "dialogs",
@@ -99,6 +102,7 @@ class Page:
         self.state.change("tab")(lambda tab, **_: self.redraw())
         self._build_layout()
         self.server.controller.on_server_bind.add(self._bind)
+        self.server.controller.on_error.add(_log_error)
         self.server.start(
             backend="generic", exec_mode="task", port=0, timeout=0, disable_logging=True, show_connection_info=False,
             open_browser=False,
@@ -129,12 +133,14 @@ class Page:
 
     def trigger(self, name: str, function: Callable[..., Any]) -> None:
         """Let the page call a function or coroutine by a name, and show its errors."""
+        strict = checked(function)
 
         async def call(*arguments: Any) -> None:
             with self._telling():
-                result = function(*arguments)
-                if inspect.isawaitable(result):
-                    await result
+                try:
+                    await strict(*arguments)
+                except MessageError as error:
+                    self.say(f"{name}: {error}")
 
         self.server.controller.trigger(name)(call)
 
@@ -331,3 +337,8 @@ class Page:
             text = text.replace(f"<!-- {name} -->", template(name))
         with VAppLayout(self.server) as layout:
             layout.root.add_child(text.replace("<!-- view -->", self.scene.html))
+
+
+def _log_error(message: Any) -> None:
+    """Write an error of the page's scripts as one line, whatever is in it."""
+    _LOG.warning("coilarray: the page of the studio reports %s", shown(message))

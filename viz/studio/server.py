@@ -7,6 +7,7 @@ import contextlib
 import errno
 import gc
 import hmac
+import logging
 import os
 import re
 import secrets
@@ -36,10 +37,11 @@ LOOPBACK = "127.0.0.1"
 """Default host of the studio, for this computer alone."""
 
 _OWN_HOSTS = ("127.0.0.1", "localhost", "[::1]")
-_LARGEST_MESSAGE = 10_000_000  # bytes from the page
 _HEARTBEAT = 20.0  # s without an answer after which a page counts as closed
 _UNUSED = 60.0  # s; longest time for a page to connect to its session
-_GOING_AWAY = 1001  # code of RFC 6455
+_GOING_AWAY, _REFUSED = 1001, 1008  # codes of RFC 6455
+_LONGEST_REASON = 100  # bytes; RFC 6455 has room for 123
+_BAD_CALL = -32602  # code of JSON-RPC for wrong arguments
 _GOODBYE = 2.0  # s; time for requests to end
 _THREADS = 2
 _MOST_PAGES = 12
@@ -188,7 +190,9 @@ class _Studio:
             app.router.add_get("/loading.tpl", self._loading)
             app.router.add_get("/reports/{key}", self._report)
             app.router.add_get("/{path:.+}", self._asset)
-            runner = web.AppRunner(app, access_log=None, handle_signals=False, shutdown_timeout=_GOODBYE)
+            runner = web.AppRunner(
+                app, access_log=None, logger=_logger(), handle_signals=False, shutdown_timeout=_GOODBYE
+            )
             await runner.setup()
             try:
                 self._problem = await problem
@@ -297,14 +301,16 @@ class _Studio:
 
     async def _talk(self, request: web.Request) -> web.StreamResponse:
         """Carry messages between a page and its session."""
-        from aiohttp import WSMsgType, web
+        from aiohttp import web
+
+        from coilarray.viz.studio.messages import LARGEST
 
         page = self._pages.get(request.match_info["key"])
         if page is None or page.endpoint is None:
             raise web.HTTPNotFound
         if request.match_info["key"] in self._unused:
             self._unused.pop(request.match_info["key"]).cancel()
-        socket_ = web.WebSocketResponse(max_msg_size=_LARGEST_MESSAGE, heartbeat=_HEARTBEAT, compress=False)
+        socket_ = web.WebSocketResponse(max_msg_size=LARGEST, heartbeat=_HEARTBEAT, compress=False)
         await socket_.prepare(request)
         self._had_page = True
         if self._ending is not None:
@@ -319,9 +325,7 @@ class _Studio:
 
         client.on_message(send)
         try:
-            async for message in socket_:
-                if message.type == WSMsgType.BINARY:
-                    await client.send(True, message)
+            await _hear(socket_, page, client.client_id)
         finally:
             self._talking.discard(socket_)
             await page.endpoint.disconnect(client.client_id)
@@ -376,6 +380,45 @@ class _Studio:
     def _end_unused(self) -> None:
         if not self._pages:
             self._stop.set()
+
+
+def _logger() -> logging.Logger:
+    """Return the logger of the web server: it keeps tracebacks of ours, and is silent on what is no request."""
+    from aiohttp.http_exceptions import HttpProcessingError
+
+    def ours(record: logging.LogRecord) -> bool:
+        error = record.exc_info[1] if record.exc_info else None
+        return not isinstance(error, HttpProcessingError | ConnectionError)  # answered by 400, or the client has left
+
+    logger = logging.Logger(__name__)
+    logger.addHandler(logging.StreamHandler())
+    logger.addFilter(ours)
+    return logger
+
+
+async def _hear(socket_: web.WebSocketResponse, page: Page, client: str) -> None:
+    """Hand what a page says to its session, until it leaves or says what no page does."""
+    from aiohttp import WSMsgType
+
+    from coilarray.viz.studio.messages import Inbox, MessageError, refusal
+
+    inbox = Inbox()
+    async for frame in socket_:
+        try:
+            if frame.type != WSMsgType.BINARY:
+                raise MessageError("a frame must be binary.")
+            message = inbox.take(frame.data)
+        except MessageError as error:
+            await socket_.close(code=_REFUSED, message=str(error).encode()[:_LONGEST_REASON])
+            return
+        if message is None:
+            continue
+        problem = refusal(message)
+        if problem:
+            page.say(problem)
+            await page.endpoint.sendWrappedError(message["id"], _BAD_CALL, problem, client_id=client)
+        else:
+            await page.endpoint.onCompleteMessage(message, client)
 
 
 def _headers(request: web.Request) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,7 @@ from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, DesignError
 from coilarray.viz.studio.entries import entries_of, number_of
 from coilarray.viz.studio.job import with_progress
+from coilarray.viz.studio.messages import Axis
 from coilarray.viz.studio.panel import Panel, image_of
 from coilarray.viz.studio.studying import (
     PLAIN,
@@ -80,9 +81,7 @@ class StudiesPanel(Panel):
         chosen = _NO_AXIS if entry is None else {"key": entry.key, "values": axis_text(entry)}
         state.sweep_axes = [{**axis, **chosen} if axis["number"] == number else axis for axis in state.sweep_axes]
 
-    def _start(
-        self, kind: str, axes: Sequence[Mapping[str, Any]], quantities: Sequence[str], file: str, boards: str
-    ) -> None:
+    def _start(self, kind: str, axes: list[Axis], quantities: list[str], file: str, boards: str) -> None:
         """Begin a study; points and boards that are computed already are found again."""
         page, state = self._page, self._page.state
         work = page.work

@@ -154,11 +154,11 @@ def _without_waiting(connection: sqlite3.Connection, _: object) -> None:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Silence Optuna's notes on standard error while the block runs; warnings stay."""
+    """Silence Optuna's notes and warnings on standard error while the block runs: what is damaged we say ourselves."""
     from optuna import logging
 
     before = logging.get_verbosity()
-    logging.set_verbosity(logging.WARNING)
+    logging.set_verbosity(logging.ERROR)
     try:
         yield
     finally:
