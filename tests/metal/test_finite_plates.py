@@ -142,7 +142,7 @@ def test_axisymmetric_finite_elements_at_two_megahertz(radius, thickness, errors
 
 @pytest.mark.slow
 def test_the_losses_in_a_pour_converge_to_finite_elements_by_the_second_order():
-    """0.59 and 0.29 % off at a fineness of 1 and √2, and 0.03 % where both are extrapolated: all of it is the mesh's."""
+    """0.59 and 0.29 % off at a fineness of 1 and √2, and 0.03 % where both are extrapolated: the mesh errs alone."""
     a, gap, thickness, f, copper = 5e-3, 1e-3, 35e-6, 2e6, MATERIALS["copper"]
     reference = disc_before_loop(a, gap, 7e-3, thickness, copper.conductivity, f).imag
     pour = FinitePlate("pour", Disc(7e-3), (0.0, 0.0, gap + thickness / 2), thickness, copper)
