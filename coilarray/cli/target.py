@@ -50,8 +50,9 @@ def target(
     coupling. The tables show each state where the target moves it the most; its range, the distance at which |δ| is 3
     times the noise; and the distances up to which 1, 10 and 100 µm are resolved. Places in tables, pictures and a .csv
     are those on the board. A target may be moved beside every [[plate]] of the design, a sphere beside those below the
-    coils. A plate very near the copper takes longest: --accuracy screen takes a third of the time. Over magnetic sheets or beside plates an interrupted map of a disc or another outline goes on,
-    distance by distance, from the folder FILE.parts when the same command runs again.
+    coils. A plate that nearly touches the copper takes longest: --accuracy screen takes a third of the time. Over
+    magnetic sheets or beside plates an interrupted map of a disc or another outline goes on, distance by distance, from
+    the folder FILE.parts when the same command runs again.
 
     Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
     """
