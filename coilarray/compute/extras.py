@@ -33,7 +33,7 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
 
 
 def leave_out(module: str) -> None:
-    """Have whoever imports a module where it is there find none: xarray alone imports all of dask, for no array here."""
+    """Have libraries that import a module where they find it find none: xarray takes all of dask, for no array here."""
     sys.modules.setdefault(module, None)  # type: ignore[arg-type]
 
 
