@@ -15,10 +15,10 @@ import command_pages  # noqa: E402 - from the folder above
 import figures  # noqa: E402
 import file_pages  # noqa: E402
 import link_check  # noqa: E402
+import pyvista  # noqa: E402
 import report_pages  # noqa: E402
 import result_pages  # noqa: E402
 import validation_pages  # noqa: E402
-import pyvista  # noqa: E402
 import xarray as xr  # noqa: E402
 from matplotlib import pyplot  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
