@@ -37,7 +37,7 @@ main(["measure", "gast2020", "--scans", "20", "--out", str(folder / "run.sqlite"
 # ----------------
 #
 # The emulator moves a finger over the board. ``coilarray live`` shows δ of every coil in parts per million, scan by
-# scan; the first nine scans are the baseline. It also shows where the finger is, which is left out here
+# scan, as soon as it has a baseline. It also shows where the finger is, which is left out here
 # (``--no-locate``) because it needs a table that takes half a minute. With ``--plot`` it opens a window.
 
 main(["live", "gast2020", "--scans", "25", "--no-locate"])
