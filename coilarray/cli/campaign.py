@@ -12,6 +12,7 @@ import typer
 
 from coilarray.cli.board_options import BoardOptions, board_command, is_emulator, marked, opened_board
 from coilarray.cli.measure import RUN, print_recording, recorded_session
+from coilarray.cli.replacing import replacing, require_own
 from coilarray.cli.scan_info import FORMATS, write_response
 from coilarray.cli.shared import (
     AllowViolations,
@@ -80,6 +81,9 @@ def campaign(
     response: Annotated[
         Path | None, typer.Option(help="File for the measured response (.nc or .csv), as of coilarray scan-info.")
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace a response that the command did not write itself.")
+    ] = False,
     *,
     options: BoardOptions,
     as_json: AsJson = False,
@@ -104,6 +108,8 @@ def campaign(
     check_file("--response", response, [f".{one}" for one in FORMATS])
     if response is not None and response.resolve() == out.resolve():
         raise OutputError(f"--response must be another file than the recording {out}.")
+    written = [] if response is None else [response]
+    require_own("campaign", written, force=force)
     opened = open_design(design, allow_violations=allow_violations)
     x, y = from_map_origin(opened.indentation, *places)
     from coilarray.hardware.record.campaign import design_campaign
@@ -134,7 +140,7 @@ def campaign(
             recorder.add_self_test(after.symptoms, after.findings)
     summary = print_recording(out, as_json=as_json)
     if response is not None:
-        with open_recording(out) as recording:
+        with replacing("campaign", *written, force=force), open_recording(out) as recording:
             wrote = write_response(recording, response)
         if not as_json:
             typer.echo(marked(wrote, emulated=summary.emulated))

@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
+from coilarray.compute.extras import python_command
 from coilarray.errors import MissingDependencyError, OutputError
 
 CLONE = Path(__file__).resolve().parents[2]
 """Folder in which the package lies: the clone, where it is installed from one."""
 _BUILT = Path("docs", "_build", "html")  # of a clone, where the command of CONTRIBUTING.md writes them
-_BUILD = "python -m pip install -e '.[docs]' && python -m sphinx docs docs/_build/html"
 _PAGE = ".html"
 
 
@@ -51,8 +51,11 @@ def find_page(clone: Path, page: str) -> Path:
     """
     built = clone / _BUILT
     if not (built / f"index{_PAGE}").is_file():
-        where = clone if (clone / "docs" / "conf.py").is_file() else "a clone of coilarray, as an installation has none"
-        raise MissingDependencyError(f"the pages are not built; in {where}: {_BUILD}")
+        where, python = "a clone of coilarray, as an installation has none", "python"
+        if (clone / "docs" / "conf.py").is_file():
+            where, python = str(clone), python_command(clone)
+        build = f'{python} -m pip install -e ".[docs]" && {python} -m sphinx docs docs/_build/html'
+        raise MissingDependencyError(f"the pages are not built; in {where}: {build}")
     parts = tuple(page.strip("/").removesuffix(_PAGE).split("/"))
     paths = [path.relative_to(built).with_suffix("") for path in built.rglob(f"*{_PAGE}")]
     found = [path for path in paths if path.parts[-len(parts) :] == parts]

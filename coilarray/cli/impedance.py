@@ -75,11 +75,7 @@ def impedance(
         if not kept
     ] or ["LDC1614: all limits are kept"]
     if close:
-        a, b, distance = close[0]
-        lines.append(
-            f"warning: pairs of states closer than 3 % in frequency: {len(close)} (closest {a} and {b}, "
-            f"{distance * 100:.2g} %): harmless one after another, not at the same time"
-        )
+        lines.append(circuit_tables.close_line(close))
     shared.print_result(data, as_json=as_json, tables=(states, windings, drives), lines=lines, files=(out, plot))
 
 

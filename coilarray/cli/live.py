@@ -117,10 +117,12 @@ def live(
     if plot:
         show_window(asked, file, table, locate=locate, browser=browser)
         return
-    model = _model(file.design, table) if locate else None
+    model = _model(file.design, table) if locate and not asked.opens_first else None
     with ExitStack() as opened:
         with progress_bar("emulator") as progress:  # over before the first scan is shown
             source = opened.enter_context(live_source(asked, file.design, progress))
+        if locate and asked.opens_first:
+            model = _model(file.design, table)
         if not as_json and recording is None:
             typer.echo(source.line)
         if not as_json and asked.reference:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from coilarray.cli.board_options import BoardOptions, marked, opened_board
+from coilarray.cli.board_options import BoardOptions, is_emulator, marked, opened_board
 from coilarray.cli.shared import check_file
 from coilarray.errors import HardwareError
 
@@ -76,6 +76,14 @@ class LiveOptions:
         if self.log is not None:
             check_file("--log", self.log, (".csv", ".nc"))
             check_log(self.log, force=self.force)
+
+    @property
+    def opens_first(self) -> bool:
+        """Whether the source is opened before the table for positions is computed, which may take minutes.
+
+        A wrong port or file shall not cost them; but the finger of an emulator moves from when it is opened.
+        """
+        return self.recording is not None or not is_emulator(self.board.port)
 
 
 @dataclass(frozen=True)

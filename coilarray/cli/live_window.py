@@ -88,8 +88,11 @@ def watch_board(
         name = request.recording or request.port
         emulated = request.recording is None and is_emulator(request.port)
         wait = partial(_wait, tell, name, emulated)
-        model = _model(design, table, wait) if locate and design.indentation is not None else None
+        locates = locate and design.indentation is not None
+        model = _model(design, table, wait) if locates and not options.opens_first else None
         with live_source(options, design, wait) as source:
+            if locates and options.opens_first:
+                model = _model(design, table, wait)
 
             def asked() -> str:
                 return QUIT if orders() else "".join(orders.take())

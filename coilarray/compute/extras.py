@@ -39,9 +39,14 @@ def not_installed(purpose: str, package: str, extra: str) -> str:
 
 def _install_command(extra: str) -> str:
     """Return the command that adds an extra, by the Python that runs, to coilarray as it was installed."""
-    python = _from_here(Path(sys.executable)) if sys.executable else "python"
-    python = f'"{python}"' if " " in python else python
-    return f"{python} -m pip install {_requirement(extra)}"
+    return f"{python_command(Path.cwd())} -m pip install {_requirement(extra)}"
+
+
+def python_command(folder: Path) -> str:
+    """Return the Python that runs, as one types it in a folder."""
+    path = Path(sys.executable or "python")
+    typed = str(path.relative_to(folder) if path.is_relative_to(folder) else path)
+    return f'"{typed}"' if " " in typed else typed
 
 
 def _requirement(extra: str) -> str:
@@ -59,8 +64,3 @@ def _requirement(extra: str) -> str:
         return f'"coilarray[{extra}]"'
     editable = "-e " if origin.get("dir_info", {}).get("editable") else ""
     return f'{editable}"{"." if path == Path.cwd() else path}[{extra}]"'
-
-
-def _from_here(path: Path) -> str:
-    """Return a path as one types it in the working folder."""
-    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)

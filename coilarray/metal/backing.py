@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from coilarray.compute.arrays import FloatArray
+from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.electromagnetics.coil_spectrum import Segments, mirrored_segments
 from coilarray.electromagnetics.flat_stack import Backing, PassedWaves
 from coilarray.electromagnetics.source import Source
@@ -75,6 +76,21 @@ def backing_of(
     return next(iter(backings_of(source, plates, [frequency], sheets, fineness=fineness)), None)
 
 
+@dataclass(frozen=True, eq=False)
+class _Share:
+    """What layers at one frequency let pass of the waves from a gap to the highest one, by one of the four ways.
+
+    A value and no function, as it is part of the key of a map.
+    """
+
+    air: LayeredAir
+    gap: int
+    way: int
+
+    def __call__(self, wavenumbers: FloatArray) -> ComplexArray:
+        return np.asarray(self.air.weights(wavenumbers, self.gap, len(self.air.layers))[self.way][0])
+
+
 def _seen_from_above(air: LayeredAir, currents: Sequence[EddyCurrents]) -> tuple[Segments, tuple[PassedWaves, ...]]:
     """Return the currents above all layers, and what passes of those behind some; the air has one frequency."""
     gaps = [air.gap(float(z.min()), float(z.max()), "a plate") for z in (one.corners[..., 2] for one in currents)]
@@ -89,10 +105,10 @@ def _seen_from_above(air: LayeredAir, currents: Sequence[EddyCurrents]) -> tuple
     for gap in sorted(set(gaps) - {highest}):
         behind = Segments(start, stop, those_in(gap))
         floor = air.gap_faces(gap)[0]
-        passed.append(PassedWaves(behind, lambda k, gap=gap: air.weights(k, gap, highest)[2][0]))  # type: ignore[misc]
+        passed.append(PassedWaves(behind, _Share(air, gap, 2)))
         if math.isfinite(floor):  # also what the next layer below sends up
             (mirrored,) = mirrored_segments([behind], floor)
-            passed.append(PassedWaves(mirrored, lambda k, gap=gap: air.weights(k, gap, highest)[1][0]))  # type: ignore[misc]
+            passed.append(PassedWaves(mirrored, _Share(air, gap, 1)))
     return Segments(start, stop, those_in(highest)), tuple(passed)
 
 

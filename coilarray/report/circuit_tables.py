@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import xarray as xr
 
+from coilarray.circuit.impedance import CLOSE_CHANNELS
 from coilarray.compute.display_units import KILOHM, PER_MILLION, DisplayUnit
 from coilarray.hardware import check_channel, drive_for, settle_count
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table
@@ -31,6 +34,19 @@ def state_table(scan: xr.Dataset) -> Table:
         "loaded_quality_factor", "parallel_resistance", *(["part_frequency"] if "part_frequency" in scan else []),
     )  # fmt: skip
     return dataset_table("states", "States", scan, names, {"parallel_resistance": KILOHM})
+
+
+def close_line(pairs: Sequence[tuple[str, str, float]]) -> str:
+    """Say what the pairs of `coilarray.circuit.impedance.close_channels` mean for a board; empty for none."""
+    if not pairs:
+        return ""
+    one, other, distance = pairs[0]
+    which = f"{len(pairs)} pairs of states are closer" if len(pairs) > 1 else "one pair of states is closer"
+    return (
+        "The converter measures one state after another, so that states may have equal frequencies. Only if several "
+        f"converters measured at the same time would they need {100 * CLOSE_CHANNELS:g} % between them; {which}, "
+        f"{one} and {other} the closest with {100 * distance:.2g} %."
+    )
 
 
 def state_current_table(scan: xr.Dataset) -> Table:

@@ -240,6 +240,7 @@ def write_report(
             *([] if distortion is None else _distortion_tables(distortion)),
         ]
         broken = verdicts(scan, margins)
+        close = [] if scan is None else close_channels(scan.state.values.tolist(), scan.frequency)
         data: dict[str, object] = {
             "schema": 1,
             "provenance": {**provenance(design), "date": now()},
@@ -253,12 +254,8 @@ def write_report(
             "terminations": dict(zip(design.array.names, terminations_of(design), strict=True)),
             "left_out": coupling.attrs["left_out"],
             "circuit_problem": circuit_problem,
-            "close_channels": [
-                {"states": [a, b], "relative_distance": distance}
-                for a, b, distance in (
-                    [] if scan is None else close_channels(scan.state.values.tolist(), scan.frequency)
-                )
-            ],
+            "close_channels": [{"states": [a, b], "relative_distance": distance} for a, b, distance in close],
+            "close_channels_line": circuit_tables.close_line(close),
             "indentation_problem": indentation_problem or response_problem,
             "coils_outside_map": [] if shown is None else coils_outside(shown),
             "position_problem": "" if design.indentation is None else position_problem,

@@ -260,13 +260,13 @@ class Run:
         return not self._setting.scan and self._quiet_since is not None and self._quiet_since + WATCHDOG <= until
 
     def _begin_count(self) -> None:
-        self._counting = True
         self._reference_now = self._reference()
         self._length = conversion_time(self._setting.channels[self._channel].rcount, self._reference_now)
         self._end = self._time + self._length
         self._cycles = 0.0
         self._high = self._low = False
         self._least_amplitude = math.inf
+        self._counting = True  # last: Ctrl-C may come at any line, and the chip is then put to sleep
 
     def _count(self, until: float) -> None:
         """Count to the end of the conversion, or up to the given time."""

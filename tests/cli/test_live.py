@@ -27,7 +27,7 @@ from support.recorded_boards import configured, quick_board
 
 from coilarray import load_design, noise_budget
 from coilarray.cli import live as live_command
-from coilarray.cli import live_source
+from coilarray.cli import live_source, maps
 from coilarray.cli.board_options import BoardOptions, opened_board
 from coilarray.compute.netcdf import load_part, save_dataset
 from coilarray.hardware import emulator
@@ -446,6 +446,15 @@ def test_bad_input(capsys, recording, board, arguments, words):
     if "--recording" not in given and "none.toml" not in given:
         given = [*board, "--no-locate", *given]
     assert words in refused(capsys, *given)
+
+
+@pytest.mark.parametrize("arguments", [("--port", "/dev/none"), ("--recording", "none.sqlite")])
+def test_a_wrong_port_costs_no_table(capsys, monkeypatch, arguments):
+    def computed(design, progress):
+        raise AssertionError("the table is computed for nothing")
+
+    monkeypatch.setattr(maps, "stored_table", computed)
+    assert arguments[1] in refused(capsys, "gast2020", *arguments)
 
 
 def test_a_table_of_another_design(capsys, recording, table):

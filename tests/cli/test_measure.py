@@ -155,6 +155,12 @@ def test_campaign(board, campaign, tmp_path, capsys):
     # nothing is left to measure
     assert all_marked(measure_campaign(capsys, *board, *GRID, "--out", campaign, "--resume", "--response", same))
     assert same.read_text().splitlines() == lines
+    (tmp_path / "mine.csv").write_text("of somebody else")
+    given = (*board, *GRID, "--out", campaign, "--resume", "--response", tmp_path / "mine.csv")
+    line = campaign_refused(capsys, *given)
+    assert "mine.csv exists and is not as `coilarray campaign` left it; --force replaces it" in line
+    measure_campaign(capsys, *given, "--force")
+    assert (tmp_path / "mine.csv").read_text().splitlines() == lines
     with open_recording(campaign) as recording:
         assert recording.count() == 24
     assert before != campaign.read_bytes()  # but that it was tried

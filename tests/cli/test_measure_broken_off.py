@@ -149,7 +149,7 @@ def test_broken_off_and_resumed(board, tmp_path, capsys, number):
         until(lambda: process.poll() is not None or has_scans(path, 20), within=5 * PATIENCE)
         process.send_signal(number)
         _, err = process.communicate(timeout=PATIENCE)
-    assert process.returncode == {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}[number]
+    assert process.returncode == {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}[number], err
     assert "Traceback" not in err
     with open_recording(path) as recording:
         recording.check()

@@ -4,6 +4,7 @@ Every transfer on either bus and every wait of a session is a step: configuring,
 is hit once before and once after it is done, by each way in which a program can be interrupted.
 """
 
+import contextlib
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from support.refusals import raising
 
 from coilarray.errors import HardwareError
 from coilarray.hardware.board.connect import Board
+from coilarray.hardware.emulator import conversion
 from coilarray.hardware.emulator.switches import EmulatedSwitches
 from coilarray.hardware.scan.wiring import load_wiring
 from coilarray.hardware.wire.faults import BusFault, DeviceLost
@@ -107,6 +109,39 @@ def test_every_way_out_at_every_step_leaves_the_board_at_rest(way, after):
         assert left >= steps - 4
 
 
+def test_an_interrupt_inside_the_emulated_converter_leaves_it_whole():
+    def scanned(count):
+        """Scan, interrupted once so many lines of the emulated conversions were reached; return board and lines."""
+        board, reached = plain(), set()
+
+        def trace(frame, event, _):
+            if frame.f_globals is not vars(conversion):
+                return None
+            if event == "line":
+                reached.add(frame.f_lineno)
+            if len(reached) == count:
+                sys.settrace(None)
+                raise KeyboardInterrupt
+            return trace
+
+        with Board(reader_of(board), "emulator", load_wiring(), board) as opened:
+            opened.reader.configure(SETTINGS)
+            before = sys.gettrace()
+            sys.settrace(trace)
+            try:
+                with contextlib.suppress(KeyboardInterrupt):
+                    opened.reader.scan()
+            finally:
+                sys.settrace(before)
+        return board, reached
+
+    _, lines = scanned(None)
+    assert len(lines) > 50
+    for count in range(1, len(lines) + 1):
+        board, reached = scanned(count)
+        assert (len(reached), at_rest(board)) == (count, True)
+
+
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_signal_while_the_board_is_put_to_rest_waits_for_its_end_even_where_that_fails(fails):
     order = []
@@ -160,6 +195,7 @@ PROGRAM = textwrap.dedent(
     import atexit, sys, time
     from support.emulated_reader import at_rest, plain, quick_settings, reader_of
     from coilarray.hardware.board.connect import Board
+from coilarray.hardware.emulator import conversion
     from coilarray.hardware.wire.buses import ComputerClock
     from coilarray.hardware.scan.wiring import load_wiring
 

@@ -122,6 +122,13 @@ def test_the_causes_are_those_of_the_distortion(made):
         write_report(SINGLE, made.folder, distortion=causes_of(BOARD.design))
 
 
+def test_close_frequencies_are_explained_and_no_warning(made):
+    (line,) = re.findall(r"<p>The converter measures one state after another.*?</p>", made.page.read_text("utf-8"))
+    closest = made.data["close_channels"][0]
+    words = f"{len(made.data['close_channels'])} pairs of states are closer, {' and '.join(closest['states'])} the"
+    assert f"{words} closest with {100 * closest['relative_distance']:.2g} %" in line
+
+
 def test_page_needs_no_other_file(page, made):
     assert not {"script", "link"} & set(page.tags)
     assert page.sources

@@ -168,6 +168,21 @@ def test_a_wide_outline_is_an_infinite_plate() -> None:
     assert float(np.abs(expected.delta - alone.delta).max()) > 0.2 * largest
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("_coarse_plates")
+def test_a_disc_behind_a_film_screens_as_an_infinite_plate_there() -> None:
+    """But for the rim and the dent's own field, as without the film, which lets most of the field pass."""
+    one = parse_design(first_coils(1).replace('"coil2"', '"coil1"'))
+    film, aluminium = Plate("film", -2.5e-3, 50e-6, Material("carbon", 1e5)), MATERIALS["aluminium"]
+    disc = FinitePlate("disc", Disc(24e-3), (*one.array.centres[0], -4e-3), 1e-3, aluminium)
+    found, expected, without = (
+        float(mapped(replace(one, plates=(film, *plates)), x=[0.0]).delta.squeeze())
+        for plates in ((disc,), (Plate("infinite", -4.5e-3, 1e-3, aluminium),), ())
+    )
+    assert found == pytest.approx(expected, rel=2e-2)
+    assert expected < 0.9 * without
+
+
 def test_every_state_has_the_change_at_its_own_frequency(over_steel: xr.Dataset) -> None:
     """Over steel δ at the frequency of the lower coil is 0.5 % off for the upper one, whose own is 4 % higher."""
     design = beside(BACK)

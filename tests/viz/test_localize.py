@@ -56,6 +56,8 @@ def test_every_coil_of_a_model_has_a_panel(count):
     assert [ax.get_title(loc="left") for ax in figure.axes] == [f"Ellipses of coil{k + 1}" for k in range(count)]
     figure.draw_without_rendering()
     boxes = [ax.get_window_extent() for ax in figure.axes]
+    boxes += [legend.get_window_extent() for legend in figure.legends]
+    assert len(boxes) == count + 1  # one legend, which hides no point
     assert not any(box.overlaps(other) for k, box in enumerate(boxes) for other in boxes[:k])
 
 

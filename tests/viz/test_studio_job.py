@@ -14,9 +14,14 @@ import pytest
 from support.patience import PATIENCE, alive, until
 from support.studio_tasks import count_to, fail, never_listen, tell_on_and_on, wait_for_the_word
 
+from coilarray.design.model import load_design_file
 from coilarray.errors import GeometryError
 from coilarray.viz.studio.calculator import Calculator, Step
 from coilarray.viz.studio.job import Job
+from coilarray.viz.studio.report_pages import ReportPages
+from coilarray.viz.studio.services import Services
+from coilarray.viz.studio.shelf import Shelf
+from coilarray.viz.studio.work import work_on
 
 
 class Watched:
@@ -86,6 +91,10 @@ def test_a_job_ends_with_its_studio_even_if_that_is_killed():
 import time
 from support.studio_tasks import never_listen
 from coilarray.viz.studio.job import Job
+from coilarray.viz.studio.report_pages import ReportPages
+from coilarray.viz.studio.services import Services
+from coilarray.viz.studio.shelf import Shelf
+from coilarray.viz.studio.work import work_on
 
 if __name__ == "__main__":
     Job(never_listen, None, lambda pid: print(pid, flush=True), lambda outcome: None)
@@ -192,3 +201,35 @@ def test_a_step_that_fails_is_told_and_the_next_one_done(capfd):
 
     assert run(ask) == [("first", "a line."), ("second", "KeyError: 'x'"), ("third", 3)]
     assert "KeyError" in capfd.readouterr().err
+
+
+@pytest.mark.slow
+def test_an_error_in_what_follows_a_job_is_told_on_the_page(tmp_path, monkeypatch, capfd):
+    pytest.importorskip("trame")
+    monkeypatch.setenv("TRAME_ARGS", "")
+    from coilarray.viz.studio.page import Page, Setup
+
+    def broken(result):
+        raise KeyError(f"a result of {result}")
+
+    async def later(result):
+        raise KeyError(f"a picture of {result}")
+
+    async def problems():
+        with ThreadPoolExecutor(1) as threads:
+            services = Services(alone=True)  # such a page computes nothing by itself
+            setup = Setup(Shelf(tmp_path), services, ReportPages(), threads, "no picture")
+            page = Page(setup, work_on(load_design_file("starter"), "starter"))
+            told = []
+            for done in (broken, lambda result: page.begin(later, result)):
+                page.say("")
+                assert page.start_bar("sum", "a sum", count_to, 2, done, page.say)
+                while not page.state.problem:
+                    await asyncio.sleep(0.02)
+                told.append((page.state.problem, page.state.job["running"]))
+            await page.close()
+        return told
+
+    expected = [("KeyError: 'a result of 4'", False), ("KeyError: 'a picture of 4'", False)]
+    assert asyncio.run(asyncio.wait_for(problems(), PATIENCE)) == expected
+    assert capfd.readouterr().err.count("Traceback") == len(expected)

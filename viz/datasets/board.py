@@ -51,7 +51,7 @@ def barrel_mesh(parts: Mapping[str, trimesh.Trimesh], names: Sequence[str]) -> p
 
 def board_mesh(parts: Mapping[str, trimesh.Trimesh]) -> pyvista.PolyData:
     """Return the surface of the laminate in mm; empty where the stack-up has none."""
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     return solid_mesh(parts["board"]) if "board" in parts else pyvista.PolyData()
 

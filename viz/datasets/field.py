@@ -74,7 +74,7 @@ def field_grid(
     >>> field_grid([0, 1e-3], [0, 1e-3, 2e-3], [0], [[[[0, 0, 1e-6]]] * 3] * 2).dimensions
     (2, 3, 1)
     """
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     axes = [np.atleast_1d(np.asarray(axis, dtype=np.float64)) for axis in (x, y, z)]
     for letter, axis in zip("xyz", axes, strict=True):
@@ -147,7 +147,7 @@ def arrows_at(
     `names` are those of the point arrays of the vectors and of their magnitude; an arrow as strong as `largest`, by
     default the strongest one, is as long as the `spacing` in m.
     """
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     amount = np.linalg.norm(vectors, axis=1)
     top = float(amount.max(initial=0.0)) if largest is None else largest
@@ -181,7 +181,7 @@ def field_lines(grid: pyvista.RectilinearGrid, seeds: npt.ArrayLike) -> pyvista.
         In mm; one polyline per seed with the point array ``"|B| (T)"``; a closed line begins at its seed. Empty where
         there is no field.
     """
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     points = np.asarray(seeds, dtype=np.float64).reshape(-1, 3)
     along, against = _followed(grid, points, "forward"), _followed(grid, points, "backward")
@@ -238,7 +238,7 @@ def _followed(
     grid: pyvista.RectilinearGrid, seeds: npt.NDArray[np.float64], way: Literal["forward", "backward"]
 ) -> dict[int, _Line]:
     """Return points in mm, shape (m, 3), and |B| in T of the line from every seed in one direction."""
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     found = grid.streamlines_from_source(
         pyvista.PolyData(seeds * MM_PER_M), vectors=FIELD, integration_direction=way, integrator_type=4, step_unit="cl",

@@ -46,7 +46,7 @@ def plate_mesh(plate: Plate | FinitePlate, within: tuple[float, float, float, fl
 
 def ball_mesh(radius: float, centre: tuple[float, float, float]) -> pyvista.PolyData:
     """Return the surface of a ball in mm; radius and centre in m."""
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     meridians, circles = _BALL
     middle = tuple(MM_PER_M * value for value in centre)

@@ -104,7 +104,7 @@ def arc_tubes(arcs: pyvista.PolyData, widest: float) -> pyvista.PolyData:
     pyvista.PolyData
         Closed tubes in mm with the point array ``"k"``.
     """
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     if not arcs.n_lines:
         return pyvista.PolyData()
@@ -151,7 +151,7 @@ def response_surface(
     ValueError
         If the map has no such state or depth, or fewer than two positions along x or y.
     """
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     x, y, delta = _map_of(response, state, depth)
     nx, ny = len(x), len(y)

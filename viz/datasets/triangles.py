@@ -17,14 +17,14 @@ MM_PER_M = 1e3
 
 def triangles(points: npt.NDArray[np.float64], faces: npt.NDArray[np.integer]) -> pyvista.PolyData:
     """Return triangles in mm from points in m, shape (n, 3), and the indices of their corners, shape (m, 3)."""
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     return pyvista.PolyData(points * MM_PER_M, faces=np.insert(faces, 0, 3, axis=1).ravel())
 
 
 def polylines(points: Sequence[npt.NDArray[np.float64]]) -> pyvista.PolyData:
     """Return one polyline in mm for each array of points in m, shape (n, 3)."""
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     counts = [len(line) for line in points]
     starts = np.cumsum([0, *counts])
@@ -39,8 +39,9 @@ def solid_mesh(solid: trimesh.Trimesh) -> pyvista.PolyData:
 
 def surface_of(mesh: pyvista.DataSet) -> pyvista.PolyData:
     """Return the surface of a grid with its arrays, and a surface unchanged."""
-    import pyvista
     from vtkmodules.vtkFiltersGeometry import vtkGeometryFilter
+
+    from coilarray.viz.extra_3d import pyvista
 
     if isinstance(mesh, pyvista.PolyData):
         return mesh
@@ -52,7 +53,7 @@ def surface_of(mesh: pyvista.DataSet) -> pyvista.PolyData:
 
 def merged(solids: Sequence[tuple[trimesh.Trimesh | None, int]]) -> pyvista.PolyData:
     """Join solids in m into one surface in mm, each with the value of its cells in ``"coil"``; None is left out."""
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     present = [(solid, number) for solid, number in solids if solid is not None]
     if not present:

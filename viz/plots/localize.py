@@ -89,7 +89,7 @@ def plot_ellipse_parameters(
     ax.set_xlim(left=0.0)
     style.faint_grid(ax)
     ax.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("A, B, $x_0$"), title=f"Ellipses of {state}")
-    ax.legend(loc="best")
+    style.legend_beside(ax)
     return ax
 
 
@@ -104,7 +104,7 @@ def ellipse_parameter_figure(fits: xr.Dataset, model: EllipseModel, published: E
     """
     columns = min(len(model.coils), 3)
     rows = math.ceil(len(model.coils) / columns)
-    figure = Figure(figsize=(3.4 * columns + 0.6, 3.2 * rows))
+    figure = Figure(figsize=(3.4 * columns + 1.6, 3.2 * rows))
     cells = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
     for k, (ax, name) in enumerate(zip(cells, model.names, strict=False)):
         plot_ellipse_parameters(fits, model, name, ax, published)
@@ -112,6 +112,7 @@ def ellipse_parameter_figure(fits: xr.Dataset, model: EllipseModel, published: E
             ax.set_ylabel("")
     for ax in cells[len(model.coils) :]:
         ax.remove()
+    style.one_legend(figure)
     return figure
 
 

@@ -96,6 +96,17 @@ def legend_beside(ax: Axes, title: str | None = None) -> None:
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), ncols=math.ceil(len(named) / _ROWS), title=title)
 
 
+def one_legend(figure: Figure) -> None:
+    """Legend at the right of all axes of a figure, with every name once, in place of those of the axes."""
+    named: dict[str, Any] = {}
+    for ax in figure.axes:
+        for handle, name in zip(*ax.get_legend_handles_labels(), strict=True):
+            named.setdefault(name, handle)
+        if (legend := ax.get_legend()) is not None:
+            legend.remove()
+    figure.legend(named.values(), named.keys(), loc="outside right upper")
+
+
 def legend_above(
     ax: Axes, columns: int, side: Literal["left", "center", "right"] = "right", columnspacing: float = 1.0, **look: Any
 ) -> None:

@@ -94,11 +94,9 @@ def target_figure(response: xr.Dataset) -> Figure:
     panels = figure.subplots(2, 2, sharex=True).ravel().tolist()
     for ax, quantity in zip(panels, _SHOWN, strict=True):
         plot_target(response, quantity, ax)
-        ax.get_legend().remove()
     for ax in panels[:2]:
         ax.set_xlabel("")
-    curves, names = panels[0].get_legend_handles_labels()
-    panels[1].legend(curves, names, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    style.one_legend(figure)
     words = f"{response.attrs['material'].replace('_', ' ')} {response.attrs['target']}"
     style.main_title(figure, f"Target: {words}")
     return figure

@@ -193,7 +193,7 @@ def _edges(name: str, mesh: pyvista.PolyData, group: str, colour: str) -> Part:
 
 def _risers(array: CoilArray, top: float) -> tuple[Part, ...]:
     """Return upright lines from the board's far corners to the height `top` in mm, along which sheets are lifted."""
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     x_min, _, x_max, y_max = (MM_PER_M * edge for edge in array.bounds)
     lines = pyvista.line_segments_from_points([(x, y_max, height) for x in (x_min, x_max) for height in (0.0, top)])
@@ -202,8 +202,9 @@ def _risers(array: CoilArray, top: float) -> tuple[Part, ...]:
 
 def _ruler(axis: Literal["x", "y"], ends: tuple[float, float], at: float, length: float) -> tuple[Part, list[Text]]:
     """Return ticks of a length, with numbers, along an axis where the other coordinate is `at`; all in mm."""
-    import pyvista
     from matplotlib.ticker import MaxNLocator
+
+    from coilarray.viz.extra_3d import pyvista
 
     low, high = ends
     ticks = np.asarray(MaxNLocator(10 if axis == "x" else 4, steps=[1, 2, 5, 10]).tick_values(low, high))

@@ -98,8 +98,9 @@ def draw_parts(scene: Scene, plotter: pyvista.Plotter, pixel: float | None = Non
 
 def actor_of(part: Part, pixel: float = 1.0) -> Any:
     """Return the pyvista.Actor of a part, its colours in the mesh, so that every renderer shows the same."""
-    import pyvista
     from vtkmodules.vtkRenderingCore import vtkPolyDataMapper
+
+    from coilarray.viz.extra_3d import pyvista
 
     mapper = vtkPolyDataMapper()  # PyVista's own makes a table of colours each time, which takes longer than all this
     mapper.SetInputDataObject(_surface(part))
@@ -202,7 +203,7 @@ def _legend(view: Any, scene: Scene) -> None:
 
 def _bar(view: Any, scale: Scale, place: int) -> None:
     """Draw a colour bar at the right edge, the next one to the left of the one before."""
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     factor, title = shown_units(scale)
     mapper: Any = pyvista.DataSetMapper(dataset=pyvista.PolyData())

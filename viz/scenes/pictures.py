@@ -111,7 +111,7 @@ def check_rendering(size: tuple[int, int] = SIZE) -> None:
 def off_screen(size: tuple[int, int]) -> Iterator[Any]:
     """Open a plotter that has no window; errors as in `save_picture`."""
     check_rendering(size)
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size))
     try:

@@ -36,7 +36,7 @@ def show(scene: Scene, *, side: Side = "oblique") -> None:
         If no window can be opened or this machine cannot render.
     """
     check_window()
-    import pyvista
+    from coilarray.viz.extra_3d import pyvista
 
     scene = scene.still()
     plotter: Any = pyvista.Plotter(title="coilarray", window_size=list(_SIZE))

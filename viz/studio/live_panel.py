@@ -222,8 +222,8 @@ class LivePanel(Panel):
 
     def _ended(self, outcome: Outcome) -> None:
         state = self._page.state
-        self._draw()
         state.live_running = False
+        self._draw()
         state.live_line = "" if outcome.kind == "failed" else "stopped" if outcome.kind == "cancelled" else "ended"
         state.live_problem = outcome.problem
         state.live_other = False

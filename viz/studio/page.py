@@ -8,8 +8,9 @@ import math
 import secrets
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Iterator, Mapping
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -132,16 +133,11 @@ class Page:
 
     def trigger(self, name: str, function: Callable[..., Any]) -> None:
         """Let the page call a function or coroutine by a name, and show its errors."""
-        strict = checked(function)
+        strict = checked(name, function)
 
         async def call(*arguments: Any) -> None:
-            try:
+            with self._telling():
                 await strict(*arguments)
-            except MessageError as error:
-                self.say(f"{name}: {error}")
-            except Exception as error:
-                traceback.print_exc()
-                self.say(f"{type(error).__name__}: {error}")
 
         self.server.controller.trigger(name)(call)
 
@@ -276,6 +272,15 @@ class Page:
             progress()
         return started
 
+    def begin(self, work: Callable[..., Coroutine[Any, Any, None]], *arguments: Any) -> asyncio.Task[None]:
+        """Let a coroutine begin on the page, and show its errors."""
+
+        async def told() -> None:
+            with self._telling():
+                await work(*arguments)
+
+        return self._loop.create_task(told())
+
     def tell_job(self, name: str, order: str) -> None:
         """Send an order to a job."""
         if name in self._jobs:
@@ -302,11 +307,26 @@ class Page:
         self.endpoint = server["ws"]
 
     def _on_loop(self, function: Callable[[Any], None]) -> Callable[[Any], None]:
+        def told(value: Any) -> None:
+            with self._telling():
+                function(value)
+
         def call(value: Any) -> None:
             if not self._loop.is_closed():
-                self._loop.call_soon_threadsafe(function, value)
+                self._loop.call_soon_threadsafe(told, value)
 
         return call
+
+    @contextmanager
+    def _telling(self) -> Iterator[None]:
+        """Show an error of the block on the page, where no other code would see it."""
+        try:
+            yield
+        except MessageError as error:
+            self.say(str(error))
+        except Exception as error:
+            traceback.print_exc()
+            self.say(f"{type(error).__name__}: {error}")
 
     def _build_layout(self) -> None:
         from trame.ui.vuetify3 import VAppLayout

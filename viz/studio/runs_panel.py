@@ -67,14 +67,14 @@ class RunsPanel(Panel):
         def ended(line: str) -> None:
             state.file_note = line
             if folder.name in run_folders(folder.parent):
-                asyncio.get_running_loop().create_task(self._read(folder.name))
+                page.begin(self._read, folder.name)
 
         item = (search_goal, page.work.opened.document, design.name, goal, count, folder)
         stopped = partial(ended, f"{goal}: stopped; the points are kept, and Start goes on from them")
         failed = partial(setattr, state, "runs_problem")
         if page.start_bar("search", f"{goal} of {design.name}", with_progress, item, ended, failed, stopped):
             state.runs_problem = ""
-            self._starting = asyncio.get_running_loop().create_task(self._read_first(folder))
+            self._starting = page.begin(self._read_first, folder)
 
     async def _read_first(self, folder: Path) -> None:
         """Show a search from its first points on."""
@@ -105,7 +105,7 @@ class RunsPanel(Panel):
                 state.run_name = state.run_names[0] if state.run_names else ""
         await self._show(state.run_name, state.run_x, state.run_y)
         if self._watching is None or self._watching.done():
-            self._watching = asyncio.create_task(self._follow())
+            self._watching = self._page.begin(self._follow)
 
     async def _follow(self) -> None:
         """Read the runs again as their search goes on, while their tab is open."""

@@ -116,9 +116,9 @@ class StudiesPanel(Panel):
 
     def _show(self, design: Design, kind: str, found: SweepResult | xr.Dataset, *, ended: bool) -> None:
         self._of, self._found = design, found
-        asyncio.get_running_loop().create_task(self._draw(design, kind, found, ended=ended))
+        self._page.begin(self._draw, design, kind, found, ended)
 
-    async def _draw(self, design: Design, kind: str, found: SweepResult | xr.Dataset, *, ended: bool) -> None:
+    async def _draw(self, design: Design, kind: str, found: SweepResult | xr.Dataset, ended: bool) -> None:
         """Show a result, unless a later one is there."""
         picture, problem = await asyncio.to_thread(_picture, found)
         if found is not self._found:
