@@ -96,10 +96,10 @@ class PlatesInAir:
     def matrices(self, plate: PosedPlate) -> ComplexArray:
         """Matrices (f, u, u) in H of a plate with what the layers reflect of its own field."""
         own = np.array([both_parities(plate.body, impedance) for impedance in plate.impedances])
-        images = self._images(plate, plate)
+        images = self.images_of(plate, plate)
         if not images:
             return own
-        weights, number = self._sums(images)
+        weights, number = distinct_sums(images)
         sums = np.zeros((len(weights), *own.shape[1:]))
         for image, shares in zip(images, weights.T, strict=True):
             integrals = pair_integrals(plate.corners, image.of(plate.corners), mirrored=image.sign < 0)
@@ -114,7 +114,7 @@ class PlatesInAir:
 
     def mutual(self, one: PosedPlate, other: PosedPlate) -> ComplexArray:
         """Mutual inductance (f, u, v) in H of the currents of two plates."""
-        images = self._images(other, one)
+        images = self.images_of(other, one)
         if self._gap(one)[0] == self._gap(other)[0]:
             images.append(Image(1, 0.0, np.ones(len(self.air.frequencies), dtype=np.complex128)))
         sizes = (one.currents[0].shape[1], other.currents[0].shape[1])
@@ -127,33 +127,28 @@ class PlatesInAir:
 
     def linked(self, plate: PosedPlate) -> ComplexArray:
         """Fluxes of the coils (f, u, places, paths) in Wb/A."""
-        low, high = self._coils
-        gap, place = self.air.gap(low, high, "the coils"), self._gap(plate)
-        images = self.air.images((gap, low, high), place, self._wide(plate))
-        if gap == place[0]:
-            images.append(Image(1, 0.0, np.ones(len(self.air.frequencies), dtype=np.complex128)))
+        images = self.images_of_coils(plate)
         count = sum(parity.unknowns.shape[1] for parity in plate.body.parities)
         frequencies = len(self.air.frequencies)
         shape = (frequencies, count, len(plate.where), len(self.paths))
         require_memory(32.0 * math.prod(shape), f"a plate at {len(plate.where)} places", "compute fewer")
         if not images:  # behind a plate that nothing passes
             return np.zeros(shape, dtype=np.complex128)
-        weights, number = self._sums(images)
+        weights, number = distinct_sums(images)
         used = weights.any(axis=1)
         fluxes = linked_fluxes(plate.body, self.paths, plate.plate, plate.where, images, weights[used])
         b = np.zeros((len(weights), *shape[1:]))
         b[used] = np.concatenate(fluxes, axis=1)
         return np.asarray(b[number[:frequencies]] + 1j * b[number[frequencies:]])
 
-    def _sums(self, images: Sequence[Image]) -> tuple[FloatArray, IntArray]:
-        """Distinct real weights (sums, images), and which are the real parts, then the imaginary parts, of the shares.
-
-        What sheets alone reflect is the same at all frequencies, and real.
-        """
-        shares = np.array([image.shares for image in images]).T
-        parts = np.concatenate((shares.real, shares.imag))
-        weights, number = np.unique(parts, axis=0, return_inverse=True)
-        return weights, number.ravel()
+    def images_of_coils(self, plate: PosedPlate) -> list[Image]:
+        """Images of the coils that a plate sees, with themselves where nothing lies between."""
+        low, high = self._coils
+        gap, place = self.air.gap(low, high, "the coils"), self._gap(plate)
+        images = self.air.images((gap, low, high), place, self._wide(plate))
+        if gap == place[0]:
+            images.append(Image(1, 0.0, np.ones(len(self.air.frequencies), dtype=np.complex128)))
+        return images
 
     @cached_property
     def _coils(self) -> tuple[float, float]:
@@ -163,7 +158,8 @@ class PlatesInAir:
     def _gap(self, plate: PosedPlate) -> tuple[int, float, float]:
         return self.air.gap(*plate.extent, f"plate {plate.plate.name!r}"), *plate.extent
 
-    def _images(self, source: PosedPlate, place: PosedPlate) -> list[Image]:
+    def images_of(self, source: PosedPlate, place: PosedPlate) -> list[Image]:
+        """Images of a plate's currents that another one sees, or itself, without those that reach it directly."""
         wide = max(self._wide(source), self._wide(place))
         return self.air.images(self._gap(source), self._gap(place), wide)
 
@@ -174,6 +170,17 @@ class PlatesInAir:
         low, high = plate.corners.min(axis=(0, 1))[:2], plate.corners.max(axis=(0, 1))[:2]
         ends = np.array([points.min(axis=0), points.max(axis=0), low + moved.min(axis=0), high + moved.max(axis=0)])
         return float(np.hypot(*np.ptp(ends, axis=0)))
+
+
+def distinct_sums(images: Sequence[Image]) -> tuple[FloatArray, IntArray]:
+    """Distinct real weights (sums, images), and which are the real parts, then the imaginary parts, of the shares.
+
+    What sheets alone reflect is the same at all frequencies, and real.
+    """
+    shares = np.array([image.shares for image in images]).T
+    parts = np.concatenate((shares.real, shares.imag))
+    weights, number = np.unique(parts, axis=0, return_inverse=True)
+    return weights, number.ravel()
 
 
 def linked_fluxes(

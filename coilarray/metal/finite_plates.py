@@ -92,7 +92,7 @@ def moving_plate(
         number), or an outline too narrow.
     MetalError
         A plate or a coil in a layer without end; a magnetic plate less than three skin depths thick, with a hole, or
-        beside other plates or magnetic sheets.
+        beside others with an outline.
     MemoryLimitError
         Too many positions or triangles for `coilarray.compute.memory.allowed_memory`.
 
@@ -125,11 +125,17 @@ def moving_plate(
     paths = as_conductors(source)
     where, f = _checked_positions(positions), _checked_frequencies(frequencies)
     _require_free(plate, where, beside)
-    if _magnetic_plate([plate, *beside], f, sheets) is not None:
-        return magnetic_changes(_meshed(paths, plate, where, f, sheets, fineness), paths, plate, where, f)
-    body, impedances = _prepared(paths, plate, where, f, sheets, fineness)
     around = PlatesInAir(paths, LayeredAir.between([one for one in beside if isinstance(one, Plate)], sheets, f))
     change = np.zeros((len(where), len(f), len(paths), len(paths)), dtype=np.complex128)
+    if _magnetic_plate([plate, *beside], f) is not None:
+        body = _meshed(paths, plate, where, f, sheets, fineness)
+        groups = _same_heights(where[:, 2]) if around.air.layers else [np.arange(len(where))]
+        for done, group in enumerate(groups):
+            change[group] = magnetic_changes(around, PosedPlate(body, plate, where[group], ()))
+            if progress is not None:
+                progress(done + 1, len(groups))
+        return change
+    body, impedances = _prepared(paths, plate, where, f, sheets, fineness)
     others = [one for one in beside if isinstance(one, FinitePlate)]
     if not around.air.layers and not others:
         both = [b[0] for b in linked_fluxes(body, paths, plate, where)]
@@ -178,9 +184,10 @@ def outlined_inductance(
     """
     paths = as_conductors(source)
     f = _checked_frequencies(frequencies)
-    magnetic = _magnetic_plate(plates, f, sheets)
+    magnetic = _magnetic_plate(plates, f)
     if magnetic is not None:
-        return np.asarray(moving_plate(paths, magnetic, [magnetic.centre], f, sheets, fineness=fineness)[0])
+        beside = [one for one in plates if one is not magnetic]
+        return np.asarray(moving_plate(paths, magnetic, [magnetic.centre], f, sheets, beside, fineness=fineness)[0])
     around, posed = _all_posed(paths, plates, f, sheets, fineness)
     solved = around.solved(posed)
     change = [
@@ -217,12 +224,13 @@ def eddy_currents_over(
     """`eddy_currents` at each of the frequencies (f,) in Hz."""
     paths = as_conductors(source)
     f = _checked_frequencies(frequencies)
-    magnetic = _magnetic_plate(plates, f, sheets)
+    magnetic = _magnetic_plate(plates, f)
     if magnetic is not None:
-        where = np.array([magnetic.centre])
-        body = _meshed(paths, magnetic, where, f, sheets, fineness)
-        corners = body.all_corners @ magnetic.axes + where[0]
-        return [[EddyCurrents(corners, magnetic_currents(body, paths, magnetic, one))] for one in f.tolist()]
+        endless, where = [one for one in plates if isinstance(one, Plate)], np.array([magnetic.centre])
+        _require_free(magnetic, where, endless)
+        around = PlatesInAir(paths, LayeredAir.between(endless, sheets, f))
+        one = PosedPlate(_meshed(paths, magnetic, where, f, sheets, fineness), magnetic, where, ())
+        return [[EddyCurrents(one.corners, density)] for density in magnetic_currents(around, one)]
     around, posed = _all_posed(paths, plates, f, sheets, fineness)
     solved = around.solved(posed)
     starts = np.cumsum([0, *(one.currents[0].shape[1] for one in posed)]).tolist()
@@ -316,14 +324,12 @@ def _magnetic(sheets: Sequence[Sheet]) -> list[Sheet]:
     return [sheet for sheet in sheets if sheet.relative_permeability > 1]
 
 
-def _magnetic_plate(
-    plates: Sequence[Plate | FinitePlate], frequencies: FloatArray, sheets: Sequence[Sheet]
-) -> FinitePlate | None:
-    """Return the magnetic plate with an outline, None where there is none; refuse one that is not alone, or thin."""
-    for one in plates:
-        if isinstance(one, FinitePlate) and one.material.relative_permeability != 1:
-            others = [other for other in plates if other is not one]
-            require_skin(one, frequencies, [*others, *_magnetic(sheets)])
+def _magnetic_plate(plates: Sequence[Plate | FinitePlate], frequencies: FloatArray) -> FinitePlate | None:
+    """Return the magnetic plate with an outline, None without; refuse one beside others with an outline, or thin."""
+    outlined = [one for one in plates if isinstance(one, FinitePlate)]
+    for one in outlined:
+        if one.material.relative_permeability != 1:
+            require_skin(one, frequencies, [other for other in outlined if other is not one])
             return one
     return None
 

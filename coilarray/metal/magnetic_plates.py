@@ -17,18 +17,20 @@ for Elliptic Boundary Value Problems (2008), ch. 6. In the metal's place H_c = �
 
     ΔL_ij − jΔR_ij/ω = −µ0 (c_iᵀ (Λ + ℓ S)⁻¹ c_j − u_iᵀ b_j/µ0 + ℓ u_iᵀ t_j),   c = ℓ t − b/µ0.
 
+Between sheets and plates without end, G = 1/4πr has the images of `coilarray.metal.layered_air` too: shares of charges
+and double layers, of the other sign in mirror images; H_c is what the coils send there between them.
+
 The skin depth is at most a third of the thickness, and small against the width. A hole would need a cut.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import cho_factor, cho_solve, lu_factor, lu_solve
+from scipy.linalg import block_diag, lu_factor, lu_solve
 from scipy.sparse.linalg import splu
 
 from coilarray.compute.arrays import ComplexArray, FloatArray, IntArray
@@ -39,14 +41,16 @@ from coilarray.electromagnetics.kernels.triangles import double_layers
 from coilarray.errors import MetalError
 from coilarray.geometry import Conductor
 from coilarray.geometry.plate import FinitePlate
-from coilarray.metal.coupled_plates import fields_on
-from coilarray.metal.half_body import MIRROR, ROWS, EddyBody
+from coilarray.metal.coupled_plates import PlatesInAir, PosedPlate, distinct_sums, fields_on
+from coilarray.metal.field_at_plate import ALONE
+from coilarray.metal.half_body import MIRROR, ROWS, EddyBody, inductance, pair_integrals
+from coilarray.metal.layered_air import ITSELF, Image
 
 _DEPTHS = 3.0  # least thickness in skin depths
 
 
-def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[object]) -> None:
-    """Refuse magnetic plates with which this is not computed: MetalError; `others` are plates and sheets beside it."""
+def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[FinitePlate]) -> None:
+    """Refuse magnetic plates with which this is not computed: MetalError; `others` are those with an outline beside."""
     depth = max(plate.material.skin_depth(f) for f in frequencies.tolist())
     if plate.thickness < _DEPTHS * depth:
         raise MetalError(
@@ -59,38 +63,35 @@ def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[o
             f"a magnetic plate with an outline must have no holes; {plate.name!r} has some: leave them out."
         )
     if others:
-        names = ", ".join(str(getattr(other, "name", other)) for other in others)
+        names = ", ".join(other.name for other in others)
         raise MetalError(
-            f"a magnetic plate with an outline is computed only without other plates and magnetic sheets; beside "
-            f'{plate.name!r} there are {names}: leave one of them out, or make it infinite with shape = "plate".'
+            f"a magnetic plate with an outline is computed only without others with an outline; beside {plate.name!r} "
+            f'there are {names}: leave one of them out, or make it infinite with shape = "plate".'
         )
 
 
-def magnetic_changes(
-    body: EddyBody, paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray, frequencies: FloatArray
-) -> ComplexArray:
-    """ΔZ/jω in H by a magnetic plate at centres `where` (places, 3) in m, (places, f, paths, paths)."""
-    change = np.zeros((len(where), len(frequencies), len(paths), len(paths)), dtype=np.complex128)
-    lengths = _lengths(plate, frequencies)
-    for sign, (b, t) in zip((1, -1), _loads(body, paths, plate, where), strict=True):
-        change += parity_change(body, sign, b, t, lengths)
-    return change
+def magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> ComplexArray:
+    """ΔZ/jω in H by a magnetic plate at its places, (places, f, paths, paths)."""
+    problems, lengths = _problems(around, plate), _lengths(plate.plate, around.air.frequencies)
+    found = [sum(one.change(length) for one in of) for of, length in zip(problems, lengths.tolist(), strict=True)]
+    shape = (len(plate.where), len(around.paths), len(around.paths))
+    return np.stack([np.broadcast_to(np.asarray(one, dtype=np.complex128), shape) for one in found], axis=1)
 
 
-def magnetic_currents(body: EddyBody, paths: Sequence[Conductor], plate: FinitePlate, frequency: float) -> ComplexArray:
-    """N × H in A/m for 1 A in each path at the plate's centre, (paths, 2k, 3) along the board's axes.
+def magnetic_currents(around: PlatesInAir, plate: PosedPlate) -> list[ComplexArray]:
+    """N × H in A/m for 1 A in each path at the plate's only place, (paths, 2k, 3) along the board's axes, by frequency.
 
     On the triangles of the upper half and of its mirror image.
     """
-    found: ComplexArray = np.zeros((len(paths), 2 * len(body.mesh.triangles), 3), dtype=np.complex128)
-    (length,) = _lengths(plate, np.array([frequency])).tolist()
-    for sign, (b, t) in zip((1, -1), _loads(body, paths, plate, np.array([plate.centre])), strict=True):
-        problem = _problem(body, sign, b, t)
-        total = np.zeros((len(body.mesh.nodes), len(paths)), dtype=np.complex128)
-        total[problem.used] = (problem.u + problem.answer(length))[:, 0]
-        upper = np.stack([np.asarray(K @ total).T for K in body.currents], axis=-1)
-        found += np.concatenate((upper, -sign * MIRROR * upper), axis=1)  # of an odd potential they are even
-    return np.asarray(found @ plate.axes)
+    lengths = _lengths(plate.plate, around.air.frequencies).tolist()
+    currents, n = _currents(plate), len(plate.body.mesh.nodes)
+    found = []
+    for of, length in zip(_problems(around, plate), lengths, strict=True):
+        total = np.zeros((2 * n, len(around.paths)), dtype=np.complex128)
+        for one in of:
+            total += np.asarray(one.basis @ (one.u + one.answer(length))[:, 0])
+        found.append(np.stack([np.asarray(K @ total).T for K in currents], axis=-1))
+    return found
 
 
 def _lengths(plate: FinitePlate, frequencies: FloatArray) -> ComplexArray:
@@ -99,30 +100,19 @@ def _lengths(plate: FinitePlate, frequencies: FloatArray) -> ComplexArray:
     return np.asarray(plate.material.relative_permeability * depths * (1 - 1j) / 2)
 
 
-def _loads(
-    body: EddyBody, paths: Sequence[Conductor], plate: FinitePlate, where: FloatArray
-) -> list[tuple[FloatArray, FloatArray]]:
-    """`EddyBody.linked_to` of even and of odd potentials, each of shape (nodes, places, paths)."""
-    n, shape = len(body.mesh.nodes), (len(where), len(paths))
-    require_memory(8.0 * 8 * n * math.prod(shape), f"a plate at {len(where)} places", "compute fewer")
-    parts: list[list[tuple[FloatArray, FloatArray]]] = [[], []]
-    for fields in fields_on(body, paths, plate, where):
-        for sign, of in zip((1, -1), parts, strict=True):
-            of.append(body.linked_to(fields, sign))
-    joined = ([np.concatenate(each, axis=1).reshape(n, *shape) for each in zip(*of, strict=True)] for of in parts)
-    return [(b, t) for b, t in joined]
-
-
 @dataclass(frozen=True, eq=False)
-class _Problem:
-    """Λ and S of the upper half for the nodes `used`, with b/µ0, t and u of shape (used, places, paths)."""
+class Potentials:
+    """Λ and S in m for potentials on a body, with b/µ0, t and u of shape (unknowns, places, paths).
 
-    used: IntArray
-    outer: FloatArray
+    `basis` takes the unknowns to the nodes of the upper half, then those of the lower one.
+    """
+
+    basis: sp.csr_array
+    outer: FloatArray | ComplexArray
     S: FloatArray
-    b: FloatArray
-    t: FloatArray
-    u: FloatArray
+    b: FloatArray | ComplexArray
+    t: FloatArray | ComplexArray
+    u: FloatArray | ComplexArray
 
     def load(self, length: complex) -> ComplexArray:
         """Return c for ℓ in m."""
@@ -131,64 +121,195 @@ class _Problem:
     def answer(self, length: complex) -> ComplexArray:
         """Return φ in A for ℓ in m."""
         c = self.load(length)
-        x = lu_solve(lu_factor(2 * (self.outer + length * self.S)), c.reshape(len(c), -1))
+        x = lu_solve(lu_factor(self.outer + length * self.S), c.reshape(len(c), -1))
         return np.asarray(x.reshape(c.shape))
 
-
-def _problem(body: EddyBody, sign: int, b: FloatArray, t: FloatArray) -> _Problem:
-    n = len(body.mesh.nodes)
-    used = np.arange(n) if sign > 0 else np.setdiff1d(np.arange(n), body.mesh.ring)
-    S = stiffness(body)[used][:, used]
-    b, t = b[used] / MU_0, t[used] / MU_0
-    known = slice(1, None) if sign > 0 else slice(None)  # a constant is free
-    u = np.zeros_like(t)
-    u[known] = -splu((2 * S)[known, known].tocsc()).solve(t[known].reshape(-1, t[0].size)).reshape(t[known].shape)
-    return _Problem(used, exterior(body, sign)[np.ix_(used, used)], S.toarray(), b, t, u)
-
-
-def parity_change(body: EddyBody, sign: int, b: FloatArray, t: FloatArray, lengths: ComplexArray) -> ComplexArray:
-    """Share of the potentials that are even (sign 1) or odd about the mid-plane, (places, f, paths, paths) in H.
-
-    `b` in Wb/A and `t` in T·m/A, shape (nodes, places, paths), are those of `EddyBody.linked_to`; `lengths` (f,) are ℓ
-    in m.
-    """
-    problem = _problem(body, sign, b, t)
-    inside = np.einsum("npi,npj->pij", problem.u, problem.b, optimize=True)
-    along = np.einsum("npi,npj->pij", problem.u, problem.t, optimize=True)
-
-    def at(length: complex) -> ComplexArray:
-        both = np.einsum("npi,npj->pij", problem.load(length), problem.answer(length), optimize=True)
+    def change(self, length: complex) -> ComplexArray:
+        """ΔZ/jω in H, (places, paths, paths), for ℓ in m."""
+        inside = np.einsum("npi,npj->pij", self.u, self.b, optimize=True)
+        along = np.einsum("npi,npj->pij", self.u, self.t, optimize=True)
+        both = np.einsum("npi,npj->pij", self.load(length), self.answer(length), optimize=True)
         found = -MU_0 * (both - inside + length * along)
         return np.asarray((found + found.swapaxes(1, 2)) / 2)
 
-    return np.stack([at(length) for length in lengths.tolist()], axis=1)
+
+def of_parity(body: EddyBody, sign: int, b: FloatArray, t: FloatArray) -> Potentials:
+    """Potentials that are even (sign 1) or odd about the mid-plane, on a body in air.
+
+    `b` in Wb/A and `t` in T·m/A, shape (nodes, places, paths), are those of `EddyBody.linked_to`.
+    """
+    used, basis = _basis(body, sign)
+    V, rest, W = exterior(body, sign)
+    S = stiffness(body)[used][:, used]
+    return _potentials(basis, _outer(V, rest[:, used], W[np.ix_(used, used)]), [S], b[used], t[used], free=sign > 0)
 
 
 def stiffness(body: EddyBody) -> sp.csr_array:
-    """∫ ∇v·∇v' over the upper half of a body, dimensionless, shape (n, n)."""
-    areas = sp.diags_array(body.areas)
+    """∫ ∇v·∇v' over both halves of a body for equal potentials on both, dimensionless, shape (n, n)."""
+    areas = sp.diags_array(2 * body.areas)
     return sp.csr_array(sum(G.T @ areas @ G for G in body.gradients))
 
 
-def exterior(body: EddyBody, sign: int) -> FloatArray:
-    """Λ of the upper half of a body in m for even (sign 1) or odd potentials about the mid-plane, (n, n)."""
+def exterior(body: EddyBody, sign: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """V in m³, ½ − K in m² and W in m of both halves for what is even (sign 1) or odd about the mid-plane.
+
+    Shapes (k, k), (k, n) and (n, n), by the triangles and the nodes of the upper half.
+    """
     (own, image), (M, M_image), mesh = body.integrals, body.inductances, body.mesh
     k, n = len(mesh.triangles), len(mesh.nodes)
     corners = mesh.corners
     mirrored = np.ascontiguousarray((corners * MIRROR)[:, ::-1])  # their normals point outwards too
-    K = np.zeros((k, n))
-    for other, nodes, part in ((corners, mesh.triangles, 1), (mirrored, mesh.triangles[:, ::-1], sign)):
-
-        def work(rows: tuple[int, int], other: FloatArray = other, nodes: IntArray = nodes, part: int = part) -> None:
-            double_layers(
-                corners[slice(*rows)], other, np.ascontiguousarray(nodes), part / (4 * np.pi), K[slice(*rows)]
-            )
-
-        run_blocks(work, ranges(k, ROWS))
+    K = _double_layers(corners, corners, mesh.triangles, n)
+    K += sign * _double_layers(corners, mirrored, mesh.triangles[:, ::-1], n)
     share = np.zeros((k, n))
     np.add.at(share, (np.repeat(np.arange(k), 3), mesh.triangles.ravel()), np.repeat(body.areas / 3, 3))
-    rest = share / 2 - K
-    V = (own + sign * image) / (4 * np.pi)
-    W = (M - sign * M_image) / MU_0
-    made = W + rest.T @ cho_solve(cho_factor(V, check_finite=False), rest, check_finite=False)
+    return (own + sign * image) / (2 * np.pi), share - 2 * K, 2 * (M - sign * M_image) / MU_0
+
+
+def _problems(around: PlatesInAir, plate: PosedPlate) -> list[list[Potentials]]:
+    """Potentials at every frequency: even and odd ones, or between layers, which couple these, all in one."""
+    body, count = plate.body, len(around.air.frequencies)
+    if not around.air.layers:
+        loads = _loads(around.paths, plate, [ITSELF], ALONE)
+        return [[of_parity(body, sign, b[0], t[0]) for sign, (b, t) in zip((1, -1), loads, strict=True)]] * count
+    images = around.images_of_coils(plate)
+    if not images:  # behind a plate that nothing passes
+        return [[]] * count
+    weights, number = distinct_sums(images)
+    loads = _loads(around.paths, plate, images, weights)
+    outer, (S, S_odd) = _between_layers(around, plate), [stiffness(body)[u][:, u] for u, _ in _bases(body)]
+    basis = sp.hstack([one for _, one in _bases(body)], format="csr")
+    found = []
+    for k, Λ in enumerate(outer):
+        b, t = (
+            np.concatenate([of[part][number[k], used] + 1j * of[part][number[count + k], used]
+                            for of, (used, _) in zip(loads, _bases(body), strict=True)])
+            for part in (0, 1)
+        )  # fmt: skip
+        found.append([_potentials(basis, Λ, [S, S_odd], b, t, free=True)])
+    return found
+
+
+def _potentials(
+    basis: sp.csr_array,
+    outer: FloatArray | ComplexArray,
+    stiff: Sequence[sp.csr_array],
+    b: FloatArray | ComplexArray,
+    t: FloatArray | ComplexArray,
+    *,
+    free: bool,
+) -> Potentials:
+    """Potentials with what follows from S and t; `free` says that a constant of the first ones is."""
+    S = sp.block_diag(stiff, format="csc")
+    u, known = np.zeros_like(t), slice(1, None) if free else slice(None)
+    loads = t[known].reshape(-1, t[0].size) / MU_0
+    u[known] = -splu(S[known, known].astype(t.dtype)).solve(loads).reshape(t[known].shape)
+    return Potentials(basis, outer, S.toarray(), b / MU_0, t / MU_0, u)
+
+
+def _bases(body: EddyBody) -> list[tuple[IntArray, sp.csr_array]]:
+    return [_basis(body, sign) for sign in (1, -1)]
+
+
+def _basis(body: EddyBody, sign: int) -> tuple[IntArray, sp.csr_array]:
+    """Nodes of the upper half that count, an odd potential being 0 on the rim, and the nodes of both halves by them."""
+    n = len(body.mesh.nodes)
+    used = np.arange(n) if sign > 0 else np.setdiff1d(np.arange(n), body.mesh.ring)
+    upper = sp.eye_array(n, format="csr")[:, used]
+    return used, sp.vstack((upper, sign * upper), format="csr")
+
+
+def _currents(plate: PosedPlate) -> list[sp.csr_array]:
+    """∇v × n along the board's axes on the triangles of both halves, for their nodes: each of shape (2k, 2n) in 1/m."""
+    halves = [
+        sp.block_diag((K, -mirror * K), format="csr")
+        for K, mirror in zip(plate.body.currents, MIRROR.tolist(), strict=True)
+    ]
+    return [sum(plate.plate.axes[own, axis] * halves[own] for own in range(3)) for axis in range(3)]
+
+
+def _between_layers(around: PlatesInAir, plate: PosedPlate) -> list[FloatArray | ComplexArray]:
+    """Λ of even and odd potentials with what layers reflect of them, (u, u) in m, at every frequency."""
+    body, images = plate.body, around.images_of(plate, plate)
+    k, n = len(body.mesh.triangles), len(body.mesh.nodes)
+    shares = np.array([image.shares for image in images]).T.reshape(len(around.air.frequencies), -1)
+    distinct, number = np.unique(shares, axis=0, return_inverse=True)
+    size = 16.0 if shares.imag.any() else 8.0
+    require_memory(size * len(distinct) * 9 * k * k, f"the potentials on {k} triangles", "use a coarser mesh")
+    parts = [exterior(body, sign) for sign in (1, -1)]
+    used = [nodes for nodes, _ in _bases(body)]
+    vacuum = (
+        block_diag(*(V for V, _, _ in parts)),
+        block_diag(*(rest[:, nodes] for (_, rest, _), nodes in zip(parts, used, strict=True))),
+        block_diag(*(W[np.ix_(nodes, nodes)] for (_, _, W), nodes in zip(parts, used, strict=True))),
+    )
+    basis = sp.hstack([one for _, one in _bases(body)], format="csr")
+    currents = [K @ basis for K in _currents(plate)]
+    corners = plate.corners.copy()
+    corners[k:] = corners[k:, ::-1]  # so that all normals point outwards
+    nodes = np.concatenate((body.mesh.triangles, body.mesh.triangles[:, ::-1] + n))
+    kind: type[np.complex128 | np.float64] = np.complex128 if size > 8 else np.float64
+    every: list[list[FloatArray | ComplexArray]] = [[np.array(part, dtype=kind) for part in vacuum] for _ in distinct]
+    for image, of_image in zip(images, distinct.T, strict=True):
+        seen = np.ascontiguousarray(image.of(corners))
+        integrals = pair_integrals(corners, seen, mirrored=image.sign < 0)
+        turned = seen[:, ::-1] if image.sign < 0 else seen
+        K = _double_layers(corners, turned, nodes[:, ::-1] if image.sign < 0 else nodes, 2 * n) @ basis
+        W = inductance(currents, integrals, np.array([1.0, 1.0, image.sign])) / MU_0
+        V, K = _parities(_parities(integrals / (4 * np.pi)).T).T, _parities(K)
+        for total, share in zip(every, of_image.tolist(), strict=True):
+            weight = share if size > 8 else share.real
+            total[0] += image.sign * weight * (V + V.T) / 2
+            total[1] -= image.sign * weight * K
+            total[2] += weight * (W + W.T) / 2
+    made = [_outer(*total) for total in every]
+    return [made[k] for k in number.ravel()]
+
+
+def _parities(values: FloatArray) -> FloatArray:
+    """Add and subtract the values on both halves, (2k, n), for even and odd charges."""
+    upper, lower = np.split(values, 2)
+    return np.concatenate((upper + lower, upper - lower))
+
+
+def _outer(
+    V: FloatArray | ComplexArray, rest: FloatArray | ComplexArray, W: FloatArray | ComplexArray
+) -> FloatArray | ComplexArray:
+    """Λ = W + (½ − K)ᵀ V⁻¹ (½ − K), symmetric."""
+    made = W + rest.T @ lu_solve(lu_factor(V, check_finite=False), rest, check_finite=False)
     return np.asarray((made + made.T) / 2)
+
+
+def _double_layers(corners: FloatArray, other: FloatArray, nodes: IntArray, count: int) -> FloatArray:
+    """K (triangles, count) in m² of layers on other triangles, whose corners have the numbers `nodes`."""
+    K = np.zeros((len(corners), count))
+
+    def work(rows: tuple[int, int]) -> None:
+        double_layers(
+            corners[slice(*rows)], np.ascontiguousarray(other), np.ascontiguousarray(nodes), 1 / (4 * np.pi),
+            K[slice(*rows)],
+        )  # fmt: skip
+
+    run_blocks(work, ranges(len(corners), ROWS))
+    return K
+
+
+def _loads(
+    paths: Sequence[Conductor], plate: PosedPlate, images: Sequence[Image], weights: FloatArray
+) -> list[tuple[FloatArray, FloatArray]]:
+    """`EddyBody.linked_to` of even and of odd potentials, each of shape (sums, nodes, places, paths).
+
+    The fields are sums of the images of the paths with `weights` (sums, images).
+    """
+    body, n = plate.body, len(plate.body.mesh.nodes)
+    count = len(weights) * len(plate.where) * len(paths)
+    require_memory(8.0 * 8 * n * count, f"a plate at {len(plate.where)} places", "compute fewer")
+    parts: list[list[tuple[FloatArray, FloatArray]]] = [[], []]
+    for fields in fields_on(body, paths, plate.plate, plate.where, images, weights):
+        for sign, of in zip((1, -1), parts, strict=True):
+            through, along = (
+                np.moveaxis(one.reshape(n, len(weights), -1, len(paths)), 1, 0) for one in body.linked_to(fields, sign)
+            )
+            of.append((through, along))
+    joined = ([np.concatenate(each, axis=2) for each in zip(*of, strict=True)] for of in parts)
+    return [(b, t) for b, t in joined]
