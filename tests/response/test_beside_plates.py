@@ -209,7 +209,11 @@ def test_every_state_has_the_change_at_its_own_frequency(over_steel: xr.Dataset)
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("_coarse_plates")
-def test_a_finite_sample_over_a_plate_of_nothing_is_one_in_air(over_steel: xr.Dataset, alone: xr.Dataset) -> None:
+def test_a_finite_sample_over_a_plate_of_nothing_is_one_in_air(
+    over_steel: xr.Dataset, alone: xr.Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, coarsest in {"_ALONG": 12, "_FINEST": 0.6, "_LATTICE": 0.6}.items():  # of what has no currents
+        monkeypatch.setattr(plate_mesh, name, coarsest)
     assert PAIR.indentation is not None
     finite = replace(PAIR, indentation=replace(PAIR.indentation, sample_bounds=(-24e-3, -16e-3, 24e-3, 16e-3)))
     nothing, none = replace(BACK, material=Material("nothing", 1e-9)), mapped(finite)
