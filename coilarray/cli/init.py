@@ -16,11 +16,15 @@ from coilarray.cli.replacing import remember, require_own
 from coilarray.errors import DesignError, OutputError
 
 if TYPE_CHECKING:
-    from coilarray.design.model import DesignFile
+    import xarray as xr
+
+    from coilarray.design.model import Design, DesignFile
 
 Shape = Literal["hexagon", "square", "circle", "rectangle", "racetrack"]  # not imported: help must stay quick
 Overlap = Literal["none", "decoupled"]
 Side = Literal["right", "top", "left", "bottom"]
+_COILS = "3"  # of `coilarray.studies.create.new_design`
+_FEW = 2  # layers of a winding: no board has fewer
 
 
 def init(
@@ -103,9 +107,10 @@ def init(
         chosen = ask_for_choices(get_args(Shape), get_args(Side)) if asking else {"overlap": "decoupled"}
     with shared.progress_bar("layers, winding, pitch, terminals and tank"):
         made = _made(target.stem, chosen)
+        fewer = _fewer_layers(made, chosen)
     save_design(made, target)
     remember("init", [target])
-    for line in (f"wrote {target}: {made.design.title}", *_described(made, chosen.get("inductance_uH"))):
+    for line in (f"wrote {target}: {made.design.title}", *_described(made, chosen.get("inductance_uH")), *fewer):
         typer.echo(line)
     quoted = shlex.quote(str(target))
     typer.echo(f"next: coilarray check {quoted}, coilarray report {quoted}")
@@ -117,6 +122,23 @@ def _made(name: str, chosen: Mapping[str, Any]) -> DesignFile:
     from coilarray.studies.create import new_design
 
     return new_design(design_names([name])[name], **in_si(chosen))
+
+
+def _fewer_layers(made: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
+    """Say what fewer layers reach, where the wanted inductance is what needs so many."""
+    from coilarray.studies.create import reach_of_fewer_layers
+
+    layers = len(made.design.array.stackup.names)
+    (coil,) = made.document["coils"].values()
+    if "inductance_uH" not in chosen or "layers" in chosen or coil["winding_layers"] <= _FEW:
+        return []
+    deciding = {key: value for key, value in in_si(chosen).items() if key not in ("coils", "connector", "title")}
+    reach = reach_of_fewer_layers(layers, chosen.get("coils", _COILS), **deciding)
+    wanted = f"layers: {chosen['inductance_uH']:g} µH takes {layers}"
+    if reach is None:
+        return [f"{wanted}; on fewer there is no place for the terminals"]
+    reached = f"{reach.inductance * 1e6:.3g}"
+    return [f"{wanted}; {reach.layers} reach {reached} µH, with --layers {reach.layers} --inductance-uH {reached}"]
 
 
 def _described(file: DesignFile, wanted: float | None) -> list[str]:
@@ -138,6 +160,7 @@ def _described(file: DesignFile, wanted: float | None) -> list[str]:
     lines = [
         f"coil: {turns:g} turns on each of {on} layers, trace {trace:g} mm, gap {gap:g} mm",
         f"inductance: {span} µH{asked}",
+        _resistance(design, evaluation.scan),
     ]
     if len(design.array.names) > 1:
         near = neighbour_coupling(design)
@@ -159,3 +182,13 @@ def _described(file: DesignFile, wanted: float | None) -> list[str]:
         f"every limit of {values['fab.profile']} is kept"
     )
     return lines
+
+
+def _resistance(design: Design, scan: xr.Dataset) -> str:
+    """Say what the copper resists at the frequency of its use, of the coil where that is the most."""
+    from coilarray.electromagnetics.resistance import dc_resistance
+
+    worst = int(scan.ac_resistance.values.argmax())
+    R, f = float(scan.ac_resistance[worst]), float(scan.attrs["ac_resistance_frequency_Hz"]) * 1e-6
+    ratio = R / float(dc_resistance(design.array)[worst])
+    return f"resistance: {R:.3g} ohm at {f:.4g} MHz, {ratio:.2g} times that of direct current"

@@ -94,6 +94,7 @@ def optimize(
         return
     from coilarray.compute.store import open_store
     from coilarray.report.optimization import write_optimization_report
+    from coilarray.studies.optimize.goals import keeping_rules
     from coilarray.studies.optimize.run import optimize_design, require_coils
     from coilarray.studies.optimize.study_file import points_found
     from coilarray.studies.optimize.write import result_data, write_optimization
@@ -102,6 +103,7 @@ def optimize(
     if trials is not None:
         wanted = wanted.model_copy(update={"search": wanted.search.model_copy(update={"trials": trials})})
     require_coils(opened.design, wanted)
+    wanted = keeping_rules(wanted, opened)
     kept = open_store(cache)
     found = points_found(out, opened.design, wanted)
     if found:
@@ -194,7 +196,9 @@ def _print_result(result: Optimization) -> None:
         if not all(margin.kept for margin in check_rules(one.design.array, one.design.rules))
     ]
     if broken:
-        typer.echo(f"{', '.join(broken)} break fabrication rules (coilarray check); fab_margin_mm can be a constraint")
+        typer.echo(
+            f"{', '.join(broken)} break fabrication rules (coilarray check), of which the sampler cmaes knows nothing"
+        )
     if len(result.goal.objectives) > 1:
         typer.echo(f"Pareto front: {len(result.front)} designs")
 

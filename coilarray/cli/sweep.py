@@ -54,8 +54,9 @@ def sweep(
 
     What varies are entries of the design. Every point is stored as soon as it is computed: an interrupted sweep goes on
     when the same command runs again, and no point is computed twice. A point that gives no design is empty in the file,
-    with the reason. Values are in the unit of their name. With --goal the quantities of the goal are computed too, and
-    the best points are printed; what the goal varies is the default of --vary.
+    with the reason. Values are in the unit of their name. Points that break fabrication rules are marked, by fab_broken
+    in the file and by crosses in the plot, and are neither in the table nor the best. With --goal the quantities of the
+    goal are computed too, and the best points are printed; what the goal varies is the default of --vary.
 
     Example: coilarray sweep gast2020 --vary array.pitch_mm=12:15:7 --quantity worst_k --out sweep.nc --plot sweep.png
 
@@ -65,7 +66,7 @@ def sweep(
     from coilarray.compute.store import open_store
     from coilarray.design.model import load_design_file
     from coilarray.studies.optimize.trials import best_points
-    from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
+    from coilarray.studies.sweep import RULES, keeps_rules, parse_axis, plan_sweep, run_sweep
 
     file = load_design_file(design)
     opened = file.design
@@ -103,8 +104,16 @@ def sweep(
         data["best"] = [{"entries": dict(point.changes), "quantities": dict(point.quantities)} for point in best]
         lines += _best_lines(best, wanted) if len(reasons) < points else ["no point gives a value to the goal"]
     if not as_json:
-        rows = [_extremes(result, one.key, one.quantity.unit) for one in plan.requests]
+        makeable = keeps_rules(result)
+        shown = result.where(makeable) if bool(makeable.any()) else result  # what cannot be made has no extremes
+        rows = [
+            _extremes(shown, one.key, one.quantity.unit) for one in plan.requests if one.key != RULES or RULES in asked
+        ]
         shared.print_table(("quantity", "unit", "smallest", "where", "largest", "where"), rows)
+        broken = int((result[RULES] > 0).sum())
+        if broken:
+            where = "all the same in the table" if shown is result else "left out of the table"
+            lines.append(f"{broken} of {points} points break fabrication rules ({RULES} in the file): {where}")
         if reasons:
             lines.append(f"{len(reasons)} of {points} points have no result; the first: {reasons[0]}")
         lines.append(

@@ -229,8 +229,8 @@ def eddy_currents_over(
         endless, where = [one for one in plates if isinstance(one, Plate)], np.array([magnetic.centre])
         _require_free(magnetic, where, endless)
         around = PlatesInAir(paths, LayeredAir.between(endless, sheets, f))
-        posed = PosedPlate(_meshed(paths, magnetic, where, f, sheets, fineness), magnetic, where, ())
-        return [[EddyCurrents(posed.corners, density)] for density in magnetic_currents(around, posed)]
+        one = PosedPlate(_meshed(paths, magnetic, where, f, sheets, fineness), magnetic, where, ())
+        return [[EddyCurrents(one.corners, density)] for density in magnetic_currents(around, one)]
     around, posed = _all_posed(paths, plates, f, sheets, fineness)
     solved = around.solved(posed)
     starts = np.cumsum([0, *(one.currents[0].shape[1] for one in posed)]).tolist()

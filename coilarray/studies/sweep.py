@@ -32,6 +32,8 @@ from coilarray.studies.quantities import Request, request
 
 MOST_POINTS = 100_000
 """Points of a sweep."""
+RULES = "fab_broken"
+"""Quantity that every sweep has: how many fabrication rules a point breaks. What overlaps has values, and no board."""
 _VALUES = TomlFiles("value", GoalError)
 _LOOKED_AT = 200  # most points that are built before work begins, at 10 ms each
 _STEPS = 9  # values of an interval in a grid
@@ -215,6 +217,8 @@ def sweep(
     >>> wide = sweep(load_design("starter"), {"array.pitch_mm": [12, 16]}, ["span_mm"])
     >>> dict(wide.sizes), wide.span_mm.attrs["units"], round(float(wide.span_mm.diff("array.pitch_mm")[0]), 6)
     ({'array.pitch_mm': 2}, 'mm', 8.0)
+    >>> keeps_rules(wide).values.tolist()
+    [True, True]
     """
     plan = plan_sweep(
         design, [Axis(key, tuple(values)) for key, values in entries.items()], quantities, accuracy=accuracy
@@ -254,6 +258,7 @@ def plan_sweep(
     requests = {one.key: one for one in map(request, quantities)}
     if not requests:
         raise GoalError("a sweep must have at least one quantity.")
+    requests.setdefault(RULES, request(RULES))
     file = as_file(design)
     if samples is None:
         axes = [axis.stepped(whole=_is_whole(file.values.get(axis.key))) for axis in axes]
@@ -284,8 +289,8 @@ def run_sweep(
         Dimensions are the entries of a grid, or ``sample``; the entries' values are coordinates in the units of their
         keys, texts where they are no numbers, with the design's own as the attribute ``design_value``. One variable a
         quantity, by its canonical name and in its unit, NaN where a point has none; ``reason`` says why, and is empty
-        elsewhere. Units and long names in the attributes, ``sampling``, ``accuracy``, and those of
-        `coilarray.circuit.coupling.provenance`.
+        elsewhere. One quantity is always `RULES`, of which `keeps_rules` tells. Units and long names in the attributes,
+        ``sampling``, ``accuracy``, and those of `coilarray.circuit.coupling.provenance`.
 
     Raises
     ------
@@ -305,6 +310,11 @@ def run_sweep(
         if watch is not None:
             watch(lambda: _dataset(plan, values.copy(), reasons.copy()))
     return _dataset(plan, values, reasons)
+
+
+def keeps_rules(result: xr.Dataset) -> xr.DataArray:
+    """Whether the points of a sweep keep every fabrication rule; those without a result do not."""
+    return result[RULES] == 0
 
 
 def _dataset(plan: Sweep, values: FloatArray, reasons: npt.NDArray[np.object_]) -> xr.Dataset:

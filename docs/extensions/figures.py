@@ -18,6 +18,7 @@ from sphinx.errors import ExtensionError
 from sphinx_gallery.scrapers import figure_rst
 
 from coilarray.compute.code_version import code_version
+from coilarray.viz.plots.style import save
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -45,7 +46,7 @@ def of_program(block: tuple[Any, ...], block_vars: Mapping[str, Any], gallery_co
     last, names["___"] = names.get("___"), None  # a later block without a value would show the figure again
     for one in _figures(last):
         path = next(block_vars["image_path_iterator"])
-        one.savefig(path, dpi=_DPI)
+        save(one, path, dpi=_DPI)
         paths.append(path)
     pyplot.close("all")
     return figure_rst(paths, gallery_conf["src_dir"])
@@ -80,7 +81,7 @@ def _make(app: Sphinx) -> None:
         for code in _PROGRAM.findall(text):
             if not (path := _path(app, code)).exists():
                 try:
-                    figure_of(code).savefig(path, dpi=_DPI)
+                    save(figure_of(code), path, dpi=_DPI)
                 except Exception as error:
                     raise ExtensionError(f"{page.name}: the program of a picture fails: {error}\n{code}") from error
                 finally:

@@ -177,6 +177,22 @@ def test_init_makes_a_design_that_other_commands_take(capsys):
     assert "all margins are kept" in good(capsys, "check", "my_board.toml", "--fab", "oshpark-4-layer")
     data = answer(capsys, "matrix", "my_board.toml")
     assert f"{data['inductance_H'][0][0] * 1e6:.4g} µH" in out
+    of_scan = answer(capsys, "impedance", "my_board.toml", "--points", "2")["windings"][0]
+    said = re.search(r"resistance: (\S+) ohm at (\S+) MHz, (\S+) times that of direct current", out).groups()
+    assert float(said[0]) == pytest.approx(of_scan["ac_resistance_ohm"], rel=0.05)  # of the coil with the most
+    assert float(said[2]) > 1
+    assert "layers:" not in out
+
+
+@pytest.mark.slow
+def test_init_says_what_fewer_layers_reach_in_a_line_that_can_be_typed(capsys):
+    choices = ("--coils", "1", "--shape", "square", "--size-mm", "10", "--no-elastomer")
+    out = good(capsys, "init", "many", *choices, "--inductance-uH", "12")
+    few, reached, typed = re.search(r"layers: 12 µH takes 4; (\d) reach (\S+) µH, with (--layers .*)", out).groups()
+    again = good(capsys, "init", "few", *choices, *typed.split())
+    assert f"({reached} wanted)" in again
+    assert f"{few} copper layers" in again
+    assert "layers:" not in again
 
 
 @pytest.mark.slow

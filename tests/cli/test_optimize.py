@@ -8,6 +8,7 @@ import pytest
 from support.command_line import mistakes, runner, successes
 
 from coilarray import load_design
+from coilarray.geometry import check_rules
 from coilarray.report.optimization import write_optimization_report
 from coilarray.studies.optimize import run as optimize_run
 from coilarray.studies.quantities import QUANTITIES, evaluate
@@ -56,6 +57,13 @@ def found(capsys, *arguments, goal=GOAL):
     """Run a goal in this process, quietly, and return what is printed."""
     Path("goal.toml").write_text(goal, encoding="utf-8")
     return good(capsys, "starter", "goal.toml", "--workers", "1", *arguments)
+
+
+def read_board(folder):
+    """Area in mm² of the best board in a folder."""
+    return json.loads(Path(folder, "result.json").read_text(encoding="utf-8"))["front"][0]["quantities"][
+        "board_area_mm2"
+    ]
 
 
 def none_found(capsys, *arguments, goal):
@@ -175,10 +183,18 @@ def test_several_objectives_and_none_found(capsys):
     )
 
 
-def test_broken_rules_are_reported(capsys):
+def test_what_breaks_rules_is_best_only_where_the_goal_lets_it(capsys):
     # the least area has overlapping copper, of which the goal says nothing
-    out = found(capsys, goal=GOAL.replace("low = 9.0", "low = 6.0").replace("at_least = 500", "at_least = 1"))
-    assert "best break fabrication rules (coilarray check); fab_margin_mm can be a constraint" in out
+    small = GOAL.replace("low = 9.0", "low = 6.0").replace("at_least = 500", "at_least = 1")
+    out = found(capsys, "--out", "kept", goal=small)
+    assert "fab_margin_mm" in out
+    best = load_design("kept/best.toml")
+    assert all(margin.kept for margin in check_rules(best.array, best.rules))
+    free = small.replace("[search]", '[[constraint]]\nquantity = "fab_broken"\nat_most = 1000\n[search]')
+    out = found(capsys, "--out", "free", goal=free)
+    assert "best break fabrication rules (coilarray check)" in out
+    area = [read_board(folder) for folder in ("free", "kept")]
+    assert area[0] < area[1]
 
 
 def test_a_goal_of_the_command_line(capsys):

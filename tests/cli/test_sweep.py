@@ -66,6 +66,23 @@ def test_the_table_shows_the_extremes_and_where_they_are(capsys, expected):
     assert last == "wrote s.csv: 3 points over array.pitch_mm"
 
 
+def test_what_breaks_rules_is_marked_and_neither_an_extreme_nor_the_best(capsys):
+    """The starter's coils overlap on the same copper below some 9 mm: the smallest board, and none to be made."""
+    pitches = ("--vary", "array.pitch_mm=6,7,12,14", "--goal", "minimize board_area_mm2", *ONE)
+    data = answer(capsys, *pitches, "--out", "s.csv")
+    assert [row["fab_broken"] > 0 for row in data["points"]] == [True, True, False, False]
+    assert [point["entries"] for point in data["best"]] == [{"array.pitch_mm": 12}]
+    out = good(capsys, *pitches, *SPAN, "--out", "s.csv", "--plot", "s.svg")
+    (row,) = (" ".join(line.split()) for line in out.splitlines() if line.startswith("span_mm"))
+    assert "array.pitch_mm = 12 " in row
+    assert row.endswith("array.pitch_mm = 14")
+    assert "2 of 4 points break fabrication rules (fab_broken in the file): left out of the table" in out
+    assert "fab_broken  " not in out  # nobody asked for it
+    assert "breaks fabrication rules" in Path("s.svg").read_text(encoding="utf-8")
+    out = good(capsys, "--vary", "array.pitch_mm=6,7", *SPAN, *ONE)
+    assert "2 of 2 points break fabrication rules (fab_broken in the file): all the same in the table" in out
+
+
 BAD = ("--vary", "circuit.tank=coil,nowhere")  # every other point gives no design
 
 
@@ -73,7 +90,7 @@ def test_every_point_with_its_reason(capsys, expected):
     out = good(capsys, *SMALL, *BAD, "--out", "s.csv", *ONE)
     assert "3 of 6 points have no result; the first: starter: circuit.tank must be" in out
     rows = list(csv.DictReader(Path("s.csv").read_text(encoding="utf-8").splitlines()))
-    assert list(rows[0]) == ["array.pitch_mm", "circuit.tank", "span_mm", "board_area_mm2", "reason"]
+    assert list(rows[0]) == ["array.pitch_mm", "circuit.tank", "span_mm", "board_area_mm2", "fab_broken", "reason"]
     data = answer(capsys, *SMALL, *BAD, *ONE)
     assert data["design_hash"] == expected.attrs["design_hash"]
     assert (data["file"], data["sampling"], data["accuracy"]) == ("sweep.nc", "grid", "full")
@@ -121,7 +138,7 @@ def test_samples_are_repeatable_by_their_seed(capsys):
     assert four["points"] == points("--samples", "4", "--seed", "1")["points"]
     assert four["points"] == points("--samples", "9", "--seed", "1")["points"][:4]
     assert four["points"] != points("--samples", "4", "--seed", "2")["points"]
-    assert set(four["points"][0]) == {"array.pitch_mm", "span_mm", "reason"}
+    assert set(four["points"][0]) == {"array.pitch_mm", "span_mm", "fab_broken", "reason"}
 
 
 @pytest.mark.slow
@@ -205,7 +222,8 @@ def test_an_interrupted_sweep_says_what_is_kept_and_goes_on(capsys, monkeypatch)
     assert rest == f"of 60 points are kept in {Path('cache').resolve()}; the same command goes on from there"
     assert not Path("s.csv").exists()
     computed = []
-    monkeypatch.setattr("coilarray.studies.evaluate.evaluate", lambda *_, **__: computed.append(1) or {"worst_k": 0.25})
+    made_up = {"worst_k": 0.25, "fab_broken": 0.0}
+    monkeypatch.setattr("coilarray.studies.evaluate.evaluate", lambda *_, **__: computed.append(1) or made_up)
     good(capsys, *arguments, "--workers", "1")  # in this process
     assert len(computed) == 60 - done
     assert len(kept()) == 60

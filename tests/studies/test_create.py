@@ -11,9 +11,13 @@ from support.refusals import refused
 from coilarray import load_design, new_design, save_design
 from coilarray.circuit.coupling import design_inductance
 from coilarray.circuit.impedance import scan_design
+from coilarray.design.vary import vary
+from coilarray.electromagnetics.ac_resistance import resistance_matrix
+from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.errors import DesignError
 from coilarray.geometry import check_rules
 from coilarray.geometry.connector import NoWayError
+from coilarray.studies.create import reach_of_fewer_layers
 from coilarray.studies.create.arrangement import Arrangement, read_arrangement
 from coilarray.studies.create.decoupling import neighbour_coupling
 from coilarray.studies.create.plan import Plan
@@ -32,9 +36,15 @@ def sheet_formula(winding):
     return MU_0 * winding.turns**2 * mean / 2 * (math.log(2.46 / fill) + 0.2 * fill**2)
 
 
+def direct_current(winding):
+    """What the resistance at direct current is proportional to: turns by mean radius over width."""
+    mean = ROOM.radius - 0.5 * (winding.trace_width + winding.turns * (winding.trace_width + winding.gap))
+    return winding.turns * mean / winding.trace_width
+
+
 @pytest.mark.parametrize("inductance", [0.3e-6, 2e-6, 5e-6])
 def test_a_winding_of_a_closed_form_has_the_inductance_and_the_least_resistance(inductance):
-    found = wind(inductance, ROOM, sheet_formula)
+    found = wind(inductance, ROOM, sheet_formula, direct_current)
     assert sheet_formula(found) == pytest.approx(inductance, rel=3e-3)  # the trace is rounded to 1 µm
     assert ROOM.trace_width <= found.trace_width <= ROOM.widest(found.turns) + 1e-12
     # a turn more or less has another width for that inductance, and then more resistance
@@ -52,12 +62,14 @@ def test_a_winding_of_a_closed_form_has_the_inductance_and_the_least_resistance(
 def test_an_inductance_out_of_reach_is_refused_with_the_range():
     most = sheet_formula(Winding(22, 0.15e-3, 0.15e-3)) * 1e6
     words = f"an inductance of 900 µH cannot be reached: at most {most:.4g} µH can, with 22 turns a layer, traces of"
-    refused(DesignError, words, wind, 900e-6, ROOM, sheet_formula)
+    refused(DesignError, words, wind, 900e-6, ROOM, sheet_formula, direct_current)
     least = sheet_formula(Winding(1, ROOM.widest(1), ROOM.gap)) * 1e6
     words = f"an inductance of 0.0001 µH cannot be reached: at least {least:.3g} µH can, with 1 turn a layer, traces of"
-    refused(DesignError, words, wind, 1e-10, ROOM, sheet_formula)
+    refused(DesignError, words, wind, 1e-10, ROOM, sheet_formula, direct_current)
     narrow = Room(1e-3, 0.9e-3, 0.15e-3, 0.15e-3)
-    refused(DesignError, "there is no room for a turn of 0.15 mm trace between 0.9 and 1 mm", wind, 1e-6, narrow, id)
+    refused(
+        DesignError, "there is no room for a turn of 0.15 mm trace between 0.9 and 1 mm", wind, 1e-6, narrow, id, id
+    )
 
 
 @pytest.mark.parametrize(
@@ -166,6 +178,55 @@ def test_a_connector_without_room_is_refused_early(monkeypatch, led, movable, bo
     words = rf"at most {led} of 4 coils can be led to the top edge at a pitch of {13 if movable else 10} mm{tail}"
     refused(DesignError, words, module.with_connector, plan, "top", movable=movable)
     assert len(tried) == boards
+
+
+@pytest.mark.slow
+def test_a_wide_trace_has_the_least_resistance_where_the_coil_is_used():
+    file = new_design("power", "1", shape="circle", size=30e-3, inductance=4e-6, elastomer=False)
+    design = file.design
+    f = float(scan_design(design, elastomer=False, accuracy="screen").frequency[0])
+    chosen, ac, dc = int(file.values["coils.circle.turns_per_layer"]), {}, {}
+    for turns in range(chosen - 1, chosen + 3):
+        widths = np.linspace(0.15, 2.0, 16)
+        made = [vary(file, {"coils.circle.turns_per_layer": turns, "coils.circle.trace_width_mm": w}) for w in widths
+                if turns * (w + 0.15) + w < 11]  # fmt: skip
+        L = np.array([inductance_matrix(one.array, accuracy="screen")[0, 0] for one in made])
+        if L.min() < 4e-6 < L.max():
+            width = float(np.interp(-4e-6, -L, widths[: len(L)]))
+            same = vary(file, {"coils.circle.turns_per_layer": turns, "coils.circle.trace_width_mm": width})
+            R = resistance_matrix(same.array, [f])
+            ac[turns], dc[turns] = float(R.resistance[0, 0, 0]), float(R.dc_resistance[0])
+    assert len(ac) > 2
+    assert ac[chosen] < 1.05 * min(ac.values())  # the model of the search has twelve sides, and a likely frequency
+    assert min(dc, key=dc.get) != chosen  # at direct current more turns of wider traces would do
+
+
+@pytest.mark.slow
+def test_wide_traces_of_squares_keep_apart_at_their_corners_and_pads_beside_wide_leads():
+    wide = new_design("wide", "1", shape="square", size=30e-3, inductance=0.5e-6, layers=2, elastomer=False)
+    assert wide.values["coils.square.trace_width_mm"] > 2
+    assert wide.values["coils.square.gap_mm"] > 0.15  # a gap as drawn would be too narrow there
+    assert all(margin.kept for margin in check_rules(wide.design.array, wide.design.rules))
+    words = "an inductance of 0.5 µH cannot be reached: at least 0.7.* µH can, with 1 turn a layer"
+    refused(DesignError, words, new_design, "x", "1", shape="square", size=30e-3, inductance=0.5e-6, layers=4)
+    four = replace(Plan("x", "", Arrangement("single"), "square", (40e-3, 40e-3), False, fab="oshpark-4-layer"),
+                   winding_layers=4, winding=Winding(2, 3e-3, 0.5e-3))  # fmt: skip
+    assert all(margin.kept for margin in check_rules(four.design.array, four.rules))
+
+
+@pytest.mark.slow
+def test_what_fewer_layers_reach_can_be_made():
+    choices = {"shape": "hexagon", "size": 16e-3, "overlap": "decoupled", "elastomer": False}
+    file = new_design("many", "2", inductance=24e-6, **choices)
+    layers = len(file.design.array.stackup.names)
+    reach = reach_of_fewer_layers(layers, "2", inductance=24e-6, **choices)
+    assert reach.layers < layers
+    assert 1e-6 < reach.inductance < 24e-6
+    made = new_design("few", "2", inductance=reach.inductance, layers=reach.layers, **choices).design
+    assert len(made.array.stackup.names) == reach.layers
+    # rounded down to three digits
+    assert design_inductance(made)[0][0, 0] == pytest.approx(reach.inductance, rel=1e-2)
+    assert reach_of_fewer_layers(reach.layers, "2", inductance=24e-6, **choices) is None
 
 
 @pytest.mark.parametrize(("sets", "winding_layers"), [(1, 2), (2, 2), (4, 2), (3, 4), (4, 4)])

@@ -241,4 +241,4 @@ def test_at_most_two_hundred_points_are_looked_at(starter, monkeypatch, count):
 
 def test_quantities_that_are_the_same_are_computed_once(starter):
     plan = plan_sweep(starter, [GOOD], ["k[coil1, coil2]", {"quantity": "k", "coils": ["coil1", "coil2"]}])
-    assert [one.key for one in plan.requests] == ["k[coil1,coil2]"]
+    assert [one.key for one in plan.requests] == ["k[coil1,coil2]", "fab_broken"]  # which every sweep has

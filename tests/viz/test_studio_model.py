@@ -580,21 +580,23 @@ def test_a_sweep_is_watched_and_its_points_are_those_of_the_library(tmp_path, mo
     monkeypatch.setattr(studying, "_EVERY", 0.0)
     told = []
     asked = studying.SweepRequest(
-        OPENED.document, "starter", ("array.pitch_mm=12,-1,14", "array.columns=2,3"), ("span_mm",)
+        OPENED.document, "starter", ("array.pitch_mm=12,-1,6", "array.columns=2,3"), ("span_mm",)
     )
     found = studying.sweep_entries(asked, told.append, lambda: False)
     assert [one for one in told if isinstance(one, tuple)][-1] == (6, 6)
     head, rows = studying.sweep_rows(found)
-    assert head == ("array.pitch_mm", "array.columns", "span_mm")
+    assert head == ("array.pitch_mm", "array.columns", "span_mm", "fab_broken")
     assert [row.point for row in rows] == [0, 1, None, None, 4, 5]  # no pitch is negative
-    assert all(row.reason and row.cells[-1] == "–" for row in rows[2:4])
+    assert all(row.reason and row.cells[2] == "–" for row in rows[2:4])
+    assert [row.broken for row in rows] == [False, False, False, False, True, True]  # at 6 mm copper overlaps
+    assert rows[4].reason == "it breaks fabrication rules"
     partial = [studying.sweep_rows(one)[1] for one in told if isinstance(one, studying.SweepResult)]
     assert [len(some) for some in partial] == [1, 2, 3, 4, 5, 6]
     work = work_on(OPENED, "starter")
     for row in (rows[0], rows[5]):
         taken = work.with_entries(found.points[row.point])
         span = evaluate(taken.design, ["span_mm"])["span_mm"]
-        assert float(row.cells[-1]) == pytest.approx(span, rel=1e-5)  # shown with six digits
+        assert float(row.cells[2]) == pytest.approx(span, rel=1e-5)  # shown with six digits
     for entry in entries_of(OPENED):
         axis = parse_axis(f"{entry.key}={studying.axis_text(entry)}")  # what is offered can be read
         assert min(axis.values) <= entry.value <= max(axis.values)

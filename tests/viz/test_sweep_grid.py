@@ -48,6 +48,40 @@ def test_one_entry_is_a_line_a_quantity_with_the_designs_own_value():
     assert len(ax.lines) == 1
 
 
+def crosses(ax):
+    found = [line.get_xydata() for line in ax.lines if line.get_marker() == "x"]
+    return sorted(np.concatenate(found).tolist()) if found else []
+
+
+@pytest.mark.parametrize("sampled", [False, True])
+def test_points_that_break_rules_are_crossed_out(sampled):
+    swept = result(PITCH, sampled=sampled)
+    broken = swept.worst_k.copy(data=[2.0, 0.0, np.nan, 1.0])  # rules, of points with a result
+    figure = sweep_figure(swept.assign(fab_broken=broken))
+    first, second = figure.axes  # no panel of its own
+    assert (crosses(first), crosses(second)) == ([[10, 0], [16, 3]], [[10, 100], [16, 103]])
+    assert figure.get_supxlabel() == "× breaks fabrication rules"
+    assert sweep_figure(swept.assign(fab_broken=0 * broken)).get_supxlabel() == ""
+    assert [ax.get_ylabel() for ax in sweep_figure(swept.assign(fab_broken=broken)[["fab_broken"]]).axes] == [
+        "fab_broken"
+    ]
+
+
+def test_broken_points_of_a_map_and_of_lines_are_crossed_out():
+    for axes in ((PITCH, COLUMNS), (COLUMNS, PITCH)):
+        swept = result(*axes)
+        broken = 1.0 * ((swept["array.pitch_mm"] == 12) & (swept["array.columns"] == 6)).transpose(*swept.dims)
+        ax = sweep_figure(swept.assign(fab_broken=broken)).axes[0]
+        assert crosses(ax) == [[12, 6] if axes[0] is PITCH else [6, 12]]
+    swept = result(PITCH, TANK)
+    broken = 1.0 * ((swept["array.pitch_mm"] == 14) & (swept["circuit.tank"] == "converter"))
+    ax = sweep_figure(swept.assign(fab_broken=broken)).axes[0]
+    assert crosses(ax) == [[14, float(swept.worst_k[2, 1])]]
+    coupled = result(PITCH, quantities=("k[coil1,coil2]",))
+    ax = sweep_figure(coupled.assign(fab_broken=coupled["k[coil1,coil2]"] == 1)).axes[0]
+    assert crosses(ax) == [[12, 1]]
+
+
 @pytest.mark.parametrize("axes", [(PITCH, TANK), (TANK, PITCH)])
 def test_a_number_and_a_text_are_a_line_a_text(axes):
     swept = result(*axes)

@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy.interpolate import PchipInterpolator
 
 from coilarray.compute.display_units import PLAIN, true_minus
+from coilarray.studies.sweep import RULES
 from coilarray.viz.palette import BLUE, COILS, GREY, INK, SEQUENTIAL, UNKNOWN, VERMILLION, curve_look
 from coilarray.viz.plots.style import (
     axis_unit,
@@ -222,6 +223,7 @@ def plot_coupling_sweep(sweep: xr.Dataset, ax: Axes | None = None) -> Axes:
         look = curve_look(place)
         ax.plot(x, values, marker=".", markersize=4, label=f"{name}{true_minus(found)}", **look)
         ax.plot(zeros, np.zeros_like(zeros), "o", markersize=7, markerfacecolor="white", markeredgecolor=look["color"])
+        _cross_out(ax, along, x, values)
     _finish(ax, sweep[entries[0]], "coupling coefficient k")
     if len(pairs) > _MOST_INSIDE:
         legend_beside(ax)
@@ -275,7 +277,9 @@ def plot_sweep_points(sweep: xr.Dataset, quantity: str, entry: str, ax: Axes | N
     """
     ax = ax or new_axes(*_PANEL)
     at = sweep[entry].broadcast_like(sweep[quantity]).transpose(*sweep[quantity].dims)
-    ax.plot(_numbers(sweep[entry], at.values.ravel()), sweep[quantity].values.ravel(), ".", color=BLUE, markersize=4)
+    x, values = _numbers(sweep[entry], at.values.ravel()), sweep[quantity].values.ravel()
+    ax.plot(x, values, ".", color=BLUE, markersize=4)
+    _cross_out(ax, sweep.transpose(*sweep[quantity].dims), x, values)
     _finish(ax, sweep[entry], _label(sweep[quantity]))
     return ax
 
@@ -313,10 +317,12 @@ def plot_sweep_lines(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -
     x = _numbers(sweep[along], sweep[along].values)
     if not apart:
         ax.plot(x, sweep[quantity].values, "o-", color=BLUE, markersize=4)
+        _cross_out(ax, sweep, x, sweep[quantity].values)
     else:
         for k, text in enumerate(sweep[apart].values.tolist()):
-            values = sweep[quantity].isel({apart: k}).values
-            ax.plot(x, values, marker="o", markersize=4, label=text, **curve_look(k))
+            one = sweep.isel({apart: k})
+            ax.plot(x, one[quantity].values, marker="o", markersize=4, label=text, **curve_look(k))
+            _cross_out(ax, one, x, one[quantity].values)
         ax.legend(title=apart, loc="best")  # as above
     _finish(ax, sweep[along], _label(sweep[quantity]))
     return ax
@@ -331,7 +337,7 @@ def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> 
     sweep, quantity
         As in `plot_sweep_points`, of a grid over two entries.
     ax : Axes, optional
-        Axes to draw into; a cross marks the design's own values.
+        Axes to draw into; a diamond marks the design's own values.
 
     Raises
     ------
@@ -351,13 +357,15 @@ def plot_sweep_map(sweep: xr.Dataset, quantity: str, ax: Axes | None = None) -> 
     ax = ax or new_axes(*_PANEL)
     x, y = (_numbers(sweep[entry], sweep[entry].values) for entry in entries)
     values = np.ma.masked_invalid(sweep[quantity].transpose(*entries).values)[np.ix_(np.argsort(x), np.argsort(y))]
+    across, up = np.meshgrid(x, y, indexing="ij")
+    _cross_out(ax, sweep.transpose(*entries), across.ravel(), up.ravel())
     ax.set_facecolor(UNKNOWN)
     mesh = ax.pcolormesh(np.sort(x), np.sort(y), values.T, shading="nearest", cmap=SEQUENTIAL, rasterized=True)
     for axis, entry in zip((ax.xaxis, ax.yaxis), entries, strict=True):
         _name_axis(axis, sweep[entry])
-    across, up = (_own(sweep[entry]) for entry in entries)
-    if across is not None and up is not None:
-        ax.plot([across], [up], "x", color=VERMILLION)
+    own = [value for entry in entries if (value := _own(sweep[entry])) is not None]
+    if len(own) == len(entries):
+        ax.plot(own[:1], own[1:], "D", color="white", markeredgecolor=VERMILLION, markersize=5)
     colour_bar(ax, mesh, _label(sweep[quantity]))
     return ax
 
@@ -377,8 +385,8 @@ def sweep_figure(result: xr.Dataset) -> Figure:
         One panel per quantity: a line over the one entry of a grid, lines or a map over two. For a grid over more
         entries, and for samples, one panel for each quantity and entry, with one dot per point. Over one entry with
         numbers coupling coefficients share a panel, drawn by `plot_coupling_sweep`, and so do the resonances with the
-        tank and the self-resonances. A dashed line or a cross marks the
-        design's own value; points without a result are left out, or grey on a map.
+        tank and the self-resonances. A dashed line or a diamond marks the design's own value; points without a
+        result are left out, or grey on a map; crosses mark those that break fabrication rules.
 
     Raises
     ------
@@ -392,7 +400,9 @@ def sweep_figure(result: xr.Dataset) -> Figure:
     >>> [ax.get_ylabel() for ax in sweep_figure(sweep).axes]
     ['worst_k']
     """
-    names = [str(name) for name in result.data_vars if name != "reason"]
+    names = [str(name) for name in result.data_vars if name not in ("reason", RULES)] or [
+        name for name in (RULES,) if name in result
+    ]
     entries = _entries(result)
     dotted = "sample" in result.dims or len(entries) > 2
     single = not dotted and len(entries) == 1 and not _is_text(result[entries[0]])
@@ -419,6 +429,8 @@ def sweep_figure(result: xr.Dataset) -> Figure:
             plot_sweep_lines(result, name, ax)
         else:
             plot_sweep_map(result, name, ax)
+    if _broken(result).any():
+        figure.supxlabel("× breaks fabrication rules", fontsize="small", color=GREY)
     return figure
 
 
@@ -428,12 +440,25 @@ def _plot_resonances(sweep: xr.Dataset, names: Sequence[str], ax: Axes) -> None:
     along = sweep.sortby(entry)
     for k, name in enumerate(names):
         ax.plot(along[entry].values, along[name].values, marker=".", markersize=4, label=name, **curve_look(k))
+        _cross_out(ax, along, along[entry].values, along[name].values)
     values = np.concatenate([along[name].values for name in names])
     if np.nanmax(values, initial=0.0) > _FAR_APART * np.nanmin(values, initial=np.inf):
         ax.set_yscale("log")
         logarithmic_ticks(ax.yaxis, float(np.log10(np.nanmax(values) / np.nanmin(values))))
     _finish(ax, sweep[entry], "resonance (MHz)")
     ax.legend(loc="best")  # as above
+
+
+def _broken(sweep: xr.Dataset) -> npt.NDArray[np.bool_]:
+    """Return whether each point breaks fabrication rules, as far as a sweep says."""
+    return np.asarray(sweep[RULES].values > 0) if RULES in sweep else np.zeros(1, dtype=bool)
+
+
+def _cross_out(ax: Axes, sweep: xr.Dataset, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> None:
+    """Mark the places of points that break fabrication rules, given in the order of the sweep."""
+    broken = _broken(sweep).ravel()
+    if broken.any():
+        ax.plot(x.ravel()[broken], y.ravel()[broken], "x", color=INK, markersize=6, zorder=5)
 
 
 def _entries(sweep: xr.Dataset) -> list[str]:

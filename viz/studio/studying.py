@@ -17,7 +17,7 @@ from coilarray.compute.threads import Progress
 from coilarray.compute.workers import workers
 from coilarray.design.model import build_design_file
 from coilarray.studies.quantities import QUANTITIES
-from coilarray.studies.sweep import parse_axis, plan_sweep, run_sweep
+from coilarray.studies.sweep import RULES, parse_axis, plan_sweep, run_sweep
 from coilarray.studies.tolerance import analyse, load_tolerances
 from coilarray.studies.tolerance.outputs import default_quantities
 from coilarray.viz.studio.entries import Entry, text_of
@@ -56,7 +56,8 @@ class Row:
 
     cells: tuple[str, ...]
     point: int | None = None  # whose entries can be taken over
-    reason: str = ""  # why it has no values
+    reason: str = ""  # why it has no values, or is no board
+    broken: bool = False  # fabrication rules
 
 
 def sweep_entries(item: SweepRequest, tell: Tell, _: Stopped) -> SweepResult:
@@ -106,12 +107,14 @@ def sweep_rows(result: SweepResult) -> tuple[tuple[str, ...], tuple[Row, ...]]:
     """Return the head of a table and a row for each point of a sweep that is computed."""
     keys = [str(name) for name in result.values.data_vars if name != "reason"]
     columns = [result.values[key].values.ravel().tolist() for key in keys]
+    broken = (result.values[RULES] > 0).values.ravel().tolist()
     rows = []
     for k, reason in enumerate(result.values.reason.values.ravel().tolist()):
         found = [column[k] for column in columns]
         if reason or not np.isnan(found).all():
             values = (*result.points[k].values(), *(None if np.isnan(one) else one for one in found))
-            rows.append(Row(tuple(map(value_text, values)), None if reason else k, reason))
+            why = reason or ("it breaks fabrication rules" if broken[k] else "")
+            rows.append(Row(tuple(map(value_text, values)), None if reason else k, why, broken[k]))
     return (*result.points[0], *keys), tuple(rows)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -11,16 +12,20 @@ import shapely
 
 from coilarray.circuit.coupling import design_inductance
 from coilarray.design.fab_limits import load_profile
+from coilarray.electromagnetics.ac_resistance import resistance_matrix
 from coilarray.electromagnetics.inductance import inductance_matrix
 from coilarray.errors import DesignError
+from coilarray.geometry import check_rules
 from coilarray.studies.create.decoupling import decoupled_pitch
 from coilarray.studies.create.plan import Plan
+from coilarray.studies.create.tank import expected_frequency
 from coilarray.studies.create.terminals import with_terminals
 from coilarray.studies.create.winding import Room, Winding, wind
 
 _FABS = ("oshpark-4-layer", "multi-cb-35um")  # taken where none is named: the first that has enough layers
 _TRACE = 0.15e-3  # of traces and gaps, in m: coarser than most houses need
 _GAP_STEP, _GAP_MARGIN = 10e-6, 1.05  # gaps are rounded up; turns of polygons come nearer than drawn by some percent
+_CORNERED = 0.75  # of half the hole: wider traces of polygons, whose turns slope, would touch at the inner corners
 _USUAL_HOLE = 0.4  # of half the coil's width: the hole of a winding for which no inductance is asked
 _HOLES = (0.45, 0.6, 0.75, 0.3)  # the same of coils that overlap, in which their neighbours' terminals may lie
 _WINDING_LAYERS = (2, 4)
@@ -30,13 +35,17 @@ _PASSES, _CLOSE = 3, 1e-3  # corrections of what is left out of the search for a
 
 @dataclass(frozen=True)
 class Wishes:
-    """What a layout is to have: inductance in H, layers, board house, pitch in m, or neighbours that do not couple."""
+    """What a layout is to have: inductance in H, layers, board house, pitch in m, or neighbours that do not couple.
+
+    The `frequency` in Hz at which the coils are used is the one that is wanted, if any is.
+    """
 
     inductance: float | None
     layers: int | None
     fab: str | None
     pitch: float | None
     decoupled: bool
+    frequency: float | None = None
 
     def fab_for(self, layers: int) -> str | None:
         """Return the board house that is named, or the first of the usual ones; None where it lacks layers."""
@@ -52,17 +61,39 @@ def lay_out(plan: Plan, wishes: Wishes) -> Plan:
     problem = None
     for board in _boards(plan, wishes):
         try:
-            wound = replace(board, winding=_winding(board, wishes.inductance))
+            return _completed(replace(board, winding=_winding(board, wishes)), wishes)
         except DesignError as error:
             problem = error  # of the most layers: what is out of reach of all
-            continue
-        for turned in (False, True) if _can_turn(board) else (False,):
-            try:
-                placed = _placed(replace(wound, turned=turned), wishes)
-                return with_terminals(placed, movable=board.sets == 1 and wishes.pitch is None)
-            except DesignError as error:
-                problem = error
     assert problem is not None  # there is at least one board, or a reason why not
+    raise problem
+
+
+def most_on_fewer_layers(plan: Plan, wishes: Wishes, layers: int) -> Plan | None:
+    """Find the layout that comes nearest to the wanted inductance on fewer layers; None where nothing can be placed."""
+    short: list[tuple[float, int, Plan]] = []
+    for board in _boards(plan, wishes):
+        for room in _rooms(board):
+            with contextlib.suppress(DesignError):  # no room for a turn, or for a pad
+                full = replace(board, winding=room.fullest)
+                reached = _rough_inductance(full) if board.layers < layers and room.most_turns else math.inf
+                if reached < (wishes.inductance or 0.0):  # others have been tried
+                    short.append((-reached, board.layers, full))
+    for _, _, board in sorted(short, key=lambda one: one[:2]):
+        with contextlib.suppress(DesignError):
+            return _completed(board, wishes)
+    return None
+
+
+def _completed(wound: Plan, wishes: Wishes) -> Plan:
+    """Find pitch and terminals for a winding; DesignError where there are none."""
+    problem = None
+    for turned in (False, True) if _can_turn(wound) else (False,):
+        try:
+            placed = _placed(replace(wound, turned=turned), wishes)
+            return with_terminals(placed, movable=wound.sets == 1 and wishes.pitch is None)
+        except DesignError as error:
+            problem = error
+    assert problem is not None  # there is a way to turn it
     raise problem
 
 
@@ -122,40 +153,80 @@ def _placed(plan: Plan, wishes: Wishes) -> Plan:
     return placed
 
 
-def _winding(plan: Plan, inductance: float | None) -> Winding:
+def _winding(plan: Plan, wishes: Wishes) -> Winding:
     """Find turns and trace: of the usual width where that will do, else of the board house's narrowest."""
+    usual, finest = _rooms(plan)
+    if wishes.inductance is None:
+        usual = replace(usual, hole=max(_USUAL_HOLE * usual.radius, usual.hole))
+        for room in (usual, finest):
+            if room.most_turns:
+                return room.fullest
+    try:
+        return _wind_apart(plan, wishes, usual)
+    except DesignError:
+        return _wind_apart(plan, wishes, finest)
+
+
+def _rooms(plan: Plan) -> tuple[Room, Room]:
+    """Return the room of windings with usual traces, and with the narrowest of the board house."""
     radius, rules = min(plan.size) / 2, plan.rules
     closest = math.ceil(rules.min_gap * _GAP_MARGIN / _GAP_STEP) * _GAP_STEP
     hole = max(plan.hole * radius, plan.via_pad * (1.5 if plan.winding_layers < 3 else 2.5) + 2 * closest)
-    usual = Room(radius, hole, max(_TRACE, rules.min_trace), max(_TRACE, closest))
-    if inductance is None:
-        usual = replace(usual, hole=max(_USUAL_HOLE * radius, hole))
-        for room in (usual, replace(usual, hole=hole, trace_width=rules.min_trace, gap=closest)):
-            if room.most_turns:
-                return Winding(room.most_turns, room.trace_width, room.gap)
-        inductance = 0.0  # refused with the reason
-    try:
-        return _wind(plan, inductance, usual)
-    except DesignError:
-        return _wind(plan, inductance, replace(usual, trace_width=rules.min_trace, gap=closest))
+    widest = _CORNERED * hole if plan.shape in ("hexagon", "square") else math.inf
+    usual = Room(radius, hole, max(_TRACE, rules.min_trace), max(_TRACE, closest), widest)
+    return usual, replace(usual, trace_width=rules.min_trace, gap=closest)
 
 
-def _wind(plan: Plan, inductance: float, room: Room) -> Winding:
-    """Find the winding by a rough model: without sheets, of few segments, screened; and again by what it leaves out."""
-    rough, one = replace(plan.one, elastomer=False, rough=True), plan.one
-    share = 1.0
-
-    def screened(winding: Winding) -> float:
-        return share * float(inductance_matrix(replace(rough, winding=winding).design.array, accuracy="screen")[0, 0])
-
+def _wind_apart(plan: Plan, wishes: Wishes, room: Room) -> Winding:
+    """Wind with wider gaps where wide traces come too near to each other at their corners; else as in the room."""
+    first = found = _wind(plan, wishes, room)
     for _ in range(_PASSES):
-        found = wind(inductance, room, screened)
-        full = float(design_inductance(replace(one, winding=found).design)[0][0, 0])
-        correction = full / screened(found)
-        if abs(correction - 1) < _CLOSE:
+        array = replace(plan.one, winding=found, elastomer=False).design.array
+        margins = [m for m in check_rules(array, plan.rules) if m.rule == "spacing within net"]
+        if all(margin.kept for margin in margins):
+            return found
+        missing = -min(margin.margin for margin in margins)
+        room = replace(room, gap=math.ceil((room.gap + _GAP_MARGIN * missing) / _GAP_STEP) * _GAP_STEP)
+        found = _wind(plan, wishes, room)
+    return first  # it is not the gaps of the turns that are too narrow
+
+
+def _wind(plan: Plan, wishes: Wishes, room: Room) -> Winding:
+    """Find the winding by a rough model: without sheets, of few segments, screened; and again by what it leaves out.
+
+    Its resistance is that at the frequency at which the coil is likely to be used.
+    """
+    inductance = wishes.inductance or 0.0  # refused with the reason
+    frequency = wishes.frequency or expected_frequency(inductance or 1.0)
+
+    def left_out(winding: Winding) -> float:
+        wound = replace(plan, winding=winding)
+        return float(design_inductance(wound.one.design)[0][0, 0]) / _rough_inductance(wound)
+
+    def resistance(winding: Winding) -> float:
+        array = replace(_rough(plan), winding=winding).design.array
+        return float(resistance_matrix(array, [frequency]).resistance[0, 0, 0])
+
+    share, turns = left_out(room.fullest) if room.most_turns else 1.0, None
+    for _ in range(_PASSES):
+
+        def corrected(winding: Winding, share: float = share) -> float:
+            return share * _rough_inductance(replace(plan, winding=winding))
+
+        found = wind(inductance, room, corrected, resistance, turns)
+        before, share, turns = share, left_out(found), found.turns
+        if abs(share / before - 1) < _CLOSE:
             break
-        share *= correction
     return found
+
+
+def _rough(plan: Plan) -> Plan:
+    """Return a quick model of one coil."""
+    return replace(plan.one, elastomer=False, rough=True)
+
+
+def _rough_inductance(plan: Plan) -> float:
+    return float(inductance_matrix(_rough(plan).design.array, accuracy="screen")[0, 0])
 
 
 def _are_apart(plan: Plan) -> bool:

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import Literal, get_args
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
 
+from coilarray.circuit.coupling import design_inductance
 from coilarray.design.model import DesignFile, build_design_file
 from coilarray.design.vary import plain
 from coilarray.errors import DesignError
 from coilarray.geometry.values import SIDES, Side
 from coilarray.studies.create.arrangement import read_arrangement
 from coilarray.studies.create.connector import with_connector
-from coilarray.studies.create.layout import Wishes, lay_out
+from coilarray.studies.create.layout import Wishes, lay_out, most_on_fewer_layers
 from coilarray.studies.create.plan import SHAPES, Plan, Shape
 from coilarray.studies.create.tank import tank_capacitance
 
 Overlap = Literal["none", "decoupled"]
 _LARGEST = 1.0  # m, wider than any board
+_DIGITS = 3  # of an inductance that is reached
 
 
 def new_design(
@@ -92,17 +94,68 @@ def new_design(
         shape=shape, size=size, inductance=inductance, pitch=pitch, overlap=overlap, frequency=frequency,
         connector=connector
     )  # fmt: skip
-    arrangement = read_arrangement(coils, shape)
-    sides = size if isinstance(size, tuple) else (size, size)
-    if arrangement.lattice == "single" and (pitch is not None or overlap != "none"):
-        raise DesignError("one coil has no neighbours: pitch and overlap are for several.")
-    plan = Plan(name, title, arrangement, shape, sides, elastomer)
-    found = lay_out(plan, Wishes(inductance, layers, fab, pitch, overlap == "decoupled"))
+    plan, wishes = _planned(
+        name, coils, shape=shape, size=size, inductance=inductance, layers=layers, fab=fab, pitch=pitch,
+        overlap=overlap, elastomer=elastomer, frequency=frequency, title=title
+    )  # fmt: skip
+    found = lay_out(plan, wishes)
     one = found.one  # without the way to a connector
     if connector is not None:  # refused before the tank is computed
         found = with_connector(found, connector, movable=found.sets == 1 and pitch is None and found.pitch > 0)
     capacitance = tank_capacitance(lambda value: replace(one, capacitance=value).design, frequency)
     return build_design_file(plain(replace(found, capacitance=capacitance).document), name)
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What a board of fewer layers can do: the number of its layers, and the inductance in H."""
+
+    layers: int
+    inductance: float
+
+
+def reach_of_fewer_layers(layers: int, coils: str, **choices: Any) -> Reach | None:
+    """Say what fewer than so many layers reach of a wanted inductance, rounded down to three digits.
+
+    The `choices` are those of `new_design` that decide a coil and where it lies, an inductance among them. None where
+    no board with fewer layers has a place for the terminals.
+
+    Examples
+    --------
+    >>> reach_of_fewer_layers(4, "1", shape="square", size=10e-3, inductance=12e-6, elastomer=False).layers
+    2
+    """
+    plan, wishes = _planned("fewer", coils, **choices)
+    found = most_on_fewer_layers(plan, wishes, layers)
+    if found is None:
+        return None
+    reached = float(design_inductance(found.one.design)[0][0, 0])
+    step = 10.0 ** (math.floor(math.log10(reached)) - _DIGITS + 1)
+    return Reach(found.layers, math.floor(reached / step) * step)
+
+
+def _planned(
+    name: str,
+    coils: str,
+    *,
+    shape: Shape = "hexagon",
+    size: float | tuple[float, float] = 16e-3,
+    inductance: float | None = None,
+    layers: int | None = None,
+    fab: str | None = None,
+    pitch: float | None = None,
+    overlap: Overlap = "none",
+    elastomer: bool = True,
+    frequency: float | None = None,
+    title: str = "",
+) -> tuple[Plan, Wishes]:
+    """Return what is decided before the layout, and what it is to have; see `new_design`."""
+    arrangement = read_arrangement(coils, shape)
+    sides = size if isinstance(size, tuple) else (size, size)
+    if arrangement.lattice == "single" and (pitch is not None or overlap != "none"):
+        raise DesignError("one coil has no neighbours: pitch and overlap are for several.")
+    plan = Plan(name, title, arrangement, shape, sides, elastomer)
+    return plan, Wishes(inductance, layers, fab, pitch, overlap == "decoupled", frequency)
 
 
 def check_choices(

@@ -174,16 +174,18 @@ class Plan:
             "rectangle": {"shape": "rectangle", "outer_width_mm": width, "outer_height_mm": height},
             "racetrack": {"shape": "racetrack", "outer_width_mm": width, "outer_height_mm": height},
         }
-        # the outer vias of four layers lie between the leads
-        apart = max(_TERMINALS_APART, self.via_pad + 2 * self.winding.gap + self.winding.trace_width + _PAD_STEP)
+        trace = self.winding.trace_width
+        # the outer vias of four layers lie between the leads, which part at 45 degrees
+        apart = max(_TERMINALS_APART, self.via_pad + 2 * self.winding.gap + trace + _PAD_STEP)
+        apart = max(apart, 2 * trace) if self.winding_layers > 2 else apart
         shape = _ROUGHLY.get(self.shape, self.shape) if self.rough else self.shape
         terminal = max(_TERMINAL, self.rules.min_drill)
-        terminal_pad = max(terminal + 2 * max(_TERMINAL_RING, self.rules.min_annular_ring), self.winding.trace_width)
+        terminal_pad = max(terminal + 2 * max(_TERMINAL_RING, self.rules.min_annular_ring), trace)
         return {
             **sizes[shape],
             "turns_per_layer": self.winding.turns,
             "winding_layers": self.winding_layers,
-            "trace_width_mm": _mm(self.winding.trace_width),
+            "trace_width_mm": _mm(trace),
             "gap_mm": _mm(self.winding.gap),
             **self.starts[self.start],
             "via": {"drill_mm": _mm(self.via_drill), "pad_mm": _mm(self.via_pad), "plating_um": 25},

@@ -11,7 +11,7 @@ from coilarray.circuit.coupling import design_inductance
 from coilarray.circuit.impedance import scan_design
 from coilarray.design.model import Design
 from coilarray.errors import DesignError, NetworkError
-from coilarray.hardware.chips.ldc1614_limits import Limit, check_channel
+from coilarray.hardware.chips.ldc1614_limits import SENSOR_FREQUENCY, Limit, check_channel
 
 _SMALLEST, _DECADES = 100e-12, 5  # F, below which strays would weigh too much
 _SERIES = (1.0, 1.5, 2.2, 3.3, 4.7, 6.8)  # E6
@@ -55,6 +55,19 @@ def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: flo
         if not broken:
             break
     return best
+
+
+def expected_frequency(inductance: float) -> float:
+    """Return the frequency in Hz that `tank_capacitance` is likely to choose for an inductance in H.
+
+    Windings are compared at it before there is a tank.
+
+    Examples
+    --------
+    >>> round(expected_frequency(5e-6) * 1e-6, 2), round(expected_frequency(1e-6) * 1e-6, 2)
+    (7.12, 10.0)
+    """
+    return min(1 / (2 * math.pi * math.sqrt(inductance * _SMALLEST)), SENSOR_FREQUENCY[1])
 
 
 def broken_limits(scan: xr.Dataset, share_of_self_resonance: float = 1.0) -> list[tuple[str, Limit]]:

@@ -39,16 +39,19 @@ class Room:
         Narrowest trace in m.
     gap : float
         Distance of the turns in m.
+    widest_trace : float
+        Widest trace in m.
     """
 
     radius: float
     hole: float
     trace_width: float
     gap: float
+    widest_trace: float = math.inf
 
     def widest(self, turns: int) -> float:
         """Return the widest trace in m with which so many turns fit; below zero where not even their gaps do."""
-        return (self.radius - self.hole - turns * self.gap) / (turns + 1)
+        return min((self.radius - self.hole - turns * self.gap) / (turns + 1), self.widest_trace)
 
     @property
     def most_turns(self) -> int:
@@ -56,8 +59,19 @@ class Room:
         pitch = self.trace_width + self.gap
         return max(math.floor((self.radius - self.hole - self.trace_width) / pitch * (1 + 1e-9)), 0)
 
+    @property
+    def fullest(self) -> Winding:
+        """The winding of the most turns, which has the most inductance."""
+        return Winding(self.most_turns, self.trace_width, self.gap)
 
-def wind(inductance: float, room: Room, inductance_of: Callable[[Winding], float]) -> Winding:
+
+def wind(
+    inductance: float,
+    room: Room,
+    inductance_of: Callable[[Winding], float],
+    resistance_of: Callable[[Winding], float],
+    keeping: int | None = None,
+) -> Winding:
     """Find the winding of a wanted inductance that has the least resistance.
 
     More turns of the narrowest trace have more inductance, and so have narrower traces of as many turns, as they lie
@@ -69,8 +83,10 @@ def wind(inductance: float, room: Room, inductance_of: Callable[[Winding], float
         Wanted inductance in H.
     room : Room
         What the winding has to keep to.
-    inductance_of : callable
-        Returns the inductance in H of a winding.
+    inductance_of, resistance_of : callable
+        Return the inductance in H of a winding, and its resistance.
+    keeping : int, optional
+        Number of turns that were found before, which is kept where the inductance can be had with it.
 
     Raises
     ------
@@ -88,7 +104,7 @@ def wind(inductance: float, room: Room, inductance_of: Callable[[Winding], float
 
     fewest = _first(lambda turns: of(turns, room.trace_width) >= inductance, room.most_turns)
     if fewest > room.most_turns:
-        most = f"at most {of(room.most_turns, room.trace_width) * 1e6:.4g} µH can, with {room.most_turns} turns a layer"
+        most = f"at most {inductance_of(room.fullest) * 1e6:.4g} µH can, with {room.most_turns} turns a layer"
         raise DesignError(_out_of_reach(inductance, most, room))
     last = _first(lambda turns: of(turns, room.widest(turns)) > inductance, room.most_turns) - 1
     if last < 1 and fewest == 1:
@@ -100,7 +116,7 @@ def wind(inductance: float, room: Room, inductance_of: Callable[[Winding], float
         return Winding(turns, _drawn(width, room.widest(turns)), room.gap)
     counts = np.unique(np.linspace(fewest, last, _MOST_COUNTS).round().astype(int)).tolist()
     found = []
-    for turns in counts:
+    for turns in [keeping] if keeping is not None and fewest <= keeping <= last else counts:
         narrowest, widest = room.trace_width, room.widest(turns)
 
         def missing(width: float, turns: int = turns) -> float:
@@ -108,13 +124,7 @@ def wind(inductance: float, room: Room, inductance_of: Callable[[Winding], float
 
         width = float(brentq(missing, narrowest, widest, xtol=_TRACE_STEP / 4))
         found.append(Winding(turns, max(_drawn(width, widest), narrowest), room.gap))
-    return min(found, key=lambda one: _resistance(one, room))
-
-
-def _resistance(one: Winding, room: Room) -> float:
-    """Return turns by mean radius over width, to which the resistance of a winding is proportional."""
-    mean = room.radius - 0.5 * (one.trace_width + one.turns * (one.trace_width + one.gap))
-    return one.turns * mean / one.trace_width
+    return found[0] if len(found) == 1 else min(found, key=resistance_of)
 
 
 def _drawn(width: float, widest: float) -> float:

@@ -17,6 +17,7 @@ from coilarray.errors import CoilarrayError, GoalError
 from coilarray.studies import quantities
 from coilarray.studies.evaluate import evaluate_points
 from coilarray.studies.optimize.goal import Goal
+from coilarray.studies.optimize.goals import keeping_rules
 from coilarray.studies.optimize.polish import polish, polish_problem
 from coilarray.studies.optimize.search import Evaluate, Outcome, search, stored_trial
 from coilarray.studies.optimize.space import Axis, axes_of, start_parameters
@@ -99,7 +100,8 @@ def optimize_design(
     design : Design or DesignFile
         Design to start from; entries that are not variables stay as they are.
     goal : Goal
-        Goal of the search, from `coilarray.studies.optimize.goals.load_goal`.
+        Goal of the search, from `coilarray.studies.optimize.goals.load_goal`. A board that cannot be made is never the
+        best: see `coilarray.studies.optimize.goals.keeping_rules`.
     folder : str or Path
         Folder of the study, ``study.db``.
     pool : Pool
@@ -125,6 +127,7 @@ def optimize_design(
     """
     file = as_file(design)
     require_coils(file.design, goal)
+    goal = keeping_rules(goal, file)
 
     def evaluate(changes: Sequence[Mapping[str, Any]], accuracy: Accuracy) -> Iterator[tuple[int, Outcome]]:
         points = evaluate_points(file, changes, goal.quantities, pool, cache, accuracy=accuracy)

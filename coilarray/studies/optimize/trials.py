@@ -11,9 +11,11 @@ import xarray as xr
 
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.studies.optimize.goal import Goal
-from coilarray.studies.sweep import Sweep
+from coilarray.studies.sweep import Sweep, keeps_rules
 
 _ROUNDING = 1e-9  # of a score: less is no gain
+RULES = ("fab_margin_mm", "fab_broken")
+"""Quantities by which a goal says what it takes of the fabrication rules."""
 
 
 @dataclass(frozen=True)
@@ -121,13 +123,17 @@ def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Tria
 def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...]:
     """Return the best point of a sweep by a goal, of several objectives the Pareto front; none where no bound is kept.
 
-    The result has the quantities of the goal, as `coilarray.studies.sweep.run_sweep` returns it.
+    The result has the quantities of the goal, as `coilarray.studies.sweep.run_sweep` returns it. Points that break
+    fabrication rules are left out, unless the goal says itself what it takes of them.
     """
+    free = any(name.startswith(RULES) for name in goal.quantities)
+    kept = keeps_rules(result).values.ravel().tolist()
     columns = {key: result[key].values.ravel().tolist() for key in goal.quantities}
     reasons = result.reason.values.ravel().tolist()
     trials = []
     for k, changes in enumerate(plan.points):
         values = {key: column[k] for key, column in columns.items()}
         reason = reasons[k] or ("" if all(map(math.isfinite, values.values())) else "it lacks a quantity.")
+        reason = reason or ("" if free or kept[k] else "it breaks fabrication rules.")
         trials.append(trial_of(goal, "search", k, changes, reason or values, plan.accuracy))
     return front_of(trials, goal)

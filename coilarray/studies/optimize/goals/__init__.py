@@ -2,6 +2,14 @@
 
 from __future__ import annotations
 
-from coilarray.studies.optimize.goals.named import NAMES, DerivedGoal, adjusted, derive_goal, is_named, load_goal
+from coilarray.studies.optimize.goals.named import (
+    NAMES,
+    DerivedGoal,
+    adjusted,
+    derive_goal,
+    is_named,
+    keeping_rules,
+    load_goal,
+)
 
-__all__ = ["NAMES", "DerivedGoal", "adjusted", "derive_goal", "is_named", "load_goal"]
+__all__ = ["NAMES", "DerivedGoal", "adjusted", "derive_goal", "is_named", "keeping_rules", "load_goal"]

@@ -15,10 +15,12 @@ from coilarray.studies.optimize.goals import ranges
 from coilarray.studies.optimize.goals.ranges import Range, rounded
 from coilarray.studies.optimize.goals.text import goal_text
 from coilarray.studies.optimize.goals.wishes import parse_wish, variable_of
+from coilarray.studies.optimize.trials import RULES
 from coilarray.studies.quantities import Evaluation, canonical, evaluate
 from coilarray.studies.sweep import Axis
 
 _UNKNOWNS = 3  # of a position: x, y and the depth
+_WORSE = 1.005  # of a broken margin: a bound that every design just keeps would lead the local solver astray
 _KEPT = -0.001  # mm: what the check of the fabrication rules takes as kept
 _AREA_MORE, _COVERED_LESS, _Q_LESS = 1.25, 0.95, 0.8  # of what they are
 
@@ -75,6 +77,18 @@ def load_goal(name_or_path: str | Path, design: Design | DesignFile) -> Goal:
     if not Path(name_or_path).suffix and not Path(name_or_path).is_file():
         raise GoalError(f"there is no goal {str(name_or_path)!r}: it must be a file or one of {', '.join(NAMES)}.")
     return parse_goal(GOALS.text(name_or_path), str(name_or_path))
+
+
+def keeping_rules(goal: Goal, design: Design | DesignFile) -> Goal:
+    """Return a goal with a bound on the margin of the fabrication rules: kept, or broken no more than by the design.
+
+    As it is where it says something of them itself, and for the sampler cmaes, which takes no constraints.
+    """
+    if any(name.startswith(RULES) for name in goal.quantities) or goal.search.sampler == "cmaes":
+        return goal
+    document = goal.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    document["constraint"] = [*document.get("constraint", []), _fab(as_file(design))[0]]
+    return check_goal(document)
 
 
 def is_named(name_or_path: str | Path) -> bool:
@@ -292,7 +306,7 @@ def _distances(file: DesignFile) -> list[Range]:
 def _fab(file: DesignFile) -> tuple[dict[str, Any], str]:
     margin = evaluate(file.design, ["fab_margin_mm"])["fab_margin_mm"]
     if margin < _KEPT:
-        least, says = rounded(margin, 3, up=False), "no worse than it is: the design itself breaks a rule by this"
+        least, says = rounded(_WORSE * margin, 3, up=False), "no worse than it is: the design itself breaks a rule"
     else:
         least, says = _KEPT, "no trace, gap or hole nearer to its limit in [fab] than the check takes as kept"
     return {"quantity": "fab_margin_mm", "at_least": least}, says
