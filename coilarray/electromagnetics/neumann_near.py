@@ -103,7 +103,7 @@ def part_blocks(
         edges = np.linspace(0, rows, min(rows, pieces) + 1).round().astype(int).tolist()
         work: Callable[[int, int], float]
         if pairs.kind[k] == _ITSELF:
-            work = partial(_own_sum, a, accuracy=accuracy)
+            work = partial(_own_sum, a, accuracy)
         else:
             near_widths = _near_widths(int(pairs.kind[k]), accuracy)
             work = _pair_sum(a, b, pairs.mirror[k], pairs.shift[k], near_widths, accuracy)
@@ -185,7 +185,7 @@ def _weighted(of: IntArray, weight: FloatArray, work: Callable[[], float]) -> Su
     return of, weight * work()
 
 
-def _own_sum(part: _Part, start: int, stop: int, *, accuracy: Accuracy) -> float:
+def _own_sum(part: _Part, accuracy: Accuracy, start: int, stop: int) -> float:
     """Sum of the rows start:stop of a part with the part itself."""
     if not part.table[:, 10].all():
         return np.inf  # of a thin filament
