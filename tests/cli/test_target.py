@@ -61,7 +61,7 @@ def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
 
 def test_what_is_wrong_is_one_line(ball, capsys):
     line = refused(capsys, "target", "gast_fem")
-    assert "the design gast_fem has no [target]; of the bundled designs these have one:" in line
+    assert "the design gast_fem has no [target]: add one, with shape" in line
     assert all(load_design(name).target for name in line.rstrip(".").partition("have one: ")[2].split(", "))
     # without DESIGN: a distance is refused only where there is a target
     assert "distances of a target must be above zero" in refused(capsys, "target", "--distance-mm", "0,1")
