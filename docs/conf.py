@@ -48,6 +48,7 @@ html_title = "coilarray"
 html_static_path = ["static"]
 html_css_files = ["pages.css"]
 html_show_sourcelink = False
+html_context = {"default_mode": "auto"}  # light or dark as the reader's system; without it the theme complains
 html_show_search_summary = False  # it fetches the pages found, which a browser refuses from a folder
 html_math_renderer = "native"
 html_theme_options = {

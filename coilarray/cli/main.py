@@ -47,7 +47,7 @@ from coilarray.cli import (
 )
 from coilarray.cli.interrupts import INTERRUPTED, end_interrupted, ending_on_interrupt
 from coilarray.cli.shared import drop_output
-from coilarray.compute.extras import leave_out
+from coilarray.compute.extras import leave_out_dask
 from coilarray.compute.memory import collect_seldom
 from coilarray.errors import CoilarrayError
 
@@ -187,7 +187,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def run() -> None:
     """Entry point of the installed program."""
-    leave_out("dask")  # the commands with --cluster let it in
+    leave_out_dask()
     with nullcontext() if sys.argv[1:2] and sys.argv[1] in _ORDERLY else ending_on_interrupt():
         code = main()
         if code == INTERRUPTED:

@@ -277,10 +277,11 @@ def draw(path: Path | None, plot: Callable[[], Figure | Axes]) -> None:
     if path is None:
         return
     from coilarray.compute.files import write_atomically
+    from coilarray.viz.plots.style import save
 
     drawn = plot()
     figure: Any = drawn if hasattr(drawn, "savefig") else drawn.figure
-    write_atomically(path, figure.savefig)
+    write_atomically(path, lambda temporary: save(figure, temporary))
 
 
 def print_result(

@@ -89,7 +89,7 @@ def magnetic_currents(around: PlatesInAir, plate: PosedPlate) -> list[ComplexArr
     for of, length in zip(_problems(around, plate), lengths, strict=True):
         total = np.zeros((2 * n, len(around.paths)), dtype=np.complex128)
         for one in of:
-            total += one.basis @ (one.u + one.answer(length))[:, 0]
+            total += np.asarray(one.basis @ (one.u + one.answer(length))[:, 0])
         found.append(np.stack([np.asarray(K @ total).T for K in currents], axis=-1))
     return found
 
@@ -202,7 +202,8 @@ def _potentials(
     """Potentials with what follows from S and t; `free` says that a constant of the first ones is."""
     S = sp.block_diag(stiff, format="csc")
     u, known = np.zeros_like(t), slice(1, None) if free else slice(None)
-    u[known] = -splu(S[known, known].astype(t.dtype)).solve(t[known].reshape(-1, t[0].size) / MU_0).reshape(t[known].shape)
+    loads = t[known].reshape(-1, t[0].size) / MU_0
+    u[known] = -splu(S[known, known].astype(t.dtype)).solve(loads).reshape(t[known].shape)
     return Potentials(basis, outer, S.toarray(), b / MU_0, t / MU_0, u)
 
 
@@ -235,7 +236,6 @@ def _between_layers(around: PlatesInAir, plate: PosedPlate) -> list[FloatArray |
     distinct, number = np.unique(shares, axis=0, return_inverse=True)
     size = 16.0 if shares.imag.any() else 8.0
     require_memory(size * len(distinct) * 9 * k * k, f"the potentials on {k} triangles", "use a coarser mesh")
-    made = []
     parts = [exterior(body, sign) for sign in (1, -1)]
     used = [nodes for nodes, _ in _bases(body)]
     vacuum = (
@@ -248,7 +248,9 @@ def _between_layers(around: PlatesInAir, plate: PosedPlate) -> list[FloatArray |
     corners = plate.corners.copy()
     corners[k:] = corners[k:, ::-1]  # so that all normals point outwards
     nodes = np.concatenate((body.mesh.triangles, body.mesh.triangles[:, ::-1] + n))
-    every = [[np.array(part, dtype=np.complex128 if size > 8 else np.float64) for part in vacuum] for _ in distinct]
+    every: list[list[FloatArray | ComplexArray]] = [
+        [part.astype(np.complex128) if size > 8 else part.copy() for part in vacuum] for _ in distinct
+    ]
     for image, of_image in zip(images, distinct.T, strict=True):
         seen = np.ascontiguousarray(image.of(corners))
         integrals = pair_integrals(corners, seen, mirrored=image.sign < 0)

@@ -18,6 +18,7 @@ from sphinx.errors import ExtensionError
 from sphinx_gallery.scrapers import figure_rst
 
 from coilarray.compute.code_version import code_version
+from coilarray.viz.plots.style import save
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -45,14 +46,14 @@ def of_program(block: tuple[Any, ...], block_vars: Mapping[str, Any], gallery_co
     last, names["___"] = names.get("___"), None  # a later block without a value would show the figure again
     for one in _figures(last):
         path = next(block_vars["image_path_iterator"])
-        one.savefig(path, dpi=_DPI)
+        save(one, path, dpi=_DPI)
         paths.append(path)
     pyplot.close("all")
     return figure_rst(paths, gallery_conf["src_dir"])
 
 
-def figure_of(code: str) -> Figure:
-    """Run a program, and return the figure that it draws or that its last line returns."""
+def figures_of(code: str) -> list[Figure]:
+    """Run a program, and return the figures that it draws or that its last line returns."""
     *body, last = ast.parse(code).body
     names: dict[str, Any] = {}
     exec(compile(ast.Module(body, []), "<picture>", "exec"), names)
@@ -60,7 +61,12 @@ def figure_of(code: str) -> Figure:
         value = eval(compile(ast.Expression(last.value), "<picture>", "eval"), names)
     else:
         value = exec(compile(ast.Module([last], []), "<picture>", "exec"), names)
-    (figure,) = _figures(value)
+    return _figures(value)
+
+
+def figure_of(code: str) -> Figure:
+    """Run a program, and return its only figure."""
+    (figure,) = figures_of(code)
     return figure
 
 
@@ -80,7 +86,7 @@ def _make(app: Sphinx) -> None:
         for code in _PROGRAM.findall(text):
             if not (path := _path(app, code)).exists():
                 try:
-                    figure_of(code).savefig(path, dpi=_DPI)
+                    save(figure_of(code), path, dpi=_DPI)
                 except Exception as error:
                     raise ExtensionError(f"{page.name}: the program of a picture fails: {error}\n{code}") from error
                 finally:

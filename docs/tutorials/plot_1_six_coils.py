@@ -37,15 +37,18 @@ coupling = ca.couple_design(design)
 plot_coupling(coupling)
 
 # %%
-# While one coil is measured, all others are grounded. Currents flow in them, and change what the converter sees:
+# The converter drives a coil with a capacitor beside it and measures at which frequency both oscillate. It knows that
+# capacitor only, and takes the inductance that belongs to it: the effective inductance. It differs from the inductance
+# of the coil by itself:
 
 alone, seen = coupling.open_inductance[2], coupling.effective_inductance[2]
 print(f"coil3 alone {float(alone) * 1e6:.2f} µH, in its circuit {float(seen) * 1e6:.2f} µH")
 print(f"it oscillates at {float(coupling.frequency[2]) / 1e6:.3f} MHz")
 
 # %%
-# The circuit has more in it than neighbours: the resistance of the copper at that frequency and the capacitance of the
-# windings. The ideal circuit leaves both out, and shows what the neighbours do by themselves:
+# Two effects are in it. The capacitance of the windings and the switches adds to the capacitor, so that the coil seems
+# larger. And while one coil is measured, all others are grounded: currents flow in them, which make it seem smaller.
+# The ideal circuit has neither capacitance of windings nor losses, and shows what the neighbours do by themselves:
 
 print(f"ideal: {float(coupling.ideal_effective_inductance[2]) * 1e6:.2f} µH")
 
@@ -53,8 +56,8 @@ print(f"ideal: {float(coupling.ideal_effective_inductance[2]) * 1e6:.2f} µH")
 # An indentation
 # --------------
 #
-# A ball of 5 mm diameter is pressed 1 mm into the elastomer, along the row of coils. δ is the relative change of the
-# effective inductance.
+# A ball of 5 mm diameter is pressed 1 mm into the elastomer, at one place after the other along the row of coils. δ is
+# the relative change of the effective inductance.
 
 x = np.linspace(-40e-3, 40e-3, 81)
 response = ca.response_map(design, x=x, y=[0.0])
@@ -71,9 +74,10 @@ plot_response(plane, "coil2")
 # Position
 # --------
 #
-# The curves of equal δ look like ellipses, which is how the paper finds positions. The package can do that (``coilarray
-# fit``), and solves the inverse problem without it: here with readings at (5, 3) mm, 0.7 mm deep. The coils stand in a
-# row, so that no reading can tell y from -y.
+# The curves of equal δ look like ellipses, and the paper finds positions where the ellipses of two coils meet
+# (``coilarray fit``). The package also finds them without ellipses: it computes δ of all coils over a grid of places
+# and depths, and looks for the place whose δ are those of a reading. Here the reading is computed too, for (5, 3) mm
+# and a depth of 0.7 mm. The coils stand in a row, so that no reading can tell y from −y, and there are two answers.
 
 table = ca.response_map(
     design,

@@ -32,8 +32,9 @@ for key, reason in made.assumed.items():
 # Can it be made?
 # ---------------
 #
-# Every width, gap and hole against the limits of the board house (``coilarray check pad.toml``); the picture shows the
-# worst of each kind.
+# Every width, gap and hole is compared with the limits of the board house (``coilarray check pad.toml``). The picture
+# has a row for each layer: circles mark the places, with their numbers in the table of ``check``, the worst first, and
+# the worst of the layer is enlarged.
 
 margins = ca.check_rules(design.array, design.rules)
 worst = min((one for one in margins if one.unit == "m"), key=lambda one: one.margin)

@@ -8,20 +8,22 @@ Seven hexagonal coils around a middle one, moved together until neighbours do no
 import numpy as np
 
 import coilarray as ca
-from coilarray.viz import plot_copper, plot_coupling
+from coilarray.viz import plot_board, plot_coupling
 
 # %%
-# ``coilarray init flower.toml --coils 7-hex --overlap decoupled --inductance-uH 18``
+# In the terminal: ``coilarray init flower.toml --coils 7-hex --size-mm 18 --inductance-uH 18 --overlap decoupled``
 
 made = ca.new_design("flower", "7-hex", size=18e-3, inductance=18e-6, overlap="decoupled", elastomer=False)
 array = made.design.array
-print(f"pitch {made.document['array']['pitch_mm']:.2f} mm, {len(array.stackup.names)} copper layers")
-plot_copper(array, array.stackup.names[0])
+layers = made.document["coils"]["hexagon"]["winding_layers"]
+print(f"pitch {made.document['array']['pitch_mm']:.2f} mm")
+print(f"{layers} layers for each coil, {len(array.stackup.names)} copper layers in all")
+plot_board(array)
 
 # %%
-# Coils that overlap must not share copper, so that the three neighbours that meet in a point take three pairs of
-# layers. Neighbours on different pairs of layers have slightly different distances: one pitch cannot make all of their
-# couplings zero at once.
+# Coils that overlap must not share a copper layer. Any three neighbours overlap each other, so that it takes three
+# times the layers of one coil. Some neighbours are further apart in height than others: one pitch cannot make all of
+# their couplings zero at once.
 
 coupling = ca.couple_design(made.design)
 plot_coupling(coupling)
@@ -31,7 +33,7 @@ values = np.abs(coupling.coupling.values[~np.eye(7, dtype=bool)])
 print(f"largest |k| {values.max():.4f}, root mean square {np.sqrt((values**2).mean()):.4f}")
 
 # %%
-# Without the overlap, side by side:
+# For comparison, side by side without overlap:
 
 apart = ca.vary(made, {"array.pitch_mm": 19.0})
 values = np.abs(ca.couple_design(apart).coupling.values[~np.eye(7, dtype=bool)])

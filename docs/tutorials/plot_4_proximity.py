@@ -15,13 +15,13 @@ from coilarray.viz import plot_target, target_figure
 
 design = ca.load_design("proximity")
 print(design.title)
-print(design.target.body)
+print(f"{design.target.body.material.name}, {design.target.body.thickness * 1e3:g} mm thick")
 
 # %%
-# Eddy currents in the target push the field away: the inductance falls, the losses rise.
+# Eddy currents in the target push the field away: the inductance falls, the losses rise. Thin dotted lines are the
+# values without a target.
 
-distances = np.array([1, 1.5, 2, 3, 4, 6, 8, 10]) * 1e-3
-response = ca.target_map(design, distances=distances)
+response = ca.target_map(design)
 target_figure(response)
 
 # %%
@@ -31,7 +31,8 @@ target_figure(response)
 plot_target(response, "delta")
 
 # %%
-# A small change of the distance is seen as long as it changes δ by more than the noise:
+# A small change of the distance is seen as long as it changes δ by more than the noise. "At least" says that this holds
+# at the largest distance that was computed, and perhaps further:
 
 for step, resolved, beyond in zip(
     response.step.values,

@@ -48,7 +48,8 @@ plot_sweep_lines(around, error)
 #
 # A goal is a file: what may change and in which range, what is to become small, and what must be kept. ``coilarray
 # optimize strip.toml position_error --template goal.toml`` writes one for the design at hand, with comments. Here are
-# two variables, few trials, and the condition that the board house can still make the board.
+# two variables, few trials, and the condition that the board house can still make the board: no margin to its limits
+# is negative, but for rounding.
 
 goal = f"""
 schema = 1
@@ -95,13 +96,13 @@ columns = ("array.pitch_mm", "elastomer.0.thickness_mm", error)
 pitch, thickness, sigma = ([float(one[name]) for one in trials] for name in columns)
 figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
 dots = ax.scatter(pitch, sigma, c=thickness, s=60)
-ax.set(xlabel="pitch (mm)", ylabel="standard deviation of x (mm)", yscale="log")
-figure.colorbar(dots, label="thickness of the sheet below the magnetic one (mm)")
+ax.set(xlabel="pitch (mm)", ylabel="standard deviation of x (mm)")
+figure.colorbar(dots, label="thickness of the lower sheet (mm)")
 
 # %%
-# Where coils overlap more, more of them answer to one touch, and their differences say where it is. The sheet below the
-# magnetic one has a best thickness: a thin one makes a narrow dent, which few coils see, and a thick one lifts the
-# magnetic sheet away from the coils.
+# Where coils overlap more, more of them answer to one touch, and their differences say where it is. The lower sheet,
+# between board and magnetic sheet, has a best thickness: a thin one makes a narrow dent, which few coils see, and a
+# thick one lifts the magnetic sheet away from the coils.
 
 best = ca.load_design(found / "best.toml")
 boards_figure({"before": strip.array, "best": best.array})

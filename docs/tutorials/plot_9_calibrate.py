@@ -27,7 +27,8 @@ measured["delta"] = measured.delta + noise * generator.standard_normal(measured.
 # The fit
 # -------
 #
-# Unknowns are entries of the design between bounds (``coilarray calibrate DESIGN DATA --unknown KEY=LOW:HIGH``).
+# Unknowns are entries of the design between bounds (``coilarray calibrate DESIGN DATA --unknown KEY=LOW:HIGH``). The
+# result should be 2.2 and 2.8 mm, within about two of the standard deviations behind the sign ±:
 
 found = ca.calibrate(
     design, measured, {"elastomer.1.relative_permeability": (1.5, 4.0), "elastomer.0.thickness_mm": (2.0, 4.0)}
@@ -35,4 +36,9 @@ found = ca.calibrate(
 errors = found.dataset["std"][0].values
 for (name, value), error in zip(found.values.items(), errors, strict=True):
     print(f"{name}: {value:.3f} ± {error:.3f}")
+
+# %%
+# Each dot is a pair of values that the measurement allows; the histograms show one value at a time. More of one and
+# less of the other give similar readings, so that the dots form a tilted cloud.
+
 posterior_figure(found.dataset)

@@ -17,8 +17,9 @@ folder = Path(tempfile.mkdtemp())
 # Is it wired as the file says?
 # -----------------------------
 #
-# ``coilarray board`` looks for ports, asks the chips who they are and tests every switch. The port is the emulator
-# where none is named; every line says so.
+# ``coilarray board --self-test`` lists the ports of this computer, asks the chips who they are and tests every switch.
+# Of a real board ``--port`` names the port. Where none is named it is the emulator, and every line begins with that
+# word.
 
 main(["board", "--self-test"])
 
@@ -26,17 +27,17 @@ main(["board", "--self-test"])
 # Measure
 # -------
 #
-# Twenty scans, raw words and all that is needed to read them again, in one file:
+# Twenty scans, raw words and all that is needed to read them again, in one file. The noise of L is relative.
+# ``coilarray scan-info run.sqlite`` prints the same again at any time, and makes tables and netCDF files of it.
 
 main(["measure", "gast2020", "--scans", "20", "--out", str(folder / "run.sqlite")])
-main(["scan-info", str(folder / "run.sqlite")])
 
 # %%
 # Press, and watch
 # ----------------
 #
-# The emulator moves a finger over the board. ``coilarray live`` shows δ of every coil, scan by scan, and where the
-# finger is, which is left out here (``--no-locate``) because it needs a table that takes half a minute. With ``--plot``
-# it opens a window.
+# The emulator moves a finger over the board. ``coilarray live`` shows δ of every coil in parts per million, scan by
+# scan, as soon as it has a baseline. It also shows where the finger is, which is left out here
+# (``--no-locate``) because it needs a table that takes half a minute. With ``--plot`` it opens a window.
 
 main(["live", "gast2020", "--scans", "25", "--no-locate"])

@@ -319,7 +319,7 @@ def test_a_reader_that_goes_away(recording):
     assert process.returncode == 0
 
 
-PROGRAM = [sys.executable, "-c", "import sys; from coilarray.cli.main import main; sys.exit(main())"]
+PROGRAM = [sys.executable, "-c", "from coilarray.cli.main import run; run()"]
 
 
 def command(*arguments):

@@ -1,6 +1,7 @@
 """A real Dask scheduler with real worker processes on the loopback, started as a user starts them."""
 
 import contextlib
+import importlib
 import os
 import signal
 import socket
@@ -19,6 +20,7 @@ from coilarray.circuit import field_volume
 from coilarray.circuit.operating_field import operating_field
 from coilarray.cli.main import main
 from coilarray.compute.code_version import code_version
+from coilarray.compute.extras import leave_out_dask
 from coilarray.compute.workers import IN_FLIGHT, cluster, workers
 from coilarray.electromagnetics.large_matrix import write_inductance_matrix
 from coilarray.errors import ClusterError, MissingDependencyError
@@ -262,6 +264,15 @@ def test_a_stranger_at_the_address_is_no_scheduler(impatient, answer):
 def test_the_address_must_have_its_form():
     for address in ("", "host:8786", "http://host:8786", "tcp://host", "tcp://:1", "tcp://host:0", "tcp://h:x"):
         assert refused(address) == f"the address of a cluster must be tcp://host:port; got {address!r}."
+
+
+def test_a_program_that_left_out_dask_finds_it_for_a_cluster(monkeypatch):
+    monkeypatch.delitem(sys.modules, "dask")
+    leave_out_dask()
+    with pytest.raises(ModuleNotFoundError):
+        importlib.import_module("dask")
+    assert cluster._distributed().__name__ == "distributed"
+    assert "dask" not in sys.modules  # the next import looks for it
 
 
 def test_without_the_package_one_line_names_it(monkeypatch):

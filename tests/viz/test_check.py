@@ -39,7 +39,10 @@ def marks(ax):
     """Numbers, place in m and colour of every circle, in the order in which they were drawn."""
     circles = [line for line in ax.lines if line.get_gid() is not None]
     numbers = [text.get_text() for text in ax.texts if not text.get_text().startswith("C")]  # and not the coils' names
-    assert numbers == [line.get_gid() for line in circles]
+    for shown, line in zip(numbers, circles, strict=True):
+        first, *others = line.get_gid().split(", ")
+        # all of them, if there are few; many would lie over those of the next circle
+        assert shown == (line.get_gid() if len(others) < 2 else f"{first}, …")
     return [
         (line.get_gid(), (line.get_xdata()[0] * 1e-3, line.get_ydata()[0] * 1e-3), to_rgb(line.get_markeredgecolor()))
         for line in circles
@@ -92,6 +95,8 @@ def test_broken_places_are_red_and_close_ones_share_a_circle(array):
     figure = check_figure(array, places)
     assert [label for label, _, _ in marks(panels(figure)["L1"])] == ["1–3, 5", "4"]
     assert [label for label, _, _ in marks(panels(figure)["L2"])] == ["6"]
+    figure = check_figure(array, [at(0, 0), at(20e-3, 0), at(0, 0), at(20e-3, 0), at(0, 0)])
+    assert [label for label, _, _ in marks(panels(figure)["L1"])] == ["1, 3, 5", "2, 4"]
     pair = check_figure(array, [at(0, 0), at(step, 0)])
     assert [label for label, _, _ in marks(panels(pair)["L1"])] == ["1, 2"]
 

@@ -72,12 +72,12 @@ def test_delta_has_a_power_of_ten(largest, unit):
 
 def test_outlines_and_names_of_the_coils():
     square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * 8e-3
-    near, far = square + np.array([5e-3, 0]), square + np.array([60e-3, 30e-3])
-    ax = plot_response(response(), "coil1", outlines=[near, far])
+    near, far, above = (square + np.array(middle) for middle in ([5e-3, 0], [60e-3, 30e-3], [5e-3, 20e-3]))
+    ax = plot_response(response(), "coil1", outlines=[near, far, above])
     shapes = [patch.get_xy()[:-1] for patch in ax.patches if isinstance(patch, Polygon)]
-    np.testing.assert_allclose(shapes, [near * 1e3, far * 1e3])
+    np.testing.assert_allclose(shapes, [near * 1e3, far * 1e3, above * 1e3])
     low, high = ax.get_ylim()
-    assert low < -8 < 8 < high < 10  # all of the near coil, nothing of the far one
+    assert low < -8 < 8 < high < 10  # all of the near coil, nothing of those that the map does not touch
     # the names stand towards the lower end of the outline, so that they leave the peaks free
     places = {text.get_text(): text.get_position() for text in ax.texts}
     assert places == {"coil1": (-5, pytest.approx(-0.8 * 8)), "coil2": (5, pytest.approx(-0.8 * 8))}

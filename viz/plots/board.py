@@ -165,7 +165,8 @@ def check_figure(array: CoilArray, margins: Sequence[Margin]) -> Figure:
         Board that is drawn.
     margins : sequence of Margin
         Margins to mark, the worst first: the k-th has the number k, as in a table. Those without a place are left out.
-        Places close together share a circle, which is red where the first of them is broken.
+        Places close together share a circle, which is red where the first of them is broken; beside it stand their
+        numbers, of more than two the first.
 
     Returns
     -------
@@ -211,7 +212,8 @@ def _circle(ax: Axes, mark: _Mark) -> None:
     circle: dict[str, Any] = {"ms": 12, "mfc": "none", "mec": colour, "mew": 1.6}
     ax.plot(x, y, "o", path_effects=halo, gid=_numbers(mark), **circle)
     letters: dict[str, Any] = {"xytext": (8, 8), "textcoords": "offset points", "color": colour, "weight": "bold"}
-    ax.annotate(_numbers(mark), (x, y), path_effects=halo, **letters)
+    first, *others = _numbers(mark).split(", ")
+    ax.annotate(_numbers(mark) if len(others) < 2 else f"{first}, …", (x, y), path_effects=halo, **letters)
 
 
 def _numbers(mark: _Mark) -> str:

@@ -344,14 +344,15 @@ def _look(response: xr.Dataset, delta: xr.DataArray, outlines: Sequence[npt.Arra
     """Show the whole map and, in height, the coils that it touches, in bands of colour about zero."""
     x, y = MM.of(response.x), MM.of(response.y)
     shapes = [MM.of(outline) for outline in outlines]
-    touched = [s for s in shapes if s[:, 0].min() < x.max() and s[:, 0].max() > x.min()]
+    low, high = (x.min(), y.min()), (x.max(), y.max())
+    touched = [shape for shape in shapes if (shape.min(axis=0) < high).all() and (shape.max(axis=0) > low).all()]
     edges = np.concatenate([y, *(shape[:, 1] for shape in touched)])
     rim = 0.02 * np.ptp(edges)
     unit = style.axis_unit(delta, "1")
-    colours, low, high = signed_colours(unit.of(delta), share=_NOTHING)
-    levels = np.asarray(MaxNLocator(_BANDS, symmetric=low == -high, steps=_STEPS).tick_values(low, high))
-    nothing = _NOTHING * max(-low, high)
-    edges_of_white = [edge for edge, end in ((-nothing, low), (nothing, high)) if end]
+    colours, least, most = signed_colours(unit.of(delta), share=_NOTHING)
+    levels = np.asarray(MaxNLocator(_BANDS, symmetric=least == -most, steps=_STEPS).tick_values(least, most))
+    nothing = _NOTHING * max(-least, most)
+    edges_of_white = [edge for edge, end in ((-nothing, least), (nothing, most)) if end]
     levels = np.sort(np.r_[levels[levels != 0], edges_of_white])
     sides = (float(x.min()), float(x.max())), (float(edges.min() - rim), float(edges.max() + rim))
     return _Look(outlines, *sides, unit, colours, levels, nothing)

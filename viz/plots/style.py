@@ -70,6 +70,12 @@ def new_axes(width: float, height: float) -> Axes:
     return Figure(figsize=(width, height)).add_subplot()
 
 
+def save(figure: Figure, file: Any, **look: Any) -> None:
+    """Save a figure; `look` goes to Matplotlib, whose layout cuts labels of axes with equal scales the first time."""
+    figure.draw_without_rendering()
+    figure.savefig(file, **look)
+
+
 def figure_size(width: float, height: float) -> tuple[float, float]:
     """Size in inches of a figure for a picture of equal scales, with room for labels; long ones stay readable."""
     scale = min(8.0 / width, 6.0 / height)

@@ -34,6 +34,8 @@ def template(name: str) -> str:
 
 def image_of(figure: Figure) -> str:
     """Return a figure as an image in a data URL."""
+    from coilarray.viz.plots.style import save  # Matplotlib, which has drawn the figure, takes long to load
+
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI)
+    save(figure, buffer, format="png", dpi=_DPI)
     return png_url(buffer.getvalue())

@@ -12,7 +12,7 @@ from contextlib import closing, contextmanager, suppress
 from typing import Any
 
 from coilarray.compute.code_version import code_version
-from coilarray.compute.extras import import_extra, let_in
+from coilarray.compute.extras import find_dask, import_extra
 from coilarray.compute.workers.pool import IN_FLIGHT, Pool, Task, one_thread_for_good, outcome_of
 from coilarray.errors import ClusterError
 
@@ -155,7 +155,7 @@ def compute(version: str, payload: bytes) -> Any:
 
 
 def _distributed() -> Any:
-    let_in("dask")
+    find_dask()
     return import_extra("distributed", "Dask clusters", package="distributed", extra="cluster")
 
 
