@@ -9,11 +9,12 @@ from support.command_line import runner, successes
 from support.contacts import few_turns
 
 from coilarray import load_design, target_map
+from coilarray.errors import MetalError
 
 pytestmark = pytest.mark.slow
 
 good, answer = successes()
-_, refused = runner()
+run, refused = runner()
 
 TARGET = """[target]
 shape = "sphere"
@@ -60,6 +61,16 @@ def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
     (quick,) = answer(capsys, "target", "ball.toml", "--ideal", "--distance-mm", "1", "--accuracy", "screen")["target"]
     assert quick["delta"] == pytest.approx(delta[0], rel=1e-2)  # 1e-3 of L and of its change, which nearly cancel
     assert quick["delta"] != pytest.approx(delta[0], rel=1e-9)
+
+
+def test_work_that_takes_long_is_told_before_it_begins(ball, capsys, monkeypatch):
+    def enough(*_, **__):
+        raise MetalError("enough.")
+
+    monkeypatch.setattr("coilarray.response.target.target_map", enough)
+    _, _, err = run(capsys, "target", "ball.toml", "--y-mm", "0:20:300")
+    assert err.splitlines()[0].startswith("coilarray: 5 distances × 300 × 1 places take a while; --x-mm, --y-mm and")
+    assert run(capsys, "target", "ball.toml", "--y-mm", "0,1")[2] == "coilarray: error: enough.\n"
 
 
 def test_what_is_wrong_is_one_line(ball, capsys):
