@@ -35,9 +35,11 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
 def leave_out_dask() -> None:
     """Let this process find no Dask: xarray imports it to ask of every array whether it is Dask's, and none of ours is.
 
-    That takes an eighth of a short command's time. For processes that are ours alone.
+    That takes an eighth of a short command's time. For processes that are ours alone. Nothing where xarray is imported
+    already: it remembers from then on whether there is Dask.
     """
-    sys.modules.setdefault("dask", None)  # type: ignore[arg-type]  # the import then says that there is none
+    if "xarray" not in sys.modules:
+        sys.modules.setdefault("dask", None)  # type: ignore[arg-type]  # the import then says that there is none
 
 
 def find_dask() -> None:
