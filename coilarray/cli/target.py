@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from coilarray import viz
 from coilarray.cli import shared
+
+if TYPE_CHECKING:
+    from coilarray.geometry import Target
+
+_MANY = 1000  # positions, which take a minute and more
 
 
 def target(
@@ -67,6 +74,7 @@ def target(
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     x, y = shared.from_map_origin(opened.target, *places)
+    _tell_work(opened.target, distances, x, y)
     with shared.map_parts(out) as store, shared.progress_bar("target") as progress:
         result = target_map(
             opened,
@@ -103,3 +111,17 @@ def target(
         f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",
     ]
     shared.print_result(data, as_json=as_json, tables=tables, titles=True, lines=lines, files=[plot, maps])
+
+
+def _tell_work(target: Target | None, *given: Sequence[float] | None) -> None:
+    """Say before long work how many positions there are, and how to take fewer."""
+    if target is None:
+        return
+    own = (target.distances, target.x, target.y)
+    counts = [len(axis if one is None else one) for one, axis in zip(given, own, strict=True)]
+    if math.prod(counts) > _MANY:
+        typer.echo(
+            f"coilarray: {counts[0]} distances × {counts[2]} × {counts[1]} places take a while; --x-mm, --y-mm and "
+            "--distance-mm name fewer",
+            err=True,
+        )

@@ -14,7 +14,7 @@ from coilarray.electromagnetics.flat_stack import Backing, PassedWaves
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet
-from coilarray.metal.finite_plates import EddyCurrents, OutlinedPlates, solve_outlined
+from coilarray.metal.finite_plates import EddyCurrents, OutlinedPlates, currents_alone, solve_outlined
 from coilarray.metal.flat_plates import stack_below
 from coilarray.metal.layered_air import LayeredAir
 
@@ -31,12 +31,6 @@ def require_below(plates: Sequence[Plate | FinitePlate], what: str = "an indenta
                 f"{what} is computed beside plates below the coils; {name} lies above them, in its way: leave it out, "
                 "or give it a z_mm below the board."
             )
-        if isinstance(plate, FinitePlate) and plate.material.relative_permeability != 1:
-            raise MetalError(
-                f"{what} is computed beside plates with an outline that are not magnetic; {name} has "
-                f"a relative permeability of {plate.material.relative_permeability:g}: give it shape = "
-                '"plate", which is infinite, or another material.'
-            )
 
 
 def backings_of(
@@ -45,21 +39,27 @@ def backings_of(
     frequencies: Sequence[float],
     sheets: Sequence[Sheet],
     *,
+    fineness: float = 1.0,
     outlined: OutlinedPlates | None = None,
 ) -> list[Backing]:
     """Return what plates below the coils send back up at each of the frequencies in Hz; empty where there are none.
 
-    `outlined` are those with an outline, as `outlined_below` solves them, which is done here by default. MetalError for
-    plates beside which nothing above is computed, and the errors of `coilarray.metal.finite_plates.eddy_currents`.
+    The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`, where those with an outline are
+    not `outlined` already, as `outlined_below` solves them. MetalError for plates beside which nothing above is
+    computed, and the errors of `coilarray.metal.finite_plates.eddy_currents`.
     """
     require_below(plates, "an indentation or a sphere")
     face, layers = stack_below([plate for plate in plates if isinstance(plate, Plate)])
     if any(isinstance(plate, FinitePlate) for plate in plates):
-        outlined = outlined or solve_outlined(source, plates, frequencies, sheets)
+        currents = (
+            currents_alone(source, plates, frequencies, sheets, fineness=fineness)
+            if outlined is None
+            else outlined.eddy_currents()
+        )
         endless = [plate for plate in plates if isinstance(plate, Plate)]
         return [
             Backing(face, layers, f, *_seen_from_above(LayeredAir.between(endless, (), np.array([f])), one))
-            for f, one in zip(frequencies, outlined.eddy_currents(), strict=True)
+            for f, one in zip(frequencies, currents, strict=True)
         ]
     return [Backing(face, layers, f) for f in frequencies] if layers else []
 
@@ -72,12 +72,13 @@ def outlined_below(
     *,
     fineness: float = 1.0,
 ) -> OutlinedPlates | None:
-    """Solve the plates with an outline below the coils; None where there are none.
+    """Solve the plates with an outline below the coils; None where there are none, or a magnetic one.
 
     The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`. Errors as of `backings_of`.
     """
     require_below(plates, "an indentation or a sphere")
-    if not any(isinstance(plate, FinitePlate) for plate in plates):
+    outlines = [plate for plate in plates if isinstance(plate, FinitePlate)]
+    if not outlines or any(plate.material.relative_permeability != 1 for plate in outlines):
         return None
     return solve_outlined(source, plates, frequencies, sheets, fineness=fineness)
 

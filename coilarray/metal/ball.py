@@ -106,9 +106,9 @@ def ball_inductance(
     Notes
     -----
     Exact for filaments: every multipole at any skin depth, and all reflections between ball, sheets and infinite
-    plates. Plates with an outline send back the field of the coils, and once that of the ball's dipole. Against an
-    infinite plate, 1 mm of aluminium 3 mm below the board, that was 0.16 % off for a ball of 5 mm at 1 mm over a bare
-    board (0.5 % of ferrite), and 0.1 % on the sheets of gast2020, meshes and rims included.
+    plates. Plates with an outline send back the field of the coils and, unless they are magnetic, once that of the
+    ball's dipole. Against an infinite plate, 1 mm of aluminium 3 mm below the board, that was 0.16 % off for a ball of
+    5 mm at 1 mm over a bare board (0.5 % of ferrite), and 0.1 % on the sheets of gast2020, meshes and rims included.
     Multipoles are counted until they add less than 1e-7 of the whole. Measured: where a ball of 5 mm touches the
     magnetic sheet of gast2020, the reflections change what one of aluminium does by −6 %, one of ferrite by 19 %.
 
@@ -138,7 +138,7 @@ def ball_inductance(
             )
     frequency = checked_frequencies(frequencies)
     outlined = outlined_below(source, plates, frequency.tolist(), sheets, fineness=fineness)
-    backings = backings_of(source, plates, frequency.tolist(), sheets, outlined=outlined)
+    backings = backings_of(source, plates, frequency.tolist(), sheets, fineness=fineness, outlined=outlined)
     if not backings:
         return ball_over(source, ball, at, frequency, sheets, None, progress=progress)
     returned = None if outlined is None else returned_dipoles(outlined, ball, at, sheets)
