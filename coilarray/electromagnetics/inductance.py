@@ -134,7 +134,8 @@ def rectangular_bars(
     if size_2 is None:
         return float(_SCALE * bar_self(*sizes[0, order]) / areas)
     along, across, up = np.asarray(offset, dtype=np.float64)[order]
-    return float(_SCALE * parallel_bars(*sizes[0, order], *sizes[1, order], across, up, along) / areas)
+    arguments = [*sizes[0, order], *sizes[1, order], across, up, along]
+    return float(_SCALE * parallel_bars(*arguments) / areas)
 
 
 def _distance(first: Conductor, second: Conductor) -> float:

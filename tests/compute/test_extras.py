@@ -84,3 +84,14 @@ def test_a_library_that_breaks_is_not_called_missing(monkeypatch):
     monkeypatch.setattr(importlib, "import_module", broken)
     with pytest.raises(MissingDependencyError, match=r"^films need json, which cannot be loaded: libGL"):
         extras.import_extra("json", "films", package="json", extra="movie")
+
+
+def test_an_interrupt_while_a_library_is_loaded_is_an_interrupt(monkeypatch):
+    """An extension module raises an ImportError where Ctrl-C stops it."""
+
+    def broken_off(module):
+        raise ImportError("DLL load failed") from KeyboardInterrupt()
+
+    monkeypatch.setattr(importlib, "import_module", broken_off)
+    with pytest.raises(KeyboardInterrupt):
+        extras.import_extra("json", "films", package="json", extra="movie")
