@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from coilarray import viz
 from coilarray.cli import shared
+
+if TYPE_CHECKING:
+    from coilarray.geometry import Target
+
+_MANY = 1000  # positions, which take a minute and more
 
 
 def target(
@@ -35,6 +42,7 @@ def target(
             help="Fineness of the mesh of a plate with an outline: 1 errs by some 0.2 % in ΔL; the error is printed.",
         ),
     ] = 1.0,
+    accuracy: shared.Accuracy = "full",
     out: shared.NumbersFile = Path("target.nc"),
     plot: Annotated[Path | None, shared.plot_option("δ, L, Q and f against the distance")] = None,
     maps: Annotated[Path | None, shared.plot_option("the maps of δ at the least distance", "--maps")] = None,
@@ -48,9 +56,10 @@ def target(
     circuit is solved: L, R, Q, R_p and f of every state of the scan, δ against the board without the target, and every
     coupling. The tables show each state where the target moves it the most; its range, the distance at which |δ| is 3
     times the noise; and the distances up to which 1, 10 and 100 µm are resolved. Places in tables, pictures and a .csv
-    are those on the board. A target may be moved beside every [[plate]] of the design, a sphere beside infinite ones
-    below the coils. Over magnetic sheets or beside plates an interrupted map of a disc or another outline goes on,
-    distance by distance, from the folder FILE.parts when the same command runs again.
+    are those on the board. A target may be moved beside every [[plate]] of the design, a sphere beside those below the
+    coils. A plate that nearly touches the copper takes longest: --accuracy screen takes a third of the time. Over
+    magnetic sheets or beside plates an interrupted map of a disc or another outline goes on, distance by distance, from
+    the folder FILE.parts when the same command runs again.
 
     Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
     """
@@ -65,6 +74,7 @@ def target(
 
     opened = shared.open_design(design, allow_violations=allow_violations)
     x, y = shared.from_map_origin(opened.target, *places)
+    _tell_work(opened.target, distances, x, y)
     with shared.map_parts(out) as store, shared.progress_bar("target") as progress:
         result = target_map(
             opened,
@@ -74,6 +84,7 @@ def target(
             noise=noise,
             ideal=ideal,
             fineness=fineness,
+            accuracy=accuracy,
             parts=store.folder,
             progress=progress,
         )
@@ -100,3 +111,17 @@ def target(
         f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}",
     ]
     shared.print_result(data, as_json=as_json, tables=tables, titles=True, lines=lines, files=[plot, maps])
+
+
+def _tell_work(target: Target | None, *given: Sequence[float] | None) -> None:
+    """Say before long work how many positions there are, and how to take fewer."""
+    if target is None:
+        return
+    own = (target.distances, target.x, target.y)
+    counts = [len(axis if one is None else one) for one, axis in zip(given, own, strict=True)]
+    if math.prod(counts) > _MANY:
+        typer.echo(
+            f"coilarray: {counts[0]} distances × {counts[2]} × {counts[1]} places take a while; --x-mm, --y-mm and "
+            "--distance-mm name fewer",
+            err=True,
+        )

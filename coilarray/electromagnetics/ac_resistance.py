@@ -26,6 +26,7 @@ from coilarray.electromagnetics.kernels.eddy_modes import (
     Section,
     Trace,
     bundle_factors,
+    interaction,
     isolated_modes,
     response_basis,
     section,
@@ -54,6 +55,8 @@ HIGHEST = 1e15
 """Highest frequency in Hz; that of light, where copper is no conductor of this kind any more."""
 
 _FIELDS: Recent[FloatArray] = Recent(32)  # of one coil on another: they depend neither on frequency nor on other coils
+
+_INTERACTIONS: Recent[FloatArray] = Recent(4096)  # of two traces: leads make sections differ, whose turns are the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +151,13 @@ def _basis(width: float, thickness: float, octaves: int) -> Basis:
 
 @lru_cache(maxsize=16)
 def _section(traces: tuple[Trace, ...], octaves: int) -> Section:
-    return section(traces, lambda width, thickness: _basis(width, thickness, octaves))
+    def between(first: tuple[float, float], second: tuple[float, float], x: float, z: float) -> FloatArray:
+        return _INTERACTIONS.get(
+            (first, second, x, z, octaves),
+            lambda: interaction(_basis(*first, octaves), _basis(*second, octaves), x, z),
+        )
+
+    return section(traces, lambda width, thickness: _basis(width, thickness, octaves), between)
 
 
 def _octaves(side: float, delta: FloatArray) -> int:

@@ -133,9 +133,8 @@ def rectangular_bars(
         raise GeometryError(f"the sizes of bars must be less unlike; got {size_1} and {size_2 or size_1} m.")
     if size_2 is None:
         return float(_SCALE * bar_self(*sizes[0, order]) / areas)
-    along, across, up = np.asarray(offset, dtype=np.float64)[order]
-    arguments = [*sizes[0, order], *sizes[1, order], across, up, along]
-    return float(_SCALE * parallel_bars(*arguments) / areas)
+    across_up_along = np.roll(np.asarray(offset, dtype=np.float64)[order], -1)
+    return float(_SCALE * parallel_bars(*sizes[:, order].ravel(), *across_up_along) / areas)
 
 
 def _distance(first: Conductor, second: Conductor) -> float:

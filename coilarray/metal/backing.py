@@ -14,7 +14,7 @@ from coilarray.electromagnetics.flat_stack import Backing, PassedWaves
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet
-from coilarray.metal.finite_plates import EddyCurrents, eddy_currents_over
+from coilarray.metal.finite_plates import EddyCurrents, OutlinedPlates, currents_alone, solve_outlined
 from coilarray.metal.flat_plates import stack_below
 from coilarray.metal.layered_air import LayeredAir
 
@@ -31,12 +31,6 @@ def require_below(plates: Sequence[Plate | FinitePlate], what: str = "an indenta
                 f"{what} is computed beside plates below the coils; {name} lies above them, in its way: leave it out, "
                 "or give it a z_mm below the board."
             )
-        if isinstance(plate, FinitePlate) and plate.material.relative_permeability != 1:
-            raise MetalError(
-                f"{what} is computed beside plates with an outline that are not magnetic; {name} has "
-                f"a relative permeability of {plate.material.relative_permeability:g}: give it shape = "
-                '"plate", which is infinite, or another material.'
-            )
 
 
 def backings_of(
@@ -46,16 +40,22 @@ def backings_of(
     sheets: Sequence[Sheet],
     *,
     fineness: float = 1.0,
+    outlined: OutlinedPlates | None = None,
 ) -> list[Backing]:
     """Return what plates below the coils send back up at each of the frequencies in Hz; empty where there are none.
 
-    The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`. MetalError for plates beside
-    which nothing above is computed, and the errors of `coilarray.metal.finite_plates.eddy_currents`.
+    The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`, where those with an outline are
+    not `outlined` already, as `outlined_below` solves them. MetalError for plates beside which nothing above is
+    computed, and the errors of `coilarray.metal.finite_plates.eddy_currents`.
     """
     require_below(plates, "an indentation or a sphere")
     face, layers = stack_below([plate for plate in plates if isinstance(plate, Plate)])
     if any(isinstance(plate, FinitePlate) for plate in plates):
-        currents = eddy_currents_over(source, plates, frequencies, sheets, fineness=fineness)
+        currents = (
+            currents_alone(source, plates, frequencies, sheets, fineness=fineness)
+            if outlined is None
+            else outlined.eddy_currents()
+        )
         endless = [plate for plate in plates if isinstance(plate, Plate)]
         return [
             Backing(face, layers, f, *_seen_from_above(LayeredAir.between(endless, (), np.array([f])), one))
@@ -64,16 +64,23 @@ def backings_of(
     return [Backing(face, layers, f) for f in frequencies] if layers else []
 
 
-def backing_of(
+def outlined_below(
     source: Source,
     plates: Sequence[Plate | FinitePlate],
-    frequency: float,
+    frequencies: Sequence[float],
     sheets: Sequence[Sheet],
     *,
     fineness: float = 1.0,
-) -> Backing | None:
-    """`backings_of` at one frequency in Hz; None where there are no plates."""
-    return next(iter(backings_of(source, plates, [frequency], sheets, fineness=fineness)), None)
+) -> OutlinedPlates | None:
+    """Solve the plates with an outline below the coils; None where there are none, or a magnetic one.
+
+    The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`. Errors as of `backings_of`.
+    """
+    require_below(plates, "an indentation or a sphere")
+    outlines = [plate for plate in plates if isinstance(plate, FinitePlate)]
+    if not outlines or any(plate.material.relative_permeability != 1 for plate in outlines):
+        return None
+    return solve_outlined(source, plates, frequencies, sheets, fineness=fineness)
 
 
 @dataclass(frozen=True, eq=False)

@@ -78,10 +78,11 @@ def magnetic_changes(around: PlatesInAir, plate: PosedPlate) -> ComplexArray:
     return np.stack([np.broadcast_to(np.asarray(one, dtype=np.complex128), shape) for one in found], axis=1)
 
 
-def magnetic_currents(around: PlatesInAir, plate: PosedPlate) -> list[ComplexArray]:
+def magnetic_currents(around: PlatesInAir, plate: PosedPlate, *, alone: bool = False) -> list[ComplexArray]:
     """N × H in A/m for 1 A in each path at the plate's only place, (paths, 2k, 3) along the board's axes, by frequency.
 
-    On the triangles of the upper half and of its mirror image.
+    On the triangles of the upper half and of its mirror image. With `alone` those which, without magnetic charges, make
+    the plate's field outside.
     """
     lengths = _lengths(plate.plate, around.air.frequencies).tolist()
     currents, n = _currents(plate), len(plate.body.mesh.nodes)
@@ -89,7 +90,8 @@ def magnetic_currents(around: PlatesInAir, plate: PosedPlate) -> list[ComplexArr
     for of, length in zip(_problems(around, plate), lengths, strict=True):
         total = np.zeros((2 * n, len(around.paths)), dtype=np.complex128)
         for one in of:
-            total += np.asarray(one.basis @ (one.u + one.answer(length))[:, 0])
+            outside = one.answer(length)[:, 0]
+            total += np.asarray(one.basis @ (one.double_layer(outside) if alone else one.u[:, 0] + outside))
         found.append(np.stack([np.asarray(K @ total).T for K in currents], axis=-1))
     return found
 
@@ -104,11 +106,16 @@ def _lengths(plate: FinitePlate, frequencies: FloatArray) -> ComplexArray:
 class Potentials:
     """Λ and S in m for potentials on a body, with b/µ0, t and u of shape (unknowns, places, paths).
 
-    `basis` takes the unknowns to the nodes of the upper half, then those of the lower one.
+    `basis` takes the unknowns to the nodes of the upper half, then those of the lower one. Over the triangles `means`
+    are the integrals of the functions, `rest` is ½ − K, both in m², and `known` are the unknowns but for one where a
+    constant is free.
     """
 
     basis: sp.csr_array
+    means: sp.csr_array
+    rest: FloatArray | ComplexArray
     outer: FloatArray | ComplexArray
+    known: slice
     S: FloatArray
     b: FloatArray | ComplexArray
     t: FloatArray | ComplexArray
@@ -123,6 +130,16 @@ class Potentials:
         c = self.load(length)
         x = lu_solve(lu_factor(self.outer + length * self.S), c.reshape(len(c), -1))
         return np.asarray(x.reshape(c.shape))
+
+    def double_layer(self, outside: ComplexArray) -> ComplexArray:
+        """Return ν in A with (½ + K) ν = φ for potentials φ (unknowns, paths): its double layer has φ outside.
+
+        Tested by the means of the linear functions over the triangles.
+        """
+        weighed = sp.csr_array((sp.diags_array(1 / np.asarray(self.means.sum(axis=1))) @ self.means).T)[self.known]
+        matrix, found = weighed @ (self.means - self.rest)[:, self.known], np.zeros_like(outside)
+        found[self.known] = lu_solve(lu_factor(matrix), weighed @ (self.means @ outside))
+        return found
 
     def change(self, length: complex) -> ComplexArray:
         """ΔZ/jω in H, (places, paths, paths), for ℓ in m."""
@@ -141,7 +158,9 @@ def of_parity(body: EddyBody, sign: int, b: FloatArray, t: FloatArray) -> Potent
     used, basis = _basis(body, sign)
     V, rest, W = exterior(body, sign)
     S = stiffness(body)[used][:, used]
-    return _potentials(basis, _outer(V, rest[:, used], W[np.ix_(used, used)]), [S], b[used], t[used], free=sign > 0)
+    means, rest = _means(body)[:, used], rest[:, used]
+    outer = _outer(V, rest, W[np.ix_(used, used)])
+    return _potentials(basis, means, rest, outer, S, b[used], t[used], slice(1 if sign > 0 else 0, None))
 
 
 def stiffness(body: EddyBody) -> sp.csr_array:
@@ -156,14 +175,19 @@ def exterior(body: EddyBody, sign: int) -> tuple[FloatArray, FloatArray, FloatAr
     Shapes (k, k), (k, n) and (n, n), by the triangles and the nodes of the upper half.
     """
     (own, image), (M, M_image), mesh = body.integrals, body.inductances, body.mesh
-    k, n = len(mesh.triangles), len(mesh.nodes)
-    corners = mesh.corners
+    corners, n = mesh.corners, len(mesh.nodes)
     mirrored = np.ascontiguousarray((corners * MIRROR)[:, ::-1])  # their normals point outwards too
     K = _double_layers(corners, corners, mesh.triangles, n)
     K += sign * _double_layers(corners, mirrored, mesh.triangles[:, ::-1], n)
-    share = np.zeros((k, n))
-    np.add.at(share, (np.repeat(np.arange(k), 3), mesh.triangles.ravel()), np.repeat(body.areas / 3, 3))
-    return (own + sign * image) / (2 * np.pi), share - 2 * K, 2 * (M - sign * M_image) / MU_0
+    rest = _means(body).toarray() / 2 - 2 * K
+    return (own + sign * image) / (2 * np.pi), rest, 2 * (M - sign * M_image) / MU_0
+
+
+def _means(body: EddyBody) -> sp.csr_array:
+    """Integrals in m² of the linear functions over both halves' triangles, (k, n)."""
+    triangles = body.mesh.triangles
+    where = (np.repeat(np.arange(len(triangles)), 3), triangles.ravel())
+    return sp.csr_array((np.repeat(2 * body.areas / 3, 3), where), shape=(len(triangles), len(body.mesh.nodes)))
 
 
 def _problems(around: PlatesInAir, plate: PosedPlate) -> list[list[Potentials]]:
@@ -177,34 +201,35 @@ def _problems(around: PlatesInAir, plate: PosedPlate) -> list[list[Potentials]]:
         return [[]] * count
     weights, number = distinct_sums(images)
     loads = _loads(around.paths, plate, images, weights)
-    outer, (S, S_odd) = _between_layers(around, plate), [stiffness(body)[u][:, u] for u, _ in _bases(body)]
+    stiff, whole = stiffness(body), _means(body)
+    S = sp.block_diag([stiff[used][:, used] for used, _ in _bases(body)], format="csr")
+    means = sp.block_diag([whole[:, used] for used, _ in _bases(body)], format="csr")
     basis = sp.hstack([one for _, one in _bases(body)], format="csr")
     found = []
-    for k, Λ in enumerate(outer):
+    for k, (rest, outer) in enumerate(_between_layers(around, plate)):
         b, t = (
             np.concatenate([of[part][number[k], used] + 1j * of[part][number[count + k], used]
                             for of, (used, _) in zip(loads, _bases(body), strict=True)])
             for part in (0, 1)
         )  # fmt: skip
-        found.append([_potentials(basis, Λ, [S, S_odd], b, t, free=True)])
+        found.append([_potentials(basis, means, rest, outer, S, b, t, slice(1, None))])
     return found
 
 
 def _potentials(
     basis: sp.csr_array,
+    means: sp.csr_array,
+    rest: FloatArray | ComplexArray,
     outer: FloatArray | ComplexArray,
-    stiff: Sequence[sp.csr_array],
+    S: sp.csr_array,
     b: FloatArray | ComplexArray,
     t: FloatArray | ComplexArray,
-    *,
-    free: bool,
+    known: slice,
 ) -> Potentials:
-    """Potentials with what follows from S and t; `free` says that a constant of the first ones is."""
-    S = sp.block_diag(stiff, format="csc")
-    u, known = np.zeros_like(t), slice(1, None) if free else slice(None)
-    loads = t[known].reshape(-1, t[0].size) / MU_0
-    u[known] = -splu(S[known, known].astype(t.dtype)).solve(loads).reshape(t[known].shape)
-    return Potentials(basis, outer, S.toarray(), b / MU_0, t / MU_0, u)
+    """Potentials with what follows from S and t."""
+    u, loads = np.zeros_like(t), t[known].reshape(-1, t[0].size) / MU_0
+    u[known] = -splu(S[known, known].tocsc().astype(t.dtype)).solve(loads).reshape(t[known].shape)
+    return Potentials(basis, means, rest, outer, known, S.toarray(), b / MU_0, t / MU_0, u)
 
 
 def _bases(body: EddyBody) -> list[tuple[IntArray, sp.csr_array]]:
@@ -228,8 +253,10 @@ def _currents(plate: PosedPlate) -> list[sp.csr_array]:
     return [sum(plate.plate.axes[own, axis] * halves[own] for own in range(3)) for axis in range(3)]
 
 
-def _between_layers(around: PlatesInAir, plate: PosedPlate) -> list[FloatArray | ComplexArray]:
-    """Λ of even and odd potentials with what layers reflect of them, (u, u) in m, at every frequency."""
+def _between_layers(
+    around: PlatesInAir, plate: PosedPlate
+) -> list[tuple[FloatArray | ComplexArray, FloatArray | ComplexArray]]:
+    """½ − K (2k, u) in m² and Λ (u, u) in m of even and odd potentials with what layers reflect, by frequency."""
     body, images = plate.body, around.images_of(plate, plate)
     k, n = len(body.mesh.triangles), len(body.mesh.nodes)
     shares = np.array([image.shares for image in images]).T.reshape(len(around.air.frequencies), -1)
@@ -248,8 +275,9 @@ def _between_layers(around: PlatesInAir, plate: PosedPlate) -> list[FloatArray |
     corners = plate.corners.copy()
     corners[k:] = corners[k:, ::-1]  # so that all normals point outwards
     nodes = np.concatenate((body.mesh.triangles, body.mesh.triangles[:, ::-1] + n))
-    kind: type[np.complex128 | np.float64] = np.complex128 if size > 8 else np.float64
-    every: list[list[FloatArray | ComplexArray]] = [[np.array(part, dtype=kind) for part in vacuum] for _ in distinct]
+    every: list[list[FloatArray | ComplexArray]] = [
+        [part.astype(np.complex128) if size > 8 else part.copy() for part in vacuum] for _ in distinct
+    ]
     for image, of_image in zip(images, distinct.T, strict=True):
         seen = np.ascontiguousarray(image.of(corners))
         integrals = pair_integrals(corners, seen, mirrored=image.sign < 0)
@@ -262,7 +290,7 @@ def _between_layers(around: PlatesInAir, plate: PosedPlate) -> list[FloatArray |
             total[0] += image.sign * weight * (V + V.T) / 2
             total[1] -= image.sign * weight * K
             total[2] += weight * (W + W.T) / 2
-    made = [_outer(*total) for total in every]
+    made = [(total[1], _outer(*total)) for total in every]
     return [made[k] for k in number.ravel()]
 
 

@@ -65,8 +65,7 @@ def target_inductance(
     Raises
     ------
     MetalError
-        A sphere beside plates above the coils or magnetic ones with an outline, and what the solver of the body
-        refuses.
+        A sphere beside plates above the coils, and what the solver of the body refuses.
     GeometryError
         A target that reaches into metal, sheets or copper, and what the solver of the body refuses.
     """

@@ -160,7 +160,7 @@ def response_map(
         lost on a tilted one, a `reach` outside its limits or together with `dielectric` or a material, and what
         `indent` and `dent_inductance` refuse.
     MetalError
-        A `rest` below 0; plates above the sheets, or magnetic ones with an outline; and what `ball_inductance` and
+        A `rest` below 0; plates above the sheets; and what `ball_inductance` and
         `coilarray.metal.finite_plates.eddy_currents` refuse.
     NetworkError
         A state without a resonance; with `reach` also a network with stray capacitances, and states and switches that

@@ -54,7 +54,11 @@ def target_of(design: Design) -> Target:
     """Return the target of a design; MetalError where it has none."""
     if design.target is None:
         bundled = ", ".join(names_with("target"))
-        raise MetalError(f"the design {design.name} has no [target]; of the bundled designs these have one: {bundled}.")
+        raise MetalError(
+            f'the design {design.name} has no [target]: add one, with shape = "disc", diameter_mm = 12, '
+            'thickness_mm = 1, material = "aluminium" and distances_mm = [1, 2, 4], for example; of the bundled '
+            f"designs these have one: {bundled}."
+        )
     return design.target
 
 

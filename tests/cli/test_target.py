@@ -9,11 +9,12 @@ from support.command_line import runner, successes
 from support.contacts import few_turns
 
 from coilarray import load_design, target_map
+from coilarray.errors import MetalError
 
 pytestmark = pytest.mark.slow
 
 good, answer = successes()
-_, refused = runner()
+run, refused = runner()
 
 TARGET = """[target]
 shape = "sphere"
@@ -57,11 +58,24 @@ def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
     assert "distance (mm)" in out
     assert "2.000" in out
     assert "target.nc must have delta over depth" in refused(capsys, "fit", "target.nc")
+    (quick,) = answer(capsys, "target", "ball.toml", "--ideal", "--distance-mm", "1", "--accuracy", "screen")["target"]
+    assert quick["delta"] == pytest.approx(delta[0], rel=1e-2)  # 1e-3 of L and of its change, which nearly cancel
+    assert quick["delta"] != pytest.approx(delta[0], rel=1e-9)
+
+
+def test_work_that_takes_long_is_told_before_it_begins(ball, capsys, monkeypatch):
+    def enough(*_, **__):
+        raise MetalError("enough.")
+
+    monkeypatch.setattr("coilarray.response.target.target_map", enough)
+    _, _, err = run(capsys, "target", "ball.toml", "--y-mm", "0:20:300")
+    assert err.splitlines()[0].startswith("coilarray: 5 distances × 300 × 1 places take a while; --x-mm, --y-mm and")
+    assert run(capsys, "target", "ball.toml", "--y-mm", "0,1")[2] == "coilarray: error: enough.\n"
 
 
 def test_what_is_wrong_is_one_line(ball, capsys):
     line = refused(capsys, "target", "gast_fem")
-    assert "the design gast_fem has no [target]; of the bundled designs these have one:" in line
+    assert "the design gast_fem has no [target]: add one, with shape" in line
     assert all(load_design(name).target for name in line.rstrip(".").partition("have one: ")[2].split(", "))
     # without DESIGN: a distance is refused only where there is a target
     assert "distances of a target must be above zero" in refused(capsys, "target", "--distance-mm", "0,1")

@@ -23,7 +23,7 @@ from coilarray.design.model import parse_design
 from coilarray.elastomer.dented_layer import dent_inductance_over
 from coilarray.electromagnetics.flat_stack import Backing, Layer
 from coilarray.errors import ElastomerError, MetalError
-from coilarray.geometry import MATERIALS, Disc, FinitePlate, Material, Plate
+from coilarray.geometry import MATERIALS, Disc, FinitePlate, Material, Plate, Ring
 from coilarray.metal import plate_mesh
 from coilarray.response.map import inductance_changes, respond, response_map
 from coilarray.response.setup import experiment, map_axes, wedge_inductance
@@ -166,6 +166,10 @@ def test_a_wide_outline_is_an_infinite_plate() -> None:
     largest = float(np.abs(expected.delta).max())
     assert float(np.abs(found.delta - expected.delta).max()) < 2e-2 * largest
     assert float(np.abs(expected.delta - alone.delta).max()) > 0.2 * largest
+    assert one.indentation is not None
+    tipped = replace(one, indentation=replace(one.indentation, material=MATERIALS["ferrite"]))
+    shares = [mapped(replace(tipped, plates=(plate,)), x=[0.0]).metal_delta.item() for plate in (wide, infinite)]
+    assert shares[0] == pytest.approx(shares[1], rel=3e-2)  # as the rest, and that of the tip at rest, which counts too
 
 
 @pytest.mark.slow
@@ -209,7 +213,11 @@ def test_every_state_has_the_change_at_its_own_frequency(over_steel: xr.Dataset)
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("_coarse_plates")
-def test_a_finite_sample_over_a_plate_of_nothing_is_one_in_air(over_steel: xr.Dataset, alone: xr.Dataset) -> None:
+def test_a_finite_sample_over_a_plate_of_nothing_is_one_in_air(
+    over_steel: xr.Dataset, alone: xr.Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, coarsest in {"_ALONG": 12, "_FINEST": 0.6, "_LATTICE": 0.6}.items():  # of what has no currents
+        monkeypatch.setattr(plate_mesh, name, coarsest)
     assert PAIR.indentation is not None
     finite = replace(PAIR, indentation=replace(PAIR.indentation, sample_bounds=(-24e-3, -16e-3, 24e-3, 16e-3)))
     nothing, none = replace(BACK, material=Material("nothing", 1e-9)), mapped(finite)
@@ -227,13 +235,8 @@ def test_a_finite_sample_over_a_plate_of_nothing_is_one_in_air(over_steel: xr.Da
 
 
 def test_refusals() -> None:
-    steel = FinitePlate("coin", Disc(20e-3), (0.0, 0.0, -5e-3), 1e-3, MATERIALS["steel"])
-    refused(
-        MetalError,
-        "with an outline that are not magnetic; plate.0 'coin' has a relative permeability of",
-        mapped,
-        beside(steel),
-    )
+    steel = FinitePlate("coin", Ring(9e-3, 3e-3), (0.0, 0.0, -5e-3), 1e-3, MATERIALS["steel"])
+    refused(MetalError, "must have no holes; 'coin' has some", mapped, beside(steel))
     lid = Plate("lid", 20e-3, 1e-3, MATERIALS["copper"])
     refused(MetalError, "plate.1 'lid' lies above them, in its way", mapped, beside(BACK, lid))
     refused(ElastomerError, "needs every coil: reach=None", mapped, beside(BACK), reach=1e-3)

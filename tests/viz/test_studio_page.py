@@ -250,6 +250,7 @@ def test_switches_change_what_the_converter_sees_and_the_field(page):
 @scenes
 def test_the_indenter_is_dragged_and_located(page):
     page.click("#tab-touch")
+    page.wait_for_selector("text=this needs δ of 3 states at ")
     page.click("#compute-table")
     page.wait_for_selector("#indenter")
     x, y, width, height = hold(page, "#top-view", 0.4, 0.5)

@@ -19,7 +19,7 @@ from coilarray.errors import shown
 from coilarray.viz.studio.build_panel import BuildPanel
 from coilarray.viz.studio.calculator import Calculator
 from coilarray.viz.studio.design_panel import DesignPanel
-from coilarray.viz.studio.job import PATIENCE, Job, Outcome, Task
+from coilarray.viz.studio.job import PATIENCE, Job, Outcome, Task, time_left
 from coilarray.viz.studio.live_panel import LivePanel
 from coilarray.viz.studio.messages import MessageError, checked
 from coilarray.viz.studio.metal_panel import MetalPanel
@@ -58,7 +58,7 @@ _PARTS = (
 # results that a change of the design makes stale
 _FOLLOWING = ("scene", "numbers", "rules", "circuit", "target", "summary")
 _JOINED = 1.0  # s: what a slider changes within it is undone as one
-_NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "running": False}
+_NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "left": "", "running": False}
 
 
 class Page:
@@ -250,13 +250,15 @@ class Page:
 
         Messages other than (done, total) go to `watch`.
         """
+        begun = time.monotonic()
 
         def heard(message: Any) -> None:
             (progress if isinstance(message, tuple) else watch)(message)
 
         def progress(message: tuple[int, int] | None = None) -> None:
             part = None if message is None or not message[1] else round(100 * message[0] / message[1], 1)
-            self.state.job = {"name": name, "text": text, "part": part, "running": True}
+            left = "" if part is None else time_left(part / 100, time.monotonic() - begun)
+            self.state.job = {"name": name, "text": text, "part": part, "left": left, "running": True}
 
         def ended(outcome: Outcome) -> None:
             self.state.job = _NO_JOB
