@@ -28,6 +28,8 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
             line = not_installed(purpose, package, extra)
         else:  # an extension module hides what stopped it, even Ctrl-C, behind an ImportError
             cause = error.__cause__ or error
+            if isinstance(cause, KeyboardInterrupt):
+                raise cause from None
             line = f"{purpose} need {package}, which cannot be loaded: {str(cause) or type(cause).__name__}."
         raise MissingDependencyError(line) from None
 

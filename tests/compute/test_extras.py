@@ -95,3 +95,14 @@ def test_datasets_are_made_whether_dask_is_left_out_before_xarray_or_after(first
     )  # fmt: skip
     done = subprocess.run([sys.executable, "-c", "\n".join(lines)], check=True, capture_output=True, text=True)
     assert done.stdout == "[1.]\n"
+
+
+def test_an_interrupt_while_a_library_is_loaded_is_an_interrupt(monkeypatch):
+    """An extension module raises an ImportError where Ctrl-C stops it."""
+
+    def broken_off(module):
+        raise ImportError("DLL load failed") from KeyboardInterrupt()
+
+    monkeypatch.setattr(importlib, "import_module", broken_off)
+    with pytest.raises(KeyboardInterrupt):
+        extras.import_extra("json", "films", package="json", extra="movie")
