@@ -161,8 +161,8 @@ class Coil:
         for k, line in enumerate(self.lines):
             if line.ndim != 2 or line.shape[1] != 2 or line.shape[0] < 2:
                 raise GeometryError(f"line {k} of a coil must be points of shape (n >= 2, 2); got {line.shape}.")
-            if not np.isfinite(line).all():
-                raise GeometryError(f"line {k} of a coil has a coordinate that is not finite.")
+            if not (np.abs(line) <= LARGEST).all():
+                raise GeometryError(f"line {k} of a coil has a coordinate that is not finite or beyond {LARGEST:g} m.")
             if (np.hypot(*np.diff(line, axis=0).T) <= 1e-12 * np.ptp(line)).any():
                 raise GeometryError(f"line {k} of a coil repeats a point.")
             line.setflags(write=False)

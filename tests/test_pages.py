@@ -4,6 +4,7 @@ import json
 import sys
 from pathlib import Path
 
+import matplotlib
 import pytest
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -14,10 +15,12 @@ import command_pages  # noqa: E402 - from the folder above
 import figures  # noqa: E402
 import file_pages  # noqa: E402
 import link_check  # noqa: E402
+import pyvista  # noqa: E402
 import report_pages  # noqa: E402
 import result_pages  # noqa: E402
 import validation_pages  # noqa: E402
 import xarray as xr  # noqa: E402
+from matplotlib import pyplot  # noqa: E402
 from matplotlib.figure import Figure  # noqa: E402
 from sphinx.errors import ExtensionError  # noqa: E402
 
@@ -107,6 +110,39 @@ def test_the_last_line_of_a_program_is_its_picture():
         "from matplotlib.figure import Figure\nfigure = Figure(figsize=(3, 2))\nfigure.subplots()"
     )
     assert figure.get_size_inches().tolist() == [3, 2]
+
+
+GALLERY = sorted((DOCS / "gallery").rglob("plot_*.py"))
+# these four take as long as 20 others; the first two as tutorials do, the others as tests of what they call
+DEAR = {"07_metal/plot_proximity", "06_position/plot_locate", "07_metal/plot_behind", "08_fabrication/plot_shares"}
+
+
+def example(path):
+    return f"{path.parent.name}/{path.stem}"
+
+
+def test_the_examples_that_are_left_to_the_build_of_the_pages_exist():
+    assert {example(path) for path in GALLERY} > DEAR
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [path for path in GALLERY if example(path) not in DEAR], ids=example)
+def test_an_example_of_the_gallery_runs_and_shows_something(path, tmp_path, monkeypatch, capsys, request):
+    """The checks build the pages without the gallery, which takes minutes with all its pages."""
+    scenes = []
+    if path.parent.name.endswith("pictures"):
+        request.getfixturevalue("rendering")
+        monkeypatch.setattr(pyvista, "OFF_SCREEN", True)
+        monkeypatch.setattr(pyvista.Plotter, "show", lambda plotter: scenes.append(plotter.screenshot(None)))
+    monkeypatch.chdir(tmp_path)
+    try:
+        with matplotlib.rc_context({"backend": "agg"}):
+            drawn = figures.figures_of(path.read_text(encoding="utf-8"))
+        for figure in drawn:
+            figure.draw_without_rendering()
+    finally:
+        pyplot.close("all")
+    assert drawn or capsys.readouterr().out or any(scene.std() > 0 for scene in scenes)
 
 
 def test_a_block_without_a_picture_does_not_show_the_one_before_again(tmp_path):

@@ -12,7 +12,7 @@ from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Progress
 from coilarray.design.model import Design
 from coilarray.electromagnetics.field import grid_points, magnetic_field
-from coilarray.errors import GeometryError, MetalError
+from coilarray.errors import GeometryError, MetalError, require_finite
 from coilarray.geometry import FinitePlate, Plate
 from coilarray.metal.plate_field import plate_field
 
@@ -101,10 +101,11 @@ def operating_field(
     Raises
     ------
     GeometryError
-        No coil of that name, or points that are not finite.
+        No coil of that name, or points or a current that are not finite.
     MetalError
         Plates with an outline, whose field is not computed, or a height beside the copper of a design with plates.
     """
+    require_finite("current", current)
     endless = require_endless(design)
     currents = current * operating_currents(design, coupling, active, terminated=terminated)
     points = grid_points(x, y, z)

@@ -35,6 +35,7 @@ def target(
             help="Fineness of the mesh of a plate with an outline: 1 errs by some 0.2 % in ΔL; the error is printed.",
         ),
     ] = 1.0,
+    accuracy: shared.Accuracy = "full",
     out: shared.NumbersFile = Path("target.nc"),
     plot: Annotated[Path | None, shared.plot_option("δ, L, Q and f against the distance")] = None,
     maps: Annotated[Path | None, shared.plot_option("the maps of δ at the least distance", "--maps")] = None,
@@ -48,9 +49,10 @@ def target(
     circuit is solved: L, R, Q, R_p and f of every state of the scan, δ against the board without the target, and every
     coupling. The tables show each state where the target moves it the most; its range, the distance at which |δ| is 3
     times the noise; and the distances up to which 1, 10 and 100 µm are resolved. Places in tables, pictures and a .csv
-    are those on the board. A target may be moved beside every [[plate]] of the design, a sphere beside infinite ones
-    below the coils. Over magnetic sheets or beside plates an interrupted map of a disc or another outline goes on,
-    distance by distance, from the folder FILE.parts when the same command runs again.
+    are those on the board. A target may be moved beside every [[plate]] of the design, a sphere beside those below the
+    coils. A plate that nearly touches the copper takes longest: --accuracy screen takes a third of the time. Over
+    magnetic sheets or beside plates an interrupted map of a disc or another outline goes on, distance by distance, from
+    the folder FILE.parts when the same command runs again.
 
     Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
     """
@@ -74,6 +76,7 @@ def target(
             noise=noise,
             ideal=ideal,
             fineness=fineness,
+            accuracy=accuracy,
             parts=store.folder,
             progress=progress,
         )

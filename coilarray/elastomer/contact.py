@@ -34,6 +34,7 @@ from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone
 from coilarray.elastomer.finite_strain import EDGE_ELEMENTS, TIP, Outline, SoftBody
 from coilarray.errors import ElastomerError
 from coilarray.geometry import Indenter, Seat, Sheet
+from coilarray.geometry.conductor import LARGEST
 from coilarray.geometry.sheet import Base, RigidBase, Strain
 
 DEFAULT_MESH = ContactMesh()
@@ -203,7 +204,7 @@ def _check_arguments(sheets: Sequence[Sheet], base: Base, radius: float | None, 
         raise ElastomerError(f"base must be {', '.join(map(repr, get_args(RigidBase)))} or a Seat; got {base!r}.")
     if strain not in get_args(Strain):
         raise ElastomerError(f"strain must be {' or '.join(map(repr, get_args(Strain)))}; got {strain!r}.")
-    if radius is not None and not (math.isfinite(radius) and radius > 0):
+    if radius is not None and not 0 < radius <= LARGEST:
         raise ElastomerError(f"radius of a sample must be positive and finite; got {radius * 1e3:g} mm.")
 
 

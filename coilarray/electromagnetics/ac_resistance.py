@@ -26,6 +26,7 @@ from coilarray.electromagnetics.kernels.eddy_modes import (
     Section,
     Trace,
     bundle_factors,
+    interaction,
     isolated_modes,
     response_basis,
     section,
@@ -50,7 +51,12 @@ POINTS = ((0.0, 1), (6.0, 4), (24.0, 8))
 """Gauss points along a segment, from a length of so many widths on."""
 MODELS = ("transverse field", "section filaments")
 _SAME = 1e-10  # of a coil's size; shapes and offsets that differ by less are equal
+HIGHEST = 1e15
+"""Highest frequency in Hz; that of light, where copper is no conductor of this kind any more."""
+
 _FIELDS: Recent[FloatArray] = Recent(32)  # of one coil on another: they depend neither on frequency nor on other coils
+
+_INTERACTIONS: Recent[FloatArray] = Recent(4096)  # of two traces: leads make sections differ, whose turns are the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +76,7 @@ class CrossSection:
 def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER) -> FloatArray:
     """Skin depth δ = √(ρ/(π f µ0)) in m of copper of a `resistivity` in Ω·m, in the shape of `frequency` in Hz.
 
-    A frequency that is not positive and finite is a ValueError, such a resistivity a GeometryError.
+    A frequency that is not positive and at most `HIGHEST` is a ValueError, such a resistivity a GeometryError.
 
     Examples
     --------
@@ -78,9 +84,9 @@ def skin_depth(frequency: npt.ArrayLike, resistivity: float = RESISTIVITY_COPPER
     46.7
     """
     f = np.asarray(frequency, dtype=np.float64)
-    bad = ~(np.isfinite(f) & (f > 0))
+    bad = ~((f > 0) & (f <= HIGHEST))
     if bad.any():
-        raise ValueError(f"frequency must be positive and finite; got {f[bad].flat[0]} Hz.")
+        raise ValueError(f"frequency must be positive and finite; got {f[bad].flat[0]} Hz (at most {HIGHEST:g}).")
     require_positive("resistivity", resistivity, " Ω·m")
     return np.asarray(np.sqrt(resistivity / (np.pi * f * MU_0)))
 
@@ -145,7 +151,13 @@ def _basis(width: float, thickness: float, octaves: int) -> Basis:
 
 @lru_cache(maxsize=16)
 def _section(traces: tuple[Trace, ...], octaves: int) -> Section:
-    return section(traces, lambda width, thickness: _basis(width, thickness, octaves))
+    def between(first: tuple[float, float], second: tuple[float, float], x: float, z: float) -> FloatArray:
+        return _INTERACTIONS.get(
+            (first, second, x, z, octaves),
+            lambda: interaction(_basis(*first, octaves), _basis(*second, octaves), x, z),
+        )
+
+    return section(traces, lambda width, thickness: _basis(width, thickness, octaves), between)
 
 
 def _octaves(side: float, delta: FloatArray) -> int:

@@ -28,6 +28,8 @@ Slabs = tuple[tuple[float, float], ...]  # thickness in m and relative permittiv
 # mean over the shift. Nine instead of three rays change C by 1e-3 (tests).
 _RAYS = 3
 _CROSSING = 0.3  # cosine to the ray's normal below which a trace runs along the ray: a lead or a stub
+_MOST_PERMITTIVITY = 1e6
+_HIGHEST_FACE = 1.0  # m; of what changes no permittivity
 _MIRROR_DISTANCE = 2.0  # of the next coil's image in outer radii; 4 instead changes C by 2e-4 (tests)
 
 
@@ -157,8 +159,8 @@ def elastomer_effect(
     True
     """
     C_t = float(_positive("tank_capacitance", tank_capacitance, "F", zero=True))
-    if not (math.isfinite(undisturbed) and undisturbed >= 0):
-        raise ValueError(f"undisturbed must be finite and not negative; got {undisturbed} m.")
+    if not 0 <= undisturbed <= _HIGHEST_FACE:
+        raise ValueError(f"undisturbed must be finite, 0 to {_HIGHEST_FACE:g} m; got {undisturbed} m.")
     slabs = _slabs(sheets, relative_permittivity)
     outside = 1.0 if sheets else relative_permittivity
     _refuse_touching_coils(array)
@@ -197,8 +199,10 @@ def _positive(name: str, value: npt.ArrayLike, unit: str, *, zero: bool = False)
 
 
 def _slabs(sheets: Sequence[Sheet], relative_permittivity: float) -> Slabs:
-    if not (math.isfinite(relative_permittivity) and relative_permittivity >= 1):
-        raise GeometryError(f"relative_permittivity must be at least 1; got {relative_permittivity}.")
+    if not 1 <= relative_permittivity <= _MOST_PERMITTIVITY:
+        raise GeometryError(
+            f"relative_permittivity must be at least 1; got {relative_permittivity} (at most {_MOST_PERMITTIVITY:g})."
+        )
     thickness = sum(sheet.thickness for sheet in sheets)
     return ((thickness, relative_permittivity),) if sheets else ()
 

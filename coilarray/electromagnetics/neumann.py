@@ -146,7 +146,8 @@ def _shapes(conductors: Sequence[Conductor], quanta: FloatArray) -> tuple[list[_
         table = segment_table(conductor)
         columns = np.column_stack((table[:, :3], table[:, 6:7], table[:, 10:12]))
         end = conductor.vertices[-1] - conductor.vertices[0]
-        key = quantum, np.round(np.append(columns.ravel(), end) / quantum).astype(np.int64).tobytes()
+        steps = np.round(np.append(columns.ravel(), end) / quantum) + 0.0  # widths may be more than an integer holds
+        key = quantum, steps.tobytes()
         if key not in known:
             known[key] = len(shapes)
             shapes.append(_Shape(conductor, table, quantum))

@@ -14,7 +14,7 @@ from coilarray.electromagnetics.flat_stack import Backing, PassedWaves
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Plate, Sheet
-from coilarray.metal.finite_plates import EddyCurrents, eddy_currents_over
+from coilarray.metal.finite_plates import EddyCurrents, OutlinedPlates, solve_outlined
 from coilarray.metal.flat_plates import stack_below
 from coilarray.metal.layered_air import LayeredAir
 
@@ -45,35 +45,41 @@ def backings_of(
     frequencies: Sequence[float],
     sheets: Sequence[Sheet],
     *,
-    fineness: float = 1.0,
+    outlined: OutlinedPlates | None = None,
 ) -> list[Backing]:
     """Return what plates below the coils send back up at each of the frequencies in Hz; empty where there are none.
 
-    The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`. MetalError for plates beside
-    which nothing above is computed, and the errors of `coilarray.metal.finite_plates.eddy_currents`.
+    `outlined` are those with an outline, as `outlined_below` solves them, which is done here by default. MetalError for
+    plates beside which nothing above is computed, and the errors of `coilarray.metal.finite_plates.eddy_currents`.
     """
     require_below(plates, "an indentation or a sphere")
     face, layers = stack_below([plate for plate in plates if isinstance(plate, Plate)])
     if any(isinstance(plate, FinitePlate) for plate in plates):
-        currents = eddy_currents_over(source, plates, frequencies, sheets, fineness=fineness)
+        outlined = outlined or solve_outlined(source, plates, frequencies, sheets)
         endless = [plate for plate in plates if isinstance(plate, Plate)]
         return [
             Backing(face, layers, f, *_seen_from_above(LayeredAir.between(endless, (), np.array([f])), one))
-            for f, one in zip(frequencies, currents, strict=True)
+            for f, one in zip(frequencies, outlined.eddy_currents(), strict=True)
         ]
     return [Backing(face, layers, f) for f in frequencies] if layers else []
 
 
-def backing_of(
+def outlined_below(
     source: Source,
     plates: Sequence[Plate | FinitePlate],
-    frequency: float,
+    frequencies: Sequence[float],
     sheets: Sequence[Sheet],
     *,
     fineness: float = 1.0,
-) -> Backing | None:
-    """`backings_of` at one frequency in Hz; None where there are no plates."""
-    return next(iter(backings_of(source, plates, [frequency], sheets, fineness=fineness)), None)
+) -> OutlinedPlates | None:
+    """Solve the plates with an outline below the coils; None where there are none.
+
+    The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`. Errors as of `backings_of`.
+    """
+    require_below(plates, "an indentation or a sphere")
+    if not any(isinstance(plate, FinitePlate) for plate in plates):
+        return None
+    return solve_outlined(source, plates, frequencies, sheets, fineness=fineness)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.errors import GeometryError
 from coilarray.geometry import Conductor, Sheet
 from coilarray.geometry.plate import TOUCHING, FinitePlate, Plate
-from coilarray.metal.coupled_plates import PlatesInAir, PosedPlate, linked_fluxes
+from coilarray.metal.coupled_plates import PlatesInAir, PosedPlate, SolvedPlates, linked_fluxes
 from coilarray.metal.half_body import EddyBody
 from coilarray.metal.layered_air import LayeredAir
 from coilarray.metal.magnetic_plates import magnetic_changes, magnetic_currents, require_skin
@@ -30,6 +30,10 @@ from coilarray.metal.surface_impedance import ModelError, SurfaceImpedance, mode
 LARGEST_ERROR = 0.1
 """Estimated error of the model, of ΔL, beyond which a plate is refused."""
 _AT_ONCE = 2048  # fluxes solved for together
+_LOOPS_AT_ONCE = 64  # places of dipoles
+# loops of two by two about x, y and z
+_SQUARES = np.array([np.roll([[x, y, 0.0] for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1))], k, axis=1)
+                     for k in (1, 2, 0)])  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,17 +235,60 @@ def eddy_currents_over(
         around = PlatesInAir(paths, LayeredAir.between(endless, sheets, f))
         one = PosedPlate(_meshed(paths, magnetic, where, f, sheets, fineness), magnetic, where, ())
         return [[EddyCurrents(one.corners, density)] for density in magnetic_currents(around, one)]
-    around, posed = _all_posed(paths, plates, f, sheets, fineness)
-    solved = around.solved(posed)
-    starts = np.cumsum([0, *(one.currents[0].shape[1] for one in posed)]).tolist()
-    found = []
-    for factors, b in zip(solved.factors, solved.b, strict=True):
-        potentials = -lu_solve(factors, b[:, 0], check_finite=False)
-        found.append([
-            EddyCurrents(one.corners, np.stack([(K @ potentials[start:stop]).T for K in one.currents], axis=-1))
-            for one, (start, stop) in zip(posed, pairwise(starts), strict=True)
-        ])  # fmt: skip
-    return found
+    return solve_outlined(paths, plates, f, sheets, fineness=fineness).eddy_currents()
+
+
+@dataclass(frozen=True, eq=False)
+class OutlinedPlates:
+    """Plates with an outline, none of them magnetic, solved together for coils at the frequencies of the air."""
+
+    around: PlatesInAir
+    plates: Sequence[PosedPlate]
+    solved: SolvedPlates
+
+    def eddy_currents(self) -> list[list[EddyCurrents]]:
+        """Return the currents in all plates for 1 A in each coil, at every frequency."""
+        starts = np.cumsum([0, *(one.currents[0].shape[1] for one in self.plates)]).tolist()
+        found = []
+        for factors, b in zip(self.solved.factors, self.solved.b, strict=True):
+            potentials = -lu_solve(factors, b[:, 0], check_finite=False)
+            found.append([
+                EddyCurrents(one.corners, np.stack([(K @ potentials[start:stop]).T for K in one.currents], axis=-1))
+                for one, (start, stop) in zip(self.plates, pairwise(starts), strict=True)
+            ])  # fmt: skip
+        return found
+
+    def returned(self, places: FloatArray, size: float) -> ComplexArray:
+        """Return the field in T that the plates send back to a dipole of 1 A·m² at places (n, 3) in m, at one height.
+
+        Shape (n, f, 3, 3), for dipoles along the axes of the board; they are square loops of a `size` in m.
+        """
+        found = []
+        for start, stop in ranges(len(places), _LOOPS_AT_ONCE):
+            loops = [place + size / 2 * square for place in places[start:stop] for square in _SQUARES]
+            around = replace(self.around, paths=as_conductors(loops))
+            b = np.concatenate([around.linked(one)[:, :, 0] for one in self.plates], axis=1) / size**2
+            b = b.reshape(*b.shape[:2], -1, 3)
+            parts = [
+                -np.einsum("upa,upb->pab", own, lu_solve(factors, own.reshape(len(own), -1)).reshape(own.shape))
+                for factors, own in zip(self.solved.factors, b, strict=True)
+            ]
+            found.append(np.stack(parts, axis=1))
+        return np.concatenate(found)
+
+
+def solve_outlined(
+    source: Source,
+    plates: Sequence[Plate | FinitePlate],
+    frequencies: npt.ArrayLike,
+    sheets: Sequence[Sheet] = (),
+    *,
+    fineness: float = 1.0,
+) -> OutlinedPlates:
+    """Solve all plates with an outline, which must not be magnetic; the rest is as in `eddy_currents_over`."""
+    paths = as_conductors(source)
+    around, posed = _all_posed(paths, plates, _checked_frequencies(frequencies), sheets, fineness)
+    return OutlinedPlates(around, posed, around.solved(posed))
 
 
 def moving_plate_error(

@@ -14,7 +14,15 @@ from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.flat_stack import Backing
 from coilarray.electromagnetics.source import Source, as_conductors
 from coilarray.geometry import Ball, Sheet
-from coilarray.metal.ball import Multipoles, answer_of, ball_over, multipole_inductance, with_mirrored
+from coilarray.metal.ball import (
+    Multipoles,
+    answer_of,
+    ball_over,
+    multipole_inductance,
+    returned_dipoles,
+    with_mirrored,
+)
+from coilarray.metal.finite_plates import OutlinedPlates
 
 
 def indenter_inductance(
@@ -25,6 +33,7 @@ def indenter_inductance(
     frequency: float,
     distances: Sequence[float] | None = None,
     backing: Backing | None = None,
+    outlined: OutlinedPlates | None = None,
     *,
     mesh: LayerMesh | None = None,
     progress: Progress | None = None,
@@ -48,6 +57,8 @@ def indenter_inductance(
         of it. 0 by default.
     backing : Backing, optional
         What lies below the coils, at this frequency.
+    outlined : OutlinedPlates, optional
+        Plates with an outline below the coils, at this frequency, which send back the field of the ball's dipole too.
     mesh : LayerMesh, optional
         Accuracy of the dented sheets.
     progress : callable, optional
@@ -71,7 +82,8 @@ def indenter_inductance(
     0.5 mm; those of a tip that just touches would be 8 to 25 % too small.
 
     Over a backing the field of the coils has all that this sends back of it. What it sends back of the field of ball
-    and dent is left out, but for that of a ball over flat sheets and layers.
+    and dent is left out, but for that of a ball over flat sheets and layers, and, from plates with an outline, that of
+    its dipole, as if the sheets were flat.
     """
     coils = len(as_conductors(source))
     change = np.zeros((len(dents), len(places), coils, coils), dtype=np.complex128)
@@ -83,14 +95,14 @@ def indenter_inductance(
     def centres(numbers: IntArray) -> FloatArray:
         return np.column_stack((np.tile(places, (len(numbers), 1)), np.repeat(heights[numbers], len(places))))
 
+    def returned(at: FloatArray, dent: Dent) -> ComplexArray | None:
+        return None if outlined is None else returned_dipoles(outlined, ball, at, _flat_sheets(dent))
+
     if len(flat):
         first = dents[flat[0]]
-        sheets = [
-            Sheet(f"sheet {k + 1}", thickness, mu)
-            for k, (thickness, mu) in enumerate(zip(first.thicknesses, first.permeabilities, strict=True))
-        ]
-        at = np.array([frequency])
-        found = ball_over(source, ball, centres(flat), at, sheets, backing, progress=progress)
+        sheets = _flat_sheets(first)
+        at, f = centres(flat), np.array([frequency])
+        found = ball_over(source, ball, at, f, sheets, backing, returned(at, first), progress=progress)
         change[flat] = found.reshape(len(flat), *change.shape[1:])
 
     def answer(height: float, wavenumbers: FloatArray, alpha: ComplexArray) -> Multipoles:
@@ -106,6 +118,16 @@ def indenter_inductance(
         return Multipoles(fields, answers)
 
     if len(pressed):
-        found = multipole_inductance(source, ball, centres(pressed), [frequency], answer, backing, progress=progress)
+        at = centres(pressed)
+        back = returned(at, dents[pressed[0]])
+        found = multipole_inductance(source, ball, at, [frequency], answer, backing, back, progress=progress)
         change[pressed] = found.reshape(len(pressed), *change.shape[1:])
     return change
+
+
+def _flat_sheets(dent: Dent) -> list[Sheet]:
+    """Return the sheets of a dent before it was pressed."""
+    return [
+        Sheet(f"sheet {k + 1}", thickness, mu)
+        for k, (thickness, mu) in enumerate(zip(dent.thicknesses, dent.permeabilities, strict=True))
+    ]

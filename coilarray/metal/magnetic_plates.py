@@ -248,8 +248,9 @@ def _between_layers(around: PlatesInAir, plate: PosedPlate) -> list[FloatArray |
     corners = plate.corners.copy()
     corners[k:] = corners[k:, ::-1]  # so that all normals point outwards
     nodes = np.concatenate((body.mesh.triangles, body.mesh.triangles[:, ::-1] + n))
-    kind: type[np.complex128 | np.float64] = np.complex128 if size > 8 else np.float64
-    every: list[list[FloatArray | ComplexArray]] = [[np.array(part, dtype=kind) for part in vacuum] for _ in distinct]
+    every: list[list[FloatArray | ComplexArray]] = [
+        [part.astype(np.complex128) if size > 8 else part.copy() for part in vacuum] for _ in distinct
+    ]
     for image, of_image in zip(images, distinct.T, strict=True):
         seen = np.ascontiguousarray(image.of(corners))
         integrals = pair_integrals(corners, seen, mirrored=image.sign < 0)

@@ -12,7 +12,7 @@ from coilarray.elastomer.scattering import LayerMesh
 from coilarray.electromagnetics.source import Source
 from coilarray.errors import ElastomerError, MetalError
 from coilarray.geometry import Ball
-from coilarray.metal.backing import backing_of
+from coilarray.metal.backing import backings_of, outlined_below
 from coilarray.metal.indenter import indenter_inductance
 from coilarray.response.setup import Experiment, MapAxes
 
@@ -40,13 +40,15 @@ def metal_share(
     not known.
     """
     total: ComplexArray | float = 0.0
-    backing = backing_of(source, pressed.design.plates, frequency, pressed.design.sheets)
+    plates, sheets = pressed.design.plates, pressed.design.sheets
+    outlined = outlined_below(source, plates, [frequency], sheets)
+    backing = next(iter(backings_of(source, plates, [frequency], sheets, outlined=outlined)), None)
     for level in (level for level in pressed.levels if not level.coarse):
         first = level.dents[0]
         flat = replace(first, displacement=np.zeros_like(first.displacement))
         found = indenter_inductance(
             source, ball, [*level.dents, flat], pressed.points, frequency, [*pressed.above.tolist(), rest], backing,
-            mesh=mesh,
+            outlined, mesh=mesh,
         )  # fmt: skip
         parts = found[:-1] - found[-1]
         total = total + np.einsum("dp,dpij->dpij", level.shares, parts)

@@ -52,8 +52,8 @@ def of_program(block: tuple[Any, ...], block_vars: Mapping[str, Any], gallery_co
     return figure_rst(paths, gallery_conf["src_dir"])
 
 
-def figure_of(code: str) -> Figure:
-    """Run a program, and return the figure that it draws or that its last line returns."""
+def figures_of(code: str) -> list[Figure]:
+    """Run a program, and return the figures that it draws or that its last line returns."""
     *body, last = ast.parse(code).body
     names: dict[str, Any] = {}
     exec(compile(ast.Module(body, []), "<picture>", "exec"), names)
@@ -61,7 +61,12 @@ def figure_of(code: str) -> Figure:
         value = eval(compile(ast.Expression(last.value), "<picture>", "eval"), names)
     else:
         value = exec(compile(ast.Module([last], []), "<picture>", "exec"), names)
-    (figure,) = _figures(value)
+    return _figures(value)
+
+
+def figure_of(code: str) -> Figure:
+    """Run a program, and return its only figure."""
+    (figure,) = figures_of(code)
     return figure
 
 

@@ -75,9 +75,9 @@ plot_response(plane, "coil2")
 # --------
 #
 # The curves of equal δ look like ellipses, and the paper finds positions where the ellipses of two coils meet
-# (``coilarray fit``). The package also finds them without ellipses: it computes δ of all coils over a grid of places and
-# depths, and looks for the place whose δ are those of a reading. Here the reading is computed too, for (5, 3) mm and a
-# depth of 0.7 mm. The coils stand in a row, so that no reading can tell y from −y, and there are two answers.
+# (``coilarray fit``). The package also finds them without ellipses: it computes δ of all coils over a grid of places
+# and depths, and looks for the place whose δ are those of a reading. Here the reading is computed too, for (5, 3) mm
+# and a depth of 0.7 mm. The coils stand in a row, so that no reading can tell y from −y, and there are two answers.
 
 table = ca.response_map(
     design,

@@ -38,7 +38,7 @@ for (name, value), error in zip(found.values.items(), errors, strict=True):
     print(f"{name}: {value:.3f} ± {error:.3f}")
 
 # %%
-# Each dot is a pair of values that the measurement allows; the histograms show one value at a time. More of one and less
-# of the other give similar readings, so that the dots form a tilted cloud.
+# Each dot is a pair of values that the measurement allows; the histograms show one value at a time. More of one and
+# less of the other give similar readings, so that the dots form a tilted cloud.
 
 posterior_figure(found.dataset)

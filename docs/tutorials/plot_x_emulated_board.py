@@ -17,8 +17,9 @@ folder = Path(tempfile.mkdtemp())
 # Is it wired as the file says?
 # -----------------------------
 #
-# ``coilarray board --self-test`` lists the ports of this computer, asks the chips who they are and tests every switch. Of
-# a real board ``--port`` names the port. Where none is named it is the emulator, and every line begins with that word.
+# ``coilarray board --self-test`` lists the ports of this computer, asks the chips who they are and tests every switch.
+# Of a real board ``--port`` names the port. Where none is named it is the emulator, and every line begins with that
+# word.
 
 main(["board", "--self-test"])
 
@@ -35,8 +36,8 @@ main(["measure", "gast2020", "--scans", "20", "--out", str(folder / "run.sqlite"
 # Press, and watch
 # ----------------
 #
-# The emulator moves a finger over the board. ``coilarray live`` shows δ of every coil in parts per million, scan by scan;
-# the first nine scans are the baseline. It also shows where the finger is, which is left out here (``--no-locate``)
-# because it needs a table that takes half a minute. With ``--plot`` it opens a window.
+# The emulator moves a finger over the board. ``coilarray live`` shows δ of every coil in parts per million, scan by
+# scan, as soon as it has a baseline. It also shows where the finger is, which is left out here
+# (``--no-locate``) because it needs a table that takes half a minute. With ``--plot`` it opens a window.
 
 main(["live", "gast2020", "--scans", "25", "--no-locate"])

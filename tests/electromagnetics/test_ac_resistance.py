@@ -24,6 +24,7 @@ from support.references import rows
 
 import coilarray.electromagnetics.ac_resistance as module
 from coilarray import dc_resistance, load_design, magnetic_field
+from coilarray.compute.recent import Recent
 from coilarray.compute.threads import serial_algebra
 from coilarray.constants import MU_0, RESISTIVITY_COPPER
 from coilarray.electromagnetics.ac_resistance import WIDE, cross_section, resistance_matrix, skin_depth
@@ -181,6 +182,7 @@ def test_basis_tolerance(monkeypatch):
     found = []
     for tolerance in (module.BASIS_TOLERANCE, 1e-4):
         monkeypatch.setattr(module, "BASIS_TOLERANCE", tolerance)
+        monkeypatch.setattr(module, "_INTERACTIONS", Recent(4096))
         found.append([parallel_traces(0.2e-3, T, x, z, 1.0, f).loss_ratio for f in (1e6, 5e6, 2e7)])
         module._basis.cache_clear()
         module._section.cache_clear()
@@ -353,6 +355,25 @@ def test_cut_of_a_spiral():
     flat = np.diff(path.vertices[:, 2]) == 0
     assert set(turn[flat]) == set(range(16))
     assert turn[~flat].tolist() == [-1]  # half-way between the layers
+
+
+@pytest.mark.parametrize(("out", "past"), [(5e-3, 5e-3), (5e-3, 80e-3), (5e-3, -80e-3)])
+def test_leads_do_not_change_the_winding(out, past):
+    """However far leads go out and past the turns, the winding is cut through the same turns and keeps its losses."""
+    winding = spiral_path(Spiral(6, 16e-3, 15, 0.15e-3, 0.15e-3), (0.0, -1.5e-3))
+    start, end = winding.vertices[[0, -1]]  # one above the other, on the x axis
+    way, beside = np.array([[out, past, 0], [out, 0, 0]]), np.array([[out + 2e-3, 0, 0], [out + 2e-3, past, 0]])
+    path = Conductor(np.vstack((start + way, winding.vertices, end + beside)), 0.15e-3, T)
+    cuts = radial_cut(winding.vertices, winding.widths), radial_cut(path.vertices, path.widths)
+    (_, x, z, sign), (crossed, x_led, z_led, sign_led) = cuts
+    assert set(crossed) <= set(range(2, len(path.lengths) - 2))
+    np.testing.assert_allclose(np.diff(x_led), np.diff(x), atol=1e-12)  # in m from different centres
+    np.testing.assert_array_equal(z_led, z)
+    np.testing.assert_array_equal(sign_led, sign)
+    alone, led = (resistance_matrix(each, 2e6) for each in (winding, path))
+    leads = cross_section(0.15e-3, T, 2e6).resistance_ratio * (led.dc_resistance - alone.dc_resistance).values
+    # the leads, 0.7 to 9 % of the length, have some of the field of the turns, and these of theirs; measured 1.4e-4
+    np.testing.assert_allclose(led.resistance.values.ravel() - leads, alone.resistance.values.ravel(), rtol=5e-4)
 
 
 def test_cut_of_a_straight_wire():

@@ -8,8 +8,9 @@ extensions against the law of Biot and Savart; segments in pieces against the wh
 from __future__ import annotations
 
 import dataclasses
-from itertools import pairwise
+from itertools import pairwise, product
 
+import mpmath
 import numpy as np
 import pytest
 from support.boards import FOUR_LAYERS, SHEETS, SMALL, VIA, small_board
@@ -28,8 +29,10 @@ from coilarray import (
     vector_potential,
 )
 from coilarray.constants import MU_0
+from coilarray.electromagnetics.ac_resistance import resistance_matrix
+from coilarray.electromagnetics.capacitance import coil_capacitance, elastomer_effect
 from coilarray.electromagnetics.inductance import rectangular_bars, straight_filaments
-from coilarray.errors import CoilarrayError
+from coilarray.errors import CoilarrayError, GeometryError
 
 ROUNDING = 1e-12
 """Of sums of some hundred terms, each with the rounding of float64."""
@@ -112,6 +115,66 @@ def test_a_segment_without_length_is_refused(length):
     )
 
 
+def bars_exactly(first, second, offset):
+    """Hoer and Love's closed form, with all the digits that it loses; without the constant."""
+
+    def part(x, y, z):
+        r = mpmath.sqrt(x * x + y * y + z * z)
+
+        def logarithm(a, b, c):
+            s = b * b + c * c
+            return (b * b * c * c / 4 - b**4 / 24 - c**4 / 24) * a * mpmath.log((a + r) / mpmath.sqrt(s)) if s else s
+
+        def angle(a, b, c):
+            return a * b * c**3 / 6 * mpmath.atan(a * b / (c * r)) if a * b * c else a * b * c
+
+        turned = ((x, y, z), (y, z, x), (z, x, y))
+        powers = x**4 + y**4 + z**4 - 3 * (x * x * y * y + y * y * z * z + z * z * x * x)
+        return powers * r / 60 + sum(logarithm(*one) - angle(*one) for one in turned)
+
+    with mpmath.workdps(220):
+        a, b, d = ([mpmath.mpf(value) for value in values] for values in (first, second, offset))
+        ends = [((d[k] - a[k], 1), (d[k] + b[k] - a[k], -1), (d[k] + b[k], 1), (d[k], -1)) for k in range(3)]
+        total = sum(i * j * k * part(abs(x), abs(y), abs(z)) for (x, i), (y, j), (z, k) in product(*ends))
+        return float(total / (a[1] * a[2] * b[1] * b[2]))
+
+
+@pytest.mark.parametrize(
+    ("decades", "accuracy"),  # of all sizes; the accuracy is that of the docstring
+    [(1, 1e-10), (4, 1e-7), (8, 1e-4)],
+)
+def test_bars_of_any_proportions_are_exact_or_refused(decades, accuracy):
+    """Plates, wires and grains, crossed, inside each other, and up to 10⁴ sizes apart."""
+    random, refusals = np.random.default_rng(23), 0
+    for _ in range(40):
+        first, second = 10.0 ** random.uniform(-decades, 0, (2, 3))
+        offset = random.choice([-1, 1], 3) * 10.0 ** random.uniform(-decades, random.uniform(-1, 4), 3)
+        try:
+            found = rectangular_bars(tuple(first), tuple(second), tuple(offset))
+        except GeometryError:
+            refusals += 1
+        else:
+            assert found == pytest.approx(MU_0 / (4 * np.pi) * bars_exactly(first, second, offset), rel=accuracy)
+        alone = bars_exactly(first, first, (0.0, 0.0, 0.0))
+        assert rectangular_bars(tuple(first)) == pytest.approx(MU_0 / (4 * np.pi) * alone, rel=accuracy)
+    assert refusals <= (4 if decades == 8 else 0)
+
+
+@pytest.mark.parametrize("length", [1e-4, 1e-8, 1e-12])
+def test_short_filaments_far_apart_are_those_of_the_distance(length):
+    """Of filaments of length l at a distance d, M is µ0 l²cos/4πd; (l/d)² is left out here, 1e-8 for the longest."""
+    way = np.array([0.6, 0.8, 0.0])
+    for start, direction in (([0, 1, 0], [1, 0, 0]), ([1, 0, 0], [1, 0, 0]), ([0, 1, 0], way)):
+        middle = np.array(start, dtype=float)
+        ends = [0.5 * length * np.array(one) for one in ([-1, 0, 0], [1, 0, 0])]
+        M = straight_filaments(
+            *ends, middle - 0.5 * length * np.array(direction), middle + 0.5 * length * np.array(direction)
+        )
+        assert M == pytest.approx(
+            MU_0 / (4 * np.pi) * length**2 * direction[0], rel=2e-8 + 1e-16 / length
+        )  # of its coordinates
+
+
 def test_points_on_a_wire_get_nothing_of_it():
     """On a straight wire and beyond its ends B is zero, as documented, and µ0/2πr beside it, down to 1 nm."""
     wire = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
@@ -131,9 +194,28 @@ def test_points_on_a_corner_are_finite():
     assert np.isfinite(A).all()
 
 
+def test_widths_beyond_any_integer_are_told_apart():
+    """Equal shapes are computed once, and wide and wider bars are not equal: L falls as the width grows."""
+    paths = [Conductor([[0, 0, 0], [1e-3, 0, 0]], width, 1e-5, name=f"{width}") for width in (1e9, 2e9)]
+    both = self_inductance(paths)
+    assert both.tolist() == [self_inductance(path)[0] for path in paths]
+    assert both[1] < both[0]
+
+
 _NUMBERS = [np.nan, np.inf, -np.inf]
 _WIRE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+_STARTER = ca.load_design("starter")
+_BARE = dataclasses.replace(_STARTER, sheets=(), indentation=None)
+_BEYOND = {
+    "frequency": lambda bad: resistance_matrix(Conductor(_WIRE, 1e-3, 1e-3), [1e6, bad]),
+    "permittivity": lambda bad: coil_capacitance(_BARE.array, relative_permittivity=bad),
+    "permittivity of an effect": lambda bad: elastomer_effect(_BARE.array, bad, 1e-10),
+    "undisturbed": lambda bad: elastomer_effect(_BARE.array, 2.0, 1e-10, undisturbed=bad),
+    "radius of a sample": lambda bad: ca.indent(_STARTER.sheets, ca.Hemisphere(2.5e-3), [1e-3], radius=bad),
+    "corner of a path": lambda bad: ca.path_coil([[(0.0, 0.0), (1e-2, bad)]], 1e-4, 1e-4, VIA),
+}
 _DOORS = {
+    "current of a field": lambda bad: ca.operating_field(_BARE, None, "coil1", 0.0, 0.0, 1e-3, current=bad),
     "vertices": lambda bad: magnetic_field([[[0.0, 0.0, bad], [1.0, 0.0, 0.0]]], [0, 0, 1]),
     "points": lambda bad: magnetic_field([_WIRE], [0, bad, 1]),
     "currents": lambda bad: magnetic_field([_WIRE], [0, 0, 1], bad),
@@ -149,6 +231,14 @@ _DOORS = {
     "offset": lambda bad: rectangular_bars((1.0, 1.0, 1.0), (1.0, 1.0, 1.0), (0.0, bad, 0.0)),
     "polyline": lambda bad: inductance_matrix([np.array([[0.0, 0.0, 0.0], [bad, 0.0, 0.0]])]),
 }
+
+
+@pytest.mark.parametrize("door", _BEYOND)
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
+def test_what_no_formula_can_take_is_refused(door, bad):
+    with pytest.raises(ValueError, match=r"finite|at least 1|must be") as caught:
+        _BEYOND[door](bad)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("bad", _NUMBERS)

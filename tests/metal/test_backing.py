@@ -14,7 +14,7 @@ from coilarray.elastomer.dented_layer import dent_inductance, dent_inductance_ov
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import MetalError
 from coilarray.geometry import MATERIALS, Disc, FinitePlate, Material, Plate, Sheet
-from coilarray.metal.backing import backing_of, require_below
+from coilarray.metal.backing import backings_of, outlined_below, require_below
 
 ALUMINIUM = MATERIALS["aluminium"]
 FACE, METAL = -2e-3, 2e-3  # upper face and thickness of the metal in m
@@ -29,7 +29,8 @@ def metal(outline, material=ALUMINIUM, face=FACE, thickness=METAL, **more):
 
 
 def over(coils, plates, frequency, fineness=0.4):  # which errs by 0.4 %
-    backing = backing_of(coils, plates, frequency, SHEETS, fineness=fineness)
+    outlined = outlined_below(coils, plates, [frequency], SHEETS, fineness=fineness)
+    (backing,) = backings_of(coils, plates, [frequency], SHEETS, outlined=outlined)
     return dent_inductance_over(backing, coils, [pit()], PLACES, MESH)[0]
 
 
@@ -107,7 +108,7 @@ def test_coil_dent_and_disc_are_those_of_finite_elements():
     region = disc_region(radius, FACE - METAL, FACE)
     paths = [polygon(120, *one) for one in LOOPS]
     alone = dent_inductance(paths, [dent], [[0.0, 0.0]])[0, 0].diagonal()
-    backing = backing_of(paths, [metal(Disc(radius))], frequency, SHEETS)
+    (backing,) = backings_of(paths, [metal(Disc(radius))], [frequency], SHEETS)
     found = dent_inductance_over(backing, paths, [dent], [[0.0, 0.0]])[0, 0].diagonal() / alone
     solved, without = (dent_over_metal(LOOPS, dent, region, 1.0, one, frequency) for one in (ALUMINIUM.conductivity, 0))
     expected = solved / without.real
@@ -122,4 +123,4 @@ def test_refusals():
             [lid])  # fmt: skip
     refused(MetalError, r"plate.0 'metal' has a relative permeability of .*: give it shape = .plate.", require_below,
             [metal(Disc(9e-3), MATERIALS["steel"])])  # fmt: skip
-    assert backing_of([], [], 1e6, SHEETS) is None
+    assert backings_of([], [], [1e6], SHEETS) == []

@@ -1,13 +1,17 @@
 """Plots: what is drawn, where, and that the numbers written are the numbers given."""
 
+import io
 import itertools
 
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PathCollection, QuadMesh
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
+from PIL import Image
 from support import plot_results as results
 from support.boards import reference_board
 from support.plot_results import legend
@@ -16,6 +20,7 @@ from coilarray import viz
 from coilarray.errors import GeometryError
 from coilarray.geometry.copper import copper_features, drills
 from coilarray.viz.palette import COILS
+from coilarray.viz.plots import style
 
 NAMES = ("C1", "C2", "C3")
 
@@ -167,3 +172,15 @@ def test_a_field_map_stands_the_right_way_round():
     assert area(ax.patches[0]) == pytest.approx(1.0)  # mm²
     assert ax.child_axes[0].get_ylabel() == "$B_z$ (µT per A)"
     assert ax.get_title(loc="left") == "$B_z$ of coil1, 1 mm above the board; others open"
+
+
+def test_a_saved_map_has_whole_labels():
+    figure = Figure(figsize=(7.0, 3.4), layout="constrained")
+    ax = figure.subplots()
+    ax.set(aspect="equal", xlim=(-20, 20), ylim=(-8, 8), xlabel="x (mm)", ylabel="y (mm)")
+    figure.colorbar(ScalarMappable(), ax=ax)
+    picture = io.BytesIO()
+    style.save(figure, picture)
+    pixels = np.asarray(Image.open(picture).convert("L"))
+    for edge in (pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]):
+        assert edge.min() == 255  # white: nothing goes on beyond it

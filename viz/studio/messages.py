@@ -138,8 +138,8 @@ def refusal(message: Message) -> str:
     return f"{method}: {problem}" if problem else ""
 
 
-def checked(function: Callable[..., Any]) -> Callable[..., Awaitable[None]]:
-    """Return a coroutine for a function that the page calls: MessageError where arguments are not of its types."""
+def checked(name: str, function: Callable[..., Any]) -> Callable[..., Awaitable[None]]:
+    """Return a coroutine for what the page calls by a name: MessageError where arguments are not of its types."""
     strict = validate_call(config=_STRICT)(function)
 
     async def call(*arguments: Any) -> None:
@@ -148,7 +148,7 @@ def checked(function: Callable[..., Any]) -> Callable[..., Awaitable[None]]:
             if inspect.isawaitable(result):
                 await result
         except ValidationError as error:
-            raise MessageError(_first(error)) from None
+            raise MessageError(f"{name}: {_first(error)}") from None
 
     return call
 

@@ -133,14 +133,11 @@ class Page:
 
     def trigger(self, name: str, function: Callable[..., Any]) -> None:
         """Let the page call a function or coroutine by a name, and show its errors."""
-        strict = checked(function)
+        strict = checked(name, function)
 
         async def call(*arguments: Any) -> None:
             with self._telling():
-                try:
-                    await strict(*arguments)
-                except MessageError as error:
-                    self.say(f"{name}: {error}")
+                await strict(*arguments)
 
         self.server.controller.trigger(name)(call)
 
@@ -325,6 +322,8 @@ class Page:
         """Show an error of the block on the page, where no other code would see it."""
         try:
             yield
+        except MessageError as error:
+            self.say(str(error))
         except Exception as error:
             traceback.print_exc()
             self.say(f"{type(error).__name__}: {error}")

@@ -10,6 +10,8 @@ import numpy.typing as npt
 from coilarray.compute.arrays import FloatArray, IntArray
 
 _STEEPEST = 0.5  # sine of the smallest angle at which a segment may cross the cut
+_ENCLOSED = 1e-6  # of length times size: less area is none
+_GAP = 3.0  # in pitches: turns that lie further apart are two bundles
 _DIRECTIONS = 64  # how many of the longest segments are tried as normals
 
 
@@ -22,37 +24,75 @@ def lateral_axes(vertices: FloatArray) -> tuple[FloatArray, npt.NDArray[np.bool_
     return np.column_stack((steps[:, 1] / safe, -steps[:, 0] / safe, np.zeros(len(steps)))) * flat[:, None], flat
 
 
-def radial_cut(vertices: FloatArray, widths: FloatArray) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """Cut a winding by the half plane from its centre that crosses most length of segments squarely.
+Cut = tuple[IntArray, FloatArray, FloatArray, FloatArray]
+"""Crossed segments, shape (k,), their x and z in the cut, and the sign of their direction along its normal (z × x)."""
 
-    Returns the crossed segments, shape (k,), their x (from the centre) and z in the cut, and the sign of their
-    direction along its normal (z × x). Vertical segments are left out; k may be 0.
+
+def radial_cut(vertices: FloatArray, widths: FloatArray) -> Cut:
+    """Cut a winding by the half plane from its centre that crosses most length of turns squarely, in their middles.
+
+    x counts from the centre. Vertical segments are left out, and so are leads, which come and go or pass the turns at
+    a distance. Nothing may be crossed.
     """
     lateral, flat = lateral_axes(vertices)
     length = np.linalg.norm(np.diff(vertices, axis=0), axis=1) * flat
     nothing = np.empty(0)
+    best, found = 0.0, (nothing.astype(np.int64), nothing, nothing, nothing)
     if not flat.any():
-        return nothing.astype(np.int64), nothing, nothing, nothing
-    middle = 0.5 * (vertices[1:, :2] + vertices[:-1, :2])
-    centre = (length[:, None] * middle).sum(axis=0) / length.sum()
-    from_centre = vertices[:, :2] - centre
+        return found
+    from_centre = vertices - [*_centre(vertices[:, :2], length), 0.0]
+
+    def cut(direction: FloatArray, shift: float) -> tuple[float, Cut]:
+        """Return the turns that a shifted half plane crosses, and before them their length, less where not squarely."""
+        side = from_centre[:, :2] @ (-direction[1], direction[0]) - shift
+        along = from_centre[:, :2] @ direction
+        sine = lateral[:, :2] @ direction
+        crossed = np.flatnonzero(((side[:-1] < 0) != (side[1:] < 0)) & (np.abs(sine) > _STEEPEST))
+        part = side[crossed] / (side[crossed] - side[crossed + 1])
+        x = along[crossed] + part * np.diff(along)[crossed]
+        score = (length * sine * np.abs(sine))[crossed]
+        one_way = (x > -0.5 * widths[crossed]) & (score * score.sum() > 0)
+        crossed, part, x, score = (values[one_way] for values in (crossed, part, x, score))
+        near = _together(x, widths[crossed])
+        crossed, part, x, score = (values[near] for values in (crossed, part, x, score))
+        z = vertices[crossed, 2] + part * np.diff(vertices[:, 2])[crossed]
+        return abs(float(score.sum())), (crossed, x, z, np.sign(score))
+
     longest = np.argsort(-length, kind="stable")[: min(_DIRECTIONS, int(flat.sum()))]
     normals = lateral[longest, :2]
-    best, found = 0.0, (nothing.astype(np.int64), nothing, nothing, nothing)
     directions = np.unique(np.round(np.concatenate((normals, -normals)), 6), axis=0)
     for direction in directions / np.hypot(directions[:, :1], directions[:, 1:]):
-        side = direction[0] * from_centre[:, 1] - direction[1] * from_centre[:, 0]
-        along = from_centre @ direction
-        crossed = ((side[:-1] < 0) != (side[1:] < 0)) & flat
-        part = side[:-1] / np.where(crossed, side[:-1] - side[1:], 1.0)
-        x = along[:-1] + part * np.diff(along)
-        sine = lateral[:, :2] @ direction
-        crossed &= (x > -0.5 * widths) & (np.abs(sine) > _STEEPEST)
-        score = float((length * sine**2)[crossed].sum())
+        score, (crossed, *_) = cut(direction, 0.0)
         if score > best * (1 + 1e-6):
-            z = vertices[:-1, 2] + part * np.diff(vertices[:, 2])
-            best, found = score, (np.flatnonzero(crossed), x[crossed], z[crossed], np.sign(sine[crossed]))
+            middles = 0.5 * (from_centre[crossed, :2] + from_centre[crossed + 1, :2])
+            best, found = score, cut(direction, float(np.median(middles @ (-direction[1], direction[0]))))[1]
     return found
+
+
+def _centre(points: FloatArray, length: FloatArray) -> FloatArray:
+    """Centre of the area that a path encloses, as often as it winds about each part; without any, of its length.
+
+    Leads come and go side by side and enclose little, however long they are.
+    """
+    middle = 0.5 * (points[1:] + points[:-1])
+    about = (length[:, None] * middle).sum(axis=0) / length.sum()
+    start, end = points - about, np.roll(points, -1, axis=0) - about
+    doubled = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
+    if abs(doubled.sum()) < _ENCLOSED * length.sum() * np.ptp(points, axis=0).max():
+        return np.asarray(about)
+    return np.asarray(about + ((start + end) * doubled[:, None]).sum(axis=0) / (3.0 * doubled.sum()))
+
+
+def _together(x: FloatArray, widths: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which of the crossings lie with most others, no gap of several pitches between them."""
+    if not len(x):
+        return np.ones(0, dtype=bool)
+    order = np.argsort(x)
+    gaps = np.diff(x[order])
+    pitches = gaps[gaps > 0.5 * widths.min()]  # less lies between turns of two layers
+    pitch = float(np.median(pitches)) if len(pitches) else np.inf
+    bundle = np.concatenate(([0], np.cumsum(gaps > _GAP * pitch)))[np.argsort(order)]
+    return np.asarray(bundle == np.bincount(bundle).argmax())
 
 
 def nearest_crossing(vertices: FloatArray, crossed: IntArray, height_range: float) -> IntArray:

@@ -157,23 +157,33 @@ class Section:
         return np.asarray(np.add.reduceat(np.abs(self.answer(sources, beta)) ** 2, self.first[:-1], axis=1))
 
 
-def section(traces: Sequence[Trace], basis: Callable[[float, float], Basis]) -> Section:
-    """Reduce parallel traces to their eddy modes; `basis` gives that of a width and thickness (`response_basis`)."""
+def interaction(first: Basis, second: Basis, x: float, z: float) -> FloatArray:
+    """Matrix M between the currents of two traces, the second at (x, z) from the first."""
+    (cells, root, V), (other_cells, other_root, other_V) = first, second
+    return np.asarray(-(root[:, None] * V).T @ _logs(cells, other_cells, x, z) @ (other_root[:, None] * other_V))
+
+
+def section(
+    traces: Sequence[Trace],
+    basis: Callable[[float, float], Basis],
+    between: Callable[[tuple[float, float], tuple[float, float], float, float], FloatArray],
+) -> Section:
+    """Reduce parallel traces to their eddy modes.
+
+    `basis` gives that of a width and thickness (`response_basis`), `between` the `interaction` of the bases of two
+    such sizes at a distance (x, z): neighbours at equal pitches ask for the same ones, in other sections too.
+    """
     unit = max(max(w, t) for _, _, w, t in traces)
     scaled = [tuple(round(value / unit, 9) for value in trace) for trace in traces]
     bases = [basis(w, t) for _, _, w, t in scaled]
     start = np.cumsum([0, *(vectors.shape[1] for _, _, vectors in bases)])
     M = np.empty((start[-1], start[-1]))
-    known: dict[tuple[float, ...], FloatArray] = {}
     for i, (xi, zi, *size_i) in enumerate(scaled):
         for k, (xk, zk, *size_k) in enumerate(scaled[: i + 1]):
-            x, z = round(xk - xi, 3), round(zk - zi, 3)  # equal pitches share their numbers
-            key = (x, z, *size_i, *size_k)
-            if key not in known:
-                (cells_i, root_i, V_i), (cells_k, root_k, V_k) = bases[i], bases[k]
-                known[key] = -(root_i[:, None] * V_i).T @ _logs(cells_i, cells_k, x, z) @ (root_k[:, None] * V_k)
-            M[start[i] : start[i + 1], start[k] : start[k + 1]] = known[key]
-            M[start[k] : start[k + 1], start[i] : start[i + 1]] = known[key].T
+            x, z = round(xk - xi, 3), round(zk - zi, 3)
+            block = between((size_i[0], size_i[1]), (size_k[0], size_k[1]), x, z)
+            M[start[i] : start[i + 1], start[k] : start[k + 1]] = block
+            M[start[k] : start[k + 1], start[i] : start[i + 1]] = block.T
     uniform = np.zeros(start[-1], dtype=bool)
     uniform[start[:-1]] = True
     values, vectors = np.linalg.eigh(M[np.ix_(~uniform, ~uniform)])
