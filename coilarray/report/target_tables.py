@@ -95,6 +95,7 @@ def target_coupling_table(response: xr.Dataset) -> Table:
 
 
 def values_table(response: xr.Dataset) -> Table:
-    """Return one row for each distance, place and state: every value of a target's map."""
-    names = ("distance", "y", "x", "state", *(name for name in _DELTAS if name in response), _CHANGE, *_CIRCUIT)
+    """Return one row for each distance, place and state: every value of a map, with L_0 and f without the target."""
+    deltas = (name for name in _DELTAS if name in response)
+    names = ("distance", "y", "x", "state", *deltas, _CHANGE, *_CIRCUIT, "base_inductance", "base_frequency")
     return dataset_table("target_values", "Target", _with_change(response), names)

@@ -51,6 +51,7 @@ def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
     with Path("t.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["delta"]) for row in rows] == pytest.approx(delta)
+    assert [float(row["base_frequency_Hz"]) for row in rows] == pytest.approx([base["base_frequency_Hz"]] * len(rows))
     assert [float(row["frequency_change"]) for row in rows] == pytest.approx(change)
     assert [float(row["quality_factor"]) for row in rows] == pytest.approx(expected.quality_factor.values.ravel())
     assert data["target_range"][0]["range_m"] == pytest.approx(float(expected.range[0]))
