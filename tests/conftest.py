@@ -54,6 +54,8 @@ def pytest_configure(config):
     config.option.loadscopereorder = False
     # Each worker reads all files, and writes down how it compiled them: no two begin at the same folder of the tests.
     here, worker = Path(__file__).parent, getattr(config, "workerinput", None)
+    if worker is not None:  # threads of workers side by side wait for each other; tests of threads say how many
+        os.environ.setdefault("COILARRAY_THREADS", "1")
     if worker is not None and [Path(name).resolve() for name in config.args] == [here]:
         parts = sorted({path.relative_to(here).parts[0] for path in here.rglob("test_*.py")})
         first = len(parts) * int(worker["workerid"].removeprefix("gw")) // worker["workercount"]

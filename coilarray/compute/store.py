@@ -80,12 +80,13 @@ class Store:
         save_dataset(dataset, path)
 
     def dataset(self, parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-        """Return the dataset kept of these parts, as `content_key` takes them, or compute and keep it."""
+        """Return the dataset kept of these parts, as `content_key` takes them, or compute and, with room, keep it."""
         key = content_key(*parts)
         found = self.get_dataset(key)
         if found is None:
             found = compute()
-            self.put_dataset(key, found)
+            with suppress(OutputError):  # no room, which is no reason to lose it
+                self.put_dataset(key, found)
         return found
 
     def keys(self) -> set[str]:
@@ -120,16 +121,12 @@ def open_store(folder: Path | None = None) -> Store:
 
 
 def kept_dataset(parts: Iterable[Any], compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-    """Return a dataset as `Store.dataset` of the default store; where that cannot be written it is only computed."""
-    key = content_key(*parts)
-    with suppress(OutputError):
-        found = open_store().get_dataset(key)
-        if found is not None:
-            return found
-    computed = compute()
-    with suppress(OutputError):
-        open_store().put_dataset(key, computed)
-    return computed
+    """Return a dataset as `Store.dataset` of the default store; where that cannot be made it is only computed."""
+    try:
+        store = open_store()
+    except OutputError:
+        return compute()
+    return store.dataset(parts, compute)
 
 
 def content_key(*parts: Any) -> str:

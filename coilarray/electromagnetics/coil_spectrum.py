@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -193,7 +194,10 @@ def _series(shape: Segments, k: float, radius: float) -> ComplexArray:
     (dx, dy, dz), (x, y, z) = step[flat].T[:, :, None], middle[flat].T[:, :, None]
     # ∫ e^{−ik·x} e^{kz} along a segment: the value in its middle times sinh(w)/w, w = k (dz − i(dx cos α + dy sin α))/2
     turns = k * (dx * cos + dy * sin) / (2 * np.pi)
-    mean = np.sinc(turns + 0.5j * k * dz / np.pi) if dz.any() else np.sinc(turns)
+    mean: Any = np.sinc(turns)
+    if (sloping := dz[:, 0] != 0).any():  # few, and complex numbers take as long as all the rest
+        mean = mean + 0j
+        mean[sloping] = np.sinc(turns[sloping] + 0.5j * k * dz[sloping] / np.pi)
     wave = np.exp(k * z - 1j * k * (x * cos + y * sin)) * mean
     weights = shape.weights[flat].reshape(len(dx), -1)
     along_x, along_y = ((weights * step).T @ wave for step in (dx, dy))

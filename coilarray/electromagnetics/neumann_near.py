@@ -101,13 +101,14 @@ def part_blocks(
         a, b = parts[pairs.first[k]], parts[pairs.second[k]]
         rows = len(a.table)
         edges = np.linspace(0, rows, min(rows, pieces) + 1).round().astype(int).tolist()
+        work: Callable[[int, int], float]
+        if pairs.kind[k] == _ITSELF:
+            work = partial(_own_sum, a, accuracy)
+        else:
+            near_widths = _near_widths(int(pairs.kind[k]), accuracy)
+            work = _pair_sum(a, b, pairs.mirror[k], pairs.shift[k], near_widths, accuracy)
         for start, stop in itertools.pairwise(edges):
-            if pairs.kind[k] == _ITSELF:
-                work = partial(_own_sum, a, start, stop, accuracy)
-            else:
-                near_widths = _near_widths(int(pairs.kind[k]), accuracy)
-                work = partial(_pair_sum, a, b, pairs.mirror[k], pairs.shift[k], near_widths, start, stop, accuracy)
-            blocks.append(partial(_weighted, pairs.of[of_class], pairs.weight[of_class], work))
+            blocks.append(partial(_weighted, pairs.of[of_class], pairs.weight[of_class], partial(work, start, stop)))
     return blocks
 
 
@@ -184,7 +185,7 @@ def _weighted(of: IntArray, weight: FloatArray, work: Callable[[], float]) -> Su
     return of, weight * work()
 
 
-def _own_sum(part: _Part, start: int, stop: int, accuracy: Accuracy) -> float:
+def _own_sum(part: _Part, accuracy: Accuracy, start: int, stop: int) -> float:
     """Sum of the rows start:stop of a part with the part itself."""
     if not part.table[:, 10].all():
         return np.inf  # of a thin filament
@@ -200,25 +201,26 @@ def _own_sum(part: _Part, start: int, stop: int, accuracy: Accuracy) -> float:
 
 
 def _pair_sum(
-    a: _Part,
-    b: _Part,
-    mirror: FloatArray,
-    shift: FloatArray,
-    near_widths: float,
-    start: int,
-    stop: int,
-    accuracy: Accuracy,
-) -> float:
-    """Sum of the rows start:stop of a part with another one, mirrored and moved."""
+    a: _Part, b: _Part, mirror: FloatArray, shift: FloatArray, near_widths: float, accuracy: Accuracy
+) -> Callable[[int, int], float]:
+    """Return what sums the rows start:stop of a part with another one, mirrored and moved."""
     second = b.table if (mirror > 0).all() else mirrored(b.table, mirror)
-    if accuracy == "full":
-        if a is b and _is_straight_above(a, mirror, shift):
-            alike = [(a.table[i : i + 1], second[i : i + 1]) for i in range(start, stop)]
-            facing = sum(mutual_sum(one, other, shift, 0, 1, near_widths, 0) for one, other in alike)
-            return float(facing + own_mutual_sum(a.table, start, stop, near_widths, 0, shift))
+
+    def between(start: int, stop: int) -> float:
         return float(mutual_sum(a.table, second, shift, start, stop, near_widths, 0))
-    rules = series_rules(int(max(a.series[:, 2].max(), b.series[:, 2].max())))
-    return float(series_sum(a.table, second, shift, a.series, b.series, False, near_widths, *rules))
+
+    def above(start: int, stop: int) -> float:
+        alike = [(a.table[i : i + 1], second[i : i + 1]) for i in range(start, stop)]
+        facing = sum(mutual_sum(one, other, shift, 0, 1, near_widths, 0) for one, other in alike)
+        return float(facing + own_mutual_sum(a.table, start, stop, near_widths, 0, shift))
+
+    def by_series(start: int, stop: int) -> float:  # of all rows: it is one piece
+        rules = series_rules(int(max(a.series[:, 2].max(), b.series[:, 2].max())))
+        return float(series_sum(a.table, second, shift, a.series, b.series, False, near_widths, *rules))
+
+    if accuracy != "full":
+        return by_series
+    return above if a is b and _is_straight_above(a, mirror, shift) else between
 
 
 def _is_straight_above(part: _Part, mirror: FloatArray, shift: FloatArray) -> bool:

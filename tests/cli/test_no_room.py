@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomli_w
+from support.board_text import board as kicad_text
+from support.board_text import path
 from support.command_line import runner
 from support.no_room import file_limit, small_disk
 from support.quick_recordings import GRID, campaign_file, quick_map, stream_file
@@ -36,6 +38,11 @@ WRITES = [
     (False, "check", "starter", "--out", "rules.csv"),
     (True, "export", "starter", "--to", "svg", "--out", "b.svg"),
     (True, "export", "starter", "--to", "kicad", "--out", "board"),
+    (True, "export", "starter", "--to", "gerber", "--out", "b.zip"),
+    (True, "export", "starter", "--to", "dxf", "--out", "b.dxf"),
+    (True, "export", "starter", "--to", "stl", "--out", "b.stl"),
+    (False, "import", "two.kicad_pcb", "--out", "new.toml"),
+    (True, "check", "starter", "--picture", "rules.png"),
     (True, "view", "starter", "--vtk", "v.vtm"),
     (True, "matrix", "bare.toml", "--out", "m.nc"),
     (True, "matrix", "bare.toml", "--out", "m.s1p"),
@@ -46,25 +53,30 @@ WRITES = [
     (True, "indent", "two.toml", "--depth-mm", "0.5", "--out", "d.nc"),
     (True, "response", "two.toml", *AT, "--out", "r.nc"),
     (False, "fit", "quick.nc", "--out", "model.json"),
+    (True, "fit", "quick.nc", "--plot", "fit.svg"),
     (False, "sweep", "starter", *PITCH, "--quantity", "span_mm", "--out", "s.csv"),
     (True, "optimize", "starter", *PITCH, "--goal", "minimize span_mm", "--trials", "3"),
     (False, "optimize", "starter", "worst_k", "--template", "goal.toml"),
     (True, "tolerance", "starter", "-q", "span_mm", "--samples", "8", "--out", "t.json", "--workers", "1"),
+    (False, "tolerance", "--template", "tolerance.toml"),
     (True, "board", "two.toml", "--noise", "rest.sqlite", "--plot", "n.png"),
     (True, "measure", *BOARD, "--scans", "5", "--out", "run.sqlite"),
     (True, "campaign", *BOARD, *AT, "--out", "run.sqlite"),
     (True, "scan-info", "campaign.sqlite", "--to", "nc", "--out", "c.nc"),
+    (True, "scan-info", "rest.sqlite", "--recover", "whole.sqlite"),
     (False, "scan-info", "rest.sqlite", "--to", "csv", "--out", "c.csv"),
     (False, "calibrate-board", "rest.sqlite", "--out", "board.toml"),
     (True, "compare", "campaign.sqlite", "quick.nc", "--replicates", "0", "--out", "folder"),
     (False, "live", *READ, "--log", "log.csv"),
     (False, "live", *READ, "--log", "log.nc"),
+    pytest.param((True, "compare", "campaign.sqlite", "quick.nc", "--picture", "c.png"), marks=pytest.mark.slow),
+    pytest.param((True, "view", "starter", "--screenshot", "v.png"), marks=pytest.mark.slow),
     pytest.param((True, "report", "bare.toml", "--out", "folder"), marks=pytest.mark.slow),
     pytest.param((True, "view", "starter", "--html", "v.html"), marks=pytest.mark.slow),
 ]
 # these take half a minute, and write by the same functions
 LONG = {"target", "distortion", "calibrate"}
-WRITES_NOTHING = {"import", "locate", "noise", "studio", "docs"}
+WRITES_NOTHING = {"locate", "noise", "studio", "docs"}
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +89,9 @@ def inputs(tmp_path_factory):
     (folder / "wiring.toml").write_text(WIRING_TEXT, encoding="utf-8")
     stream_file(folder / "rest.sqlite", 30, noise=1e-7)
     campaign_file(folder / "campaign.sqlite", noise=1e-7)
+    spiral = [(0, 0), (4, 0), (4, 4), (0, 4), (0, 1), (3, 1), (3, 3), (1, 3), (1, 2)]
+    two = path(*spiral), path(*[(x + 8, y) for x, y in spiral], net="2")
+    (folder / "two.kicad_pcb").write_text(kicad_text(*two), encoding="utf-8")
     save_dataset(quick_map(np.array(GRID.x), np.array(GRID.y)), folder / "quick.nc")
     return folder
 
@@ -104,6 +119,7 @@ def test_a_command_that_may_not_write_leaves_everything_as_it_was(capsys, inputs
 def test_a_log_that_finds_no_room_in_the_end_stays_as_its_lines(capsys, inputs):
     shutil.copytree(inputs, Path(), dirs_exist_ok=True)
     before = content()
+    assert run(capsys, "live", *READ)[0] == 0  # keeps its table of responses, which would find no room before the log
     with file_limit(6000):  # room for the lines, and not for the netCDF file that they become
         code, _, err = run(capsys, "live", *READ, "--log", "log.nc")
     assert (code, err) == (2, "coilarray: error: cannot write log.nc: File too large.\n")

@@ -9,11 +9,12 @@ from support.command_line import runner, successes
 from support.contacts import few_turns
 
 from coilarray import load_design, target_map
+from coilarray.errors import MetalError
 
 pytestmark = pytest.mark.slow
 
 good, answer = successes()
-_, refused = runner()
+run, refused = runner()
 
 TARGET = """[target]
 shape = "sphere"
@@ -43,9 +44,15 @@ def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
     assert (data["body"], data["material"], data["noise"]) == ("sphere", "aluminium", expected.attrs["sigma"])
     delta = expected.delta.values.ravel()
     assert [row["delta"] for row in data["target"]] == pytest.approx(delta)
+    (base,) = data["target_base"]
+    assert base["base_frequency_Hz"] == pytest.approx(float(expected.base_frequency[0]))
+    change = [(1 + d) ** -0.5 - 1 for d in delta]  # f is 1/(2π√(LC)), and C stays
+    assert [row["frequency_change"] for row in data["target"]] == pytest.approx(change)
     with Path("t.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["delta"]) for row in rows] == pytest.approx(delta)
+    assert [float(row["base_frequency_Hz"]) for row in rows] == pytest.approx([base["base_frequency_Hz"]] * len(rows))
+    assert [float(row["frequency_change"]) for row in rows] == pytest.approx(change)
     assert [float(row["quality_factor"]) for row in rows] == pytest.approx(expected.quality_factor.values.ravel())
     assert data["target_range"][0]["range_m"] == pytest.approx(float(expected.range[0]))
     assert data["target_coupling"] == []  # one coil
@@ -62,9 +69,19 @@ def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
     assert quick["delta"] != pytest.approx(delta[0], rel=1e-9)
 
 
+def test_work_that_takes_long_is_told_before_it_begins(ball, capsys, monkeypatch):
+    def enough(*_, **__):
+        raise MetalError("enough.")
+
+    monkeypatch.setattr("coilarray.response.target.target_map", enough)
+    _, _, err = run(capsys, "target", "ball.toml", "--y-mm", "0:20:300")
+    assert err.splitlines()[0].startswith("coilarray: 5 distances × 300 × 1 places take a while; --x-mm, --y-mm and")
+    assert run(capsys, "target", "ball.toml", "--y-mm", "0,1")[2] == "coilarray: error: enough.\n"
+
+
 def test_what_is_wrong_is_one_line(ball, capsys):
     line = refused(capsys, "target", "gast_fem")
-    assert "the design gast_fem has no [target]; of the bundled designs these have one:" in line
+    assert "the design gast_fem has no [target]: add one, with shape" in line
     assert all(load_design(name).target for name in line.rstrip(".").partition("have one: ")[2].split(", "))
     # without DESIGN: a distance is refused only where there is a target
     assert "distances of a target must be above zero" in refused(capsys, "target", "--distance-mm", "0,1")

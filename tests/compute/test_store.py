@@ -16,6 +16,7 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from support.no_room import file_limit
 
 from coilarray.compute import code_version as versions
 from coilarray.compute.large_file import Variable
@@ -102,6 +103,14 @@ def test_a_dataset_is_computed_once_and_again_where_it_is_damaged_or_the_code_is
     (store.folder / "notes.txt").unlink()
     store.discard(())
     assert not store.folder.exists()
+
+
+def test_a_dataset_that_finds_no_room_is_computed_all_the_same(tmp_path):
+    store = open_store(tmp_path / "store")
+    with file_limit(0):
+        for _ in range(2):
+            assert store.dataset(("part",), lambda: xr.Dataset({"a": ("n", [1.0])})).a.values.tolist() == [1.0]
+    assert not store.keys()
 
 
 def test_arrays_and_dataclasses_are_part_of_a_key_by_their_values():

@@ -31,7 +31,7 @@ from coilarray.studies.optimize.study_file import FILE, open_study
 from coilarray.viz.studio.runs import read_runs
 
 FEW, MANY = 25, int(os.environ.get("COILARRAY_TEST_FLIPS", "100"))
-"""Flips of every kind in each run of the tests, and in the whole of them: some on every page of a database."""
+"""Flips of every kind in a run without the slow tests, and in the whole of them: some on every page of a database."""
 PLAN = Campaign(x=(0.0, 4e-3), y=(0.0, 2e-3), depths=(1e-3,), scans=2)
 KEY = "ab" + 62 * "0"
 FRAME = xr.Dataset(
@@ -239,8 +239,8 @@ KINDS = {
 
 
 @pytest.mark.parametrize("name", KINDS)
-@pytest.mark.parametrize("count", [FEW, pytest.param(MANY, marks=pytest.mark.slow)])
-def test_no_flipped_bit_changes_a_result_in_silence(tmp_path, name, count, caplog):
+def test_no_flipped_bit_changes_a_result_in_silence(tmp_path, name, caplog, pytestconfig):
+    count = FEW if pytestconfig.option.markexpr == "not slow" else MANY
     path, read = KINDS[name](tmp_path)
     counts = flipped(path, read, count)
     assert counts.total() == count

@@ -28,7 +28,7 @@ def metal(outline, material=ALUMINIUM, face=FACE, thickness=METAL, **more):
     return FinitePlate("metal", outline, (0.0, 0.0, face - thickness / 2), thickness, material, **more)
 
 
-def over(coils, plates, frequency, fineness=0.5):  # which errs by 0.3 %
+def over(coils, plates, frequency, fineness=0.4):  # which errs by 0.4 %
     outlined = outlined_below(coils, plates, [frequency], SHEETS, fineness=fineness)
     (backing,) = backings_of(coils, plates, [frequency], SHEETS, outlined=outlined)
     return dent_inductance_over(backing, coils, [pit()], PLACES, MESH)[0]

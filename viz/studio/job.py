@@ -28,6 +28,9 @@ Task = Callable[[Any, Tell, Orders], Any]
 PATIENCE = 0.5
 """Default time in s for a process to end by itself after `Job.stop`."""
 
+_TOLD = 0.03  # of a job, before which nothing is said of how long it takes
+_SOME_MINUTES = 90.0  # s
+
 _STOP = "stop"
 _MOST_ORDERS = 100
 _GOODBYE = 5.0  # s; longest time for a killed process to end
@@ -134,6 +137,22 @@ def with_progress(item: Any, tell: Tell, _: Orders) -> Any:
 def progress_of(tell: Tell) -> Callable[[int, int], None]:
     """Return a `coilarray.compute.threads.Progress` that sends (done, total)."""
     return lambda done, total: tell((done, total))
+
+
+def time_left(part: float, since: float) -> str:
+    """Say how long a job is likely to go on of which a part, from 0 to 1, is done in some seconds; empty at first.
+
+    Examples
+    --------
+    >>> time_left(0.01, 3), time_left(0.25, 11), time_left(0.5, 130), time_left(1.0, 130)
+    ('', 'about 35 s left', 'about 2 min left', '')
+    """
+    if not _TOLD < part < 1:
+        return ""
+    seconds = since * (1 - part) / part
+    if seconds < _SOME_MINUTES:
+        return f"about {max(5, 5 * round(seconds / 5))} s left"
+    return f"about {round(seconds / 60)} min left"
 
 
 def _serve(connection: Connection, payload: bytes, patience: float) -> None:

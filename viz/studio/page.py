@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from coilarray.design.model import Design
-from coilarray.errors import shown
+from coilarray.errors import CoilarrayError, shown
 from coilarray.viz.studio.build_panel import BuildPanel
 from coilarray.viz.studio.calculator import Calculator
 from coilarray.viz.studio.design_panel import DesignPanel
-from coilarray.viz.studio.job import PATIENCE, Job, Outcome, Task
+from coilarray.viz.studio.job import PATIENCE, Job, Outcome, Task, time_left
 from coilarray.viz.studio.live_panel import LivePanel
 from coilarray.viz.studio.messages import MessageError, checked
 from coilarray.viz.studio.metal_panel import MetalPanel
@@ -58,7 +58,7 @@ _PARTS = (
 # results that a change of the design makes stale
 _FOLLOWING = ("scene", "numbers", "rules", "circuit", "target", "summary")
 _JOINED = 1.0  # s: what a slider changes within it is undone as one
-_NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "running": False}
+_NO_JOB: Mapping[str, Any] = {"name": "", "text": "", "part": None, "left": "", "running": False}
 
 
 class Page:
@@ -103,6 +103,7 @@ class Page:
         self._build_layout()
         self.server.controller.on_server_bind.add(self._bind)
         self.server.controller.on_error.add(_log_error)
+        self.server.controller.on_exception.add(self._refuse_call)
         self.server.start(
             backend="generic", exec_mode="task", port=0, timeout=0, disable_logging=True, show_connection_info=False,
             open_browser=False,
@@ -140,6 +141,13 @@ class Page:
                 await strict(*arguments)
 
         self.server.controller.trigger(name)(call)
+
+    def _refuse_call(self, error: Exception) -> None:
+        """Show what was wrong with a call of the page; with a traceback where it is ours, not of what was called."""
+        frames = traceback.walk_tb(error.__traceback__)
+        if any(str(frame.f_globals.get("__name__")).startswith("coilarray.") for frame, _ in frames):
+            traceback.print_exception(error)
+        self.say(str(CoilarrayError(f"{type(error).__name__}: {error}")))
 
     def take(self, work: Work, *, typed: bool = False) -> None:
         """Show another or a changed design; `typed` where it comes from the fields."""
@@ -250,13 +258,15 @@ class Page:
 
         Messages other than (done, total) go to `watch`.
         """
+        begun = time.monotonic()
 
         def heard(message: Any) -> None:
             (progress if isinstance(message, tuple) else watch)(message)
 
         def progress(message: tuple[int, int] | None = None) -> None:
             part = None if message is None or not message[1] else round(100 * message[0] / message[1], 1)
-            self.state.job = {"name": name, "text": text, "part": part, "running": True}
+            left = "" if part is None else time_left(part / 100, time.monotonic() - begun)
+            self.state.job = {"name": name, "text": text, "part": part, "left": left, "running": True}
 
         def ended(outcome: Outcome) -> None:
             self.state.job = _NO_JOB

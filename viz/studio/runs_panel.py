@@ -126,7 +126,8 @@ class RunsPanel(Panel):
             return
         axes = list(dict.fromkeys((*run.objectives, *run.quantities)))
         first = x if x in axes else axes[0]
-        second = y if y in axes else axes[1] if len(axes) > 1 else axes[0]
+        telling = [name for name in axes if name != first and len(set(run.values(name))) > 1]  # no bound that all keep
+        second = y if y in axes else (telling or axes)[0]
         picture = await asyncio.to_thread(_picture, run, first, second) if run.points else ""
         state = self._page.state
         kept = sum(point.feasible for point in run.points)

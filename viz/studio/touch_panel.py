@@ -9,6 +9,7 @@ import xarray as xr
 from coilarray.compute.display_units import true_minus
 from coilarray.design.model import Design
 from coilarray.errors import CoilarrayError, DesignError
+from coilarray.localize.forward import table_grid
 from coilarray.localize.inverse import location_lines
 from coilarray.viz.scenes.scene import Scene
 from coilarray.viz.scenes.touch import dent_of_design
@@ -39,7 +40,8 @@ class TouchPanel(Panel):
         self._dent: tuple[Design, float, xr.Dataset] | None = None
         values = {
             "plan": board_drawing(page.work.design, self._view), "touch": _NOTHING, "bars": [], "located": [],
-            "touch_note": "", "touch_ready": False, "place": {"x": "", "y": "", "depth": ""}, "place_error": "",
+            "touch_note": "", "touch_ready": False,
+            "touch_work": touch_work(page.work.design), "place": {"x": "", "y": "", "depth": ""}, "place_error": "",
             "can_touch": page.work.design.indentation is not None, "dragging": False, "pressing": False
         }  # fmt: skip
         page.state.client_only("dragging", "pressing")
@@ -50,7 +52,7 @@ class TouchPanel(Panel):
         state = self._page.state
         self._view = top_view(design)
         state.plan = board_drawing(design, self._view)
-        state.can_touch = design.indentation is not None
+        state.can_touch, state.touch_work = design.indentation is not None, touch_work(design)
         table = self._tables.get(design.digest)
         if table is not None and design.indentation is not None:
             self._take_table(design, table)
@@ -58,7 +60,10 @@ class TouchPanel(Panel):
         self._sensor = self._touched = None
         state.touch_ready, state.touch, state.bars, state.located = False, _NOTHING, [], []
         if design.indentation is None:
-            state.touch_note = "the design has no [indenter] and [indentation]."
+            state.touch_note = (
+                "Nothing presses on this board: the design has no [indenter] and [indentation]. "
+                "A sheet that Build lays on the board brings both."
+            )
         elif anew or not self._tables:
             state.touch_note = ""
         else:
@@ -135,6 +140,22 @@ class TouchPanel(Panel):
         state.place_error = ""
         place = zip(("x", "y", "depth"), (*touch.at, touch.depth), strict=True)
         state.place = {name: place_text(value) for name, value in place}
+
+
+def touch_work(design: Design) -> str:
+    """Say what the response consists of that has to be computed before anything can press; empty where nothing can.
+
+    Examples
+    --------
+    >>> from coilarray import load_design
+    >>> touch_work(load_design("starter"))
+    'δ of 3 states at 6 depths and 49 × 25 places'
+    """
+    if design.indentation is None:
+        return ""
+    depths, x, y = table_grid(design)
+    states = f"{len(design.plan)} states" if len(design.plan) > 1 else "one state"
+    return f"δ of {states} at {len(depths)} depths and {len(x)} × {len(y)} places"
 
 
 def _place(sensor: Sensor, texts: tuple[str, str, str]) -> list[float]:
