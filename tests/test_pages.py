@@ -32,6 +32,7 @@ def test_every_key_has_a_meaning(kind):
     rows = [line.split(" | ") for line in file_pages.page(*kind[1:]).splitlines() if line.startswith("| `")]
     assert rows
     without = [key for key, *_, meaning in rows if not meaning.strip(" |")]
+    assert not any("at least 2 of them, at most 2 of them" in allowed for _, _, allowed, *_ in rows)
     assert not without, f"{kind[0]}: no meaning of {', '.join(without)}"
 
 

@@ -36,7 +36,8 @@ def check(
 ) -> None:
     """Check a design against its fabrication rules.
 
-    Prints the worst margin of each rule on each layer. The exit code is 2 where one is broken. A picture shows the
+    Prints the worst margin of each rule on each layer: the broken ones first, then lengths of the copper, ratios, and
+    the bare board, each by rising margin. The exit code is 2 where one is broken. A picture shows the
     copper of every layer with these places circled; their numbers are those of the table.
 
     Example: coilarray check gast2020 --fab oshpark-4-layer --picture worst.png
@@ -104,5 +105,7 @@ def _print_profiles(profiles: Sequence[FabProfile]) -> None:
 def _margins_text(table: Table, whose: str) -> str:
     cells = [[str(k + 1), *row] for k, row in enumerate(table.cells())]
     broken = [k for k, row in enumerate(cells) if row[-1] == "no"]
-    title = f"margins to the limits of {whose}, the worst first"
+    title = (
+        f"margins to the limits of {whose}: the broken first, then lengths, ratios and the bare board, each by margin"
+    )
     return shared.table_text(("no.", *table.headers[:-1]), [row[:-1] for row in cells], title, broken)

@@ -20,7 +20,8 @@ SCALES: Mapping[str, float] = {
 """SI value of each unit that stands at the end of a key or an option."""
 
 _ENTRY_UNITS = {
-    "mm": "mm", "um": "µm", "deg": "deg", "mrad": "mrad", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa",
+    "mm": "mm", "per_mm": "1/mm", "mm_per_mm": "mm/mm", "um": "µm",
+    "deg": "deg", "mrad": "mrad", "pF": "pF", "nH": "nH", "MHz": "MHz", "kPa": "kPa",
     "kPa_per_mm": "kPa/mm", "MS_per_m": "MS/m", "ohm": "ohm", "ohm_m": "ohm m", "percent": "%",
     "ppm": "ppm", "ppm_per_K": "ppm/K", "ppm_per_V": "ppm/V", "ps": "ps", "mV": "mV", "V": "V", "K": "K",
 }  # fmt: skip
@@ -33,6 +34,8 @@ def entry_unit(key: str) -> str:
     --------
     >>> entry_unit("array.pitch_mm"), entry_unit("circuit.resistivity_ohm_m"), entry_unit("array.columns")
     ('mm', 'ohm m', '1')
+    >>> entry_unit("seat_stiffness_slope_x_per_mm"), entry_unit("seat_gap_slope_x_mm_per_mm")
+    ('1/mm', 'mm/mm')
     >>> entry_unit("stackup.dielectric_thickness_mm.1")
     'mm'
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -57,7 +58,7 @@ def summary_table(
     target : xarray.Dataset, optional
         Result of `coilarray.target_map`.
     bounds : xarray.Dataset, optional
-        The response's `position_bounds`: of x the least and the median of the map.
+        The response's `position_bounds`: of x the least, the most and the median of the map.
     """
     found = [*_rows(coupling, scan, margins, response), *_position_rows(bounds), *_metal_rows(scan, without, target)]
     columns = (Column("quantity"), Column("least", unit="1"), Column("most", unit="1"), Column("unit"), Column("where"))
@@ -120,19 +121,26 @@ def _position_rows(bounds: xr.Dataset | None) -> Iterator[tuple[Value, ...]]:
     if bounds is None:
         return
     sigma = bounds.sigma_x
-    best, median = float(sigma.min()), float(sigma.median())
-    found = median < float(np.ptp(bounds.x.values))
-    place = sigma.where(sigma == best, drop=True)[0, 0]
-    at = f"at x {float(place.x) * 1e3:.1f}, y {float(place.y) * 1e3:.1f} mm"
-    half = "median of the map" if found else "half of the map does not tell x"
+    best, worst, median = (float(value) for value in (sigma.min(), sigma.max(), sigma.median()))
+    everywhere = math.isfinite(worst)
+    scatter, drift = (max(bounds.attrs[name]) * 1e6 for name in ("noise", "common_noise"))
+    together = f", all drift together by {drift:.2g}·10⁻⁶" if drift else ""
     yield (
-        f"σ of a located x, deepest; noise of δ {max(bounds.attrs['noise']):.2g}, "
-        f"common {max(bounds.attrs['common_noise']):.2g}",
+        f"σ of a located x, deepest, where each reading of δ scatters by {scatter:.2g}·10⁻⁶{together}",
         best,
-        median if found else "",
+        worst if everywhere else "",
         "m",
-        f"{at}; {half}",
+        f"at {_place(sigma, best)}; {'at' if everywhere else 'x cannot be told at'} {_place(sigma, worst)}",
     )
+    if median < float(np.ptp(bounds.x.values)):
+        yield ("the same, median of the map", median, "", "m", "")
+    else:
+        yield ("the same, median of the map", "", "", "m", "half of the map does not tell x")
+
+
+def _place(sigma: xr.DataArray, value: float) -> str:
+    place = sigma.where(sigma == value).stack(place=("y", "x")).dropna("place")[0]
+    return f"x {float(place.x) * 1e3:.1f}, y {float(place.y) * 1e3:.1f} mm"
 
 
 def _metal_rows(

@@ -91,6 +91,9 @@ def _bounds(metadata: tuple[Any, ...] | list[Any]) -> str:
     match ends:
         case [Ge(ge=low), Le(le=high)] if low == high:
             return f"always {low}"
+    match [rule for rule in metadata if isinstance(rule, MinLen | MaxLen)]:
+        case [MinLen(min_length=least), MaxLen(max_length=most)] if least == most:
+            return f"{most} of them"
     words = []
     for rule in metadata:
         match rule:

@@ -11,7 +11,11 @@ import coilarray as ca
 from coilarray.viz import plot_board, plot_coupling
 
 # %%
-# In the terminal: ``coilarray init flower.toml --coils 7-hex --size-mm 18 --inductance-uH 18 --overlap decoupled``
+# This makes the design. The same in the terminal, which writes it as a file:
+#
+# .. code-block:: sh
+#
+#    coilarray init flower.toml --coils 7-hex --size-mm 18 --inductance-uH 18 --overlap decoupled --no-elastomer
 
 made = ca.new_design("flower", "7-hex", size=18e-3, inductance=18e-6, overlap="decoupled", elastomer=False)
 array = made.design.array
