@@ -22,7 +22,7 @@ _FROM_TO = {
     "size": (0.5e-3, 1.0, 1e3, "mm"), "pitch": (0.5e-3, 1.0, 1e3, "mm"),
     "inductance": (1e-9, 0.1, 1e6, "µH"), "frequency": (1e3, 1e9, 1e-6, "MHz"),
 }  # fmt: skip
-"""The range in SI of each choice, wider than any planar coil's, and the unit of its option: others are slips of unit."""
+"""The range of each choice in SI, wider than that of planar coils, and the unit of its option."""
 _DIGITS = 3  # of an inductance that is reached
 
 
@@ -106,7 +106,8 @@ def new_design(
     one = found.one  # without the way to a connector
     if connector is not None:  # refused before the tank is computed
         found = with_connector(found, connector, movable=found.sets == 1 and pitch is None and found.pitch > 0)
-    capacitance = tank_capacitance(lambda value: replace(one, capacitance=value).design, frequency)
+    tank = one if frequency is None else replace(found, connector=None)  # a frequency is met with the switches
+    capacitance = tank_capacitance(lambda value: replace(tank, capacitance=value).design, frequency)
     return build_design_file(plain(replace(found, capacitance=capacitance).document), name)
 
 
