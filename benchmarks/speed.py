@@ -67,7 +67,9 @@ print(peak_memory())
 """
 
 
-_MAIN = "from coilarray.cli.main import main; raise SystemExit(main"
+def _program(*arguments: str) -> str:
+    """Return the code that runs the installed program with arguments."""
+    return f"import sys; from coilarray.cli.main import run; sys.argv[1:] = {list(arguments)!r}; run()"
 
 
 def measure() -> list[Speed]:
@@ -105,14 +107,13 @@ def measure() -> list[Speed]:
         Speed("impedance of six coils at 50 frequencies, six states, warm", sweep, "s", "", "< 2 s", sweep < 2)
     )
     with tempfile.TemporaryDirectory() as cache, tempfile.TemporaryDirectory() as out:
-        report = f"{_MAIN}(['report', '--out', {out!r}]))"
+        report = _program("report", "--out", out)
         cold, _ = _fresh(report, NUMBA_CACHE_DIR=cache)
         warm, _ = _fresh(report, NUMBA_CACHE_DIR=cache)
         pad = str(Path(out) / "pad.toml")
-        start = f"{_MAIN}(['init', {pad!r}, '--force', '--coils', '4x4', "
         led, square = (
-            _fresh(f"{start}{choice}]))", NUMBA_CACHE_DIR=cache)[0]
-            for choice in ("'--connector', 'bottom'", "'--shape', 'square'")
+            _fresh(_program("init", pad, "--force", "--coils", "4x4", *choice), NUMBA_CACHE_DIR=cache)[0]
+            for choice in (("--connector", "bottom"), ("--shape", "square"))
         )
     figures.append(Speed("coilarray report, first run with compilation", cold, "s", "", "≤ 12 s", cold <= 12))
     note = f"{cold / warm:.1f} × faster than the first"

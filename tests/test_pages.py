@@ -113,8 +113,14 @@ def test_the_last_line_of_a_program_is_its_picture():
 
 
 GALLERY = sorted((DOCS / "gallery").rglob("plot_*.py"))
-# these four take as long as 20 others; the first two as tutorials do, the others as tests of what they call
-DEAR = {"07_metal/plot_proximity", "06_position/plot_locate", "07_metal/plot_behind", "08_fabrication/plot_shares"}
+# each of these takes more than a second, and tests of what it calls take it too
+DEAR = {
+    "01_geometry/plot_connector", "01_geometry/plot_new_design", "03_coupling/plot_sweep_map",
+    "04_circuits/plot_self_resonance", "04_circuits/plot_trace_width", "05_elastomer/plot_map",
+    "05_elastomer/plot_two_dimensional", "06_position/plot_ellipses", "06_position/plot_error_map",
+    "06_position/plot_locate", "07_metal/plot_backplane", "07_metal/plot_behind", "07_metal/plot_proximity",
+    "08_fabrication/plot_shares", "09_boards/plot_allan", "10_pictures/plot_arcs", "10_pictures/plot_dent",
+}  # fmt: skip
 
 
 def example(path):

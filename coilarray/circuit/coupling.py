@@ -22,7 +22,7 @@ from coilarray.compute.recent import Recent
 from coilarray.compute.store import kept_dataset
 from coilarray.compute.threads import Progress, serial_algebra
 from coilarray.design.digest import digest_of
-from coilarray.design.model import Design
+from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.scan_states import ScanState, Switches
 from coilarray.electromagnetics.ac_resistance import resistance_matrix, shape_key
 from coilarray.electromagnetics.capacitance import coil_capacitance
@@ -94,13 +94,13 @@ _PLATES: Recent[Plates] = Recent(_KEPT)
 
 
 def design_circuit(
-    design: Design, *, ideal: bool = False, accuracy: Accuracy = "full", progress: Progress | None = None
+    design: Design | DesignFile, *, ideal: bool = False, accuracy: Accuracy = "full", progress: Progress | None = None
 ) -> Network:
     """Make the network of a design: coils, switches and tank.
 
     Parameters
     ----------
-    design : Design
+    design : Design or DesignFile
         Design of the board, for example from `coilarray.load_design`.
     ideal : bool
         Leave out alternating-current resistance of the copper, the capacitance of the windings and all strays of the
@@ -136,6 +136,7 @@ def design_circuit(
     >>> round(ideal.effective_inductance * 1e6, 2), round(ideal.frequency / 1e6, 3)
     (92.5, 1.511)
     """
+    design = design_of(design)
     if not ideal:
         return circuit_parts(design, accuracy=accuracy, progress=progress).network
     R = dc_resistance(design.array.conductors(), design.circuit.resistivity)
@@ -347,12 +348,12 @@ def permittivity_above(design: Design) -> float:
     return design.circuit.elastomer_permittivity if design.sheets else 1.0
 
 
-def couple_design(design: Design, *, ideal: bool = False, progress: Progress | None = None) -> xr.Dataset:
+def couple_design(design: Design | DesignFile, *, ideal: bool = False, progress: Progress | None = None) -> xr.Dataset:
     """Compute the coupling of a design.
 
     Parameters
     ----------
-    design : Design
+    design : Design or DesignFile
         Design of the board, for example from `coilarray.load_design`.
     ideal : bool
         Leave out alternating-current resistance of the copper and all strays, see `design_circuit`.
@@ -383,6 +384,7 @@ def couple_design(design: Design, *, ideal: bool = False, progress: Progress | N
     >>> round(float(result.open_inductance[0]) * 1e6, 1), round(float(result.coupling[0, 1]), 3)
     (93.1, 0.08)
     """
+    design = design_of(design)
     network = design_circuit(design, ideal=ideal, progress=progress)
     bare = design_circuit(design, ideal=True)
     R = dc_resistance(design.array.conductors(), design.circuit.resistivity)

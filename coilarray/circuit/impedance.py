@@ -26,7 +26,7 @@ from coilarray.compute.netcdf import variables
 from coilarray.compute.store import kept_dataset
 from coilarray.compute.threads import Progress
 from coilarray.design.digest import digest_of
-from coilarray.design.model import Design
+from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.scan_states import Switches
 from coilarray.design.switch_parts import PARTS
 from coilarray.electromagnetics.capacitance import elastomer_effect, self_resonance
@@ -55,13 +55,17 @@ def part_switches(design: Design) -> Switches:
 
 
 def scan_design(
-    design: Design, *, elastomer: bool = True, accuracy: Accuracy = "full", progress: Progress | None = None
+    design: Design | DesignFile,
+    *,
+    elastomer: bool = True,
+    accuracy: Accuracy = "full",
+    progress: Progress | None = None,
 ) -> xr.Dataset:
     """Solve every state of a design's scan plan where the converter oscillates.
 
     Parameters
     ----------
-    design : Design
+    design : Design or DesignFile
         Design of the board, for example from `coilarray.load_design`.
     elastomer : bool
         Compute also what the elastomer's permittivity does, which takes as long as all the rest.
@@ -93,6 +97,7 @@ def scan_design(
     GeometryError
         A coil whose capacitance has no model: see `coilarray.electromagnetics.capacitance.coil_capacitance`.
     """
+    design = design_of(design)
     plan = design.plan
     steps = len(plan) + 2
 
@@ -178,12 +183,14 @@ def _self_resonances(
     return found
 
 
-def sweep_design(design: Design, frequencies: npt.ArrayLike, *, progress: Progress | None = None) -> xr.Dataset:
+def sweep_design(
+    design: Design | DesignFile, frequencies: npt.ArrayLike, *, progress: Progress | None = None
+) -> xr.Dataset:
     """Impedance of every state of a design's scan plan over frequency.
 
     Parameters
     ----------
-    design : Design
+    design : Design or DesignFile
         Design of the board, for example from `coilarray.load_design`.
     frequencies : array_like, shape (n,)
         Frequencies in Hz, positive and rising.
@@ -205,6 +212,7 @@ def sweep_design(design: Design, frequencies: npt.ArrayLike, *, progress: Progre
     NetworkError
         A state that cannot be solved.
     """
+    design = design_of(design)
     f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
     if f.ndim != 1 or not f.size or not np.isfinite(f).all() or f[0] <= 0 or (np.diff(f) <= 0).any():
         raise ValueError("frequencies must be positive, finite and rising.")

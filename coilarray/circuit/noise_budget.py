@@ -20,7 +20,7 @@ from coilarray.circuit.network import Network, loaded_quality, resonate
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.html import html_card, html_table
 from coilarray.compute.netcdf import variables
-from coilarray.design.model import Design
+from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.readout import DRIVE_DELAY, INTERNAL_CLOCK_PER_KELVIN, Readout
 from coilarray.design.scan_states import ScanState, Switches, referenced_names
 from coilarray.errors import NetworkError
@@ -231,12 +231,14 @@ class NoiseBudget:
         }
 
 
-def noise_budget(design: Design, *, readout: Readout | None = None, network: Network | None = None) -> NoiseBudget:
+def noise_budget(
+    design: Design | DesignFile, *, readout: Readout | None = None, network: Network | None = None
+) -> NoiseBudget:
     """Say how far the readings of a design scatter and drift, and why.
 
     Parameters
     ----------
-    design : Design
+    design : Design or DesignFile
         Design with the circuit of its coils.
     readout : Readout, optional
         Settings and coefficients; those of the design by default.
@@ -265,6 +267,7 @@ def noise_budget(design: Design, *, readout: Readout | None = None, network: Net
     >>> f"{budget.noise[0]:.1e}, {budget.drift[0]:.1e} per K, {budget.sigma[0]:.1e}"
     '3.0e-07, 4.3e-05 per K, 4.3e-06'
     """
+    design = design_of(design)
     circuit = design_circuit(design) if network is None else network
     found = [resonate(circuit, state) for state in design.plan]
     changed = design if readout is None else replace(design, readout=readout)

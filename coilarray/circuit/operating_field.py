@@ -10,19 +10,21 @@ from coilarray.circuit.coupling import provenance
 from coilarray.compute.arrays import ComplexArray
 from coilarray.compute.netcdf import variables
 from coilarray.compute.threads import Progress
-from coilarray.design.model import Design
+from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.electromagnetics.field import grid_points, magnetic_field
 from coilarray.errors import GeometryError, MetalError, require_finite
 from coilarray.geometry import FinitePlate, Plate
 from coilarray.metal.plate_field import plate_field
 
 
-def operating_currents(design: Design, coupling: xr.Dataset, active: str, *, terminated: bool = True) -> ComplexArray:
+def operating_currents(
+    design: Design | DesignFile, coupling: xr.Dataset, active: str, *, terminated: bool = True
+) -> ComplexArray:
     """Currents of all coils while one is measured, per ampere of the active one.
 
     Parameters
     ----------
-    design : Design
+    design : Design or DesignFile
         The array.
     coupling : xarray.Dataset
         Its coupling, from `coilarray.circuit.coupling.couple_design`.
@@ -41,6 +43,7 @@ def operating_currents(design: Design, coupling: xr.Dataset, active: str, *, ter
     GeometryError
         No coil of that name.
     """
+    design = design_of(design)
     names = design.array.names
     if active not in names:
         raise GeometryError(f"there is no coil {active!r}; there are {', '.join(names)}.")
@@ -67,7 +70,7 @@ def _half(progress: Progress, k: int) -> Progress:
 
 
 def operating_field(
-    design: Design,
+    design: Design | DesignFile,
     coupling: xr.Dataset,
     active: str,
     x: npt.ArrayLike,
@@ -105,6 +108,7 @@ def operating_field(
     MetalError
         Plates with an outline, whose field is not computed, or a height beside the copper of a design with plates.
     """
+    design = design_of(design)
     require_finite("current", current)
     endless = require_endless(design)
     currents = current * operating_currents(design, coupling, active, terminated=terminated)

@@ -54,12 +54,13 @@ def target(
 
     The [target] of the design is moved over the board, away from it and sideways. At every distance and place the whole
     circuit is solved: L, R, Q, R_p and f of every state of the scan, δ against the board without the target, and every
-    coupling. The tables show each state where the target moves it the most; its range, the distance at which |δ| is 3
-    times the noise; and the distances up to which 1, 10 and 100 µm are resolved. Places in tables, pictures and a .csv
-    are those on the board. A target may be moved beside every [[plate]] of the design, a sphere beside those below the
-    coils. A plate that nearly touches the copper takes longest: --accuracy screen takes a third of the time. Over
-    magnetic sheets or beside plates an interrupted map of a disc or another outline goes on, distance by distance, from
-    the folder FILE.parts when the same command runs again.
+    coupling. The tables show each state without the target, and where the target moves it the most, with the relative
+    change Δf/f of its frequency, about −δ/2; its range, the distance at which |δ| is 3 times the noise; and the
+    distances up to which 1, 10 and 100 µm are resolved. Places in tables, pictures and a .csv are those on the board. A
+    target may be moved beside every [[plate]] of the design, a sphere beside those below the coils. A plate that nearly
+    touches the copper takes longest: --accuracy screen takes a third of the time. Over magnetic sheets or beside plates
+    an interrupted map of a disc or another outline goes on, distance by distance, from the folder FILE.parts when the
+    same command runs again.
 
     Example: coilarray target proximity --distance-mm 1:20:14 --out target.csv --plot target.png
     """
@@ -68,7 +69,13 @@ def target(
         for option, text in (("--distance-mm", distance_mm), ("--x-mm", x_mm), ("--y-mm", y_mm))
     )
     from coilarray.report.figures import map_outlines
-    from coilarray.report.target_tables import range_table, target_coupling_table, target_table, values_table
+    from coilarray.report.target_tables import (
+        base_table,
+        range_table,
+        target_coupling_table,
+        target_table,
+        values_table,
+    )
     from coilarray.response.coordinates import on_board
     from coilarray.response.target import target_map
 
@@ -89,7 +96,7 @@ def target(
             progress=progress,
         )
     shown = on_board(result)
-    tables = target_table(shown), range_table(shown)
+    tables = base_table(shown), target_table(shown), range_table(shown)
     shared.write_numbers(out, result, values_table(shown).csv)
     store.discard(store.keys())
     shared.draw(plot, lambda: viz.target_figure(shown))

@@ -28,6 +28,8 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
             line = not_installed(purpose, package, extra)
         else:  # an extension module hides what stopped it, even Ctrl-C, behind an ImportError
             cause = error.__cause__ or error
+            if isinstance(cause, KeyboardInterrupt):
+                raise cause from None
             line = f"{purpose} need {package}, which cannot be loaded: {str(cause) or type(cause).__name__}."
         raise MissingDependencyError(line) from None
 
@@ -35,9 +37,11 @@ def import_extra(module: str, purpose: str, *, package: str, extra: str) -> Modu
 def leave_out_dask() -> None:
     """Let this process find no Dask: xarray imports it to ask of every array whether it is Dask's, and none of ours is.
 
-    That takes an eighth of a short command's time. For processes that are ours alone.
+    That takes an eighth of a short command's time. For processes that are ours alone. Nothing where xarray is imported
+    already: it remembers from then on whether there is Dask.
     """
-    sys.modules.setdefault("dask", None)  # type: ignore[arg-type]  # the import then says that there is none
+    if "xarray" not in sys.modules:
+        sys.modules.setdefault("dask", None)  # type: ignore[arg-type]  # the import then says that there is none
 
 
 def find_dask() -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from coilarray.design.export_formats import SUFFIXES, Format
-from coilarray.design.model import Design
+from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.errors import OutputError, RuleViolationError
 
 _SHOWN_FAULTS = 3
@@ -21,13 +21,18 @@ class Exported:
 
 
 def export(
-    design: Design, path: str | Path, to: Format | None = None, *, sheets: bool = True, allow_faults: bool = False
+    design: Design | DesignFile,
+    path: str | Path,
+    to: Format | None = None,
+    *,
+    sheets: bool = True,
+    allow_faults: bool = False,
 ) -> Exported:
     """Write the board of a design.
 
     Parameters
     ----------
-    design : Design
+    design : Design or DesignFile
         Design of the board.
     path : str or Path
         File to write; for ``"kicad"`` a folder. What is there is replaced, whole or not at all.
@@ -45,7 +50,7 @@ def export(
     Raises
     ------
     OutputError
-        An unknown suffix, or a file that cannot be written.
+        An unknown format or suffix, or a file that cannot be written.
     RuleViolationError
         KiCad or Gerber files that were read back and have a coil that is cut or touches another one.
     MissingDependencyError
@@ -58,6 +63,9 @@ def export(
     Traceback (most recent call last):
     coilarray.errors.OutputError: cannot write board.txt: the suffix must be .zip, .dxf, .svg, .step, .stp, .stl or ...
     """
+    design = design_of(design)
+    if to is not None and to not in SUFFIXES:
+        raise OutputError(f"to must be one of {', '.join(SUFFIXES)}; got {to!r}.")
     target = Path(path)
     kind = to or _format_of(target)
     faults: list[str] = []

@@ -412,6 +412,18 @@ class DesignFile:
         return design_html(self.design, file_facts(self))
 
 
+def design_of(given: Design | DesignFile) -> Design:
+    """Return the design of an argument that is one or is its file; DesignError for anything else."""
+    if isinstance(given, DesignFile):
+        return given.design
+    if not isinstance(given, Design):
+        raise DesignError(
+            f"design must be a Design, or the DesignFile that holds it as .design; got {given!r:.60}. A name or file "
+            "is read with load_design."
+        )
+    return given
+
+
 def load_design(name_or_path: str | Path | None = None) -> Design:
     """Read a design.
 

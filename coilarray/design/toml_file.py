@@ -124,7 +124,8 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
         value = got.get(tag) if isinstance(got, Mapping) else None
         return f"{key}.{tag} must be {allowed}; got {'nothing' if value is None else shown(value)}."
     if kind == "value_error":
-        return f"{key} {details['msg'].removeprefix('Value error, ')}."
+        words = details["msg"].removeprefix("Value error, ")
+        return f"{key} {words}{'' if words.endswith('?') else '.'}"
     if kind == "string_pattern_mismatch":
         return f"{key} may have letters, digits, _ . + and, not first, -; got {shown(got)}."
     limits = details.get("ctx", {})

@@ -13,7 +13,7 @@ import numpy as np
 
 from coilarray.design.circuit_table import OF_PART, PASSIVE, CircuitTable
 from coilarray.design.fab_limits import FabTable
-from coilarray.design.model import Circuit, Design, DesignFile, Indentation, build_design_file
+from coilarray.design.model import Circuit, Design, DesignFile, Indentation, build_design_file, design_of
 from coilarray.design.places_table import map_positions
 from coilarray.design.plates import flat_entries, material_entries
 from coilarray.design.readout import Readout, ReadoutTable
@@ -60,12 +60,12 @@ _MM, _UM, _PF, _DEG = (SCALES[unit] for unit in ("mm", "um", "pF", "deg"))
 _WORDS = {passive: word for word, passive in PASSIVE.items()}
 
 
-def design_document(design: Design) -> dict[str, Any]:
+def design_document(design: Design | DesignFile) -> dict[str, Any]:
     """Return the tables of a design file that describes a design.
 
     Parameters
     ----------
-    design : Design
+    design : Design or DesignFile
         Read from a file or made in Python.
 
     Returns
@@ -85,6 +85,7 @@ def design_document(design: Design) -> dict[str, Any]:
     >>> document["array"]["pitch_mm"], build_design(document).digest == design.digest
     (13.28, True)
     """
+    design = design_of(design)
     array, connector = _before_connector(design.array)
     names, layers = design_names(array.names), design_names(array.stackup.names)
     shapes = shape_names(array)

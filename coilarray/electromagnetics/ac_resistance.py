@@ -125,8 +125,8 @@ def cross_section(
 def _check_mesh(side: float, delta: FloatArray) -> None:
     if delta.size and side > MOST_SKIN_DEPTHS * delta.min():
         raise GeometryError(
-            f"a trace may be at most {MOST_SKIN_DEPTHS:g} skin depths wide; got {side:g} m at a skin depth of "
-            f"{delta.min():.3g} m."
+            f"a trace may be at most {MOST_SKIN_DEPTHS:g} skin depths wide and thick (trace_width_mm, "
+            f"copper_thickness_um); got {side:g} m at a skin depth of {delta.min():.3g} m."
         )
 
 

@@ -86,12 +86,11 @@ def board_below(paths: Sequence[Conductor], face: float, accuracy: Accuracy) -> 
     known: dict[bytes, int] = {}
     shape_of = []
     for path, origin in zip(paths, origins, strict=True):
-        shape = _shape(path, origin, accuracy)
-        table = np.concatenate([part.ravel() for part in (shape.vertices, shape.across, shape.up, shape.weights)])
+        table = np.concatenate([part.ravel() for part in (path.vertices - origin, path.widths, path.thicknesses)])
         key = np.round(table / (_SAME_SHAPE * span.max())).astype(np.int64).tobytes()
         if key not in known:
             known[key] = len(shapes)
-            shapes.append(shape)
+            shapes.append(_shape(path, origin, accuracy))
         shape_of.append(known[key])
     heights = origins[:, 2] - face
     table = np.column_stack((shape_of, np.round(heights / (_SAME_SHAPE * span.max()))))

@@ -136,9 +136,10 @@ class Potentials:
 
         Tested by the means of the linear functions over the triangles.
         """
-        weighed = sp.csr_array((sp.diags_array(1 / np.asarray(self.means.sum(axis=1))) @ self.means).T)[self.known]
-        matrix, found = weighed @ (self.means - self.rest)[:, self.known], np.zeros_like(outside)
-        found[self.known] = lu_solve(lu_factor(matrix), weighed @ (self.means @ outside))
+        known, weighed = self.known, self.means.T @ sp.diags_array(1 / np.asarray(self.means.sum(axis=1)))
+        matrix = np.asarray(weighed @ np.asarray(self.means - self.rest))[known, known]
+        found = np.zeros_like(outside)
+        found[known] = lu_solve(lu_factor(matrix), np.asarray(weighed @ (self.means @ outside))[known])
         return found
 
     def change(self, length: complex) -> ComplexArray:

@@ -10,9 +10,23 @@ from coilarray.electromagnetics.inductance import coupling_matrix
 from coilarray.report.tables import Column, Table, Value, cell, dataset_table
 
 _CIRCUIT = ("effective_inductance", "frequency", "effective_resistance", "quality_factor", "parallel_resistance")
+_CHANGE = "frequency_change"
 _DELTAS = ("delta", "delta_error")  # the latter of a target with a mesh
 _LARGE, _LARGE_DELTA = 0.01, DisplayUnit("%", 100.0, significant=True)  # |δ| from which its column is in %
 _MICROMETRES = DisplayUnit("µm", 1e6, 3, significant=True)
+
+
+def base_table(response: xr.Dataset) -> Table:
+    """Return one row for each state: what it has without the target."""
+    names = ("base_inductance", *(f"base_{name}" for name in _CIRCUIT[1:]))
+    shown = {"base_parallel_resistance": KILOHM}
+    return dataset_table("target_base", "Without the target", response, ("state", *names), shown)
+
+
+def _with_change(response: xr.Dataset) -> xr.Dataset:
+    """Add the relative change of the frequency, about half of −δ."""
+    change = (response.frequency / response.base_frequency - 1).transpose(*response.frequency.dims)
+    return response.assign({_CHANGE: change.assign_attrs(units="1", long_name="Δf/f")})
 
 
 def target_table(response: xr.Dataset) -> Table:
@@ -21,7 +35,7 @@ def target_table(response: xr.Dataset) -> Table:
     The last column is the standard deviation of a distance that one reading gives, by its noise; that of a mesh has a
     column of its own.
     """
-    states = []
+    response, states = _with_change(response), []
     for state in response.state.values:
         of = response.sel(state=[state])
         at = of.sel(x=float(of.best_x[0]), y=float(of.best_y[0]))
@@ -29,10 +43,11 @@ def target_table(response: xr.Dataset) -> Table:
         states.append(at.drop_vars(["x", "y"]).assign(x=x, y=y))
     best = xr.concat(states, "state", data_vars="all", coords="minimal", compat="override", join="outer")
     large = float(np.abs(best.delta).max()) >= _LARGE
-    shown = {"delta": _LARGE_DELTA if large else PER_MILLION, "delta_error": PER_MILLION}
+    unit = _LARGE_DELTA if large else PER_MILLION
+    shown = {"delta": unit, _CHANGE: unit, "delta_error": PER_MILLION}
     shown |= {"distance_deviation": _MICROMETRES, "parallel_resistance": KILOHM}
     deltas = (name for name in _DELTAS if name in best)
-    names = ("distance", "state", "x", "y", *deltas, *_CIRCUIT, "distance_deviation")
+    names = ("distance", "state", "x", "y", *deltas, _CHANGE, *_CIRCUIT, "distance_deviation")
     return dataset_table("target", "Target", best, names, shown)
 
 
@@ -80,6 +95,7 @@ def target_coupling_table(response: xr.Dataset) -> Table:
 
 
 def values_table(response: xr.Dataset) -> Table:
-    """Return one row for each distance, place and state: every value of a target's map."""
-    names = ("distance", "y", "x", "state", *(name for name in _DELTAS if name in response), *_CIRCUIT)
-    return dataset_table("target_values", "Target", response, names)
+    """Return one row for each distance, place and state: every value of a map, with L_0 and f without the target."""
+    deltas = (name for name in _DELTAS if name in response)
+    names = ("distance", "y", "x", "state", *deltas, _CHANGE, *_CIRCUIT, "base_inductance", "base_frequency")
+    return dataset_table("target_values", "Target", _with_change(response), names)

@@ -18,7 +18,7 @@ from coilarray.circuit.state_sensitivity import StateSensitivity, state_sensitiv
 from coilarray.compute.arrays import ComplexArray, FloatArray
 from coilarray.compute.memory import require_memory
 from coilarray.compute.threads import Progress, part_of, ranges
-from coilarray.design.model import Design
+from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.design.scan_states import ScanState
 from coilarray.elastomer.face_shift import shift_energy
 from coilarray.elastomer.scattering import LayerMesh
@@ -72,7 +72,7 @@ _Changed = Callable[[float], FloatArray | ComplexArray]  # ΔL − jΔR/ω in H,
 
 
 def response_map(
-    design: Design,
+    design: Design | DesignFile,
     *,
     depths: npt.ArrayLike | None = None,
     x: npt.ArrayLike | None = None,
@@ -93,7 +93,7 @@ def response_map(
 
     Parameters
     ----------
-    design : Design
+    design : Design or DesignFile
         Design with an indentation.
     depths, x, y : array_like, shape (n,), optional
         Depths and positions of the indenter in m, positions from the map's origin; those of the design by default. A
@@ -190,6 +190,7 @@ def response_map(
     >>> response.delta.dims, response.delta.shape
     (('depth', 'y', 'x', 'state'), (1, 1, 2, 6))
     """
+    design = design_of(design)
     true, mesh = imperfections or Imperfections(), mesh or LayerMesh()
     axes, coils = map_axes(design, depths, x, y), len(design.array.names)
     ball = indentation_of(design).ball if metal else None

@@ -22,7 +22,7 @@ from coilarray.compute.netcdf import variables
 from coilarray.compute.store import Store, content_key
 from coilarray.compute.threads import Progress, ranges
 from coilarray.design.bundled import names_with
-from coilarray.design.model import Design
+from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.errors import MetalError
 from coilarray.geometry import FinitePlate, Target
@@ -63,7 +63,7 @@ def target_of(design: Design) -> Target:
 
 
 def target_map(
-    design: Design,
+    design: Design | DesignFile,
     *,
     distances: npt.ArrayLike | None = None,
     x: npt.ArrayLike | None = None,
@@ -80,7 +80,7 @@ def target_map(
 
     Parameters
     ----------
-    design : Design
+    design : Design or DesignFile
         Design with a target.
     distances, x, y : array_like, shape (n,), optional
         Distances of the target's nearest point from the upper face of the sheets or the board, and places of its
@@ -142,6 +142,7 @@ def target_map(
     losses in the copper of the coils are those without the target, and the target has no capacitance to the coils: the
     attribute ``left_out`` says so, and what the network lacks.
     """
+    design = design_of(design)
     target = target_of(design)
     if noise is not None:
         require_noise(noise)

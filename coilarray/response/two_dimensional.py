@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from coilarray.design.model import Design
+from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.elastomer.line_model import cross_section, line_dent_inductance, line_inductance
 from coilarray.elastomer.scattering import LayerMesh
 from coilarray.errors import ElastomerError, MetalError
@@ -18,7 +18,7 @@ from coilarray.response.setup import contact_at, dents_of, indentation_of, map_a
 
 
 def line_response(
-    design: Design,
+    design: Design | DesignFile,
     coil: str | None = None,
     *,
     depths: npt.ArrayLike | None = None,
@@ -29,7 +29,7 @@ def line_response(
 
     Parameters
     ----------
-    design : Design
+    design : Design or DesignFile
         Design with an indentation; its round indenter becomes a cylinder of the same radius.
     coil : str, optional
         Name of the coil, cut at its centre along x; the first one by default. Its neighbours are left out.
@@ -66,6 +66,7 @@ def line_response(
     >>> line.delta.dims, line.delta.shape
     (('depth', 'y', 'x', 'state'), (1, 1, 1, 1))
     """
+    design = design_of(design)
     setup = indentation_of(design)
     if not isinstance(setup.indenter, Hemisphere | Paraboloid | CylinderEdge):
         raise ElastomerError(f"the two-dimensional model needs a round indenter; got a {setup.indenter.name}.")

@@ -44,9 +44,15 @@ def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
     assert (data["body"], data["material"], data["noise"]) == ("sphere", "aluminium", expected.attrs["sigma"])
     delta = expected.delta.values.ravel()
     assert [row["delta"] for row in data["target"]] == pytest.approx(delta)
+    (base,) = data["target_base"]
+    assert base["base_frequency_Hz"] == pytest.approx(float(expected.base_frequency[0]))
+    change = [(1 + d) ** -0.5 - 1 for d in delta]  # f is 1/(2π√(LC)), and C stays
+    assert [row["frequency_change"] for row in data["target"]] == pytest.approx(change)
     with Path("t.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["delta"]) for row in rows] == pytest.approx(delta)
+    assert [float(row["base_frequency_Hz"]) for row in rows] == pytest.approx([base["base_frequency_Hz"]] * len(rows))
+    assert [float(row["frequency_change"]) for row in rows] == pytest.approx(change)
     assert [float(row["quality_factor"]) for row in rows] == pytest.approx(expected.quality_factor.values.ravel())
     assert data["target_range"][0]["range_m"] == pytest.approx(float(expected.range[0]))
     assert data["target_coupling"] == []  # one coil

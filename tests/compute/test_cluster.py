@@ -268,6 +268,7 @@ def test_the_address_must_have_its_form():
 
 def test_a_program_that_left_out_dask_finds_it_for_a_cluster(monkeypatch):
     monkeypatch.delitem(sys.modules, "dask")
+    monkeypatch.delitem(sys.modules, "xarray")  # a program leaves out Dask before it imports xarray
     leave_out_dask()
     with pytest.raises(ModuleNotFoundError):
         importlib.import_module("dask")

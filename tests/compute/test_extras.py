@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError
 
@@ -83,4 +84,25 @@ def test_a_library_that_breaks_is_not_called_missing(monkeypatch):
 
     monkeypatch.setattr(importlib, "import_module", broken)
     with pytest.raises(MissingDependencyError, match=r"^films need json, which cannot be loaded: libGL"):
+        extras.import_extra("json", "films", package="json", extra="movie")
+
+
+@pytest.mark.parametrize("first", ["import xarray", "pass"])
+def test_datasets_are_made_whether_dask_is_left_out_before_xarray_or_after(first):
+    lines = (
+        first, "from coilarray.compute.extras import leave_out_dask", "leave_out_dask()", "import xarray",
+        "print(xarray.Dataset({'a': ('x', [1.0])}, {'x': [2.0]}).a.values)",
+    )  # fmt: skip
+    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], check=True, capture_output=True, text=True)
+    assert done.stdout == "[1.]\n"
+
+
+def test_an_interrupt_while_a_library_is_loaded_is_an_interrupt(monkeypatch):
+    """An extension module raises an ImportError where Ctrl-C stops it."""
+
+    def broken_off(module):
+        raise ImportError("DLL load failed") from KeyboardInterrupt()
+
+    monkeypatch.setattr(importlib, "import_module", broken_off)
+    with pytest.raises(KeyboardInterrupt):
         extras.import_extra("json", "films", package="json", extra="movie")

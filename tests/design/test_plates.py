@@ -90,7 +90,7 @@ BAD = {
     "no side": (SHIELD + "distance_mm = 1.0", 'plate.0 needs side = "above" or "below" with distance_mm'),
     "no material": (SHIELD.replace('material = "aluminium"\n', "z_mm = 9.0\n"), "plate.0 needs a material, or conduct"),
     "unknown material": (SHIELD.replace("aluminium", "tin") + "z_mm = 9.0", "plate.0 needs a material of copper"),
-    "misspelt material": (SHIELD.replace("aluminium", "aluminum") + "z_mm = 9.0", "did you mean aluminium"),
+    "misspelt material": (SHIELD.replace("aluminium", "aluminum") + "z_mm = 9.0", "did you mean aluminium\\?$"),
     "inner above outer": (
         DISC.replace('"disc"\nd', '"ring"\ninner_diameter_mm = 30.0\nd') + "z_mm = 9.0",
         r"plate.0 needs inner_diameter_mm below its diameter_mm of \d+; got 30",

@@ -263,3 +263,24 @@ def test_the_table_of_a_report_shows_its_values():
     rows = {row["key"]: row for row in design_table(as_file(ROW)).records()}
     assert rows["coils.shape1.trace_width_mm"]["value"] == "0.15"
     assert {row["origin"] for row in rows.values()} == {"given", "default"}
+
+
+@pytest.mark.parametrize(
+    "compute",
+    [
+        lambda design: ca.couple_design(design, ideal=True).frequency.values.tolist(),
+        lambda design: ca.noise_budget(design, network=ca.design_circuit(ca.load_design("starter"), ideal=True)).sigma,
+        ca.design_document,
+    ],
+)
+def test_a_file_stands_for_its_design_and_a_name_is_refused(compute):
+    file = ca.load_design_file("starter")
+    assert np.all(compute(file) == compute(file.design))
+    refused(
+        ca.DesignError, r"must be a Design, .* as \.design; got 'starter'\. A name .* load_design", compute, "starter"
+    )
+
+
+def test_an_unknown_format_is_refused_before_any_work():
+    words = "to must be one of kicad, gerber, dxf, svg, step, stl, glb; got 'kicad_pcb'"
+    refused(ca.OutputError, words, ca.export, ROW, "x", "kicad_pcb")

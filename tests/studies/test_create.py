@@ -93,6 +93,11 @@ def test_other_arrangements_are_refused(coils):
     refused(DesignError, f"coils must be as 1, 6 .*; got '{coils}'", read_arrangement, coils)
 
 
+def test_a_number_of_coils_is_a_row_and_a_name_is_checked_first():
+    assert read_arrangement(3) == read_arrangement("3")
+    refused(DesignError, "^my pad: name may have letters, .*; got 'my pad'.$", new_design, "my pad", "1")
+
+
 @pytest.mark.parametrize(("coils", "number"), [("40x26", 1040), ("99999", 99999)])
 def test_too_many_coils_are_refused_with_their_number(coils, number):
     refused(DesignError, f"coils must be at most 1000; got {number} in '{coils}'", read_arrangement, coils)

@@ -232,6 +232,8 @@ def test_front_picture():
     assert ax.get_xlim()[1] < 10  # the far-off point does not make the front a dot
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("a", "b")
     assert plot_front(points, [False] * 5, [], labels=("a", "b")).collections
+    alone = plot_front(points, feasible, [1], labels=("a", "b")).collections
+    assert [one.get_label() for one in alone] == ["keeps all bounds", "best"]  # one point is no front
     with pytest.raises(ValueError, match="shape"):
         plot_front(points, [True], [], labels=("a", "b"))
 

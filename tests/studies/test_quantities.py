@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.contacts import coarse_maps, linear
 from support.localize_boards import bells
+from support.refusals import refused
 
 from coilarray import load_design, mutual_inductance, parse_design, self_inductance
 from coilarray.circuit.impedance import scan_design
@@ -102,8 +103,8 @@ BAD_REQUESTS = {
     "open bracket": ("k[coil1", "a quantity must be a name, with options in brackets as k[coil1,coil2]; got 'k[coil1'."),
     "empty brackets": ("rms_k[]", ""),
     "words after": ("k[coil1,coil2] x", "a quantity must be a name, with options in brackets"),
-    "missing option": ("k", "k needs the option coils, the names of two coils."),
-    "missing coil": ("inductance_uH", "inductance_uH needs the option coil, the name of a coil."),
+    "missing option": ("k", "k needs the option coils, the names of two coils: write k[coil1,coil2]."),
+    "missing coil": ("inductance_uH", "inductance_uH needs the option coil, the name of a coil: write inductance_uH[coil1]."),
     "one coil": ("k[coil1]", "k: coils must be the names of two coils; got 'coil1'."),
     "three coils": ("k[a,b,c]", "k: coils must be the names of two coils; got ['a', 'b', 'c']."),
     "one coil twice": ("k[a,a]", "k: coils must be the names of two coils; got ['a', 'a']."),
@@ -129,6 +130,10 @@ BAD_REQUESTS = {
     "a rule without mm": ("fab_margin_mm[aspect ratio]", "fab_margin_mm: rule must be one of trace width"),
     "a list for a rule": ({"quantity": "fab_margin_mm", "rule": ["drill"]}, "fab_margin_mm: rule must be one of"),
 }  # fmt: skip
+
+
+def test_an_unknown_quantity_is_told_where_all_are_listed():
+    refused(GoalError, r"in all\); all: coilarray optimize --list-quantities\.$", request, "zzzz")
 
 
 @pytest.mark.parametrize("case", BAD_REQUESTS)

@@ -24,7 +24,7 @@ from coilarray.viz.studio.messages import LARGEST, Inbox, MessageError
 aiohttp = pytest.importorskip("aiohttp")
 msgpack = pytest.importorskip("msgpack")
 
-CASES = int(os.environ.get("COILARRAY_TEST_MESSAGES", "600"))
+CASES = int(os.environ.get("COILARRAY_TEST_MESSAGES", "200"))
 """Messages to the sockets, and a fourth as many requests."""
 
 CLIENTS = 20
@@ -268,3 +268,25 @@ def test_strange_messages_and_requests_change_nothing(tmp_path):
         said = studio.end()
     odd = [line for line in said.splitlines() if not re.match(r"studio: http|coilarray: ", line)]
     assert odd == []
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("studio_libraries", "rendering")
+def test_strange_calls_of_the_picture_are_told_on_the_page(tmp_path):
+    """They are trame's own, and without a picture there is none of them."""
+    with browser.served("starter", "--folder", tmp_path, COILARRAY_CACHE=str(tmp_path / "cache")) as studio:
+
+        async def calls():
+            async with aiohttp.ClientSession() as http:
+                rng, ws = random.Random(23), await connected(http, studio.url)
+                for k in range(60):
+                    name = list(VIEWS)[k % len(VIEWS)]
+                    sent = framed({**call(name), "args": mutated(rng, VIEWS[name])})
+                    with suppress(MessageError):  # of which the studio would end the session
+                        Inbox().take(sent)
+                        await ws.send_bytes(sent)
+                return await state_of(ws)
+
+        assert asyncio.run(calls())["problem"]
+        said = studio.end()
+    assert said == f"studio: {studio.url}\n"

@@ -22,6 +22,7 @@ from coilarray.design.vary import vary
 from coilarray.electromagnetics.field import magnetic_field
 from coilarray.errors import DesignError, ElastomerError, GeometryError, LocalizeError, NetworkError, OutputError
 from coilarray.geometry import MATERIALS, Ball, Plate, Target, check_rules
+from coilarray.localize.forward import table_grid
 from coilarray.localize.inverse import Location, Mode, location_lines
 from coilarray.response.target import target_map
 from coilarray.studies.quantities import evaluate
@@ -39,6 +40,7 @@ from coilarray.viz.studio.shelf import Shelf
 from coilarray.viz.studio.switching import kept_settings, state_of, unit_fields
 from coilarray.viz.studio.top_view import board_drawing, delta_bars, delta_fills, pins, top_view, touch_drawing
 from coilarray.viz.studio.touch import crossing_line, first_place, sensor_of, touched
+from coilarray.viz.studio.touch_panel import touch_work
 from coilarray.viz.studio.trail import Trail
 from coilarray.viz.studio.work import MOST_COILS, require_small, work_on
 
@@ -572,6 +574,13 @@ def test_runs_are_read_as_they_were_written(tmp_path):
     assert run_folders(tmp_path / "found") == ["."]
     work = work_on(OPENED, "starter").with_entries(best.entries)
     assert work.opened.values["array.columns"] == trial.changes["array.columns"]
+
+
+def test_the_work_before_a_touch_is_told_in_its_numbers(starter):
+    depths, x, y = table_grid(starter)
+    assert touch_work(starter) == f"δ of 3 states at {len(depths)} depths and {len(x)} × {len(y)} places"
+    assert touch_work(vary(OPENED, {"array.columns": 1})).startswith("δ of one state at ")
+    assert touch_work(replace(starter, indentation=None)) == ""
 
 
 @pytest.mark.slow

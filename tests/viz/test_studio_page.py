@@ -391,6 +391,8 @@ def test_runs_of_an_optimisation_are_shown_and_taken_over(page, folder):
     page.wait_for_selector("#pareto")
     assert page.inner_text("#run-summary").startswith(f"{len(result.trials)} points tried")
     assert page.locator("#front tbody tr").count() == len(result.front)
+    shown = [page.evaluate(f"trame.state.get('{name}')") for name in ("run_x", "run_y")]
+    assert shown == ["board_area_mm2", "span_mm"]  # two that differ from point to point
     browser.picture(page, "runs")
     name = page.inner_text("#front tbody tr >> nth=0 >> td >> nth=0")
     (trial,) = (one for one in result.front if one.name == name)

@@ -99,7 +99,7 @@ def plot_board(array: CoilArray, ax: Axes | None = None) -> Axes:
     handles = [
         Patch(color=colour, label=f"copper {layer}", alpha=_TRANSLUCENT, lw=0) for layer, colour in colours.items()
     ]
-    legend_above(ax, min(len(handles), 6), handles=handles, handlelength=1.0)
+    legend_above(ax, min(len(handles), 4), handles=handles, handlelength=1.0)  # more would reach the title
     _finish_board(ax, array, "Board from above")
     return ax
 

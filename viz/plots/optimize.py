@@ -235,7 +235,7 @@ def plot_front(
     points, feasible : array_like of float, shape (n, 2), and of bool, shape (n,)
         Scores of the trials, and whether each keeps all bounds; the others are left out.
     front : sequence of int
-        Indices of the points on the front.
+        Indices of the points on the front; a single one is called the best.
     labels, start : tuple of str, and of float, optional
         Labels of both axes, with units; and the scores of the design as it was.
     named : mapping of int to str, optional
@@ -266,7 +266,8 @@ def plot_front(
     if len(edge):
         if stairs is not None:
             ax.step(edge[:, 0], edge[:, 1], where=stairs, color=VERMILLION, linewidth=0.8, alpha=0.6)
-        ax.scatter(edge[:, 0], edge[:, 1], s=30, color=VERMILLION, label="Pareto front", zorder=3)
+        name = "Pareto front" if len(edge) > 1 else "best"
+        ax.scatter(edge[:, 0], edge[:, 1], s=30, color=VERMILLION, label=name, zorder=3)
         _focus_both(ax, edge if start is None else np.vstack([edge, start]), values[kept])
     if start is not None:
         ax.scatter(start[0], start[1], s=130, color=INK, marker="*", label="design as it was", zorder=4)

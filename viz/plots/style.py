@@ -34,6 +34,7 @@ STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # else every drawing measures the labels beside the title, for a place that it does not change
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.edgecolor": "#606060",

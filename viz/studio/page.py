@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from coilarray.design.model import Design
-from coilarray.errors import shown
+from coilarray.errors import CoilarrayError, shown
 from coilarray.viz.studio.build_panel import BuildPanel
 from coilarray.viz.studio.calculator import Calculator
 from coilarray.viz.studio.design_panel import DesignPanel
@@ -103,6 +103,7 @@ class Page:
         self._build_layout()
         self.server.controller.on_server_bind.add(self._bind)
         self.server.controller.on_error.add(_log_error)
+        self.server.controller.on_exception.add(self._refuse_call)
         self.server.start(
             backend="generic", exec_mode="task", port=0, timeout=0, disable_logging=True, show_connection_info=False,
             open_browser=False,
@@ -140,6 +141,13 @@ class Page:
                 await strict(*arguments)
 
         self.server.controller.trigger(name)(call)
+
+    def _refuse_call(self, error: Exception) -> None:
+        """Show what was wrong with a call of the page; with a traceback where it is ours, not of what was called."""
+        frames = traceback.walk_tb(error.__traceback__)
+        if any(str(frame.f_globals.get("__name__")).startswith("coilarray.") for frame, _ in frames):
+            traceback.print_exception(error)
+        self.say(str(CoilarrayError(f"{type(error).__name__}: {error}")))
 
     def take(self, work: Work, *, typed: bool = False) -> None:
         """Show another or a changed design; `typed` where it comes from the fields."""

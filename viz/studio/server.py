@@ -141,6 +141,7 @@ def serve(
     It also ends when all pages have been closed for `linger` seconds, unless that is 0. `ready` is called with the URL
     of the page once it can be opened.
     """
+    logging.getLogger("wslink").setLevel(logging.CRITICAL)  # a page says itself what was wrong with its calls
     os.environ.setdefault("TRAME_ARGS", "")  # trame would read our command line as its own
     asyncio.run(_Studio(work, shelf, services, address, linger).run(listening, ready))
 

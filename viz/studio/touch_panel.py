@@ -60,7 +60,10 @@ class TouchPanel(Panel):
         self._sensor = self._touched = None
         state.touch_ready, state.touch, state.bars, state.located = False, _NOTHING, [], []
         if design.indentation is None:
-            state.touch_note = "the design has no [indenter] and [indentation]."
+            state.touch_note = (
+                "Nothing presses on this board: the design has no [indenter] and [indentation]. "
+                "A sheet that Build lays on the board brings both."
+            )
         elif anew or not self._tables:
             state.touch_note = ""
         else:

@@ -46,12 +46,12 @@ _MOST = 1000
 _COILS = "coils must be as 1, 6 (a row), 4x4 (columns by rows), or 7-hex, 19-hex or 37-hex (rings); got {!r}."
 
 
-def read_arrangement(coils: str, shape: str = "square") -> Arrangement:
+def read_arrangement(coils: str | int, shape: str = "square") -> Arrangement:
     """Read how many coils there are: 1, 6 in a row, 4x4, or 7-hex with rings about a centre; DesignError otherwise.
 
     Hexagons and circles by rows and columns lie on a hexagonal lattice, where all neighbours are equally far.
     """
-    found = re.fullmatch(r"(\d{1,9})(?:x(\d{1,9})|(-hex))?", coils.strip().lower().replace("×", "x"))
+    found = re.fullmatch(r"(\d{1,9})(?:x(\d{1,9})|(-hex))?", str(coils).strip().lower().replace("×", "x"))
     count, rows, ring = found.groups() if found else ("0", None, None)
     first, second = int(count), int(rows or 1)
     if ring and first in _RINGS:

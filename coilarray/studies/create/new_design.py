@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 from coilarray.circuit.coupling import design_inductance
+from coilarray.design.bundled import DESIGNS
 from coilarray.design.model import DesignFile, build_design_file
+from coilarray.design.units import Name, Table
 from coilarray.design.vary import plain
 from coilarray.errors import DesignError
 from coilarray.geometry.values import SIDES, Side
@@ -26,9 +28,15 @@ _FROM_TO = {
 _DIGITS = 3  # of an inductance that is reached
 
 
+class _Named(Table):
+    """What a design file takes for a name, refused before any work."""
+
+    name: Name
+
+
 def new_design(
     name: str,
-    coils: str = "3",
+    coils: str | int = "3",
     *,
     shape: Shape = "hexagon",
     size: float | tuple[float, float] = 16e-3,
@@ -48,7 +56,7 @@ def new_design(
     ----------
     name : str
         Name of the design.
-    coils : str
+    coils : str or int
         ``"1"``, ``"6"`` (a row), ``"4x4"`` (columns by rows), or ``"7-hex"``, ``"19-hex"`` or ``"37-hex"``: rings about
         a centre.
     shape : {"hexagon", "square", "circle", "rectangle", "racetrack"}
@@ -98,6 +106,7 @@ def new_design(
         shape=shape, size=size, inductance=inductance, pitch=pitch, overlap=overlap, frequency=frequency,
         connector=connector
     )  # fmt: skip
+    DESIGNS.check(_Named, {"name": name}, f"{name}")
     plan, wishes = _planned(
         name, coils, shape=shape, size=size, inductance=inductance, layers=layers, fab=fab, pitch=pitch,
         overlap=overlap, elastomer=elastomer, frequency=frequency, title=title
@@ -141,7 +150,7 @@ def reach_of_fewer_layers(layers: int, coils: str, **choices: Any) -> Reach | No
 
 def _planned(
     name: str,
-    coils: str,
+    coils: str | int,
     *,
     shape: Shape = "hexagon",
     size: float | tuple[float, float] = 16e-3,

@@ -18,6 +18,9 @@ Cost: TypeAlias = Literal["geometry", "coupling", "circuit", "target", "response
 distances, an indentation at some places, or one at a whole table of places and depths."""
 
 
+_EXAMPLES = {"coil": "coil1", "coils": "coil1,coil2"}  # of required options, as they stand in brackets
+
+
 @dataclass(frozen=True)
 class Option:
     """One option of a quantity.
@@ -90,7 +93,9 @@ class Quantity:
                     raise GoalError(f"{self.name}: {option.name} must be {option.must_be}; got {given[option.name]!r}.")
                 options[option.name] = value
             elif option.required:
-                raise GoalError(f"{self.name} needs the option {option.name}, {option.must_be}.")
+                names = _EXAMPLES.get(option.name) if option.bare else None
+                hint = f": write {self.name}[{names}]" if names else ""
+                raise GoalError(f"{self.name} needs the option {option.name}, {option.must_be}{hint}.")
         return Request(self, options)
 
 
