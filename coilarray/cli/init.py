@@ -110,7 +110,7 @@ def init(
         fewer = _fewer_layers(made, chosen)
     save_design(made, target)
     remember("init", [target])
-    for line in (f"wrote {target}: {made.design.title}", *_described(made, chosen.get("inductance_uH")), *fewer):
+    for line in (f"wrote {target}: {made.design.title}", *_described(made, chosen), *fewer):
         typer.echo(line)
     quoted = shlex.quote(str(target))
     typer.echo(f"next: coilarray check {quoted}, coilarray report {quoted}")
@@ -141,11 +141,11 @@ def _fewer_layers(made: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
     return [f"{wanted}; {reach.layers} reach {reached} µH, with --layers {reach.layers} --inductance-uH {reached}"]
 
 
-def _described(file: DesignFile, wanted: float | None) -> list[str]:
+def _described(file: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
     """Say what has been found."""
     import numpy as np
 
-    from coilarray.studies.create import broken_limits, neighbour_coupling
+    from coilarray.studies.create import broken_limits, is_standard, neighbour_coupling
     from coilarray.studies.quantities import Evaluation
 
     design, values = file.design, file.values
@@ -156,7 +156,7 @@ def _described(file: DesignFile, wanted: float | None) -> list[str]:
     )
     L = np.diag(evaluation.inductance) * 1e6
     span = f"{L.min():.4g}" if L.max() - L.min() < 5e-4 * L.max() else f"{L.min():.4g} to {L.max():.4g}"
-    asked = "" if wanted is None else f" ({wanted:g} wanted)"
+    asked = f" ({chosen['inductance_uH']:g} wanted)" if "inductance_uH" in chosen else ""
     lines = [
         f"coil: {turns:g} turns on each of {on} layers, trace {trace:g} mm, gap {gap:g} mm",
         f"inductance: {span} µH{asked}",
@@ -169,7 +169,10 @@ def _described(file: DesignFile, wanted: float | None) -> list[str]:
     scan = evaluation.scan
     low, high = (f"{float(f) * 1e-6:.4g}" for f in (scan.frequency.min(), scan.frequency.max()))
     f = low if low == high else f"{low} to {high}"
-    lines.append(f"tank: {values['circuit.capacitance_pF']:g} pF, {f} MHz, Q {float(scan.quality_factor.min()):.3g}")
+    C = values["circuit.capacitance_pF"]
+    tuned = f" ({chosen['frequency_MHz']:g} wanted)" if "frequency_MHz" in chosen else ""
+    standard = "" if is_standard(design.circuit.capacitance) else "; no standard value (E24) comes within 1 % of that"
+    lines.append(f"tank: {C:g} pF, {f} MHz{tuned}, Q {float(scan.quality_factor.min()):.3g}{standard}")
     broken = broken_limits(scan)
     lines.append(
         "converter: every limit of an LDC1614 is kept"

@@ -20,7 +20,11 @@ from coilarray.studies.create.plan import SHAPES, Plan, Shape
 from coilarray.studies.create.tank import tank_capacitance
 
 Overlap = Literal["none", "decoupled"]
-_LARGEST = 1.0  # m, wider than any board
+_FROM_TO = {
+    "size": (0.5e-3, 1.0, 1e3, "mm"), "pitch": (0.5e-3, 1.0, 1e3, "mm"),
+    "inductance": (1e-9, 0.1, 1e6, "µH"), "frequency": (1e3, 1e9, 1e-6, "MHz"),
+}  # fmt: skip
+"""The range of each choice in SI, wider than that of planar coils, and the unit of its option."""
 _DIGITS = 3  # of an inductance that is reached
 
 
@@ -111,7 +115,8 @@ def new_design(
     one = found.one  # without the way to a connector
     if connector is not None:  # refused before the tank is computed
         found = with_connector(found, connector, movable=found.sets == 1 and pitch is None and found.pitch > 0)
-    capacitance = tank_capacitance(lambda value: replace(one, capacitance=value).design, frequency)
+    tank = one if frequency is None else replace(found, connector=None)  # a frequency is met with the switches
+    capacitance = tank_capacitance(lambda value: replace(tank, capacitance=value).design, frequency)
     return build_design_file(plain(replace(found, capacitance=capacitance).document), name)
 
 
@@ -191,10 +196,17 @@ def check_choices(
     if pitch is not None and overlap != "none":
         raise DesignError("pitch and overlap cannot both be given: the overlap is that of the pitch.")
     sizes = size if isinstance(size, tuple) else (size,)
-    given = [(what, length, 1e3, "mm") for what, length in (*(("size", side) for side in sizes), ("pitch", pitch))]
-    given += [("inductance", inductance, 1e6, "µH"), ("frequency", frequency, 1e-6, "MHz")]
-    for what, number, scale, unit in given:
+    given = [
+        *(("size", side) for side in sizes),
+        ("pitch", pitch),
+        ("inductance", inductance),
+        ("frequency", frequency),
+    ]
+    for what, number in given:
+        least, most, scale, unit = _FROM_TO[what]
         if number is not None and not (math.isfinite(number) and number > 0):
             raise DesignError(f"{what} must be positive and finite; got {number * scale:g} {unit}.")
-        if number is not None and unit == "mm" and number > _LARGEST:  # most likely millimetres taken for metres
-            raise DesignError(f"{what} must be at most {_LARGEST * scale:g} mm; got {number * scale:g} mm.")
+        if number is not None and not least <= number <= most:
+            raise DesignError(
+                f"{what} must be {least * scale:g} to {most * scale:g} {unit}; got {number * scale:g} {unit}."
+            )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import xarray as xr
 
@@ -16,7 +17,10 @@ from coilarray.hardware.chips.ldc1614_limits import SENSOR_FREQUENCY, Limit, che
 _SMALLEST, _DECADES = 100e-12, 5  # F, below which strays would weigh too much
 _SERIES = (1.0, 1.5, 2.2, 3.3, 4.7, 6.8)  # E6
 _SHARE_OF_SELF_RESONANCE = 0.5  # to stay well below the converter's limit of 0.8
-_STEPS, _DIGITS = 4, 3
+_STEPS, _MET, _DIGITS = 10, 1e-4, 3
+_E24 = (1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.8, 2.0, 2.2, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.3, 4.7, 5.1, 5.6, 6.2, 6.8, 7.5,
+        8.2, 9.1)  # fmt: skip
+_CLOSE = 0.01  # of the wanted frequency: as near as a standard capacitance has to come
 
 
 def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: float | None = None) -> float:
@@ -25,11 +29,13 @@ def tank_capacitance(with_capacitance: Callable[[float], Design], frequency: flo
     Parameters
     ----------
     with_capacitance : callable
-        Returns the design of one coil with a capacitance in F.
+        Returns the design with a capacitance in F.
     frequency : float, optional
-        Frequency in Hz at which the tank is to oscillate. Without it the smallest capacitance of the series E6 from 100
-        pF on is taken with which the converter keeps all its limits, at no more than half the coil's self-resonance:
-        then frequency and quality factor are as high as may be. Where there is none, that which breaks the fewest.
+        Frequency in Hz at which the tanks are to oscillate, on the mean of the coils: the nearest capacitance of the
+        series E24 where it comes within 1 % of it, else the exact one, of three digits. Without it the smallest
+        capacitance of the series E6 from 100 pF on is taken with which the converter keeps all its limits, at no more
+        than half the coil's self-resonance: then frequency and quality factor are as high as may be. Where there is
+        none, that which breaks the fewest.
 
     Returns
     -------
@@ -91,21 +97,54 @@ def _series() -> Iterator[float]:
             yield float(f"{value * _SMALLEST * 10**decade:.2g}")
 
 
+def is_standard(capacitance: float) -> bool:
+    """Whether a capacitance in F is one of the series E24.
+
+    Examples
+    --------
+    >>> is_standard(1e-9), is_standard(987e-12)
+    (True, False)
+    """
+    return math.isclose(capacitance, _nearest_standard(capacitance), rel_tol=1e-6)
+
+
+def _nearest_standard(capacitance: float) -> float:
+    """Return the value of the series E24 that is nearest by ratio."""
+    decade = 10.0 ** math.floor(math.log10(capacitance))
+    return min((value * decade for value in (*_E24, 10.0)), key=lambda value: abs(math.log(value / capacitance)))
+
+
 def _for_frequency(with_capacitance: Callable[[float], Design], frequency: float) -> float:
-    inductance = float(design_inductance(with_capacitance(_SMALLEST), accuracy="screen")[0][0, 0])
+    def reached(capacitance: float) -> float:
+        scan = scan_design(with_capacitance(capacitance), elastomer=False, accuracy="screen")
+        return float(scan.frequency.mean())
+
+    inductance = float(design_inductance(with_capacitance(_SMALLEST), accuracy="screen")[0].diagonal().mean())
     wanted = capacitance = 1 / ((2 * math.pi * frequency) ** 2 * inductance)
-    for _ in range(_STEPS):  # what the winding and the switches add is the same at all frequencies, nearly
+    slope, before, short_before = 1.0, 0.0, 0.0
+    for _ in range(_STEPS):  # a secant: winding and switches add capacitance, and losses lower the frequency
         try:
-            scan = scan_design(with_capacitance(capacitance), elastomer=False, accuracy="screen")
+            short = wanted - 1 / ((2 * math.pi * reached(capacitance)) ** 2 * inductance)
         except NetworkError:
             break
-        total = 1 / ((2 * math.pi * float(scan.frequency[0])) ** 2 * inductance)
-        capacitance += wanted - total
+        if abs(short) <= _MET * wanted:
+            return _rounded(capacitance, frequency, reached)
+        if before:
+            slope = (short_before - short) / (capacitance - before)
+        before, short_before = capacitance, short
+        capacitance += short / slope
         if capacitance <= 0:
             break
-    else:
-        return float(f"{capacitance:.{_DIGITS}g}")
     raise DesignError(
         f"a coil of {inductance * 1e6:.4g} µH cannot oscillate at {frequency * 1e-6:g} MHz: the capacitance of its "
-        "winding alone is too large for that."
+        "winding is too large for that, or its losses are."
     )
+
+
+def _rounded(capacitance: float, frequency: float, reached: Callable[[float], float]) -> float:
+    """Return the nearest standard value, where the frequency in Hz that it reaches is close; else three digits."""
+    standard = _nearest_standard(capacitance)
+    with suppress(NetworkError):  # it may be too much for the losses, where the exact one is not
+        if abs(reached(standard) / frequency - 1) <= _CLOSE:
+            return standard
+    return float(f"{capacitance:.{_DIGITS}g}")
