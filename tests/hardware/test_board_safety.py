@@ -195,7 +195,6 @@ PROGRAM = textwrap.dedent(
     import atexit, sys, time
     from support.emulated_reader import at_rest, plain, quick_settings, reader_of
     from coilarray.hardware.board.connect import Board
-from coilarray.hardware.emulator import conversion
     from coilarray.hardware.wire.buses import ComputerClock
     from coilarray.hardware.scan.wiring import load_wiring
 
