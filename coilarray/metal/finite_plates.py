@@ -226,11 +226,7 @@ def eddy_currents_over(
     fineness: float = 1.0,
 ) -> list[list[EddyCurrents]]:
     """`eddy_currents` at each of the frequencies (f,) in Hz."""
-    paths = as_conductors(source)
-    f = _checked_frequencies(frequencies)
-    if _magnetic_plate(plates, f) is not None:
-        return _magnetic_currents(paths, plates, f, sheets, fineness)
-    return solve_outlined(paths, plates, f, sheets, fineness=fineness).eddy_currents()
+    return _currents(source, plates, frequencies, sheets, fineness)
 
 
 def currents_alone(
@@ -246,28 +242,28 @@ def currents_alone(
     For plates that are not magnetic they are the eddy currents; in the place of magnetic charges there are others.
     Arguments and errors are those of `eddy_currents_over`.
     """
-    paths, f = as_conductors(source), _checked_frequencies(frequencies)
-    if _magnetic_plate(plates, f) is None:
-        return solve_outlined(paths, plates, f, sheets, fineness=fineness).eddy_currents()
-    return _magnetic_currents(paths, plates, f, sheets, fineness, alone=True)
+    return _currents(source, plates, frequencies, sheets, fineness, alone=True)
 
 
-def _magnetic_currents(
-    paths: Sequence[Conductor],
+def _currents(
+    source: Source,
     plates: Sequence[Plate | FinitePlate],
-    frequencies: FloatArray,
+    frequencies: npt.ArrayLike,
     sheets: Sequence[Sheet],
     fineness: float,
     *,
     alone: bool = False,
 ) -> list[list[EddyCurrents]]:
-    """Currents on the only plate with an outline, which is magnetic."""
+    """Currents on plates with an outline, or on the only one, which is magnetic."""
+    paths, f = as_conductors(source), _checked_frequencies(frequencies)
+    if _magnetic_plate(plates, f) is None:
+        return solve_outlined(paths, plates, f, sheets, fineness=fineness).eddy_currents()
     endless = [one for one in plates if isinstance(one, Plate)]
     (magnetic,) = (one for one in plates if isinstance(one, FinitePlate))
     where = np.array([magnetic.centre])
     _require_free(magnetic, where, endless)
-    around = PlatesInAir(paths, LayeredAir.between(endless, sheets, frequencies))
-    posed = PosedPlate(_meshed(paths, magnetic, where, frequencies, sheets, fineness), magnetic, where, ())
+    around = PlatesInAir(paths, LayeredAir.between(endless, sheets, f))
+    posed = PosedPlate(_meshed(paths, magnetic, where, f, sheets, fineness), magnetic, where, ())
     return [[EddyCurrents(posed.corners, density)] for density in magnetic_currents(around, posed, alone=alone)]
 
 
