@@ -373,8 +373,7 @@ def _gap_within(array: CoilArray, placement: Placement, layer: str, limit: float
     found: list[Gap | None] = [*_pads_apart([line for line, _ in traces], holes, limit)]
     for line, half in traces:
         found += _pads_to_trace(line, half, holes, limit)
-        near = trace_to_itself(line, half, limit, reach=2 * limit)
-        found += [near if near is not None else trace_to_itself(line, half, limit, reach=_HORIZON * limit)]
+        found += [trace_to_itself(line, half, limit, reach=_HORIZON * limit)]
     found += [trace_to_trace(one, other, reach=_HORIZON * limit) for one, other in itertools.combinations(traces, 2)]
     gaps = [gap for gap in found if gap is not None and gap[0] <= _HORIZON * limit]
     return min(gaps, key=lambda gap: gap[0], default=None)
@@ -400,6 +399,13 @@ def trace_to_trace(
 
 def trace_to_itself(line: FloatArray, half: FloatArray, limit: float, reach: float) -> Gap | None:
     """Smallest gap of the trace to itself up to `reach` (m)."""
+    near = min(float(4 * half.max()), reach)
+    while (gap := _gap_to_itself(line, half, limit, near)) is None and near < reach:
+        near = min(4 * near, reach)  # pairs of segments by pairs: a wide search costs the square of their number
+    return gap
+
+
+def _gap_to_itself(line: FloatArray, half: FloatArray, limit: float, reach: float) -> Gap | None:
     segments = _segments(line)
     x_min, y_min, x_max, y_max = shapely.bounds(segments).T
     r = 2 * half.max() + reach

@@ -65,7 +65,8 @@ class Entry:
     gaps : bool
         Whether a number may be NaN.
     rising : bool
-        Whether the numbers must rise, by a nanometre or more; names along a dimension of their own must differ anyway.
+        Whether the numbers must rise, by a nanometre or more, where `low` is 0 from there on; names along a dimension
+        of their own must differ anyway.
     fewer_dims : bool
         Whether it may be without some of the dimensions.
     longest : int
@@ -145,7 +146,7 @@ class Schema:
                 shown = ", ".join(map(str, values.tolist()))[:_SHOWN]
                 raise self.error(f"{name}s of {who} must have different names; got {shown}.")
             if entry.rising:
-                self._check_rising(values, f"{name} of {who}")
+                self._check_rising(values, entry, f"{name} of {who}")
         for group in self.together:
             missing = [name for name in group if name not in dataset.variables]
             if 0 < len(missing) < len(group):
@@ -188,7 +189,9 @@ class Schema:
             raise self.error(f"{what} must be finite{limits}; got {got:g}.")
         return numbers
 
-    def _check_rising(self, values: Any, what: str) -> None:
+    def _check_rising(self, values: Any, entry: Entry, what: str) -> None:
+        if entry.low == 0 and 0 < values[0] < _LEAST_STEP:  # 0 itself may be put before it
+            raise self.error(f"{what} must begin with 0 or at {_LEAST_STEP:g} or more; got {values[0]:g}.")
         steps = np.diff(values)
         if (steps < _LEAST_STEP).any():
             first = int(np.argmax(steps < _LEAST_STEP))

@@ -40,6 +40,7 @@ _TOOL_FUNCTION = re.compile(r";\s*#@!\s*T([AD])(?:\.AperFunction,(.*))?")
 _TOOL = re.compile(r"T0*(\d+)[A-Z].*")
 _ESCAPE = re.compile(r"\\u([0-9A-Fa-f]{4})")
 _NO_NET = ("", "N/C")
+_WIDEST = 10.0  # m, of an aperture or a hole
 
 
 @dataclass(frozen=True)
@@ -219,19 +220,21 @@ def _object(item: Any, attributes: dict[str, tuple[str, ...]], where: str) -> St
     way = tuple(_way(item))
     if len(way) == 2 and way[0] == way[1]:  # a dot
         return _flash(*way[0], aperture, pin, named, where)
-    return Stroke(way, aperture.diameter / _in_metre(aperture.unit), named, where)
+    return Stroke(way, _diameter(aperture, where), named, where)
 
 
 def _flash(x: float, y: float, aperture: Any, pin: str, net: str | None, where: str) -> Flash:
     function = dict(aperture.attrs or ()).get(".AperFunction", ("",))[0]
     if isinstance(aperture, gerbonara("apertures").CircleAperture):
-        size = aperture.diameter / _in_metre(aperture.unit)
+        size = _diameter(aperture, where)
         return Flash(x, y, size, disc(x, y, size), function, pin, net, where)
     try:
         (x_min, y_min), (x_max, y_max) = aperture.bounding_box(gerbonara("utils").MM)
     except (TypeError, ValueError, ArithmeticError, LookupError) as error:
         raise BoardError(f"{where}: the aperture has no shape: {error}.") from None
     corners = [value / 1e3 for value in (x_min, y_min, x_max, y_max)]
+    if not all(abs(value) <= _WIDEST for value in corners):
+        raise BoardError(f"{where}: an aperture must be at most {_WIDEST:g} m wide; got {max(corners, key=abs):g} m.")
     shape = shapely.box(x + corners[0], y + corners[1], x + corners[2], y + corners[3])
     size = min(corners[2] - corners[0], corners[3] - corners[1])
     return Flash(x, y, size, shape, function, pin, net, where)
@@ -299,12 +302,19 @@ def _hole(item: Any, function: tuple[str, ...], where: str) -> DrilledHole:
     else:
         x, y = _middle(tuple(_way(item)))
     plated = {"Plated": True, "NonPlated": False}.get(function[0], tool.plated) if function else tool.plated
-    return DrilledHole(x, y, tool.diameter / _in_metre(tool.unit), function[-1] if function else "", plated, where)
+    return DrilledHole(x, y, _diameter(tool, where), function[-1] if function else "", plated, where)
 
 
 def _middle(points: tuple[Point, ...]) -> Point:
     (x1, y1), (x2, y2) = points[0], points[-1]
     return (x1 + x2) / 2, (y1 + y2) / 2
+
+
+def _diameter(tool: Any, where: str) -> float:
+    diameter = float(tool.diameter / _in_metre(tool.unit))
+    if not 0 <= diameter <= _WIDEST:
+        raise BoardError(f"{where}: a diameter must be from 0 to {_WIDEST:g} m; got {diameter:g} m.")
+    return diameter
 
 
 def _in_metre(unit: Any) -> float:

@@ -238,7 +238,7 @@ def _tree_of(data: bytes) -> Any:
     """Tables of a TOML or JSON file; empty where it is neither."""
     for read in (tomllib.loads, json.loads):
         try:
-            return read(data.decode("utf-8-sig", "replace"))
+            return read(data.decode("utf-8-sig", "replace").replace("\r", "\n"))  # as a file is read
         except (ValueError, RecursionError):
             continue
     return {}

@@ -134,6 +134,8 @@ def test_some_states():
     (lambda: forward_model(GOOD.isel(state=slice(0))), r"must have at least one value"),
     (lambda: forward_model(GOOD.where(GOOD.x > -0.01)), r"must be finite everywhere"),
     (lambda: forward_model(GOOD.isel(x=slice(None, None, -1))), r"x of a response must rise; got 0.015 after 0.019"),
+    (lambda: forward_model(GOOD.assign_coords(depth=GOOD.depth - GOOD.depth.values[0] + 5e-324)),
+     "depth of a response must begin with 0 or at 1e-09 or more; got 4.94066e-324"),
     (lambda: forward_model(GOOD.assign_coords(depth=GOOD.depth - 1e-3)), r"depth .* at least 0 .*; got -0\.0008"),
     (lambda: forward_model(GOOD.assign_coords(state=list("aabcd"))), r"different names; got a, a, b"),
 ])  # fmt: skip

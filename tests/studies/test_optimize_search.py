@@ -1,5 +1,6 @@
 """The search: it finds what is known, tries the same points however it is run, and loses nothing."""
 
+import copy
 import json
 import sqlite3
 import sys
@@ -18,7 +19,7 @@ from support.patience import PATIENCE
 from coilarray.design.model import load_design
 from coilarray.errors import MissingDependencyError, OutputError
 from coilarray.report.optimization import none_better
-from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal
+from coilarray.studies.optimize import Trial, front_of, optimize_with, parse_goal, study_file
 from coilarray.studies.optimize.study_file import FILE, is_whole, open_study, points_found, study_name
 from coilarray.studies.optimize.trials import better_than
 from coilarray.viz.studio.runs import read_runs
@@ -338,16 +339,20 @@ def test_front_is_what_no_other_point_beats(points):
     assert [trial.scores for trial in front_of(trials, goal_of(LEAST + MOST))] == sorted(expected)
 
 
-def test_a_finished_trial_without_values_or_with_bytes_is_damaged():
-    """What a damaged file gives: no values, and bytes where there were texts."""
-    kept = optuna.trial.create_trial(value=1.0, params={}, distributions={})
+def test_a_finished_trial_without_checksum_values_or_with_bytes_is_damaged():
+    """What a damaged file gives: attributes or values lost, and bytes where there were texts."""
+    trial = optuna.trial.create_trial(value=1.0, params={}, distributions={})
+    assert not is_whole(trial)
+    kept = optuna.trial.create_trial(
+        value=1.0, params={}, distributions={}, user_attrs={"checksum": study_file._checksum(trial)}
+    )
     assert is_whole(kept)
+    without = copy.deepcopy(kept)
+    without.values = None
+    assert not is_whole(without)
     kept.set_user_attr(b"\xff", 1)
     kept.set_user_attr("a", 1)
     assert not is_whole(kept)
-    without = optuna.trial.create_trial(value=1.0, params={}, distributions={})
-    without.values = None
-    assert not is_whole(without)
 
 
 @pytest.mark.parametrize(

@@ -115,11 +115,11 @@ def check_database(path: Path) -> None:
 
 
 def is_whole(trial: FrozenTrial) -> bool:
-    """Whether a trial of a study is as it was written; one of an earlier version, without checksum, has its values."""
+    """Whether a trial of a study is as it was written: it has its checksum, and a complete one its values."""
     if trial.state.name == "COMPLETE" and trial.values is None:
         return False
     try:
-        return trial.user_attrs.get(_CHECKSUM) in (None, _checksum(trial))
+        return trial.user_attrs.get(_CHECKSUM) == _checksum(trial)
     except TypeError:  # a damaged file has bytes instead of texts
         return False
 

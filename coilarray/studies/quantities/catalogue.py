@@ -122,7 +122,7 @@ def _quantity(name: object) -> Quantity:
         raise GoalError(f"the name of a quantity is missing; there are {listed(QUANTITIES)}.")
     close = difflib.get_close_matches(str(name), list(QUANTITIES), n=1)
     hint = f"; did you mean {close[0]}?" if close else "."
-    known = f"There are {listed(QUANTITIES)}; all: coilarray optimize --list-quantities."
+    known = f"coilarray optimize --list-quantities shows all {len(QUANTITIES)}."
     raise GoalError(f"there is no quantity {shown(name)}{hint} {known}")
 
 
