@@ -75,7 +75,7 @@ def inside(model: ForwardModel, places: FloatArray, margin: tuple[float, float] 
 
 def values_at(model: ForwardModel, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     """δ (n,) of a model of one state and its slopes (n, 2) along x and y in 1/m, at places (n, 3) that are `inside`."""
-    delta, jacobian = model.linear(np.clip(places, model.lower, model.upper))
+    delta, jacobian = model.linear(places)
     return delta[:, 0], jacobian[:, 0, :2]
 
 

@@ -28,6 +28,7 @@ LEAST_POSITIONS = 4
 """Fewest positions along x and along y that carry a cubic."""
 
 _DEGREE = 3
+_ROUNDING = 1e-12  # m
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,9 +67,13 @@ class ResponseSpline:
         return len(self.free)
 
     def outside(self, points: FloatArray) -> tuple[int, float] | None:
-        """Return number and value in m of the first coordinate of points (…, 3) outside the table; None for none."""
+        """Return number and value in m of the first coordinate of points (…, 3) outside the table; None for none.
+
+        A picometre beyond its edge is rounding, as of places counted from another origin.
+        """
         free = self.free
-        inside = (points[..., free] >= self.lower[free]) & (points[..., free] <= self.upper[free])
+        low, high = self.lower[free] - _ROUNDING, self.upper[free] + _ROUNDING
+        inside = (points[..., free] >= low) & (points[..., free] <= high)
         if inside.all():
             return None
         return free[int(np.argwhere(~inside)[0][-1])], float(points[..., free][~inside][0])
@@ -78,7 +83,7 @@ class ResponseSpline:
         orders = np.zeros(self.unknowns, dtype=int)
         if axis is not None:
             orders[axis] = 1
-        at = np.array(points[..., self.free])
+        at = np.clip(points[..., self.free], self.lower[self.free], self.upper[self.free])
         if self.in_root:
             at[..., -1] = np.sqrt(at[..., -1])
         return np.asarray(self.spline(at, nu=orders))

@@ -3,14 +3,13 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 from support.command_line import runner
+from support.made_up import made_up_ellipses
 
 import coilarray.studies.calibrate.calibration as calibration
 from coilarray.compute.netcdf import save_dataset
 from coilarray.design.bundled import read
-from coilarray.design.model import build_design
 from coilarray.localize.ellipse_model import model_to_json
 from coilarray.localize.published import published_map, published_model
 
@@ -21,18 +20,7 @@ GAP = "coils.hexagon.gap_mm"
 @pytest.fixture
 def quick(monkeypatch, tmp_path):
     """Instead of a map the ellipses of Table A1, wider with the gap."""
-
-    def evaluate(item):
-        build_design(item["document"], "gast2020")
-        width = item["document"]["coils"]["hexagon"]["gap_mm"] / 0.08
-        rows = []
-        for state in item["request"]["states"]:
-            coil = published_model()[state]
-            x0, A, B = coil.curves(item["request"]["levels"])
-            rows += [width * A, width * B, x0, [coil.highest]]
-        return {str(k): value for k, value in enumerate(np.concatenate(rows).tolist())}
-
-    monkeypatch.setattr(calibration, "evaluate_model", evaluate)
+    monkeypatch.setattr(calibration, "evaluate_model", made_up_ellipses)
     monkeypatch.chdir(tmp_path)
 
 

@@ -12,6 +12,7 @@ import xarray as xr
 from support.command_line import mistakes, runner
 from support.contacts import coarse_maps, first_coils
 from support.localize_boards import FIELD, ROW, bells, board
+from support.made_up import made_up_distortion
 from support.plot_results import calibration
 
 import coilarray.localize.distortion
@@ -154,30 +155,6 @@ def test_mistakes_of_fit(capsys, arguments, message):
     assert message in refused(capsys, "fit", *arguments)
 
 
-def made_up(design, states=("coil1", "coil2", "coil3"), **_):
-    """A dataset like that of the library: x0 is 1 mm and 0.5 mm, published 0.25 mm; coil3 is not published."""
-    delta, states = np.array([1e-4, 5e-4, 1e-3]), list(states)
-    shape = (len(states), 3)
-    both = np.stack([np.full(shape, 1e-3), np.full(shape, 0.5e-3)])
-    published = np.full(shape, 0.25e-3)
-    published[2:] = np.nan
-    effect = np.stack([np.full(shape, 0.3e-3), np.full(shape, -0.1e-3)])
-    effect[:, 0, 2] = np.nan
-    marks = np.zeros_like(published, dtype=bool)
-    marks[0, 0] = True
-    both[:, 0, 2] = np.nan
-    metres = {"units": "m"}
-    data = dict.fromkeys(("x0", "A", "B"), (("neighbours", "state", "delta"), both, metres))
-    data |= {f"published_{name}": (("state", "delta"), published, metres) for name in ("x0", "A", "B")}
-    data["undetermined"] = (("neighbours", "state", "delta"), np.zeros(both.shape, dtype=bool))
-    data["published_undetermined"] = (("state", "delta"), marks)
-    data["effect"] = (("cause", "state", "delta"), effect, metres)
-    data["rms"] = (("cause", "state"), np.sqrt(np.nanmean(effect**2, axis=-1)), metres)
-    data["centre"] = ("state", np.zeros(len(states)), metres)
-    coords = {"neighbours": ["grounded", "open"], "state": states, "delta": delta, "cause": ["all neighbours", "noise"]}
-    return xr.Dataset(data, coords, {"design": design.name})
-
-
 @pytest.fixture
 def quick(monkeypatch):
     """No maps are computed; what was asked for is kept."""
@@ -185,7 +162,7 @@ def quick(monkeypatch):
 
     def split(design, states, *, imperfections, draws, progress):
         asked.append(("distortion", design.indentation.base, list(states)))
-        found = made_up(design, states)
+        found = made_up_distortion(design, states)
         if draws:
             asked.append((imperfections, draws))
             found = found.assign({f"{name}_std": 0.1 * np.abs(found[name]) for name in ("x0", "effect", "rms")})

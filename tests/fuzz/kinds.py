@@ -35,6 +35,7 @@ from aiohttp.http_parser import HttpRequestParser
 from aiohttp.test_utils import make_mocked_request
 from support.board_text import board as kicad_text
 from support.board_text import path as tracks
+from support.made_up import made_up_distortion
 from support.optimize_points import StandIn
 from support.plot_results import GOAL, response, target
 from support.quick_recordings import campaign_file, stream_file
@@ -464,19 +465,7 @@ def _posterior(path: Path) -> Any:
 
 
 def _distortions(folder: Path) -> list[Path]:
-    states, delta, causes = ["coil1", "coil2"], np.linspace(1e-4, 1e-3, 4), ["all neighbours", "noise"]
-    over = ("state", "delta")
-    shape = (len(states), len(delta))
-    data: dict[str, Any] = {"centre": ("state", [-0.01, 0.0]), "rms_residual": ("state", [1e-4, 2e-4])}
-    for name in ("x0", "A", "B"):
-        data[name] = (("neighbours", *over), np.full((2, *shape), 0.01))
-        data[f"published_{name}"] = (over, np.full(shape, 0.01))
-    data["undetermined"] = (("neighbours", *over), np.zeros((2, *shape), dtype=bool))
-    data["published_undetermined"] = (over, np.zeros(shape, dtype=bool))
-    data["effect"] = (("cause", *over), np.full((2, *shape), 1e-4))
-    data["rms"] = (("cause", "state"), np.full((2, 2), 1e-4))
-    coords = {"neighbours": ["grounded", "open"], "state": states, "delta": delta, "cause": causes}
-    return _saved(folder, distortion=xr.Dataset(data, coords))
+    return _saved(folder, distortion=made_up_distortion(load_design("gast2020"), ["coil1", "coil2"]))
 
 
 def _distortion(path: Path) -> Any:

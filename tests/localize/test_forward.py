@@ -175,3 +175,12 @@ def test_bad_spacings(value):
             table_grid(design, **{name: value})
     with pytest.raises(ElastomerError, match=r"gast_fem has no \[indenter\]"):
         table_grid(replace(design, indentation=None))
+
+
+def test_places_at_the_edge_may_be_rounded():
+    """A place counted from another origin is not exactly on the edge; 5 pm beyond it is outside."""
+    edge = np.array([MODEL.upper, MODEL.lower])
+    away = np.array([[1.0], [-1.0]])
+    np.testing.assert_array_equal(MODEL.delta(edge + 0.5e-12 * away), MODEL.delta(edge))
+    with pytest.raises(LocalizeError, match="x of a point must be in the table"):
+        MODEL.delta(edge + 5e-12 * away)
