@@ -219,6 +219,7 @@ def names_key(message: str, data: bytes) -> bool:
     lacking = re.findall(r"([\w.]+) is missing|\[(\w+)\]", said)
     return (
         bool(words & (alone | {path for path in paths if "." in path}))
+        or any(repr(path).lower() in said for path in paths)  # of any characters
         or any(word.rpartition(".")[0] in paths for word in words if "." in word)
         or any(key.rpartition(".")[2] in _schema_keys() for pair in lacking for key in pair)
     )
