@@ -30,7 +30,7 @@ from coilarray.studies.optimize import optimize_with, parse_goal
 from coilarray.studies.optimize.study_file import FILE, open_study
 from coilarray.viz.studio.runs import read_runs
 
-FEW, MANY = 25, int(os.environ.get("COILARRAY_TEST_FLIPS", "100"))
+FEW, MANY = 25, int(os.environ.get("COILARRAY_TEST_FLIPS", "60"))
 """Flips of every kind in a run without the slow tests, and in the whole of them: some on every page of a database."""
 PLAN = Campaign(x=(0.0, 4e-3), y=(0.0, 2e-3), depths=(1e-3,), scans=2)
 KEY = "ab" + 62 * "0"
@@ -238,7 +238,10 @@ KINDS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", KINDS)
+DEAR = "study", "study in the studio", "unfinished large file"
+
+
+@pytest.mark.parametrize("name", [pytest.param(one, marks=[pytest.mark.slow] * (one in DEAR)) for one in KINDS])
 def test_no_flipped_bit_changes_a_result_in_silence(tmp_path, name, caplog, pytestconfig):
     count = FEW if pytestconfig.option.markexpr == "not slow" else MANY
     path, read = KINDS[name](tmp_path)

@@ -24,7 +24,7 @@ from coilarray.viz.studio.messages import LARGEST, Inbox, MessageError
 aiohttp = pytest.importorskip("aiohttp")
 msgpack = pytest.importorskip("msgpack")
 
-CASES = int(os.environ.get("COILARRAY_TEST_MESSAGES", "200"))
+CASES = int(os.environ.get("COILARRAY_TEST_MESSAGES", "100"))
 """Messages to the sockets, and a fourth as many requests."""
 
 CLIENTS = 20
