@@ -19,7 +19,7 @@ from coilarray.localize.comparison import compare_responses
 from coilarray.localize.published import published_map
 from coilarray.report.comparison import scale_table
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_folder", "small_pictures")]
 
 _, refused = runner("compare")
 good, answer = successes("compare")
@@ -51,11 +51,6 @@ def files(tmp_path_factory):
 def both(files):
     """The recording and its simulation."""
     return files / "quick.sqlite", files / "quick.nc"
-
-
-@pytest.fixture(autouse=True)
-def _small_pictures(monkeypatch):
-    monkeypatch.setattr("coilarray.report.png._DPI", 40)
 
 
 def marked(text):

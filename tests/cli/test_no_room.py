@@ -93,11 +93,9 @@ WRITES = [
     (True, "report", "bare.toml", "--out", "folder"),
     (True, "view", "starter", "--html", "v.html"),
 ]
-# each takes more than half a second
-SLOW = {
-    "c.png", "d.png", "folder", "i.png", "m.png", "m.s1p", "r.nc", "r.png", "rules.png", "t.png", "v.gif", "v.html",
-    "v.png",
-}  # fmt: skip
+# these take long to draw, and are only stopped later: s.png and n.png, which are written alike, at their first byte too
+PICTURES = {"c.png", "d.png", "i.png", "m.png", "r.png", "rules.png", "t.png"}
+SLOW = PICTURES | {"folder", "m.s1p", "r.nc", "v.gif", "v.html", "v.png"}
 WRITES_NOTHING = {"locate", "noise", "studio", "docs"}
 BALL = """[target]
 shape = "sphere"
@@ -145,7 +143,7 @@ def test_a_command_that_may_not_write_leaves_everything_as_it_was(capsys, inputs
     monkeypatch.setattr(coilarray.studies.calibrate.calibration, "evaluate_model", made_up_ellipses)
     shutil.copytree(inputs, Path(), dirs_exist_ok=True)
     before = content()
-    for size in (0, 6000) if large else (0,):
+    for size in (6000,) if command[-1] in PICTURES else (0, 6000) if large else (0,):
         with file_limit(size):
             line = refused(capsys, *command)
         assert "cannot write" in line or "cannot use" in line or "cannot read" in line

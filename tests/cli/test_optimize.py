@@ -44,9 +44,8 @@ polish = 6
 
 
 @pytest.fixture(autouse=True)
-def _cheap_goal(own_folder, own_store, monkeypatch):
+def _cheap_goal(own_folder, own_store, small_pictures, monkeypatch):
     monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))  # circuits take long
-    monkeypatch.setattr("coilarray.report.png._DPI", 40)
     # the page takes longer than the search; one test here writes it
     monkeypatch.setattr("coilarray.report.optimization.write_optimization_report", lambda _, out: out / "report.html")
     Path("goal.toml").write_text(GOAL, encoding="utf-8")

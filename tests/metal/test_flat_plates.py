@@ -59,6 +59,7 @@ def test_circular_loop(material: Material, thickness: float) -> None:
         np.testing.assert_allclose(change, dodd_deeds(10e-3, 2e-3, plate), rtol=2e-4)
 
 
+@pytest.mark.slow
 def test_a_perfect_conductor_is_a_mirror() -> None:
     """Images with the current reversed, above, below, and again and again between two plates."""
     below, above = Plate("below", -3e-3, 1e-3, PERFECT), Plate("above", 4e-3, 1e-3, PERFECT)
@@ -86,6 +87,7 @@ def test_an_iron_plate_at_rest_is_a_magnetic_sheet() -> None:
     np.testing.assert_allclose(slow[0], layer_inductance(LOOPS, sheets), rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_plates_with_sheets() -> None:
     """A magnetic sheet given as a plate without losses changes what another plate does as the sheet itself."""
     plates = [Plate("target", 6e-3, 0.5e-3, STEEL), Plate("ground", -2e-3, 35e-6, ALUMINIUM)]

@@ -165,6 +165,7 @@ def test_chosen_designs(single, double):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("small_pictures")
 def test_page(single, double, tmp_path, monkeypatch):
     monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))  # circuits of six designs take long
     pages = [write_optimization_report(result, tmp_path).read_text(encoding="utf-8") for result in (single, double)]
@@ -188,6 +189,7 @@ def test_page(single, double, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("small_pictures")
 def test_page_where_nothing_is_found(starter, tmp_path, monkeypatch):
     monkeypatch.setattr("coilarray.report.optimization._CHEAP", ("geometry",))
     goal = parse_goal(GOAL.format(second="", trials=4).replace("at_least = 30", "at_least = 4000"))
