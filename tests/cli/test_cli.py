@@ -294,6 +294,8 @@ def test_a_fasthenry_file_has_no_plates(capsys):
 @pytest.mark.slow
 def test_field_plane_and_volume(capsys):
     data = answer(capsys, "field", "starter", "--spacing-mm", "2", "--current-mA", "2")
+    assert (data["file"], list(Path().iterdir())) == (None, [])  # none that is not asked for
+    good(capsys, "field", "starter", "--spacing-mm", "2", "--current-mA", "2")
     with xr.open_dataset("field.nc", engine="h5netcdf") as saved:
         assert saved.B.dims == ("x", "y", "z", "component")
         assert saved.z.values == pytest.approx([3e-3])

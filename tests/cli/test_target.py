@@ -67,6 +67,7 @@ def test_the_files_and_the_output_have_the_numbers_of_the_map(ball, capsys):
     (quick,) = answer(capsys, "target", "ball.toml", "--ideal", "--distance-mm", "1", "--accuracy", "screen")["target"]
     assert quick["delta"] == pytest.approx(delta[0], rel=1e-2)  # 1e-3 of L and of its change, which nearly cancel
     assert quick["delta"] != pytest.approx(delta[0], rel=1e-9)
+    assert sorted(path.name for path in Path().glob("target*")) == ["target.nc"]  # of the command without --json
 
 
 def test_work_that_takes_long_is_told_before_it_begins(ball, capsys, monkeypatch):
