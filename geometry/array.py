@@ -420,10 +420,10 @@ def lattice(
     if kind == "linear" and rows != 1:
         raise GeometryError(f"a linear lattice has one row; got {rows}.")
     if kind in ("single", "rings") and (rows, columns) != (1, 1):
-        raise GeometryError(f"a lattice of the kind {kind} has no rows and columns; got {rows} and {columns}.")
+        raise GeometryError(f"a lattice of kind {kind} has no rows and columns; got {rows} and {columns}.")
     if (kind == "rings") != (rings > 0):
         raise GeometryError(
-            f"a lattice has at least one ring where its kind is rings, else none; got {rings} of {kind}."
+            f"a lattice of kind rings must have at least one ring, any other none; got {rings} for {kind}."
         )
     row, column = np.divmod(np.arange(rows * columns), columns)
     if kind == "rings":

@@ -433,7 +433,7 @@ def _refuse_self_crossing(line: FloatArray, index: int) -> None:
         at = place_in_mm(*point)
         raise GeometryError(f"line {index} of a coil crosses itself: segments {i} and {j} meet at {at}.")
     at = place_in_mm(*line[0])
-    raise GeometryError(f"line {index} of a coil must have two separate ends; it is closed at {at}.")
+    raise GeometryError(f"line {index} of a coil must have two separate ends; it closes at {at}.")
 
 
 def _first_crossing(line: FloatArray) -> tuple[int, int, FloatArray] | None:

@@ -496,8 +496,8 @@ def _followed(
             return effect, beside
         effect = plate_effect(design, (1 - _PLATES_MARGIN) * low, (1 + _PLATES_MARGIN) * high, accuracy)
     raise NetworkError(
-        f"beside the plates the coils oscillate at {low:.6g} to {high:.6g} Hz, outside of the {_ROUNDS} bands in which "
-        "the plates were computed."
+        f"beside the plates the coils oscillate at {low:.6g} to {high:.6g} Hz, outside the {_ROUNDS} bands of "
+        "frequency in which the plates were computed."
     )
 
 

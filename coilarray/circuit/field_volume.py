@@ -96,7 +96,7 @@ def write_field_volume(
         raise OutputError(f"a volume is written as .nc; got {path}.")
     if design.plates:
         raise MetalError(
-            f"B written block by block is that of coils alone; {design.name} has the plate {design.plates[0].name!r}: "
+            f"B is written block by block only without plates; {design.name} has the plate {design.plates[0].name!r}: "
             "compute a smaller grid in memory."
         )
     sample = operating_field(

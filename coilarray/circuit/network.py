@@ -301,7 +301,7 @@ def changed_resonances(
         step[settled] = 0.0
         frequencies, before = frequencies - step, B
     raise NetworkError(
-        f"state {result.state.name}: no resonance found from {f0:.6g} Hz on for a changed inductance matrix; the last "
+        f"state {result.state.name}: no resonance found above {f0:.6g} Hz for a changed inductance matrix; the last "
         f"step of the secant method was {np.abs(step).max():.3g} Hz."
     )
 
@@ -425,7 +425,7 @@ def _solve(
     try:
         solution[:, keep] = np.linalg.solve(matrix[:, keep[:, None], keep], source[keep])[..., 0]
     except np.linalg.LinAlgError:
-        raise NetworkError(f"state {wiring.state.name} makes a singular network at {frequencies[0]:.6g} Hz.") from None
+        raise NetworkError(f"state {wiring.state.name} gives a singular network at {frequencies[0]:.6g} Hz.") from None
     plus, minus = wiring.port
     return (solution[:, plus] - solution[:, minus]) * unit, solution[:, nodes : nodes + n]
 

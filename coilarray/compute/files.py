@@ -75,7 +75,7 @@ def read_text(path: Path, error: type[CoilarrayError]) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
-        raise error(f"cannot read {path}: it is no UTF-8 text.") from None
+        raise error(f"cannot read {path}: it is not UTF-8 text.") from None
     except (OSError, ValueError) as reason:  # ValueError: a name with a zero byte
         raise error(f"cannot read {path}: {getattr(reason, 'strerror', reason)}.") from None
 

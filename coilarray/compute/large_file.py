@@ -203,8 +203,8 @@ def _lay_out(
     begun = data.exists() and connection.execute("SELECT count(*) FROM block").fetchone() != (0,)
     if begun and laid_out != (key,):
         raise OutputError(
-            f"{data.parent} holds another unfinished file, of other inputs or another version; "
-            "delete it or give another file."
+            f"{data.parent} holds another unfinished file, for other inputs or from another version; delete it or "
+            "name another file."
         )
     sizes = {variable.name: _ITEM * math.prod(frame.sizes[dim] for dim in variable.dims) for variable in variables}
     if begun:

@@ -56,7 +56,7 @@ def require_memory(size: float, what: str, advice: str = "") -> None:
 def allowed_memory() -> float:
     """Bytes that one piece of work may use: `SHARE` of what is free, or what ``COILARRAY_MEMORY_GB`` says.
 
-    MemoryLimitError where that is no positive number.
+    MemoryLimitError where that is not a positive number.
     """
     said = os.environ.get(LIMIT_VARIABLE)
     if said is None:

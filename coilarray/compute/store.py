@@ -85,7 +85,7 @@ class Store:
         found = self.get_dataset(key)
         if found is None:
             found = compute()
-            with suppress(OutputError):  # no room, which is no reason to lose it
+            with suppress(OutputError):  # no room, which is not a reason to lose it
                 self.put_dataset(key, found)
         return found
 

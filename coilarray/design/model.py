@@ -161,11 +161,13 @@ class Indentation:
     def __post_init__(self) -> None:
         if self.material is not None and not isinstance(self.indenter, Hemisphere):
             raise DesignError(
-                'indenter.material needs shape = "hemisphere", which counts as a sphere of its radius; '
+                'indenter.material needs shape = "hemisphere", which is computed as a sphere of its radius; '
                 f"got a {self.indenter.name} of {self.material.name}."
             )
         if not self.depths or bool(self.x) != bool(self.y):
-            raise DesignError("an indentation must have at least one depth, and one x and one y or none of both.")
+            raise DesignError(
+                "an indentation must have at least one depth, and positions along both x and y or along neither."
+            )
         places = (*self.x, *self.y, *self.origin_point)
         require_finite("depths and places of an indentation", *self.depths, *places, error=DesignError)
         if not all(shallow < deep for shallow, deep in pairwise((0.0, *self.depths))):
@@ -251,7 +253,7 @@ class Design:
                 raise DesignError(f"circuit.terminations.{coil} names no coil; there are {known}.")
         states = [state.name for state in self.plan]
         if len(set(states)) != len(states):
-            raise DesignError(f"scan must name each state differently; got {', '.join(states)}.")
+            raise DesignError(f"scan must give each state a different name; got {', '.join(states)}.")
         try:
             for state in self.plan:
                 check_state(state, names)
@@ -267,9 +269,9 @@ class Design:
             for plate in self.plates:
                 if self.top <= plate.heights[0] < highest:
                     raise DesignError(
-                        f"target.distances_mm must keep the target below the plate {plate.name!r}, which begins "
-                        f"{(plate.heights[0] - self.top) * 1e3:g} mm above the sheets or the board; the target reaches "
-                        f"up to {(highest - self.top) * 1e3:g} mm."
+                        f"target.distances_mm must keep the target below the plate {plate.name!r}, whose lower face "
+                        f"is {(plate.heights[0] - self.top) * 1e3:g} mm above the sheets or the board; the top of the "
+                        f"target is at {(highest - self.top) * 1e3:g} mm."
                     )
 
     def _check_indentation(self, setup: Indentation) -> None:
@@ -277,7 +279,7 @@ class Design:
         for k, sheet in enumerate(self.sheets):
             if sheet.youngs_modulus is None:
                 raise DesignError(
-                    f"elastomer.{k}.youngs_modulus_kPa is missing; [indentation] needs it of every sheet."
+                    f"elastomer.{k}.youngs_modulus_kPa is missing; [indentation] needs it for every sheet."
                 )
         if self.sheets and setup.depths[-1] >= self.top:
             raise DesignError(

@@ -46,8 +46,8 @@ class PlacesTable(Table):
             None in (ranges if lists == (None, None) else lists) or (lists != (None, None) and ranges != (None,) * 3)
         ):
             raise ValueError(
-                "needs x_mm, y_mm and step_mm, or else x_positions_mm and y_positions_mm; or none of them, for "
-                "positions over all coils"
+                "needs x_mm, y_mm and step_mm, or x_positions_mm and y_positions_mm, or none of these for positions "
+                "over all coils"
             )
         for key, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
             if values is not None and self.step_mm is not None:

@@ -543,7 +543,7 @@ def _entries(of: object, *keys: str, places: bool = False) -> dict[str, Any]:
 
 
 def _entry(value: float, unit: float, *, places: bool = False) -> float:
-    """Return the entry that is read as a value, `unit` times the entry; for `places` zero is no special value."""
+    """Return the entry that is read as a value, `unit` times the entry; for `places` zero is not a special value."""
     return _number(value / unit, value, lambda entry: entry * unit, places=places)
 
 

@@ -266,8 +266,8 @@ def _cuts(placement: Placement) -> list[_Cut]:
         cut = _cut(coil, centre, direction, reach)
         if len(cut.line) < 2:
             raise GeometryError(
-                f"the winding of {placement.name} must run at least twice around the centre of its outline; "
-                f"a ray from there meets {len(cut.line)} of its traces."
+                f"the winding of {placement.name} must have at least two turns around the centre of its outline; a "
+                f"ray from there crosses {len(cut.line)} of its traces."
             )
         cuts.append(cut)
     return cuts

@@ -111,7 +111,7 @@ def align(
     Notes
     -----
     All places count the same. The standard deviations are those of that estimate under the given noise,
-    (JᵀJ)⁻¹ Jᵀ diag(σ²) J (JᵀJ)⁻¹; what else the maps differ in is no part of them.
+    (JᵀJ)⁻¹ Jᵀ diag(σ²) J (JᵀJ)⁻¹; what else the maps differ in is not part of them.
     """
     at, values = np.asarray(places, dtype=np.float64), np.asarray(measured, dtype=np.float64)
     sigma = None if noise is None else np.asarray(noise, dtype=np.float64)
@@ -196,7 +196,7 @@ def _check(
     sigma: FloatArray | None,
 ) -> None:
     if len(model.states) != 1:
-        raise LocalizeError(f"a map is aligned by one state; the model has {', '.join(model.states)}.")
+        raise LocalizeError(f"a map is aligned with a model of one state; this one has {', '.join(model.states)}.")
     if places.ndim != 2 or places.shape[1] != 3 or values.shape != places.shape[:1]:
         raise LocalizeError(f"places must have shape (n, 3) and measured (n,); got {places.shape} and {values.shape}.")
     if not (np.isfinite(places).all() and np.isfinite(values).all()):

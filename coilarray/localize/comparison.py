@@ -94,7 +94,7 @@ def compare_responses(
     Raises
     ------
     LocalizeError
-        Datasets that are no responses, no state, depth or position that both have, largest shift or replicates that are
+        Datasets that are not responses, no common state, depth or position, largest shift or replicates that are
         negative.
 
     Notes

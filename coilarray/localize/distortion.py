@@ -120,7 +120,7 @@ def distortion(
         if state not in names or state not in [s.name for s in design.plan]:
             raise LocalizeError(f"a state must be measured and named after its coil; got {state!r}.")
     if len(draws) == 1:
-        raise LocalizeError("draws must be at least 2, or none; got 1.")
+        raise LocalizeError("draws must be 0 or at least 2; got 1.")
     levels = np.asarray(deltas, dtype=np.float64)
     given = imperfections or Imperfections()
     maps = _Maps(design, given, progress, len(draws))

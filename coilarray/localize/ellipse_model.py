@@ -158,7 +158,9 @@ class EllipseModel:
 
     def __post_init__(self) -> None:
         if not self.coils or len(set(self.names)) != len(self.coils):
-            raise LocalizeError(f"a model must have one coil or more, each of its own name; got {self.names}.")
+            raise LocalizeError(
+                f"a model must have at least one coil, and each coil a different name; got {self.names}."
+            )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -226,20 +228,22 @@ def model_to_json(model: EllipseModel, source: str = "") -> str:
 def model_from_json(text: str) -> EllipseModel:
     """Read a model that `model_to_json` wrote.
 
-    LocalizeError for text that is no JSON, of another kind or schema, or with keys that are missing or no numbers, for
-    what `EllipseModel` and `CoilEllipses` refuse, and for a model that has changed since, as its checksum shows; one
-    that a person wrote needs none.
+    LocalizeError for text that is not JSON, is of another kind or schema, or has keys that are missing or not numbers;
+    for what `EllipseModel` and `CoilEllipses` refuse; and for a wrong checksum, which a model that a person wrote need
+    not have.
     """
     try:
         data = json.loads(text)
     except (ValueError, RecursionError):
-        raise LocalizeError("an ellipse model must be a JSON file; this is none.") from None
+        raise LocalizeError("an ellipse model must be a JSON file; this is not one.") from None
     if not isinstance(data, dict) or data.get("kind") != _KIND:
         raise LocalizeError(f'an ellipse model must have "kind": "{_KIND}".')
     if data.get("schema") != SCHEMA:
         raise LocalizeError(f"the schema of an ellipse model must be {SCHEMA}; got {data.get('schema')}.")
     if data.pop(_CHECKSUM, None) not in (None, checksum(data)):
-        raise LocalizeError("an ellipse model is damaged: its checksum is wrong; take that key out to use it as it is.")
+        raise LocalizeError(
+            "an ellipse model is damaged: its checksum is wrong; delete that key to use the model anyway."
+        )
     coils = data.get("coils")
     if not isinstance(coils, list):
         raise LocalizeError("an ellipse model must have a list of coils.")

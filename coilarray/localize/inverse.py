@@ -32,8 +32,8 @@ IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 
 Verdict = Literal["found", "border", "outside", "no fit", "nothing pressed", "refused"]
-"""Result of a reading: a position in the table; one on its border, so that the indenter may be outside; that it is
-outside, or deeper; that no position explains the reading; no indentation beyond noise; or it is no reading at all."""
+"""Result of a reading: a position in the table; one on its border, so that the indenter may be outside; outside the
+table, or deeper; no position explains the reading; no indentation beyond the noise; or not a reading at all."""
 
 Reading = Mapping[str, float] | Sequence[float] | FloatArray
 """δ by the names of the states, or in the order of the model's states."""
@@ -452,7 +452,7 @@ def checked_reading(states: Sequence[str], reading: Reading) -> FloatArray:
                 raise LocalizeError(f"the model has no state {name!r}; there are {', '.join(states)}.")
         for name in states:
             if name not in reading:
-                raise LocalizeError(f"a reading must have δ of every state; that of {name} is missing.")
+                raise LocalizeError(f"a reading must have δ of every state; {name} is missing.")
         reading = [reading[name] for name in states]
     try:
         values = np.asarray(reading, dtype=np.float64)

@@ -28,8 +28,8 @@ def require_below(plates: Sequence[Plate | FinitePlate], what: str = "an indenta
         name = f"plate.{k} {plate.name!r}"
         if plate.heights[1] > 0:
             raise MetalError(
-                f"{what} is computed beside plates below the coils; {name} lies above them, in its way: leave it out, "
-                "or give it a z_mm below the board."
+                f"{what} is computed only beside plates below the coils; {name} lies above them: leave it out, or "
+                "give it a z_mm below the board."
             )
 
 

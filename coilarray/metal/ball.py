@@ -133,8 +133,8 @@ def ball_inductance(
     for plate in plates:
         if plate.heights[1] > lowest:
             raise MetalError(
-                f"a ball is computed beside plates below the coils; {plate.name!r} reaches up to "
-                f"z = {plate.heights[1] * 1e3:.4g} mm, the lowest copper lies at {lowest * 1e3:.4g} mm."
+                f"a ball is computed only beside plates below the coils; the top of {plate.name!r} is at z = "
+                f"{plate.heights[1] * 1e3:.4g} mm, the lowest copper at {lowest * 1e3:.4g} mm."
             )
     frequency = checked_frequencies(frequencies)
     outlined = outlined_below(source, plates, frequency.tolist(), sheets, fineness=fineness)

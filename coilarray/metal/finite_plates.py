@@ -447,10 +447,10 @@ def _model_error(plate: FinitePlate, frequencies: FloatArray, nearest: float, ra
             largest = largest.or_worse(model_error(plate.material, plate.thickness, f, inscribed, kappa))
         if largest.whole > LARGEST_ERROR:
             raise GeometryError(
-                f"skin depth or thickness of a finite plate must be small against its inscribed radius of "
+                "skin depth or thickness of a finite plate must be small compared with its inscribed radius of "
                 f"{inscribed * 1e3:.3g} mm and the coils' radius and distance of {scale * 1e3:.3g} mm; "
                 f"{plate.name!r}, {plate.thickness * 1e3:.3g} mm thick, has a skin depth of "
-                f"{plate.material.skin_depth(f) * 1e3:.3g} mm at {f:.4g} Hz, and its ΔL would err by "
+                f"{plate.material.skin_depth(f) * 1e3:.3g} mm at {f:.4g} Hz, so that its ΔL would have an error of "
                 f"{largest.whole:.0%}."
             )
     return largest

@@ -250,8 +250,8 @@ def _around(
         gaps.append(low - top if low + high > top + bottom else bottom - high)
         if gaps[-1] <= 0:
             raise GeometryError(
-                f"plate {plate.name!r} must lie above or below all paths, from z = {top:g} m or up to {bottom:g} m; "
-                f"it lies from {low:g} to {high:g} m."
+                f"plate {plate.name!r} must lie above all paths, from z = {top:g} m, or below them, up to {bottom:g} "
+                f"m; it lies from {low:g} to {high:g} m."
             )
     for plates in cases:
         layers_apart(plates, sheets)

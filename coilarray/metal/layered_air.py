@@ -112,7 +112,7 @@ class LayeredAir:
         floor, roof = self.gap_faces(number)
         if low < floor - TOUCHING or high > roof + TOUCHING:
             raise MetalError(
-                f"{what} must lie between plates without end and magnetic sheets, not in them; it reaches from "
+                f"{what} must lie between infinite plates and magnetic sheets, not in them; it reaches from "
                 f"{low * 1e3:.4g} to {high * 1e3:.4g} mm and the faces next to it lie at {floor * 1e3:.4g} and "
                 f"{roof * 1e3:.4g} mm."
             )
@@ -207,8 +207,8 @@ def _fitted(k: FloatArray, weights: ComplexArray, way: float, extent: float) -> 
             break
     else:
         raise MetalError(
-            f"what plates without end and magnetic sheets reflect must be a sum of images to {_TOLERANCE:g}; {count} "
-            f"images of a source {way * 1e3:.4g} mm away by reflection, {extent * 1e3:.4g} mm wide, err by "
+            f"the reflection by infinite plates and magnetic sheets must be a sum of images to {_TOLERANCE:g}; "
+            f"{count} images of a source {way * 1e3:.4g} mm away by reflection, {extent * 1e3:.4g} mm wide, err by "
             f"{np.abs(waves @ shares - wanted.T).max() / largest:.2g}: move plates with an outline farther away from "
             "them."
         )

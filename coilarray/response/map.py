@@ -303,7 +303,7 @@ def respond(
         A state without a resonance, or one that names a coil that is not there.
     """
     if "inductance_change" not in response:
-        raise ElastomerError("a response of near coils alone has no inductance changes; compute it with reach=None.")
+        raise ElastomerError("a response of only the near coils has no inductance changes; compute it with reach=None.")
     states = design.plan if plan is None else tuple(plan)
     change = response.inductance_change.values if inductance_change is None else inductance_change
     n = change.shape[-1]
@@ -493,11 +493,11 @@ def _allowed_error(reach: Reach, axes: MapAxes, coils: int, *, dielectric: bool,
             f'reach must be None, "auto" or the error of δ, {_ERRORS[0]:g} to {_ERRORS[1]:g} of the peak; got {reach}.'
         )
     if dielectric:
-        raise ElastomerError("the change of capacitance needs every coil: dielectric is for reach=None.")
+        raise ElastomerError("the change of capacitance needs every coil: dielectric needs reach=None.")
     if metal:
         raise ElastomerError(
-            "metal in the indenter or beside the coils needs every coil: reach=None, or metal=False to leave out the "
-            "indenter's."
+            "metal in the indenter or beside the coils needs every coil: use reach=None, or metal=False to leave out "
+            "the indenter's material."
         )
     return reach
 

@@ -55,9 +55,9 @@ def target_of(design: Design) -> Target:
     if design.target is None:
         bundled = ", ".join(names_with("target"))
         raise MetalError(
-            f'the design {design.name} has no [target]: add one, with shape = "disc", diameter_mm = 12, '
-            'thickness_mm = 1, material = "aluminium" and distances_mm = [1, 2, 4], for example; of the bundled '
-            f"designs these have one: {bundled}."
+            f'the design {design.name} has no [target]: add one, for example with shape = "disc", diameter_mm = 12, '
+            'thickness_mm = 1, material = "aluminium" and distances_mm = [1, 2, 4]; bundled designs '
+            f"that have one are {bundled}."
         )
     return design.target
 
@@ -177,7 +177,7 @@ def target_map(
     else:
         raise MetalError(
             f"a target at {axes.depth[0] * 1e3:g} mm moves a resonance to {moved.min():.6g} to {moved.max():.6g} Hz; "
-            f"it is computed from {band.low:.6g} to {band.high:.6g} Hz. Begin with a greater distance."
+            f"it is computed from {band.low:.6g} to {band.high:.6g} Hz. Begin at a greater distance."
         )
     base = {name: np.array([getattr(one, name) for one in alone]) for name, _, _ in _QUANTITIES}
     mean = moved.mean(axis=-1)
@@ -222,7 +222,7 @@ def _require_passive(network: Network, change: ComplexArray, axes: MapAxes) -> N
         if not values.min() > 0:  # also NaN
             raise MetalError(
                 f"a target at {distance * 1e3:g} mm is too near for the model of its currents, which would make an "
-                "inductance negative; begin with a greater distance."
+                "inductance negative; begin at a greater distance."
             )
 
 

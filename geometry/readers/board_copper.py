@@ -113,7 +113,7 @@ class SurfacePad:
 
 @dataclass(frozen=True, eq=False)
 class CopperArea:
-    """Copper that is no track: a filled zone, a region, a polygon, a drawn line or text.
+    """Copper that is not a track: a filled zone, a region, a polygon, a drawn line or text.
 
     Parameters
     ----------

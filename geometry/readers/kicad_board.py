@@ -58,7 +58,7 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     Raises
     ------
     BoardError
-        A file that is no KiCad board, is truncated, comes from KiCad 5 or older, or holds values that cannot be:
+        A file that is not a KiCad board, is truncated, comes from KiCad 5 or older, or holds values that cannot be:
         file, line and reason.
 
     Notes
@@ -69,7 +69,9 @@ def read_kicad(path: Path, stackup: Stackup | None = None) -> BoardCopper:
     """
     root = read_sexpr(path)
     if root.name != "kicad_pcb":
-        raise BoardError(f"{root.where}: a KiCad board begins with (kicad_pcb; this file with ({root.name[:40]}.")
+        raise BoardError(
+            f"{root.where}: a KiCad board begins with (kicad_pcb; this file begins with ({root.name[:40]}."
+        )
     notes = [*_version_note(root)]
     nets = {node.text(0): node.text(1) for node in root.children("net") if len(node.words) > 1}  # none from KiCad 10 on
     origin = root.child("setup", "aux_axis_origin")

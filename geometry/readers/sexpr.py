@@ -76,12 +76,12 @@ class Node:
 def read_sexpr(path: Path) -> Node:
     """Read a file of UTF-8 text that holds one s-expression, the outermost list.
 
-    BoardError for a file that cannot be read, is no text, ends too early, or holds anything beside one list.
+    BoardError for a file that cannot be read, is not text, ends too early, or holds anything beside one list.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
-        raise BoardError(f"{path}: the file is no text in UTF-8.") from None
+        raise BoardError(f"{path}: the file is not UTF-8 text.") from None
     except OSError as error:
         raise BoardError(f"{path}: cannot be read: {error.strerror}.") from None
     return parse_sexpr(text, str(path))

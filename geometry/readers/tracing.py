@@ -33,7 +33,7 @@ LEAST_TURNS = 0.9
 and comes back beside itself is a narrow loop, and counts."""
 
 _SHOWN = 12  # names in a message
-_REASONS = 3  # nets in a message, with why they are no coils
+_REASONS = 3  # nets in a message, with why they are not coils
 _LONGEST_WHY = 200  # characters of them
 
 
@@ -47,7 +47,7 @@ class Tracing:
         In the order of the wanted nets; where none were named, of the names, numbers in them counted, and then the
         ones without a net in the order of the file.
     left_out : dict of str to str
-        Nets with tracks that are no coils, and why.
+        Nets with tracks that are not coils, and why.
     """
 
     coils: tuple[TracedCoil, ...]
@@ -69,7 +69,7 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
     ------
     BoardError
         With `nets`: one that the board does not have, has no track, branches, is closed, comes in several pieces,
-        crosses itself, has a pad or hole across its turns, has copper that is no track, or is touched by copper
+        crosses itself, has a pad or hole across its turns, has copper that is not a track, or is touched by copper
         without a net. Without: no coil at all.
         The message names file, line and position.
 
@@ -128,7 +128,7 @@ class _NetCopper:
 
     @property
     def stands(self) -> list[Copper]:
-        """What is no way for a current but may join ways: holes, pads, and tracks without a length."""
+        """What is not a path for a current but may join paths: holes, pads, and tracks without a length."""
         dots = [track for track in self.tracks if math.dist(track.start, track.end) <= JOINED]
         return [*self.holes, *self.pads, *dots]
 
@@ -168,7 +168,9 @@ def _drawn(nameless: _NetCopper) -> str:
 def _trace_net(net: str, copper: _NetCopper, obstacles: Obstacles) -> TracedCoil:
     if copper.areas:
         area = copper.areas[0]
-        raise BoardError(f"{area.where}: net {net} has {area.what} on {area.layer}, which is no current path.")
+        raise BoardError(
+            f"{area.where}: net {net} has {area.what} on {area.layer}, which cannot be taken as a current path."
+        )
     tracks = copper.tracks
     graph = track_graph(tracks, copper.holes, copper.pads)
     pieces = graph.components()
@@ -236,7 +238,7 @@ def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]
 
 
 def _too_few_turns(coil: TracedCoil) -> str:
-    """Why a path is no coil; empty where it winds."""
+    """Why a path is not a coil; empty where it winds."""
     turns = abs(coil.turns)
     return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around its centre; a coil makes at least one."
 

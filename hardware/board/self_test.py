@@ -147,7 +147,7 @@ def _answered(reader: Reader) -> RawScan:
         scan = reader.scan()
         if not any(sample.fault in BUS_FAULTS for sample in scan.samples):
             return scan
-    raise BusFault(f"the converter did not answer in {_ATTEMPTS} scans; nothing could be tried.")
+    raise BusFault(f"the converter did not answer in {_ATTEMPTS} scans; nothing could be tested.")
 
 
 def _parts(group: Sequence[Trial]) -> list[tuple[Trial, ...]]:
@@ -167,7 +167,9 @@ def _measured(reader: Reader, settings: ScanSettings, group: Sequence[Trial]) ->
     reader.configure(trying)
     scan = _answered(reader)
     if any(sample.fault == SampleFault.SWITCHES_DIFFER for sample in scan.samples):
-        raise SwitchFault("the chain of switches returns other words than it was sent; no switch could be tried.")
+        raise SwitchFault(
+            "the chain of switches does not return the words that it was sent; no switch could be tested."
+        )
     frequencies = [state.frequency for state in read_scan(scan, trying, _ANY_CAPACITANCE).states]
     seen = [_Seen(trial, frequency) for trial, frequency in zip(group, frequencies, strict=True)]
     return _compared(seen) if group[-1].other is not None else seen

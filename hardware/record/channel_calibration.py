@@ -57,7 +57,7 @@ class BoardCalibration:
     """Constants of a board; HardwareError for an implausible clock, or a state that occurs twice.
 
     The capacitances follow from known inductances or those of the simulated design; with the latter, measured and
-    simulated L agree by construction, which is no test.
+    simulated L agree by construction, which is not a test.
     """
 
     source: str  # for people
@@ -88,7 +88,7 @@ class BoardCalibration:
                 raise HardwareError(f"every {key} of a calibration must have a state of its own.")
         if bool(self.channels) != (self.inductances_from is not None):
             raise HardwareError(
-                "capacitances_from must say what the capacitances of every [[channel]] stand on, where there are some."
+                "capacitances_from must give the source of the capacitances if any [[channel]] has one."
             )
 
     @property
@@ -136,7 +136,7 @@ def calibrate_board(
         fewer than two scans at rest, a damaged file.
     """
     if inductances is not None and from_design:
-        raise HardwareError("inductances must be known or simulated, not both.")
+        raise HardwareError("inductances must be either known or simulated, not both.")
     for name, value in (("inductances", inductance_error), ("frequency", frequency_error)):
         if not 0 <= value <= _MOST_ERROR:
             raise HardwareError(f"the relative error of the {name} must be 0 to {_MOST_ERROR:g}; got {value:g}.")

@@ -82,7 +82,7 @@ def recorded_response(
     missing = int((count == 0).any(axis=-1).sum())
     if missing and not partial:
         places = campaign.size // campaign.repeats
-        raise HardwareError(f"{recording.path} is not whole: {missing} of {places} positions are not measured yet.")
+        raise HardwareError(f"{recording.path} is not complete: {missing} of {places} positions are not measured yet.")
     mean = _mean(delta)
     if campaign.repeats > 1:
         squares = np.nansum((delta - mean) ** 2, axis=0)

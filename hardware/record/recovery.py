@@ -39,7 +39,7 @@ class Damage:
 
 
 def find_damage(path: Path) -> Damage:
-    """Read a recording as a whole and find what is damaged; HardwareError for a file that is no recording at all."""
+    """Read a recording as a whole and find what is damaged; HardwareError for a file that is not a recording at all."""
     try:
         with open_recording(path) as recording:
             recording.check()
@@ -64,7 +64,7 @@ def recover_recording(path: Path, target: Path) -> Damage:
         damage = remains.damage()
         whole = [number for number in range(1, damage.scans + 1) if number not in set(damage.damaged)]
         if not whole:
-            raise HardwareError(f"{path} has no scan that is whole.")
+            raise HardwareError(f"{path} has no intact scan.")
         lost = remains.incomplete(whole)
 
         def write(temporary: Path) -> None:

@@ -291,7 +291,7 @@ class GcodeStage:
             taken += len(data)
             self._rest = (self._rest + data)[-_LONGEST_LINE - _MOST_AT_ONCE :]
             if taken > _MOST_BYTES:
-                raise self._failed("sends without end; is it a stage")
+                raise self._failed("sends without end; is it really a stage")
 
     def _pass_greeting(self, seconds: float) -> None:
         """Discard what the machine says first: many restart when their port is opened."""

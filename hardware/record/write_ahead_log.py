@@ -37,7 +37,7 @@ def require_whole_log(path: Path) -> None:
 def log_damage(path: Path) -> str:
     """Say in words what is damaged in the log beside a database; empty where it is whole or there is none.
 
-    A frame that is cut off at the end is no damage: its write was broken off. Frames of an earlier log, which SQLite
+    A frame that is cut off at the end is not damage: its write was broken off. Frames of an earlier log, which SQLite
     leaves behind those of the present one, have both salts of that one. OSError for a log that cannot be read.
 
     Notes

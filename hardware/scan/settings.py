@@ -467,11 +467,11 @@ def scan_settings(
     except ValueError as error:
         raise HardwareError(str(error)) from None
     if offset and not FAMILIES[family].has_offset:
-        raise HardwareError(f"offset must be 0, for which an FDC has no register; got {offset}.")
+        raise HardwareError(f"offset must be 0, as an FDC has no register for it; got {offset}.")
     least = min(one / divider for one, divider in zip(frequencies, dividers, strict=True)) / fastest
     if not 0 <= offset / (1 << 16) < least:
         raise HardwareError(
-            f"offset must be 0 to less than {least * (1 << 16):.0f}, which is the sensor itself; got {offset}."
+            f"offset must be 0 to less than {least * (1 << 16):.0f}, the code of the sensor itself; got {offset}."
         )
     settings = ScanSettings(
         states=tuple(

@@ -371,8 +371,8 @@ def wired_to_channels(coils: Sequence[str], channels: Sequence[int], *, source: 
     """
     if len(coils) > len(channels):
         raise HardwareError(
-            f"there are {len(channels)} channels ({', '.join(map(str, channels))}) for {len(coils)} coils; "
-            f"none is left for {coils[len(channels)]}: name the coils that are wired, as --coils "
+            f"there are {len(channels)} channels ({', '.join(map(str, channels))}) for {len(coils)} coils; none is "
+            f"left for {coils[len(channels)]}: name the coils that are wired, such as --coils "
             f"{','.join(coils[: len(channels)])}."
         )
     used = tuple(channels[: len(coils)])

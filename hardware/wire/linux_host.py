@@ -150,7 +150,7 @@ def _opening(path: Path) -> Iterator[None]:
         yield
     except FileNotFoundError:
         there = ", ".join(linux_buses()) or "none at all"
-        raise HardwareError(f"there is no {path}; of its kind there are: {there}.") from None
+        raise HardwareError(f"there is no {path}; ports of this kind: {there}.") from None
     except PermissionError:
         raise HardwareError(
             f"{path} may not be opened by this user; add the user to the group {_group(path)}."

@@ -18,7 +18,7 @@ try:
 except ImportError:  # Windows
     _LOSSES: tuple[type[Exception], ...] = (OSError,)
 else:
-    _LOSSES = (OSError, termios.error)  # pyserial lets the second one through, which is no OSError
+    _LOSSES = (OSError, termios.error)  # pyserial lets the second one through, which is not an OSError
 
 BAUD = 115200
 """Baud rate of the protocol."""

@@ -334,7 +334,7 @@ TWICE = {"name": "b", "set": {MU: 2}}
     ({"unknown": [{**UNKNOWN, "low": 5.0}]}, "unknown.0 needs low below high; got 5 and 4"),
     ({"unknown": [{**UNKNOWN, "start": 5.0}]}, "needs start from low to high; got 5"),
     ({"unknown": [{**UNKNOWN, "prior_std": 1.0}]}, "both prior_mean and prior_std"),
-    ({"unknown": [{**UNKNOWN, "entry": "imperfections.dirt"}]}, "needs an imperfection that there is: .* got imper"),
+    ({"unknown": [{**UNKNOWN, "entry": "imperfections.dirt"}]}, "needs an imperfection of .* got imper"),
     ({"unknown": [{**UNKNOWN, "entry": []}]}, "unknown.0.entry must have at least 1 entry"),
     ({"unknown": [UNKNOWN, UNKNOWN]}, "names elastomer.1.relative_permeability in more than one "),
     ({"unknown": [UNKNOWN], "alternative": [{"name": "a", "choice": []}]}, "alternative.0.choice must have at least 1"),
@@ -363,5 +363,5 @@ def test_mistakes_of_a_calibration(data, unknowns, text):
 
 def test_noise_that_is_asked_for_must_be_there():
     plan = check_plan({"unknown": [UNKNOWN], "data": {"noise": "given"}})
-    with pytest.raises(GoalError, match="say nothing of their noise"):
+    with pytest.raises(GoalError, match="do not state their noise"):
         calibrate(PAPER, straight(2.6, 0.0), plan)

@@ -222,7 +222,7 @@ def test_ellipses_longer_than_the_board_are_not_drawn(table):
     ("view", "error", "message"),
     [
         (View(show=("nothing",)), GeometryError, "must be of board, elastomer, dent"),
-        (View(show=()), GeometryError, "there is nothing to see"),
+        (View(show=()), GeometryError, "nothing to show"),
         (View(show=("board",), layers=("L9",)), GeometryError, "no copper layer 'L9'"),
         (View(show=("field",), coil="x"), GeometryError, "there is no coil 'x'; there are coil1, coil2, coil3"),
         (View(show=("board",), coil="x"), GeometryError, "there is no coil 'x'; there are coil1, coil2, coil3"),

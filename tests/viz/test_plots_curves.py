@@ -145,7 +145,7 @@ def test_sweeps_of_another_shape_are_refused():
         sweeps.plot_sweep_map(results.pitch_sweep(), "worst_k")
     texts = results.pitch_sweep().assign_coords({"array.pitch_mm": list("abcd")})
     for wrong in (results.grid_sweep(), results.pitch_sweep()[["worst_k"]], texts):
-        with pytest.raises(ValueError, match="must be over one entry with numbers and have k of a pair"):
+        with pytest.raises(ValueError, match="must be over one entry with numbers, and have k of a pair"):
             sweeps.plot_coupling_sweep(wrong)
 
 

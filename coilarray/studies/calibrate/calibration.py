@@ -98,7 +98,7 @@ def calibrate(
     Parameters
     ----------
     design : Design or DesignFile
-        Design with an indentation; what is no unknown stays as it is.
+        Design with an indentation; what is not an unknown stays as it is.
     data : xarray.Dataset or EllipseModel, optional
         A measured response, as `coilarray.hardware.record.recorded_response.recorded_response` returns it, with NaN
         where it has gaps; or ellipses, by default those of Table A1 of Gast & Zimmermann (2020).
@@ -221,7 +221,7 @@ def _without(table: Any, parts: Sequence[str], key: str) -> Any:
         place = int(parts[0])
         return [*table[:place], _without(table[place], parts[1:], key), *table[place + 1 :]]
     if not isinstance(table, Mapping) or parts[0] not in table:
-        raise DesignError(f"{key} is not in the design, so that it cannot be taken away.")
+        raise DesignError(f"{key} is not in the design, so it cannot be removed.")
     rest = {name: value for name, value in table.items() if name != parts[0]}
     return rest if len(parts) == 1 else {**rest, parts[0]: _without(table[parts[0]], parts[1:], key)}
 

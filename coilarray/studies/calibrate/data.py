@@ -77,7 +77,7 @@ def measurement(data: xr.Dataset | EllipseModel, table: DataTable, design: Desig
     found = (_ellipses if isinstance(data, EllipseModel) else _response)(data, table, design, states)  # type: ignore[arg-type]
     found = replace(found, weight=np.where([name in table.tested for name in found.coords["state"]], 0.0, found.weight))
     if not found.weight.any():
-        raise GoalError("the data have nothing to fit: no number that is asked for is known and determined.")
+        raise GoalError("the data have nothing to fit: none of the chosen numbers is known and determined.")
     return found
 
 
@@ -109,7 +109,7 @@ def _response(data: xr.Dataset, table: DataTable, design: Design, states: Sequen
     known = np.isfinite(values)
     if noise is None:
         if table.noise == "given" and table.delta_std is None:
-            raise GoalError('the data say nothing of their noise; give data.delta_std or noise = "estimated".')
+            raise GoalError('the data do not state their noise; give data.delta_std or noise = "estimated".')
         level = np.full(len(states), 1.0 if table.delta_std is None else table.delta_std)
         freedom = 0.0 if table.delta_std is None else np.inf
     else:  # of a state one number: those of single positions, from a few repeats, would be weights that mislead

@@ -50,7 +50,7 @@ def posterior_draws(
     Raises
     ------
     GoalError
-        A dataset that is no calibration, or more draws than it has.
+        A dataset that is not a calibration, or more draws than it has.
     DesignError
         A design without one of the entries.
     """

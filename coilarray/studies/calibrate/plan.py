@@ -104,7 +104,7 @@ class Unknown(Table):
         known = [f"{IMPERFECTION}{name}" for name in IMPERFECTIONS]
         for entry in self.entry:
             if entry.startswith(IMPERFECTION) and entry not in known:
-                raise ValueError(f"needs an imperfection that there is: {', '.join(known)}; got {entry}")
+                raise ValueError(f"needs an imperfection of {', '.join(known)}; got {entry}")
         return self
 
     @property
@@ -146,7 +146,7 @@ class Alternative(Table):
     def _different(self) -> Alternative:
         names = [choice.name for choice in self.choices]
         if len(set(names)) != len(names):
-            raise ValueError(f"needs choices of different names; got {listed(names)}")
+            raise ValueError(f"needs choices with different names; got {listed(names)}")
         return self
 
 

@@ -13,7 +13,7 @@ from coilarray.electromagnetics.inductance import Accuracy
 from coilarray.studies.optimize.goal import Goal
 from coilarray.studies.sweep import Sweep, keeps_rules
 
-_ROUNDING = 1e-9  # of a score: less is no gain
+_ROUNDING = 1e-9  # of a score: less is not a gain
 RULES = ("fab_margin_mm", "fab_broken")
 """Quantities by which a goal says what it takes of the fabrication rules."""
 

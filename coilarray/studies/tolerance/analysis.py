@@ -214,7 +214,7 @@ def _asked(
 def _check_limits(limits: Sequence[Limit], names: Sequence[str]) -> None:
     for limit in limits:
         if limit.quantity not in names:
-            raise GoalError(f"the limit {limit.text} names no output; there are {', '.join(names)}.")
+            raise GoalError(f"the limit {limit.text} does not name an output; there are {', '.join(names)}.")
 
 
 def _check_places(design: Design, outputs: Outputs) -> None:
@@ -259,7 +259,9 @@ def _near_values(
     for outcome, errors in zip(outcomes, boards, strict=False):
         if isinstance(outcome, str):
             ((name, value),) = errors.items()
-            raise GoalError(f"the board with {name} {value:+.3g}, one standard deviation or less, cannot be: {outcome}")
+            raise GoalError(
+                f"the board with {name} {value:+.3g}, one standard deviation or less, cannot be made: {outcome}"
+            )
         rows.append([outcome[name] for name in names])
     return np.array(rows)
 

@@ -137,7 +137,8 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
     }
     if not variables:
         raise GoalError(
-            f"{', '.join(wishes)} finds nothing to change in {file.design.name}; --vary or a goal file can name it."
+            f"{', '.join(wishes)} finds nothing to vary in {file.design.name}; name entries by --vary or in a goal "
+            "file."
         )
     comments = {f"variable.{k}": one.says for k, one in enumerate(variables.values()) if one.says}
     comments |= {f"objective.{k}": says for k, (_, says) in enumerate(objectives.values()) if says}

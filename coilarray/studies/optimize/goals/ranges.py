@@ -64,7 +64,7 @@ def neighbours(design: Design) -> Pair:
     """
     known = pairs(design)
     if not known:
-        raise GoalError(f"the design {design.name} has one coil alone, which couples with none.")
+        raise GoalError(f"the design {design.name} has only one coil, and so no coupling.")
     near = known[: len(design.array.neighbours)]
     return next((pair for pair in near if not pair.share_copper), near[0])
 
