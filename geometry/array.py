@@ -289,18 +289,18 @@ class CoilArray:
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
         """Edges of the board in m: x_min, y_min, x_max, y_max."""
-        points, reach = [], []
+        points, radii = [], []
         for placement in self.placements:
             coil = placement.coil
             for line, width, _ in placement.traces():
                 points.append(line)
-                reach.append(np.maximum(np.append(width, 0.0), np.append(0.0, width)) / 2)
+                radii.append(np.maximum(np.append(width, 0.0), np.append(0.0, width)) / 2)
             for hole, at in ((coil.via, coil.via_points), (coil.terminal, coil.terminal_points)):
                 if hole is not None and len(at):
                     points.append(placement.to_board(at))
-                    reach.append(np.full(len(at), hole.pad / 2))
+                    radii.append(np.full(len(at), hole.pad / 2))
         xy = np.vstack(points)
-        r = np.concatenate(reach)[:, None] + self.board_margin
+        r = np.concatenate(radii)[:, None] + self.board_margin
         x_min, y_min = (xy - r).min(axis=0).tolist()
         x_max, y_max = (xy + r).max(axis=0).tolist()
         return x_min, y_min, x_max, y_max
@@ -367,7 +367,7 @@ def lattice_array(
     coil : Coil
         The shape of all coils.
     lattice : Lattice
-        Where they lie, and on which layers.
+        Their positions and layers.
 
     Examples
     --------

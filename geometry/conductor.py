@@ -114,7 +114,7 @@ class Conductor:
 
     @property
     def is_filament(self) -> bool:
-        """True where any segment has no cross-section."""
+        """True if any segment has no cross-section."""
         return bool((self.widths == 0).any())
 
 

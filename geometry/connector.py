@@ -45,7 +45,7 @@ def lead_out(array: CoilArray, connector: Connector) -> CoilArray:
     array : CoilArray
         Coils with leads.
     connector : Connector
-        Where the leads end.
+        Connector at which the leads end.
 
     Returns
     -------

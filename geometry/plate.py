@@ -33,7 +33,7 @@ class Plate:
     thickness : float
         Thickness in m.
     material : Material
-        What it is made of.
+        Material.
 
     Raises
     ------
@@ -187,7 +187,7 @@ class FinitePlate:
     thickness : float
         Thickness in m.
     material : Material
-        What it is made of.
+        Material.
     tilt : float
         Angle in rad by which it rises towards `tilt_direction`, less than a right angle.
     tilt_direction : float

@@ -132,7 +132,7 @@ def active_coil(
     frequency : float
         Frequency in Hz.
     terminations : sequence of {"short", "open"}, length n, optional
-        What closes each coil while it is passive; the active one's is not used. All shorted by default.
+        Termination of each coil while it is passive; that of the active coil is not used. All shorted by default.
     short_resistance : float
         Resistance in Ω of a short to ground, the switches included.
 

@@ -29,30 +29,30 @@ def ending_on_interrupt() -> Iterator[None]:
         yield
         return
     heard = Event()
-    told, tell = socket.socketpair()
-    tell.setblocking(False)  # as set_wakeup_fd demands
+    read_end, write_end = socket.socketpair()
+    write_end.setblocking(False)  # as set_wakeup_fd demands
 
     def raise_interrupt(number: int, frame: object) -> NoReturn:
         heard.set()
         raise KeyboardInterrupt
 
     def watch() -> None:
-        with told:
-            while came := told.recv(1):
+        with read_end:
+            while came := read_end.recv(1):
                 if came[0] == signal.SIGINT and not heard.wait(_PATIENCE):
                     with suppress(OSError):
                         os.write(2, _MESSAGE)
                     os._exit(INTERRUPTED)
 
     signal.signal(signal.SIGINT, raise_interrupt)
-    before = signal.set_wakeup_fd(tell.fileno(), warn_on_full_buffer=False)
+    before = signal.set_wakeup_fd(write_end.fileno(), warn_on_full_buffer=False)
     Thread(target=watch, daemon=True).start()
     try:
         yield
     finally:
         signal.set_wakeup_fd(before)
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        tell.close()
+        write_end.close()
 
 
 def end_interrupted() -> NoReturn:

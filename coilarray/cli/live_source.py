@@ -95,7 +95,7 @@ class LiveSource:
     emulated: bool
     states: tuple[str, ...]  # of a scan
     temperature: bool  # whether there is a thermometer
-    budget: NoiseBudget | None  # of the board as it is read; None where the design is another one
+    budget: NoiseBudget | None  # of the board as it is read; None if the design is another one
     begin: Callable[[], None] = lambda: None  # to be called once the baseline is complete
 
 

@@ -37,7 +37,7 @@ _LINGER = 5.0  # s to load the page again before the window counts as closed
 def show_window(options: LiveOptions, file: DesignFile, table: Path | None, *, locate: bool, browser: bool) -> None:
     """Serve a page with only the live display until it is closed, or Ctrl-C; the board is at rest afterwards.
 
-    HardwareError where the reading of the board failed.
+    HardwareError if the reading of the board failed.
     """
     from coilarray.viz.studio.server import LOOPBACK, Address, bind, check_studio, serve
     from coilarray.viz.studio.services import Services

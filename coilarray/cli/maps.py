@@ -27,7 +27,7 @@ _RECORDING = ".sqlite"
 
 
 def depth_in_metres(depth_mm: float | None) -> float | None:
-    """Convert the option --depth-mm; LocalizeError where it is not positive and finite."""
+    """Convert the option --depth-mm; LocalizeError if it is not positive and finite."""
     if depth_mm is not None and not (math.isfinite(depth_mm) and depth_mm > 0):
         raise LocalizeError(f"--depth-mm must be positive and finite; got {depth_mm:g}.")
     return None if depth_mm is None else depth_mm * 1e-3
@@ -121,7 +121,7 @@ def one_map(source: str | None, depth: float | None, *, allow_violations: bool) 
 def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
     """Read the response table of a design from a file or the store; compute and keep it if it is new.
 
-    LocalizeError where the file is the table of another design.
+    LocalizeError if the file is the table of another design.
     """
     from coilarray.compute.netcdf import save_dataset
 

@@ -174,8 +174,8 @@ def _remarks(result: xr.Dataset) -> list[str]:
         lines.append("drawn boards that cannot be made count as bad; the linear yield ignores them")
     if "sample_yield" in result:
         lines.append("the interval of the yield is for independent boards, and approximate for Sobol points")
-    if result.attrs.get("untold"):
-        lines.append(f"taken as known, as a reading has almost no information about it: {result.attrs['untold']}")
+    if result.attrs.get("undetermined"):
+        lines.append(f"taken as known, as a reading has almost no information about it: {result.attrs['undetermined']}")
     if "found" in result.attrs and "value" in result:
         lines.append(
             f"found without doubt in {result.attrs['found']}; the others are at the border of the map or do "

@@ -174,7 +174,7 @@ class _Outputs:
 
     @property
     def still(self) -> bool:
-        """True where a file of a single scene is wanted."""
+        """True if a file of a single scene is wanted."""
         return any(path is not None for path in (self.screenshot, self.html, self.vtk))
 
     def check(self) -> None:

@@ -83,7 +83,7 @@ class LargeFile:
         return [number for number in range(self._blocks) if number not in done]
 
     def write(self, name: str, start: int, values: FloatArray) -> None:
-        """Write consecutive values of a variable from the flat index `start` on; OutputError where that fails."""
+        """Write consecutive values of a variable from the flat index `start` on; OutputError if that fails."""
         first, data = self._starts[name] + _ITEM * start, np.ascontiguousarray(values, dtype="<f8").tobytes()
         self._pieces.append((first, len(data), checksum_of_bytes(data)))
         with writing(self._path):
@@ -91,7 +91,7 @@ class LargeFile:
             self._stream.write(data)
 
     def finish(self, number: int, figure: float = 0.0) -> None:
-        """Record a block as written, with a figure to keep of it; OutputError where that fails."""
+        """Record a block as written, with a figure to keep of it; OutputError if that fails."""
         with writing(self._path, sqlite3.Error):
             self._stream.flush()
             os.fsync(self._stream.fileno())  # on the disk before the journal says so
@@ -187,7 +187,7 @@ def fill_large(
 
 
 def _is_empty(connection: sqlite3.Connection) -> bool:
-    """Return whether a journal has no finished block; False where it cannot be read."""
+    """Return whether a journal has no finished block; False if it cannot be read."""
     with suppress(sqlite3.Error):
         (tables,) = connection.execute("SELECT count(*) FROM sqlite_master WHERE name = 'block'").fetchone()
         return not tables or connection.execute("SELECT count(*) FROM block").fetchone() == (0,)
@@ -227,7 +227,7 @@ def _lay_out(
 
 
 def _whole_layout(connection: sqlite3.Connection, data: Path, sizes: dict[str, int]) -> dict[str, int] | None:
-    """Return the first byte of every variable of an unfinished file; None where its frame is not as it was written."""
+    """Return the first byte of every variable of an unfinished file; None if its frame is not as it was written."""
     *row, expected = connection.execute("SELECT key, starts, size, frame, checksum FROM layout").fetchone()
     if checksum(*row) != expected or data.stat().st_size < row[2]:
         return None
@@ -298,7 +298,7 @@ class _SparseFile(io.RawIOBase):
         self._at = self._size = 0
 
     def copy_to(self, path: Path) -> None:
-        """Write it to the disk; OSError where that fails."""
+        """Write it to the disk; OSError if that fails."""
         with path.open("wb") as file:
             for number, page in sorted(self._pages.items()):
                 file.seek(number * _PAGE)

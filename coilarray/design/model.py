@@ -55,9 +55,9 @@ class Circuit:
     resistivity : float
         Resistivity of the copper in Ω·m.
     terminations : mapping of str to {"ground", "ground one end", "ground other end", "open", "load"}
-        What closes the coils that differ from `default_termination` while another one is measured, by name.
+        Terminations of coils, by name, that differ from `default_termination` while another coil is measured.
     default_termination : such a value
-        What closes every other coil.
+        Termination of every other coil.
     scan : tuple of ScanState
         States of a scan; empty for each coil in turn, see `Design.plan`.
     elastomer_permittivity : float
@@ -122,7 +122,7 @@ class Indentation:
         Radius in m of a finite sample around the indenter, half the width under a cylinder; None for a wide one.
     sample_bounds : tuple of float or None
         Edges (x_min, y_min, x_max, y_max) in m of a rectangular sample with free sides, relative to `origin_point`;
-        None where it covers everything. With a `sample_radius` they only say where it can be pressed.
+        None if it covers everything. With a `sample_radius` they only say where it can be pressed.
     strain : {"finite", "linear"}
         Mechanics of the sheets: large deformations, or linear elasticity, which is quicker, and whose faces move up and
         down only.
@@ -133,7 +133,7 @@ class Indentation:
     over_array : tuple of tuple of float
         The x and y that `Design` has set; another array gives others.
     material : Material or None
-        What a hemisphere is made of, where it carries eddy currents or is magnetic: it then counts as a `ball` of its
+        Material of a hemisphere that carries eddy currents or is magnetic: it then is computed as a `ball` of its
         radius. None for what the field does not meet, such as plastics.
 
     Raises
@@ -193,7 +193,7 @@ class Design:
     sheets : tuple of Sheet
         Elastomer on top of the board, upwards.
     indentation : Indentation or None
-        How the elastomer is pressed; None where nothing is known of it.
+        How the elastomer is pressed; None if nothing is known of it.
     circuit : Circuit
         Switches, tank, terminations and scan.
     rules : FabRules
@@ -205,7 +205,7 @@ class Design:
     plates : tuple of Plate or FinitePlate
         Metal that stays where it is, above or below the board.
     target : Target or None
-        Body of metal or ferrite that is moved over the board; None where there is none.
+        Body of metal or ferrite that is moved over the board; None if there is none.
     readout : Readout
         How it is read out, for the noise and drift of readings.
 

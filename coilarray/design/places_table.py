@@ -73,7 +73,7 @@ class PlacesTable(Table):
             raise ValueError(f"may have {MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
 
     def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return the x and the y of the map in m, ends included; none where they follow from the array."""
+        """Return the x and the y of the map in m, ends included; none if they follow from the array."""
         if self.x_mm is None or self.y_mm is None or self.step_mm is None:
             x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
         else:

@@ -52,7 +52,7 @@ class MaterialTable(Table):
         return self
 
     def substance(self, name: str) -> Material | None:
-        """Return the material in SI, with a name of one's own where it has none; None where nothing is said of it."""
+        """Return the material in SI, with a name of one's own where it has none; None if nothing is said of it."""
         if self.material is not None:
             return MATERIALS[self.material]
         if self.conductivity_MS_per_m is None and self.relative_permeability is None:

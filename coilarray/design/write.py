@@ -122,7 +122,7 @@ def design_document(design: Design | DesignFile) -> dict[str, Any]:
 
 
 def _before_connector(array: CoilArray) -> tuple[CoilArray, dict[str, Any] | None]:
-    """Return an array whose leads have not been led out, and the connector's table; None where it has none."""
+    """Return an array whose leads have not been led out, and the connector's table; None if it has none."""
     led = array.led_out
     if led is None or led.placements != array.placements:
         return array, None  # the placements have been changed since

@@ -64,7 +64,7 @@ class Slab:
 
 
 def magnetic_slab(sheets: Sequence[Sheet]) -> Slab | None:
-    """Return the one magnetic region of a stack of sheets upwards from z = 0; None where no sheet is magnetic.
+    """Return the one magnetic region of a stack of sheets upwards from z = 0; None if no sheet is magnetic.
 
     Neighbouring sheets of one permeability make one slab. ElastomerError for magnetic sheets of different permeability,
     or with another sheet between them.

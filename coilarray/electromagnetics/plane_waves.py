@@ -224,7 +224,7 @@ def reflected_inductance(
 
 
 def require_few_waves(board: Board, nodes: Sequence[float]) -> None:
-    """Raise GeometryError where the spectra of a board at these wavenumbers in 1/m would take hours."""
+    """Raise GeometryError if the spectra of a board at these wavenumbers in 1/m would take hours."""
     waves = sum(_nodes(k * board.extent, board.digits) for k in nodes)
     corners = sum(len(shape.vertices) for shape in board.shapes)
     if waves * corners > _MOST_WAVES:

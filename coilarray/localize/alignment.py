@@ -47,7 +47,7 @@ class Alignment:
     used : ndarray of bool, shape (places,)
         Whether each place took part.
     at_limit : bool
-        True where a shift stands at the end of the range that was searched: the true one is beyond.
+        True if a shift stands at the end of the range that was searched: the true one is beyond.
     scatter : float
         Root of the residuals' sum of squares over the degrees of freedom, in δ; NaN where there are none.
     """

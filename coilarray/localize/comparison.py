@@ -295,7 +295,7 @@ def _common_depths(measured: xr.Dataset, model: ForwardModel) -> tuple[xr.Datase
 
 
 def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
-    """Noise of measured less simulated δ (depth, y, x, state), its standard deviation; None where neither has any."""
+    """Noise of measured less simulated δ (depth, y, x, state), its standard deviation; None if neither has any."""
     own, other = (own_noise(data) for data in (measured, simulated))
     if own is None and other is None:
         return None
@@ -306,7 +306,7 @@ def _noise(measured: xr.Dataset, simulated: xr.Dataset) -> FloatArray | None:
 def own_noise(response: xr.Dataset) -> FloatArray | None:
     """Return the standard deviation of δ (depth, y, x, state); where a position has none, that of its state.
 
-    It is ``delta_std``, with the attribute ``repeats`` that of their mean. None where the response does not say.
+    It is ``delta_std``, with the attribute ``repeats`` that of their mean. None if the response does not say.
     """
     if "delta_std" not in response:
         return None

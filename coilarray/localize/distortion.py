@@ -78,8 +78,8 @@ def distortion(
     imperfections : Imperfections, optional
         Deviations of the experiment, in every map; for example those of a calibration.
     draws : sequence of (Design, Imperfections)
-        What the design may be as well, as `coilarray.studies.calibrate.draws.posterior_draws` returns it: their scatter
-        is the error of x0 and of what the neighbours do to it. At least two, or none.
+        Other possible designs, as `coilarray.studies.calibrate.draws.posterior_draws` returns them: their scatter is
+        the error of x0 and of what the neighbours do to it. At least two, or none.
     progress : callable, optional
         Called with (done, total) as the maps are computed.
 
@@ -258,7 +258,7 @@ class _Maps:
     def of_materials(self, base: xr.Dataset) -> dict[str, xr.Dataset]:
         """Put indenters of metal and ferrite into a map, by their material.
 
-        None where the indenter is no such ball.
+        None if the indenter is no such ball.
         """
         setup = indentation_of(self._design)
         if setup.material is not None or not isinstance(setup.indenter, Hemisphere):

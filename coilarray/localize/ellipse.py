@@ -224,7 +224,7 @@ def fit_ellipses(
         points; ``x0``, ``A``, ``B`` and ``rms``, the misfit along the ray from the centre (half the width of the level
         is part of it), in m; ``x0_std``, ``A_std`` and ``B_std`` of `standard_errors`, all points in a cell of the
         sampled grid counted as one; ``undetermined``, whether an ellipse is there but its points do not say where;
-        ``points``, their number; ``refused``, why a step has no ellipse, empty where it has one. Refused steps hold
+        ``points``, their number; ``refused``, why a step has no ellipse, empty if it has one. Refused steps hold
         NaN. ``peak`` (state) is the largest δ of the refined map.
 
     Raises

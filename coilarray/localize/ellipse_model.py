@@ -121,7 +121,7 @@ class CoilEllipses:
         return self.lowest <= delta <= self.highest
 
     def check(self, delta: float) -> None:
-        """Raise a LocalizeError where a reading is beyond the range of δ."""
+        """Raise a LocalizeError if a reading is beyond the range of δ."""
         if not self.covers(delta):
             raise LocalizeError(
                 f"δ of {self.name} must be within the model, {self.lowest:.4g} to {self.highest:.4g}; got {delta:.4g}."
@@ -168,7 +168,7 @@ class EllipseModel:
         return tuple(coil.name for coil in self.coils)
 
     def __getitem__(self, name: str) -> CoilEllipses:
-        """Return the coil of a name; LocalizeError where there is none."""
+        """Return the coil of a name; LocalizeError if there is none."""
         for coil in self.coils:
             if coil.name == name:
                 return coil
@@ -389,7 +389,7 @@ def _shared_x(first: Ellipse, second: Ellipse) -> list[float]:
 
 
 def _square(first: Ellipse, second: Ellipse, x: float) -> float | None:
-    """y² where both ellipses are at x, None where one of them is not there; 0 within rounding of it."""
+    """y² where both ellipses are at x, None if one of them is not there; 0 within rounding of it."""
     squares = [e.B**2 * (1 - ((x - e.x0) / e.A) ** 2) for e in (first, second)]
     rounding = _TOUCHING * max(first.B, second.B) ** 2
     if min(squares) < -rounding:

@@ -66,7 +66,7 @@ class Mode:
     chi_square : float
         χ² of the residuals.
     gaussian : bool
-        True where the ellipsoid of the information describes the likelihood: at the ends of its axes χ² rises by what
+        True if the ellipsoid of the information describes the likelihood: at the ends of its axes χ² rises by what
         it should within a factor of 2, all of them in the table. Elsewhere the region follows from `deviance`.
     border : tuple of str
         Names among x, y and depth that are on the border of the table.
@@ -127,9 +127,9 @@ class Location:
     verdict : Verdict
         Kind of the result.
     reason : str
-        Why it is not ``"found"``; empty where it is.
+        Why it is not ``"found"``; empty if it is.
     modes : tuple of Mode
-        Best first; none where nothing is pressed or the reading is refused.
+        Best first; none if nothing is pressed or the reading is refused.
     chi_square : float or None
         χ² of the best mode, or of no indentation where nothing is pressed; None for a refused reading.
     degrees_of_freedom : int
@@ -154,14 +154,14 @@ class Location:
 
     @property
     def best(self) -> Mode:
-        """The most likely mode; LocalizeError where there is none."""
+        """The most likely mode; LocalizeError if there is none."""
         if not self.modes:
             raise LocalizeError(f"there is no position: {self.reason}")
         return self.modes[0]
 
     @property
     def ambiguous(self) -> bool:
-        """True where more than one mode is likely enough to be kept."""
+        """True if more than one mode is likely enough to be kept."""
         return len(self.modes) > 1
 
 

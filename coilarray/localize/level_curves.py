@@ -22,7 +22,7 @@ class LevelCurves:
     `values` and `deviations`, shape (3, levels), are x0, A and B in m and their standard deviations; NaN where a level
     has no ellipse, deviations NaN too where no noise is known. `undetermined`, shape (levels,), marks the levels whose
     points do not determine the ellipse, see `coilarray.localize.ellipse`. `problem` says why there is no
-    ellipse at all; empty where there are some.
+    ellipse at all; empty if there are some.
     """
 
     values: FloatArray

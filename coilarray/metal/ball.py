@@ -76,7 +76,7 @@ def ball_inductance(
     ball : Ball
         The ball.
     centres : array_like, shape (positions, 3)
-        Where its centre is, in m on the board.
+        Position of its centre in m on the board.
     frequencies : array_like, shape (f,)
         Frequencies in Hz, at least 0.
     sheets : sequence of Sheet

@@ -482,12 +482,12 @@ def _all_posed(
 
 def _require_free(plate: FinitePlate, where: FloatArray, beside: Sequence[Plate | FinitePlate]) -> None:
     """Refuse places (n, 3) in m at which a plate reaches into another one."""
-    reach = np.array(plate.heights) - plate.centre[2]
+    bottom, top = np.array(plate.heights) - plate.centre[2]
     ground = _ground(replace(plate, centre=(0.0, 0.0, 0.0)))
     for other in beside:
         low, high = other.heights
         for x, y, z in where.tolist():
-            if z + reach[0] >= high - TOUCHING or z + reach[1] <= low + TOUCHING:
+            if z + bottom >= high - TOUCHING or z + top <= low + TOUCHING:
                 continue
             if isinstance(other, Plate) or shapely.intersects(translate(ground, x, y), _ground(other)):
                 raise GeometryError(

@@ -303,7 +303,7 @@ def _images(
 ) -> tuple[FloatArray, ComplexArray | None, float]:
     """Distances in m and shares (cases · f, kinds, distances) of images for waves from `split` to `highest`, in 1/m.
 
-    Also from where on they hold to the `tolerance` of the largest wave. None where the spectrum takes all. Every image
+    Also from where on they hold to the `tolerance` of the largest wave. None if the spectrum takes all. Every image
     costs a `mutual_inductance`: the fewest that do, in the order of a QR factorisation with pivots.
     """
     ways, every = around.ways, np.geomspace(1 / extent, highest, _FITTED)

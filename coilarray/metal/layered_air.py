@@ -47,7 +47,7 @@ def layer_of(plate: Plate) -> Layer:
 def layers_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> list[tuple[float, float, Layer]]:
     """Put plates and the magnetic ones of the sheets upwards from z = 0 in order: lower and upper face in m, and layer.
 
-    GeometryError where they overlap.
+    GeometryError if they overlap.
     """
     bodies = [(*plate.heights, layer_of(plate), f"plate {plate.name!r}") for plate in plates]
     heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
@@ -101,7 +101,7 @@ class LayeredAir:
 
     @classmethod
     def between(cls, plates: Sequence[Plate], sheets: Sequence[Sheet], frequencies: FloatArray) -> LayeredAir:
-        """Put plates and the sheets upwards from z = 0 together; GeometryError where they overlap."""
+        """Put plates and the sheets upwards from z = 0 together; GeometryError if they overlap."""
         bodies = layers_apart(plates, sheets)
         faces = np.array([body[:2] for body in bodies]).reshape(-1, 2)
         return cls(tuple(body[2] for body in bodies), faces, frequencies)

@@ -110,7 +110,7 @@ def response_map(
         Coils, switches and strays; its inductance matrix is replaced. By default
         `coilarray.circuit.coupling.design_circuit`.
     ideal : bool
-        Where no network is given: leave out alternating-current resistance and all strays.
+        Leave AC resistance and all strays out of the circuit, unless `network` is given.
     inductance : callable, optional
         Function that returns the inductance matrix in H under the flat sheets with their true thicknesses, where it is
         known or being computed elsewhere; without `reach` it is called after the dents are solved. Computed by default
@@ -350,7 +350,7 @@ def with_material(
     response : xarray.Dataset
         Response of all coils, from `response_map` without `reach` and without an indenter's material.
     material : Material
-        What the indenter is made of.
+        Material of the indenter.
     imperfections : Imperfections, optional
         Those of the map.
     rest, ideal, mesh

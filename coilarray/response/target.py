@@ -93,7 +93,7 @@ def target_map(
         Coils, switches and strays of this design without the target; by default
         `coilarray.circuit.coupling.design_circuit`.
     ideal : bool
-        Where no network is given: leave out alternating-current resistance of the copper and all strays.
+        Leave AC resistance of the copper and all strays out of the circuit, unless `network` is given.
     fineness : float
         Fineness of the mesh of a plate with an outline: 1 errs by some 0.2 % in ΔL; 2 takes eight times as long.
     accuracy : {"full", "screen"}

@@ -207,7 +207,7 @@ def _span(file: DataFile, board: Stackup) -> tuple[str, ...]:
 
 
 def _has_pad(bore: _Bore, tracks: Iterable[Track]) -> bool:
-    """Whether a hole has a pad; BoardError where it has none and a track ends in it."""
+    """Whether a hole has a pad; BoardError if it has none and a track ends in it."""
     if bore.pads:
         return True
     hole = bore.hole
@@ -241,7 +241,7 @@ def _kind(hole: DrilledHole, pads: Sequence[Flash], openings: Sequence[Point]) -
 
 
 def _edge(files: Iterable[DataFile]) -> tuple[float, float, float, float] | None:
-    """Bounds of the board's outline; None where there is no file of it."""
+    """Bounds of the board's outline; None if there is no file of it."""
     points = [
         point
         for file in files

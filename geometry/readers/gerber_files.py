@@ -35,7 +35,7 @@ class DataFile:
     """One Gerber, Excellon or job file.
 
     `label` is its place for messages, path of the zip or folder and name in it. `function` has the fields of the X2
-    attribute .FileFunction, from the file or from the rules for its name; it is empty where neither says it.
+    attribute .FileFunction, from the file or from the rules for its name; it is empty if neither says it.
     """
 
     label: str

@@ -208,10 +208,10 @@ class _Board:
             raise BoardError(
                 f"{drill.where}: a plated hole must have a positive diameter; got {' '.join(drill.words)}."
             )
-        reach = self.layers.stackup.between(layers[0], layers[-1]) if layers else self.layers.stackup.names
+        layers_between = self.layers.stackup.between(layers[0], layers[-1]) if layers else self.layers.stackup.names
         bore = min(diameters) / _PER_M
         shapes = _kept(node, dict.fromkeys(layers, shape), disc(x, y, bore))
-        return [Hole(x, y, bore, size, reach, net, "pad", node.where, number, shapes)], []
+        return [Hole(x, y, bore, size, layers_between, net, "pad", node.where, number, shapes)], []
 
     def areas(self, nodes: Iterable[Node], to_board: ToBoard) -> Iterator[CopperArea]:
         """Give the copper of zones, drawn shapes and texts, and whatever else lies on copper or has a net."""

@@ -60,7 +60,7 @@ def trace_coils(board: BoardCopper, nets: Sequence[str] | None = None) -> Tracin
     Parameters
     ----------
     board : BoardCopper
-        What a reader has found.
+        Copper that a reader has found.
     nets : sequence of str, optional
         Names of the nets that are coils. Without them, every net (and every piece of copper that has no net) that
         is one path from end to end with at least `LEAST_TURNS` turns is one; the others are left out.
@@ -238,7 +238,7 @@ def _joints(nameless: _NetCopper, own: Sequence[frozenset[int]]) -> list[Copper]
 
 
 def _too_few_turns(coil: TracedCoil) -> str:
-    """Why a path is not a coil; empty where it winds."""
+    """Why a path is not a coil; empty if it winds."""
     turns = abs(coil.turns)
     return "" if turns >= LEAST_TURNS else f"it makes {turns:.2f} turns around its centre; a coil makes at least one."
 
@@ -271,8 +271,8 @@ class Obstacles:
         """Raise where one of them lies on the path; `own` are the ids of items that belong to the path itself."""
         segments = list(_segments(coil))
         lines = [segment.line for segment in segments]
-        reach = [max(segment.width / 2 - _OVERLAP, 0.0) for segment in segments]
-        for k, index in self._tree.query(lines, predicate="dwithin", distance=reach).T.tolist():
+        within = [max(segment.width / 2 - _OVERLAP, 0.0) for segment in segments]
+        for k, index in self._tree.query(lines, predicate="dwithin", distance=within).T.tolist():
             item, layer, _ = self._found[index]
             if layer == segments[k].layer and id(item) not in own:
                 at = place_in_mm(*lines[k].coords[0])
@@ -290,12 +290,12 @@ def refuse_bridges(what: str, coil: TracedCoil, items: Sequence[Copper]) -> None
     shapes = [copper_of(item) for item in items]
     for group in _overlapping(shapes):
         stretches = sorted(
-            (*_stretch(segments[index], shape, reach), index)
+            (*_stretch(segments[index], shape, within), index)
             for k in group
             for layer, shape in shapes[k].items()
             for index in tree.query(shape, predicate="dwithin", distance=coil.widest / 2).tolist()
             if segments[index].layer == layer
-            and shapely.dwithin(shape, segments[index].line, reach := max(segments[index].width / 2 - _OVERLAP, 0.0))
+            and shapely.dwithin(shape, segments[index].line, within := max(segments[index].width / 2 - _OVERLAP, 0.0))
         )
         covered = stretches[0][1] if stretches else 0.0
         for begin, end, index in stretches:
@@ -328,9 +328,9 @@ def _segments(coil: TracedCoil) -> Iterator[_Segment]:
             along += dist(a, b)
 
 
-def _stretch(segment: _Segment, shape: BaseGeometry, reach: float) -> tuple[float, float]:
+def _stretch(segment: _Segment, shape: BaseGeometry, within: float) -> tuple[float, float]:
     """Begin and end, along the path, of the part of a segment whose copper meets a shape."""
-    part = shapely.get_coordinates(segment.line & shape.buffer(reach + _OVERLAP))
+    part = shapely.get_coordinates(segment.line & shape.buffer(within + _OVERLAP))
     along = shapely.line_locate_point(segment.line, shapely.points(part))
     return segment.begin + float(along.min()), segment.begin + float(along.max())
 

@@ -59,7 +59,7 @@ class Board:
     Attributes
     ----------
     thermometer : callable or None
-        Returns the temperature in °C, None where it is not known just now: that of the emulator, or one that the user
+        Returns the temperature in °C, None if it is not known just now: that of the emulator, or one that the user
         of the board sets.
     """
 

@@ -249,7 +249,7 @@ def _differences(fault: Fault, judged: Sequence[tuple[_Seen, int | None]]) -> It
 
 
 def _expected(predicted: Prediction, reference: Prediction) -> int | None:
-    """Whether a frequency rises (1), stays (0) or falls (−1); None where more than one coil changes."""
+    """Whether a frequency rises (1), stays (0) or falls (−1); None if more than one coil changes."""
     added, removed = len(predicted.shorted - reference.shorted), len(reference.shorted - predicted.shorted)
     return added - removed if added + removed <= 1 else None
 

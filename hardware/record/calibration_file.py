@@ -75,7 +75,7 @@ def calibration_from_toml(text: str, origin: str = "calibration") -> BoardCalibr
 
 
 def save_calibration(calibration: BoardCalibration, path: Path) -> None:
-    """Write the constants of a board with a checksum behind them; OutputError where that fails."""
+    """Write the constants of a board with a checksum behind them; OutputError if that fails."""
     write_bytes(path, sealed(calibration_to_toml(calibration).encode()))
 
 

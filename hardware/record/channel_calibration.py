@@ -66,10 +66,10 @@ class BoardCalibration:
     emulated: bool
     design_hash: str
     clock: float  # of the converter in Hz
-    clock_error: float | None  # standard error in Hz; None where the clock is that of the settings
+    clock_error: float | None  # standard error in Hz; None if the clock is that of the settings
     clock_from: ClockFrom
     inductances_from: InductancesFrom | None = None
-    channels: tuple[Channel, ...] = ()  # empty where no inductances were given
+    channels: tuple[Channel, ...] = ()  # empty if no inductances were given
     drifts: tuple[Drift, ...] = field(default=())  # of the recording that the constants were computed from
 
     def __post_init__(self) -> None:
@@ -237,7 +237,7 @@ def simulated_inductances(recording: Recording) -> dict[str, float]:
 def _remove_drift(
     response: xr.Dataset, series: xr.Dataset, state: int, drifts: Sequence[Drift | None], scans: int
 ) -> bool:
-    """Replace δ of a state by δ from its drift, in place; return False where a session has no drift."""
+    """Replace δ of a state by δ from its drift, in place; return False if a session has no drift."""
     peaks = (series.stage.values == "peak") & series.finished.values
     peaks &= np.isfinite(series.inductance.values[:, state])
     sessions = series.session.values[peaks]

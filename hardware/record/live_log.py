@@ -49,7 +49,7 @@ class LiveLog:
             self._file.flush()
 
     def add(self, reading: LiveReading) -> None:
-        """Write the line of a scan; OutputError where that fails, for example on a full disk."""
+        """Write the line of a scan; OutputError if that fails, for example on a full disk."""
         states = {state.name: state for state in reading.states}
         deltas = [states[name].delta for name in self._states]
         verdicts = [states[name].verdict for name in self._states]
@@ -154,7 +154,7 @@ def read_log(path: Path) -> xr.Dataset:
     xarray.Dataset
         Over ``scan`` and ``state``: ``delta``, NaN where there is none, and ``verdict``, 0 good, 1 doubtful, 2 bad.
         Over ``scan``: the other columns by their names without the unit, NaN where empty; ``press`` is 0 where nothing
-        presses; ``status`` is the verdict of `coilarray.localize.inverse.Location`, empty where none was asked for.
+        presses; ``status`` is the verdict of `coilarray.localize.inverse.Location`, empty if none was asked for.
 
     Raises
     ------

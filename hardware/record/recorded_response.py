@@ -193,7 +193,7 @@ def response_csv(response: xr.Dataset) -> str:
 
 
 def series_csv(series: xr.Dataset) -> str:
-    """Return a time series as CSV for ``coilarray locate``: time_s and δ of every state, empty where unknown.
+    """Return a time series as CSV for ``coilarray locate``: time_s and δ of every state, empty if unknown.
 
     Where the series has temperatures, ``temperature_C`` follows, nan where unknown. The last column is the checksum of
     the line.

@@ -47,13 +47,13 @@ _DURABLE = 1.0  # s
 _T = TypeVar("_T")
 
 Thermometer = Callable[[], float | None]
-"""Returns the temperature in °C; None where it is not known just now."""
+"""Returns the temperature in °C; None if it is not known just now."""
 
 
 class Recorder:
     """A recording that is open for writing, from `open_recorder`; call `start` before any other method.
 
-    Every method writes completely or not at all, and raises OutputError where that fails, for example on a full disk.
+    Every method writes completely or not at all, and raises OutputError if that fails, for example on a full disk.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:

@@ -33,7 +33,7 @@ CREATE TABLE session (              -- from opening a board to letting go of it
     boot INTEGER NOT NULL,
     emulated INTEGER NOT NULL,
     port TEXT NOT NULL,
-    settings TEXT NOT NULL,         -- JSON: what the board was told
+    settings TEXT NOT NULL,         -- JSON: sent to the board
     settings_hash INTEGER NOT NULL, -- of every scan of this session
     wiring TEXT NOT NULL,
     capacitances TEXT NOT NULL,     -- JSON: F by state, as L was computed with while measuring
@@ -47,7 +47,7 @@ CREATE TABLE self_test (            -- of the switches and coils, before and aft
     checksum TEXT NOT NULL,
     session INTEGER NOT NULL REFERENCES session (id),
     time REAL NOT NULL,             -- s since the epoch
-    symptoms TEXT NOT NULL,         -- JSON: what a good board does not show; none where it has passed
+    symptoms TEXT NOT NULL,         -- JSON: what a good board does not show; none if it has passed
     findings TEXT NOT NULL          -- JSON: faults that each alone explain it
 );
 CREATE TABLE campaign (             -- none or one row

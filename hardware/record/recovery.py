@@ -56,7 +56,7 @@ def recover_recording(path: Path, target: Path) -> Damage:
     """Write a new recording of the scans of another one that are whole, and return what was lost.
 
     Scans are numbered anew. A position of a campaign of which a scan is lost counts as not measured, so that
-    ``coilarray campaign --resume`` measures it again. HardwareError where no scan is whole, OutputError where the new
+    ``coilarray campaign --resume`` measures it again. HardwareError if no scan is whole, OutputError if the new
     file cannot be written; the other one is only read.
     """
     with closing(connect_to_read(path)) as connection:
@@ -145,7 +145,7 @@ class _Remains(Recording):
             return None
 
     def _number(self, query: str) -> int | None:
-        """Return a number of rows, None where it cannot be read or the file is too short for so many."""
+        """Return a number of rows, None if it cannot be read or the file is too short for so many."""
         try:
             (found,) = self._connected.execute(query).fetchone()
         except sqlite3.Error:

@@ -48,7 +48,7 @@ class Stage(Protocol):
         """Indent to a depth in m below the point of contact, at a speed in m/s."""
 
     def relax(self, speed: float) -> None:
-        """Lift off at a speed in m/s; does nothing where the indenter does not touch."""
+        """Lift off at a speed in m/s; does nothing if the indenter does not touch."""
 
     def retreat(self) -> None:
         """Lift off after a failure, where that needs no person. Never raises."""
@@ -60,7 +60,7 @@ class Stage(Protocol):
 class PersonStage:
     """A person who moves the indenter by hand.
 
-    `ask` shows an instruction and returns when it was carried out; it raises HardwareError where nobody answers. The
+    `ask` shows an instruction and returns when it was carried out; it raises HardwareError if nobody answers. The
     places in it are those on the board, where the map has its `origin` in m.
     """
 

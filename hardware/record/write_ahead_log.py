@@ -21,7 +21,7 @@ _MAGIC = 0x377F0682  # its last bit: checksums of big-endian words
 
 
 def require_whole_log(path: Path) -> None:
-    """Raise HardwareError where the log beside a recording is damaged, see `log_damage`, or cannot be read."""
+    """Raise HardwareError if the log beside a recording is damaged, see `log_damage`, or cannot be read."""
     try:
         for left in range(_TIMES, -1, -1):
             damage = log_damage(path)
@@ -35,7 +35,7 @@ def require_whole_log(path: Path) -> None:
 
 
 def log_damage(path: Path) -> str:
-    """Say in words what is damaged in the log beside a database; empty where it is whole or there is none.
+    """Say in words what is damaged in the log beside a database; empty if it is whole or there is none.
 
     A frame that is cut off at the end is not damage: its write was broken off. Frames of an earlier log, which SQLite
     leaves behind those of the present one, have both salts of that one. OSError for a log that cannot be read.

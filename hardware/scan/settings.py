@@ -57,7 +57,7 @@ class StateSettings:
 
     `words` has the byte of each device while it is measured; the first one goes to the far end of the chain. Without
     switches it is empty, and the coil is at a `channel` of the converter, 0 to 3, which may have its own settling time
-    and input divider; None where they are those of the scan.
+    and input divider; None if they are those of the scan.
     """
 
     name: str

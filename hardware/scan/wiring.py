@@ -86,7 +86,7 @@ class Wiring:
         Names of the coils.
     devices : tuple of Device
         Devices in the order in which data passes them: the first is next to the computer. The first byte that is sent
-        goes to the last one. None where coils are wired to channels.
+        goes to the last one. None if coils are wired to channels.
     assumed : tuple of (str, str)
         Keys of the wiring that are not verified, each with the reason.
     channels : tuple of int

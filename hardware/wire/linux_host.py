@@ -33,7 +33,7 @@ def linux_buses() -> tuple[str, ...]:
 
 
 def i2c_clock(bus: int) -> float | None:
-    """Return the clock in Hz that the device tree sets for an I²C bus of this computer; None where it does not say.
+    """Return the clock in Hz that the device tree sets for an I²C bus of this computer; None if it does not say.
 
     The property is a 32-bit number, most significant byte first, as every number in a device tree.
     """

@@ -133,7 +133,7 @@ def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, l
     def without_positions(design, wanted, *, table, **settings):
         seen.update(positions=wanted.positions, table=table)
         result = analyse(design, replace(wanted, positions=None), **settings)
-        return result.assign_attrs(found="7 of 8", untold="dielectric")
+        return result.assign_attrs(found="7 of 8", undetermined="dielectric")
 
     monkeypatch.setattr("coilarray.studies.tolerance.analyse", without_positions)
     Path("fab.toml").write_text('schema = 1\nothers = "none"\n[placement]\nboard_mm = 0.05', encoding="utf-8")

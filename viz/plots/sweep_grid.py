@@ -470,7 +470,7 @@ def _is_coupling(name: str) -> bool:
 
 
 def _line_entries(sweep: xr.Dataset, entries: Sequence[str]) -> tuple[str, str]:
-    """Return the entry along lines and the entry of texts with one line each; empty where there is none."""
+    """Return the entry along lines and the entry of texts with one line each; empty if there is none."""
     if "sample" in sweep.dims:
         return "", ""
     if len(entries) == 1:

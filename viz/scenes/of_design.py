@@ -96,8 +96,8 @@ def board_and_metal(design: Design) -> tuple[Item, ...]:
 def scene_of_design(design: Design, view: View | None = None, track: Tracker | None = None) -> Scene:
     """Compute and put together what a view asks for, by default the board.
 
-    `track` gives the progress function of each computation. GeometryError where there is no such coil or layer, the
-    indenter is off the board, or a field needs too much memory; ElastomerError or LocalizeError where the indentation,
+    `track` gives the progress function of each computation. GeometryError if there is no such coil or layer, the
+    indenter is off the board, or a field needs too much memory; ElastomerError or LocalizeError if the indentation,
     map or reading is impossible, MetalError for metal that the design does not have or that is not computed.
     """
     return _Making(design, view or View(), track or (lambda text: None)).scene()
@@ -204,7 +204,7 @@ class _Making:
 
     @property
     def _covered(self) -> bool:
-        """True where the sheets hide the board."""
+        """True if the sheets hide the board."""
         return "dent" in self.view.show and not set(self.view.show) & _WITHIN
 
     @property

@@ -81,7 +81,7 @@ def touch_along(
 
     The path has `count` places at equal steps along its `corners` on the board in m, by default a straight line along x
     over all coils in the middle of the map; `depth` in m is by default the deepest of the design.
-    ElastomerError where the design has no indenter or the indentation is impossible, GeometryError where the path
+    ElastomerError if the design has no indenter or the indentation is impossible, GeometryError if the path
     leaves the board or has no length, or there are fewer than two places.
     """
     setup = indentation_of(design)

@@ -160,7 +160,7 @@ def _distributed() -> Any:
 
 
 async def _identity(address: str) -> str:
-    """Ask what answers at an address; TimeoutError where nothing does."""
+    """Ask what answers at an address; TimeoutError if nothing does."""
     dask = _distributed()
     security = dask.Security().get_connection_args("client")
     async with dask.rpc(address, timeout=ANSWER_WITHIN, connection_args=security) as server:

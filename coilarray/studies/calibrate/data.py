@@ -164,9 +164,9 @@ def _ellipses(data: EllipseModel, table: DataTable, design: Design, states: Sequ
                 weight = share if there and key in table.parameters else 0.0
                 shown = value if there else np.nan
                 rows.append((shown, table.semiaxis_std_mm * 1e-3, weight, key, name, level))
-        told = coil.highest <= _BEYOND * levels[-1]
-        weight = 1.0 if told and "peak" in table.parameters else 0.0
-        rows.append((coil.highest if told else np.nan, table.peak_std, weight, "peak", name, np.nan))
+        known = coil.highest <= _BEYOND * levels[-1]
+        weight = 1.0 if known and "peak" in table.parameters else 0.0
+        rows.append((coil.highest if known else np.nan, table.peak_std, weight, "peak", name, np.nan))
     values, std, weights, quantity, state, of_level = zip(*rows, strict=True)
     freedom = np.inf if table.noise == "given" else 0.0
     coords = {"quantity": quantity, "state": state, "level": of_level}

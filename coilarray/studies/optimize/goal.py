@@ -112,7 +112,7 @@ class Objective(Table):
 
     @property
     def maximized(self) -> bool:
-        """True where larger scores are better."""
+        """True if larger scores are better."""
         return self.direction == "maximize"
 
     @property

@@ -37,7 +37,7 @@ class Axis:
 
     `choices` are the allowed values as JSON texts, empty for a number; `low`, `high` and `step` are in the unit of the
     entry, a step of None allows any value. `log` searches over the logarithm; `whole` is an entry that takes only whole
-    numbers; `start` is the value in the design, None where it has none.
+    numbers; `start` is the value in the design, None if it has none.
     """
 
     entry: str
@@ -144,7 +144,7 @@ def changes_of(axes: Sequence[Axis], parameters: Mapping[str, Any]) -> dict[str,
 
 
 def start_parameters(axes: Sequence[Axis]) -> dict[str, Any] | None:
-    """Return the design as it is in parameters; None where it lies outside the bounds or choices."""
+    """Return the design as it is in parameters; None if it lies outside the bounds or choices."""
     parameters = {axis.entry: axis.parameter(axis.start) for axis in axes}
     return None if None in parameters.values() else parameters
 
@@ -172,7 +172,7 @@ def _axis(variable: Variable, key: str, file: DesignFile) -> Axis:
 
 
 def value_of(file: DesignFile, entry: str) -> Any:
-    """Return the value of an entry, of one place of a list too; None where the design says nothing."""
+    """Return the value of an entry, of one place of a list too; None if the design says nothing."""
     if entry in file.values:
         return file.values[entry]
     whole, _, place = entry.rpartition(".")

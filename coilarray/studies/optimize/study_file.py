@@ -42,7 +42,7 @@ class StudyFile:
 
     def __init__(self, study: Study) -> None:
         self._study = study
-        self._damaged = 0  # trials of which the user has been told
+        self._damaged = 0  # damaged trials already reported
 
     def trials(self) -> list[FrozenTrial]:
         """Return every finished trial that is as it was written, in that order; OutputError for a damaged file."""
@@ -59,7 +59,7 @@ class StudyFile:
         return whole
 
     def add(self, trial: FrozenTrial) -> None:
-        """Write a finished trial, whole or not at all; OutputError where that fails."""
+        """Write a finished trial, whole or not at all; OutputError if that fails."""
         from optuna.exceptions import StorageInternalError
 
         trial.set_user_attr(_CHECKSUM, _checksum(trial))

@@ -53,7 +53,7 @@ class Trial:
 
     @property
     def feasible(self) -> bool:
-        """True where the point is possible and keeps every bound."""
+        """True if the point is possible and keeps every bound."""
         return not self.reason and all(violation <= 0 for violation in self.violations.values())
 
     @property
@@ -121,7 +121,7 @@ def better_than(start: Trial, trials: Sequence[Trial], goal: Goal) -> tuple[Tria
 
 
 def best_points(plan: Sweep, result: xr.Dataset, goal: Goal) -> tuple[Trial, ...]:
-    """Return the best point of a sweep by a goal, of several objectives the Pareto front; none where no bound is kept.
+    """Return the best point of a sweep by a goal, of several objectives the Pareto front; none if no bound is kept.
 
     The result has the quantities of the goal, as `coilarray.studies.sweep.run_sweep` returns it. Points that break
     fabrication rules are left out, unless the goal says itself what it takes of them.

@@ -82,7 +82,7 @@ def _x0_distortion(evaluation: Evaluation, options: Mapping[str, Any]) -> float:
 
 
 def _line(evaluation: Evaluation, y: float, depth: float, through: float) -> CubicSpline:
-    """Spline of δ of every state over x at one y and depth, in m; GoalError where it does not reach `through`."""
+    """Spline of δ of every state over x at one y and depth, in m; GoalError if it does not reach `through`."""
     thickness = sum(sheet.thickness for sheet in evaluation.design.sheets)
     low, high, _, _ = evaluation.window(depth, beyond=thickness)
     if not low <= through <= high:

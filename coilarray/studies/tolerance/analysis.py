@@ -165,7 +165,7 @@ def check_analysis(
     design, tolerances, quantities, samples, seed, sampling, accuracy
         See `analyse`.
     with_table : bool
-        True where a response table is at hand. Without one, positions must lie in the table that will be computed.
+        True if a response table is at hand. Without one, positions must lie in the table that will be computed.
 
     Raises
     ------
@@ -277,7 +277,7 @@ def _with_shifts(
     located[good], found = shifts.located(sampled[good, first:] - nominal[first:])
     attributes = {
         "found": f"{int(found.sum())} of {int(good.sum()) * len(shifts.points)} readings",
-        "untold": "; ".join(shifts.undetermined(outputs.places())),
+        "undetermined": "; ".join(shifts.undetermined(outputs.places())),
     }
     none = np.zeros(len(by_delta))
     return np.append(nominal, none), linear.joined(linear.through(matrix)), np.hstack((sampled, located)), attributes

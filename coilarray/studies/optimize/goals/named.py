@@ -107,7 +107,7 @@ def derive_goal(wishes: Sequence[str], design: Design | DesignFile, vary: Sequen
     design : Design or DesignFile
         Design that is to be changed.
     vary : sequence of Axis
-        What may change, from `coilarray.studies.sweep.parse_axis`, instead of what the wishes say.
+        Variables, from `coilarray.studies.sweep.parse_axis`, instead of those that follow from the wishes.
 
     Raises
     ------
