@@ -142,7 +142,7 @@ class Resonance(StateResult):
 def solve_state(network: Network, state: ScanState, frequency: float) -> StateResult:
     """Solve one state at one frequency in Hz.
 
-    A coil that is not there or stands twice in the state, a frequency that is not positive and finite, or a singular
+    A coil that is unknown or occurs twice in the state, a frequency that is not positive and finite, or a singular
     network is a NetworkError.
 
     Examples

@@ -52,7 +52,7 @@ def calibrate(
             ("--out", "-o"), "Folder for page, tables, netCDF and the calibrated design (calibrated.toml).", kept=True
         ),
     ] = None,
-    plot: Annotated[Path | None, shared.plot_option("data, model and what remains")] = None,
+    plot: Annotated[Path | None, shared.plot_option("data, model and residuals")] = None,
     force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from coilarray.localize.forward import ForwardModel
 
 QUIT, ZERO = "q", "z"
-"""Orders to a running display: end, and measure the baseline anew."""
+"""Orders to a running display: end, and measure the baseline again."""
 
 _MOST_SCANS = 100_000_000
 _FASTEST = 1000.0  # times the recorded speed

@@ -194,7 +194,7 @@ def _print_result(result: Optimization) -> None:
     ] + [
         [axis.entry, *(value_text(result.values(trial)[axis.entry]) for trial in shown)] for axis in result.axes
     ]  # fmt: skip
-    shared.print_table(("", "as it was", *(one.label for one in chosen)), rows, title=tried)
+    shared.print_table(("", "given", *(one.label for one in chosen)), rows, title=tried)
     broken = [
         one.label
         for one in chosen

@@ -268,7 +268,7 @@ def _discard_damaged(connection: sqlite3.Connection, data: Path) -> None:
     if damaged:
         connection.executemany("DELETE FROM block WHERE number = ?", [(number,) for number in damaged])
         _LOG.warning(
-            "coilarray: %d of %d blocks in %s are damaged; they are computed anew.", len(damaged), len(rows), data
+            "coilarray: %d of %d blocks in %s are damaged; they are computed again.", len(damaged), len(rows), data
         )
 
 

@@ -23,7 +23,7 @@ class FabProfile:
     Parameters
     ----------
     name, title : str
-        Name in ``[fab]``, and title for people.
+        Name in ``[fab]``, and title.
     read : date
         Date on which the sources were read.
     sources : tuple of tuple of str

@@ -201,7 +201,7 @@ class Design:
     field_height : float
         Height in m of the plane on which reports show the field.
     name, title, source : str
-        Name in results, words for people, and where the design is from.
+        Name in results, title, and source of the design.
     plates : tuple of Plate or FinitePlate
         Metal that stays where it is, above or below the board.
     target : Target or None
@@ -213,7 +213,7 @@ class Design:
     ------
     DesignError
         Sheets or plates of one name; plates in the sheets, the coils or each other; an indentation that the sheets do
-        not allow; a termination, state or origin of a coil that there is not; or a state that cannot be.
+        not allow; a termination, state or origin of an unknown coil; or an impossible state.
 
     Examples
     --------

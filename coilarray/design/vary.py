@@ -42,7 +42,7 @@ def vary(design: Design | DesignFile, changes: Mapping[str, Any]) -> Design:
     Returns
     -------
     Design
-        Read anew, with all checks; of the same name.
+        The changed design, with all checks; of the same name.
 
     Raises
     ------

@@ -101,7 +101,7 @@ def align(
         Largest shift to either side along x and y in m. Only places stay that are in the model's table by it; where
         they are fewer than 8, and along an axis where this is 0, no shift is sought.
     noise : array_like, scalar or shape (n,), optional
-        Standard deviation of every measured δ; from the scatter of what remains by default.
+        Standard deviation of every measured δ; from the scatter of the residuals by default.
 
     Raises
     ------

@@ -100,7 +100,7 @@ def compare_responses(
     Notes
     -----
     The standard deviations of scale, shift, rms and correlation are what the noise of the readings does to them, to
-    first order; where no noise is known, the scatter of what remains after the fit is taken for it. Noise of the
+    first order; where no noise is known, it is taken from the scatter of the residuals of the fit. Noise of the
     simulated side (a second measurement) also draws the scale to zero, by noise² over the mean square of its map.
 
     Examples

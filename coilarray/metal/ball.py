@@ -101,7 +101,7 @@ def ball_inductance(
         to them that more than 120 multipoles count; a plate that is not below the coils, and what
         `coilarray.metal.backing.require_below` and `coilarray.metal.finite_plates.eddy_currents` refuse.
     MemoryLimitError
-        More values than there is memory for.
+        More values than fit into memory.
 
     Notes
     -----

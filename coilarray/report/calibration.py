@@ -129,7 +129,7 @@ def calibration_notes(result: xr.Dataset) -> list[str]:
         notes.append("The data determine less than the priors: " + "; ".join(undetermined) + ".")
     if result.attrs["noise_is"] == _ESTIMATED:
         notes.append(
-            f"The scale of the noise is estimated from what remains: {float(best.noise_scale):.3g} of the standard "
+            f"The scale of the noise is estimated from the residuals: {float(best.noise_scale):.3g} of the standard "
             "deviations given. Whether the model fits at all, it cannot say."
         )
     elif float(best.fit_probability) < _LEAST_DOUBT:
@@ -145,7 +145,7 @@ def calibration_notes(result: xr.Dataset) -> list[str]:
 
 def calibration_pictures(result: xr.Dataset) -> list[Picture]:
     """Draw data, model and what remains by position or level, and the posterior."""
-    pictures = [draw("model", "Measured and fitted, and what remains.", viz.calibration_figure(result))]
+    pictures = [draw("model", "Measured and fitted, and the residuals.", viz.calibration_figure(result))]
     drawn = viz.posterior_figure(result)
     caption = "Posterior of the unknowns between their bounds: draws, and the most probable point as a cross."
     pictures.append(draw("posterior", caption, drawn))

@@ -166,7 +166,7 @@ def response_map(
         A state without a resonance; with `reach` also a network with stray capacitances, and states and switches that
         `coilarray.circuit.state_sensitivity` does not treat.
     MemoryLimitError
-        More values than there is memory for.
+        More values than fit into memory.
     OutputError
         A part that cannot be written.
 

@@ -131,7 +131,7 @@ def target_map(
     NetworkError
         A state without a resonance, also with the target.
     MemoryLimitError
-        More values than there is memory for.
+        More values than fit into memory.
     OutputError
         A part that cannot be written.
 

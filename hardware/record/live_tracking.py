@@ -114,7 +114,7 @@ class LiveTracker:
         self.rezero()
 
     def rezero(self) -> None:
-        """Measure the baseline anew from the next scan on."""
+        """Measure the baseline again from the next scan on."""
         self._rest: list[tuple[float, Mapping[str, float]]] = []  # times in s, and L in H by state
         self._base: dict[str, float] | None = None
         self._noise = math.nan

@@ -55,7 +55,7 @@ def find_damage(path: Path) -> Damage:
 def recover_recording(path: Path, target: Path) -> Damage:
     """Write a new recording of the scans of another one that are whole, and return what was lost.
 
-    Scans are numbered anew. A position of a campaign of which a scan is lost counts as not measured, so that
+    Scans are renumbered. A position of a campaign of which a scan is lost counts as not measured, so that
     ``coilarray campaign --resume`` measures it again. HardwareError if no scan is whole, OutputError if the new
     file cannot be written; the other one is only read.
     """

@@ -66,7 +66,7 @@ def test_ends_of_ellipses_are_compared_within_the_window():
 
 def test_notes_say_what_limits_the_figures():
     (scale,) = calibration_notes(calibration())
-    assert scale.startswith("The scale of the noise is estimated from what remains: ")
+    assert scale.startswith("The scale of the noise is estimated from the residuals: ")
     data = calibration("response")
     assert calibration_notes(data) == []
     notes = calibration_notes(data.assign(

@@ -24,7 +24,7 @@ def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
     """Draw one row per state: the measured and the fitted numbers, and what remains in standard deviations.
 
     Of ellipses A, B and x0 over δ, with the band of one standard deviation of the posterior; of a response δ along x,
-    and what remains as a map where there are several rows. At most six states are shown.
+    and the residuals as a map where there are several rows. At most six states are shown.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> Non
         remains = np.where(known, part.residual.values, np.nan)
         right.plot(level, remains, f"{marker}{line}", color=colour, label=_NAMES[name])
     left.set(xlabel=MILLI_DELTA.label("δ"), ylabel=MM.label("A, B, $x_0$"), title=f"{state}: lines fitted")
-    right.set(xlabel=MILLI_DELTA.label("δ"), ylabel="fitted − measured (noise)", title=f"{state}: what remains")
+    right.set(xlabel=MILLI_DELTA.label("δ"), ylabel="fitted − measured (noise)", title=f"{state}: residuals")
     _finish(left, right)
 
 
@@ -74,7 +74,7 @@ def _fitted_response(of: xr.Dataset, state: str, left: Axes, right: Axes) -> Non
     )  # fmt: skip
     style.colour_bar(right, dots, "fitted − measured (noise)")
     left.set(xlabel=MM.label("x"), ylabel=MILLI_DELTA.label("δ"), title=f"{state}, {MM.text(deepest.depth[0])} deep")
-    right.set(xlabel=MM.label("x"), ylabel=MM.label("y"), title=f"{state}: what remains")
+    right.set(xlabel=MM.label("x"), ylabel=MM.label("y"), title=f"{state}: residuals")
     style.faint_grid(left)
     left.legend(loc="best")
 

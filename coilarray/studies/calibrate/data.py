@@ -43,7 +43,7 @@ class Measurement:
         What `model_values` needs, as plain values.
     noise_freedom : float
         Degrees of freedom with which the scale of the standard deviations is known: infinite where they are given, 0
-        where they are relative and their scale comes from what remains.
+        where they are relative and their scale comes from the residuals.
     """
 
     values: FloatArray

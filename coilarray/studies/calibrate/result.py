@@ -222,7 +222,7 @@ def result_dataset(
         "posterior": (("combination", "draw", "unknown"), draws, {"long_name": "draws from the posterior"}),
         "measured": ("datum", measured.values, {"long_name": "measured"}),
         "noise": ("datum", measured.std, {"long_name": "standard deviation, given or relative"}),
-        "weight": ("datum", measured.weight, {"long_name": "independent numbers for which one stands"}),
+        "weight": ("datum", measured.weight, {"long_name": "independent numbers that one represents"}),
         **{key: (of_datum, values, {"long_name": _SAID[key]}) for key, values in numbers.items()},
         **{key: ("combination", figures[key], {"long_name": _SAID[key], "units": "1"}) for key in _FIGURES},
         "probability": (

@@ -67,7 +67,7 @@ class Optimization:
 
     @property
     def design(self) -> Design:
-        """The design as it was."""
+        """The given design."""
         return self.file.design
 
     @property

@@ -126,7 +126,7 @@ class Axis:
 def axes_of(goal: Goal, design: Design | DesignFile) -> tuple[Axis, ...]:
     """Check the variables of a goal against a design.
 
-    GoalError for an entry that there is not, or a bound or choice that the design file could not say: which variable,
+    GoalError for an unknown entry, or a bound or choice that the design file cannot have: which variable,
     what is allowed, what was given. Whether a geometry is possible is only seen in the search.
     """
     file = as_file(design)

@@ -3,7 +3,7 @@
 A sampler that works on a study on disk takes one transaction for every parameter and attribute: 45 ms a trial with six
 variables. Here the sampler works on a study in memory, and each trial is written once it is finished, in one
 transaction. A killed run leaves no half-finished trial behind. Every trial has a checksum among its attributes: one
-that has changed since counts as missing, and its point is computed anew.
+that has changed since counts as missing, and its point is computed again.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class StudyFile:
         whole = [trial for trial in every if is_whole(trial)]
         if (damaged := len(every) - len(whole)) > self._damaged:
             _LOG.warning(
-                "coilarray: %d of %d trials in %s are damaged; they are computed anew.", damaged, len(every), FILE
+                "coilarray: %d of %d trials in %s are damaged; they are computed again.", damaged, len(every), FILE
             )
             self._damaged = damaged
         return whole
