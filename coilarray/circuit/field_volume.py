@@ -126,7 +126,9 @@ def write_field_volume(
         return float(np.abs(fields[0, :, 2]).max())
 
     key = content_key("field volume", sample.attrs, currents, axes, conductors)
-    peaks = fill_large(path, frame, variables, key, len(blocks), blocks.__getitem__, field_block, write, pool, progress)
+    peaks = fill_large(
+        path, frame, variables, key, len(blocks), blocks.__getitem__, field_block, write, pool, progress=progress
+    )
     return max(peaks.values())
 
 

@@ -126,7 +126,7 @@ def live(
     model = _model(file.design, table) if locate and not asked.opens_first else None
     with ExitStack() as opened:
         with progress_bar("emulator") as progress:  # over before the first scan is shown
-            source = opened.enter_context(live_source(asked, file.design, progress))
+            source = opened.enter_context(live_source(asked, file.design, progress=progress))
         if locate and asked.opens_first:
             model = _model(file.design, table)
         if not as_json and recording is None:

@@ -152,7 +152,7 @@ def _logged(source: LiveSource, options: LiveOptions, design: Design) -> Iterato
 
 
 @contextmanager
-def live_source(options: LiveOptions, design: Design, progress: Progress) -> Iterator[LiveSource]:
+def live_source(options: LiveOptions, design: Design, *, progress: Progress) -> Iterator[LiveSource]:
     """Open the recording or the board of the options; a board rests afterwards.
 
     `progress` gets (done, total) while the response of an emulated board is computed. HardwareError for a reference
@@ -167,7 +167,7 @@ def live_source(options: LiveOptions, design: Design, progress: Progress) -> Ite
 
 
 @contextmanager
-def _stream(asked: LiveOptions, design: Design, progress: Progress) -> Iterator[LiveSource]:
+def _stream(asked: LiveOptions, design: Design, *, progress: Progress) -> Iterator[LiveSource]:
     from coilarray.hardware.scan.readings import read_scan
 
     options = asked.board

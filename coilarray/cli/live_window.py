@@ -90,7 +90,7 @@ def watch_board(
         wait = partial(_wait, tell, name, emulated)
         locates = locate and design.indentation is not None
         model = _model(design, table, wait) if locates and not options.opens_first else None
-        with live_source(options, design, wait) as source:
+        with live_source(options, design, progress=wait) as source:
             if locates and options.opens_first:
                 model = _model(design, table, wait)
 
@@ -130,7 +130,7 @@ def _model(design: Design, table: Path | None, wait: Progress) -> ForwardModel:
     from coilarray.localize.forward import forward_model
     from coilarray.response.coordinates import on_board
 
-    return forward_model(on_board(stored_table(design, wait) if table is None else kept_table(design, table)))
+    return forward_model(on_board(stored_table(design, progress=wait) if table is None else kept_table(design, table)))
 
 
 def _wait(tell: Callable[[BoardFrame], None], name: str, emulated: bool, done: int, total: int) -> None:

@@ -133,13 +133,13 @@ def kept_table(design: Design, kept: Path | None) -> xr.Dataset:
             )
         return response
     with shared.progress_bar(f"table of {design.name}") as progress:
-        response = stored_table(design, progress)
+        response = stored_table(design, progress=progress)
     if kept is not None:
         save_dataset(response, kept)
     return response
 
 
-def stored_table(design: Design, progress: Progress) -> xr.Dataset:
+def stored_table(design: Design, *, progress: Progress) -> xr.Dataset:
     """Return the table of a design from the store, computed where it is new; OutputError as `open_store`."""
     from coilarray.compute.store import open_store
     from coilarray.hardware.scan.board_network import board_network

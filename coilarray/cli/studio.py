@@ -129,4 +129,4 @@ def kept_response(document: Document, name: str, progress: Progress) -> xr.Datas
     from coilarray.cli.maps import stored_table
     from coilarray.design.model import build_design
 
-    return stored_table(build_design(document, name), progress)
+    return stored_table(build_design(document, name), progress=progress)

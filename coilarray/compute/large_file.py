@@ -162,6 +162,7 @@ def fill_large(
     compute: Callable[[Item], Result],
     write: Callable[[LargeFile, int, Result], float],
     pool: Pool,
+    *,
     progress: Progress | None = None,
 ) -> dict[int, float]:
     """Compute the missing blocks of a file on a pool of workers, and write each as it comes; see `open_large`.

@@ -1,4 +1,4 @@
-"""How much memory there is, and an error before more than that is allocated."""
+"""Available memory, and an error before more than that is allocated."""
 
 from __future__ import annotations
 

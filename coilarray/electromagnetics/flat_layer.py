@@ -162,7 +162,7 @@ def layer_inductance(
         None if progress is None else lambda done, total: progress(100 * near + 100 * done // total, 100 * (near + 1))
     )
     shares = np.array([_rest(slab, near, one) for one in k.tolist()])
-    change += reflected_inductance([board], k.tolist(), (weights * shares)[None, None], rest)[0].real
+    change += reflected_inductance([board], k.tolist(), (weights * shares)[None, None], progress=rest)[0].real
     return (change + change.T) / 2
 
 

@@ -332,7 +332,7 @@ def _matrix(
     """Symmetric matrix of the wanted pairs of paths in H, zero elsewhere."""
     if accuracy not in get_args(Accuracy):
         raise GeometryError(f"accuracy must be one of {', '.join(get_args(Accuracy))}; got {accuracy!r}.")
-    values = _SCALE * path_sums(conductors, first, second, accuracy, progress)
+    values = _SCALE * path_sums(conductors, first, second, accuracy, progress=progress)
     infinite = np.flatnonzero(~np.isfinite(values))
     if len(infinite):
         i, j = first[infinite[0]], second[infinite[0]]

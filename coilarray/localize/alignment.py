@@ -1,4 +1,4 @@
-"""How one response map lies on another: the scale of δ and the shift in x and y that bring them together best.
+"""Alignment of one response map with another: the scale of δ and the shift in x and y that fit best.
 
     measured(x, y) ≈ scale · other(x − shift_x, y − shift_y)
 
@@ -33,7 +33,7 @@ _CLOSE = 1e-14  # relative: to where rounding ends it
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """What brings a map onto another.
+    """Scale and shift of one map onto another, with their errors.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def _solve(
     axes: Sequence[int],
     sigma: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Scale and shifts along some axes over the largest ones, standard deviations; the scatter of what remains in δ."""
+    """Scale and shifts along some axes over the largest ones, standard deviations; the scatter of the residuals."""
     steps = np.asarray(largest_shift)[list(axes)]
     size = float(np.sqrt(np.mean(values**2))) or 1.0
 

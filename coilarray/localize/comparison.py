@@ -1,4 +1,4 @@
-"""A measured response beside a simulated one: scale, shift, what remains, and the ellipses of both.
+"""A measured response beside a simulated one: scale, shift, residuals, and the ellipses of both.
 
 Nothing is extrapolated. The simulated map is interpolated where the measured one has its positions; positions outside
 of it are left out and counted. The ellipses of both come from the same positions with the same settings, since window
@@ -266,7 +266,7 @@ def _measured(response: xr.Dataset) -> xr.Dataset:
 
 
 def _common_states(measured: xr.Dataset, simulated: xr.Dataset) -> tuple[list[str], dict[str, str]]:
-    """States that both have, in the measured order, and those that one alone has."""
+    """States that both have, in the measured order, and those that only one has."""
     first, second = ([str(name) for name in data["state"].values] for data in (measured, simulated))
     common = [name for name in first if name in second]
     if not common:

@@ -1,4 +1,4 @@
-"""Why the fitted centre x0 of a coil moves with δ: the paper's own processing on computed maps, each cause off in turn.
+"""Why the fitted centre x0 of a coil moves with δ: computed maps, processed as in the paper, each cause off in turn.
 
 Nothing here is fitted to x0. Every map goes through the same refinement, sweep and ellipse fit; a cause is what x0
 loses when the cause is switched off.

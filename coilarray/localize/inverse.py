@@ -1,4 +1,4 @@
-"""Where and how deep an indentation is, from the δ of all coils: maximum likelihood with everything that also fits.
+"""Position and depth of an indentation from the δ of all coils: maximum likelihood, with all other solutions that fit.
 
 With Gaussian noise of known covariance in δ, −2 ln of the likelihood is χ² up to a constant; the error of a target's
 table, as a part of the δ that is read, is added to the variances. A `Location` keeps every mode, that is every minimum
@@ -120,7 +120,7 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """What a reading says about the indentation.
+    """Position of the indentation from one reading, with its uncertainty.
 
     Parameters
     ----------

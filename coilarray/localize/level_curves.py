@@ -1,4 +1,4 @@
-"""x0, A and B over the levels of δ of one map, and how far noise of the readings moves them."""
+"""x0, A and B over the levels of δ of one map, and their scatter under noise of the readings."""
 
 from __future__ import annotations
 

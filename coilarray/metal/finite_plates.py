@@ -148,7 +148,7 @@ def moving_plate(
         def solve(task: tuple[int, int]) -> ComplexArray:
             return _coupled(body.parities[task[1]].matrix(impedances[task[0]]), both[task[1]])
 
-        for (k, _), part in zip(tasks, run_blocks(solve, tasks, progress), strict=True):
+        for (k, _), part in zip(tasks, run_blocks(solve, tasks, progress=progress), strict=True):
             change[:, k] += part
         return change
     fixed = [_posed(paths, one, f, sheets, fineness) for one in others]

@@ -140,7 +140,7 @@ def plate_inductances(
     weights = weights * around.damping(k) * steps
     first = 0 if shares is None else 1
     rest = None if progress is None else lambda done, total: progress(first * total + done, (1 + first) * total)
-    change = (change + reflected_inductance(boards, k.tolist(), weights, rest)).reshape(shape)
+    change = (change + reflected_inductance(boards, k.tolist(), weights, progress=rest)).reshape(shape)
     return np.asarray((change + change.swapaxes(-1, -2)) / 2)
 
 

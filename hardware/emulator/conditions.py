@@ -1,4 +1,4 @@
-"""What surrounds an emulated converter: time, temperature, its own clock, and noise."""
+"""Surroundings of an emulated converter: time, temperature, its own clock, and noise."""
 
 from __future__ import annotations
 

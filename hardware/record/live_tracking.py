@@ -1,4 +1,4 @@
-"""Scan by scan: δ of every state relative to a baseline, and where the indentation is; no input, output or display."""
+"""Scan by scan, δ of every state relative to a baseline, and the position of the indentation; no input or output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is damaged in a recording, and a new recording of what is not."""
+"""Damage of a recording, and a new recording of its intact scans."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _TABLES = ("session", "campaign", "position", "self_test")
 
 @dataclass(frozen=True)
 class Damage:
-    """What of a recording is not whole."""
+    """Damaged parts of a recording."""
 
     scans: int  # of the recording, damaged ones included
     damaged: tuple[int, ...]  # numbers of the scans that are not whole
@@ -53,7 +53,7 @@ def find_damage(path: Path) -> Damage:
 
 
 def recover_recording(path: Path, target: Path) -> Damage:
-    """Write a new recording of the scans of another one that are whole, and return what was lost.
+    """Write a new recording of the intact scans of another one, and return what was lost.
 
     Scans are renumbered. A position of a campaign of which a scan is lost counts as not measured, so that
     ``coilarray campaign --resume`` measures it again. HardwareError if no scan is whole, OutputError if the new

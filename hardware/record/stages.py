@@ -1,4 +1,4 @@
-"""What moves the indenter: a person, a machine that speaks G-code over a serial port, or the emulator.
+"""Stages that move the indenter: a person, a machine that takes G-code over a serial port, or the emulator.
 
 A campaign gives every stage x and y from the map's origin, and a depth that is 0 where the indenter just touches. What
 people see and set is on the board: instructions, limits, and the coordinates of a machine, whose user homes it and sets

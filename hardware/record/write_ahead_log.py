@@ -1,8 +1,8 @@
 """Whether the log that SQLite writes ahead of a database is whole.
 
 A recording that was killed has its last scans in the file ``-wal`` beside it. SQLite reads that log up to the first
-frame whose checksum is wrong and takes the rest for the end of a broken-off write: a flipped bit there would take away
-every scan behind it, without a word.
+frame whose checksum is wrong and takes the rest for the end of a broken-off write: a flipped bit there would silently
+remove every scan after it.
 """
 
 from __future__ import annotations

@@ -212,7 +212,7 @@ class EvmRegisterBus:
 
 
 class _Refused(BusTimeout):
-    """An answer that is none: too short, or to another command."""
+    """An invalid answer: too short, or to another command."""
 
     def __init__(self, name: str, heard: bytes) -> None:
         what = f"sent {_shown(heard)}, which is not an answer" if heard else f"did not answer in {_REPLY_TIME:g} s"

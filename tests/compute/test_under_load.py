@@ -303,5 +303,5 @@ def test_an_interrupt_drops_the_blocks_that_have_not_begun(monkeypatch):
         time.sleep(0.01)
 
     with pytest.raises(KeyboardInterrupt):
-        run_blocks(work, range(10_000), _interrupt)
+        run_blocks(work, range(10_000), progress=_interrupt)
     assert len(begun) < 5000  # 40 where the first progress is told after 0.2 s

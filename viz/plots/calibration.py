@@ -1,4 +1,4 @@
-"""Flat figures of a calibration: data and model with what remains, the posterior, and the evidence of combinations."""
+"""Flat figures of a calibration: data and model with residuals, the posterior, and the evidence of combinations."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NAMES = {"A": "A", "B": "B", "x0": "$x_0$"}
 
 @style.styled
 def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
-    """Draw one row per state: the measured and the fitted numbers, and what remains in standard deviations.
+    """Draw one row per state: the measured and the fitted numbers, and the residuals in standard deviations.
 
     Of ellipses A, B and x0 over δ, with the band of one standard deviation of the posterior; of a response δ along x,
     and the residuals as a map where there are several rows. At most six states are shown.
@@ -44,7 +44,7 @@ def calibration_figure(calibration: xr.Dataset, combination: int = 0) -> Figure:
 
 
 def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> None:
-    """Draw the parameters of the ellipses of one state over δ, and what remains: dashed where it is only predicted."""
+    """Draw the ellipses' parameters of one state over δ, dashed if only predicted, and the residuals."""
     known = np.isfinite(of.model.values[of.quantity == "x0"])  # elsewhere the window does not show the model's ellipse
     for name, (marker, colour) in _LOOKS.items():
         part = of.isel(datum=np.flatnonzero(of.quantity == name))
@@ -61,7 +61,7 @@ def _fitted_ellipses(of: xr.Dataset, state: str, left: Axes, right: Axes) -> Non
 
 
 def _fitted_response(of: xr.Dataset, state: str, left: Axes, right: Axes) -> None:
-    """Draw δ of one state along x at every y and depth, and what remains by position."""
+    """Draw δ of one state along x at every y and depth, and the residuals by position."""
     deepest = of.isel(datum=np.flatnonzero(of.depth == of.depth.max()))
     for k, y in enumerate(np.unique(deepest.y.values)):
         row = deepest.isel(datum=np.flatnonzero(deepest.y == y)).sortby("x")

@@ -1,4 +1,4 @@
-"""Calibrate a design: fit its unknown entries to what was measured, and rank the alternatives that it may be."""
+"""Calibrate a design: fit its unknown entries to a measurement, and rank alternative designs."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def calibrate(
     pool: Pool | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
-    """Fit entries of a design to measured data, with errors, correlations and what the data cannot tell.
+    """Fit entries of a design to measured data, with errors, correlations and what the data cannot determine.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Designs that a calibration leaves possible."""
+"""Designs drawn from the posterior of a calibration."""
 
 from __future__ import annotations
 

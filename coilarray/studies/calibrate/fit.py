@@ -1,8 +1,8 @@
-"""Least squares between bounds for a model that takes seconds: few evaluations, and many at once where they are needed.
+"""Least squares between bounds for a model that takes seconds: few evaluations, as many as possible in parallel.
 
 Gauss–Newton steps in a box with Marquardt's damping. The slopes are differences of evaluations at the start and at the
 end, where they make the covariance, and Broyden's updates of them in between (C. G. Broyden, Math. Comput. 19, 577,
-1965), which cost nothing; where those give no better point they are evaluated anew. A fit asks for evaluations and does
+1965), which cost nothing; if those give no better point they are evaluated again. A fit asks for evaluations and does
 not make them, so that several fits can share the workers.
 """
 
@@ -36,7 +36,7 @@ _RIDGE = 1e-3  # standard deviations in an unknown's range that it has in any ca
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is fitted to what.
+    """Measured numbers, unknowns with their bounds and priors, and the noise.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Where a fit ended.
+    """Result of a fit.
 
     `point` (unknowns,), the model's numbers `values` (n,) there, at the first guess `before` (n,), and their `slopes`
     (n, unknowns) by the unknowns. `scale` is the factor of all standard deviations, 1 where the noise is given;

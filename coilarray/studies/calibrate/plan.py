@@ -1,4 +1,4 @@
-"""Calibration plans: which entries of a design are unknown, which alternatives it has, and what is fitted to what.
+"""Calibration plans: the unknown entries of a design, its alternatives, and the data to fit.
 
 TOML; the bundled ``table_a1`` is a longer example::
 

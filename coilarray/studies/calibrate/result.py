@@ -1,4 +1,4 @@
-"""What fits of several combinations of choices say: posteriors, evidences, and what the data cannot tell."""
+"""Results of the fits of several combinations of choices: posteriors, evidences, and what the data cannot determine."""
 
 from __future__ import annotations
 

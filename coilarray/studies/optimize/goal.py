@@ -1,4 +1,4 @@
-"""Goal files: what may change in a design, what is wanted, what must hold, and how to search. TOML, ``schema = 1``."""
+"""Goal files: variables, objectives, constraints and settings of a search. TOML, ``schema = 1``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One evaluated point of a search, and which of several are best."""
+"""Evaluated points of a search, and the best of them."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def front_of(trials: Sequence[Trial], goal: Goal) -> tuple[Trial, ...]:
 
 
 def unbeaten(scores: Mapping[int, Sequence[float]], signs: Sequence[int]) -> list[int]:
-    """Return the numbers of points that no other beats, by the first score; −1 in `signs` is for a maximum."""
+    """Return the numbers of the Pareto front's points, by the first score; −1 in `signs` is for a maximum."""
     costs = {k: [sign * score for sign, score in zip(signs, of, strict=True)] for k, of in scores.items()}
     front: list[int] = []
     # sorted by all costs, a point is beaten by none that comes after it

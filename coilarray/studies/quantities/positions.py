@@ -1,4 +1,4 @@
-"""How well readings tell the position: the Cramér–Rao bound over a region."""
+"""How well readings determine the position: the Cramér–Rao bound over a region."""
 
 from __future__ import annotations
 

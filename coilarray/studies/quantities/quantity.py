@@ -1,4 +1,4 @@
-"""What a quantity is, and how it is asked for with options: as a text like ``k[coil1,coil2]`` or as a table."""
+"""A quantity, and requests for it with options: as a text like ``k[coil1,coil2]`` or as a table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Quantities of the response to an indentation: its size, its width and what it does to the paper's ellipses."""
+"""Quantities of the response to an indentation: its size, its width and the distortion of the paper's ellipses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Quantities of a target: what it does to a coil at a distance, and how far and how finely its distance is resolved."""
+"""Quantities of a target: its effect on a coil at a distance, and the range and resolution of its distance."""
 
 from __future__ import annotations
 

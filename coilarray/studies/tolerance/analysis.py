@@ -1,4 +1,4 @@
-"""The whole analysis: boards around the design, boards drawn at random, and the spread that both give."""
+"""The whole analysis: boards around the design, randomly drawn boards, and the spread from both."""
 
 from __future__ import annotations
 

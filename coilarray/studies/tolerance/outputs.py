@@ -1,4 +1,4 @@
-"""What is asked of every board: quantities by name, and δ of every state where the indenter presses."""
+"""What is computed for every board: quantities by name, and δ of every state at positions of the indenter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distributions of fabrication errors, and what is asked of the boards that they make."""
+"""Distributions of fabrication errors, and the outputs and limits of the boards."""
 
 from __future__ import annotations
 

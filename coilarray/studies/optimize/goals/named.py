@@ -1,4 +1,4 @@
-"""Goals by name that fit any design: each takes its ranges and bounds from the design at hand."""
+"""Named goals that fit any design: each takes its ranges and bounds from the given design."""
 
 from __future__ import annotations
 

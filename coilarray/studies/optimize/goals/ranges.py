@@ -1,4 +1,4 @@
-"""Which entries of a design may change, and how far: ranges that follow from its coils, its lattice and its fab limits.
+"""Ranges of the entries of a design that may change, from its coils, its lattice and its fabrication limits.
 
 The design as it is lies in every range, so that a search never has to leave out what it starts from.
 """
