@@ -22,7 +22,7 @@ _JOINED = FabRules().min_gap  # the corners that the rules count as joined coppe
 
 
 def require_apart(array: CoilArray) -> None:
-    """Raise GeometryError where traces of two coils, or two turns of one coil, overlap on a layer.
+    """Raise GeometryError if traces of two coils, or two turns of one coil, overlap on a layer.
 
     Measured as `coilarray.geometry.check_rules` does: the outlines of the traces of different coils, and within a coil
     the places that face each other across the way of the current. Traces may touch, and overlap by up to 1 µm as the
@@ -44,7 +44,7 @@ def require_apart(array: CoilArray) -> None:
 
 @lru_cache(maxsize=16)  # of the arrays in use: a design is computed with more than once
 def _overlap(array: CoilArray) -> str:
-    """Where the first overlap is, empty where there is none."""
+    """Where the first overlap is, empty if there is none."""
     for layer in array.stackup.names:
         here = [one for one in array.placements if one.lines_on(layer)]
         for placement in here:
@@ -62,15 +62,15 @@ def _overlap(array: CoilArray) -> str:
 
 def _near_pairs(here: Sequence[Placement], layer: str) -> Iterator[tuple[Placement, Placement]]:
     """Give the pairs of coils whose traces on a layer may meet; of those that lie to each other alike, one."""
-    reach = np.array([_reach(one.coil, one.lines_on(layer)) for one in here])
+    radius = np.array([_radius(one.coil, one.lines_on(layer)) for one in here])
     centres = np.array([(one.x, one.y) for one in here]).reshape(-1, 2)
-    boxes = shapely.box(*(centres - reach[:, None]).T, *(centres + reach[:, None]).T)
+    boxes = shapely.box(*(centres - radius[:, None]).T, *(centres + radius[:, None]).T)
     i, j = shapely.STRtree(boxes).query(boxes, predicate="intersects")
     seen = set()
     for a, b in zip(i[i < j].tolist(), j[i < j].tolist(), strict=True):
         one, other = here[a], here[b]
         c, s = math.cos(one.rotation), math.sin(one.rotation)
-        apart = (centres[b] - centres[a]) @ np.array([[c, -s], [s, c]]) / reach[a]  # in the frame of the first coil
+        apart = (centres[b] - centres[a]) @ np.array([[c, -s], [s, c]]) / radius[a]  # in the frame of the first coil
         turn = (other.rotation - one.rotation) / (2 * math.pi) % 1.0
         alike = (
             one.coil,
@@ -93,7 +93,7 @@ def _centre_lines(placement: Placement, layer: str) -> shapely.MultiLineString:
 
 
 @lru_cache(maxsize=256)
-def _reach(coil: Coil, lines: tuple[int, ...]) -> float:
+def _radius(coil: Coil, lines: tuple[int, ...]) -> float:
     """Radius in m about a coil's centre within which its traces lie."""
     return max(float(np.hypot(*coil.lines[k].T).max() + MITRE_LIMIT * coil.widths[k].max() / 2) for k in lines)
 
@@ -114,13 +114,13 @@ def _outline(coil: Coil, line: int) -> shapely.Polygon:
 
 @lru_cache(maxsize=256)
 def _overlap_within(coil: Coil, lines: tuple[int, ...]) -> Gap | None:
-    """Deepest overlap of the lines of a coil that lie on one layer, in its own frame; None where there is none."""
+    """Deepest overlap of the lines of a coil that lie on one layer, in its own frame; None if there is none."""
     traces = [(coil.lines[k], coil.widths[k] / 2) for k in lines]
     found = [
-        trace_to_itself(line, half, _JOINED, reach=0.0)
+        trace_to_itself(line, half, _JOINED, within=0.0)
         for line, half in traces
         if np.ptp(half) > 0 or simple_outline(line, 2 * float(half[0])) is None  # the cheaper of two that agree
     ]
-    found += [trace_to_trace(one, other, reach=0.0) for one, other in combinations(traces, 2)]
+    found += [trace_to_trace(one, other, within=0.0) for one, other in combinations(traces, 2)]
     deep = [gap for gap in found if gap is not None and gap[0] <= -KEPT_WITHIN]
     return min(deep, key=lambda gap: gap[0], default=None)

@@ -23,7 +23,7 @@ class FabProfile:
     Parameters
     ----------
     name, title : str
-        Name in ``[fab]``, and title for people.
+        Name in ``[fab]``, and title.
     read : date
         Date on which the sources were read.
     sources : tuple of tuple of str
@@ -102,7 +102,7 @@ class FabTable(Table):
     def _profile_first(cls, table: object) -> object:
         name = table.get("profile") if isinstance(table, Mapping) else None
         if not isinstance(name, str) or not isinstance(table, Mapping):
-            return table  # a profile that is no text is refused by its type
+            return table  # a profile that is not text is refused by its type
         if name not in fabs.names():
             raise ValueError(f"has no profile {name!r}; there are {', '.join(fabs.names())}")
         return {**load_profile(name).limits, **table}

@@ -46,8 +46,8 @@ class PlacesTable(Table):
             None in (ranges if lists == (None, None) else lists) or (lists != (None, None) and ranges != (None,) * 3)
         ):
             raise ValueError(
-                "needs x_mm, y_mm and step_mm, or else x_positions_mm and y_positions_mm; or none of them, for "
-                "positions over all coils"
+                "needs x_mm, y_mm and step_mm, or x_positions_mm and y_positions_mm, or none of these for positions "
+                "over all coils"
             )
         for key, values in (("x_mm", self.x_mm), ("y_mm", self.y_mm)):
             if values is not None and self.step_mm is not None:
@@ -73,7 +73,7 @@ class PlacesTable(Table):
             raise ValueError(f"may have {MOST_POSITIONS} positions; {key} and step_mm give {steps + 1:g}")
 
     def positions(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return the x and the y of the map in m, ends included; none where they follow from the array."""
+        """Return the x and the y of the map in m, ends included; none if they follow from the array."""
         if self.x_mm is None or self.y_mm is None or self.step_mm is None:
             x, y = (tuple(v / 1e3 for v in values or ()) for values in (self.x_positions_mm, self.y_positions_mm))
         else:

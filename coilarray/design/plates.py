@@ -48,11 +48,11 @@ class MaterialTable(Table):
                 f"needs a material of {', '.join(MATERIALS)}, or conductivity_MS_per_m; got {self.material!r}{hint}"
             )
         if self.material is not None and (self.conductivity_MS_per_m, self.relative_permeability) != (None, None):
-            raise ValueError("needs a material, or else conductivity_MS_per_m and relative_permeability; got both")
+            raise ValueError("needs either a material, or conductivity_MS_per_m and relative_permeability; got both")
         return self
 
     def substance(self, name: str) -> Material | None:
-        """Return the material in SI, with a name of one's own where it has none; None where nothing is said of it."""
+        """Return the material in SI, with a name of one's own where it has none; None if nothing is said of it."""
         if self.material is not None:
             return MATERIALS[self.material]
         if self.conductivity_MS_per_m is None and self.relative_permeability is None:
@@ -144,7 +144,7 @@ class PlateTable(FlatTable):
         if (self.z_mm is None) == (self.distance_mm is None):
             raise ValueError("needs exactly one of z_mm and distance_mm")
         if (self.side is None) != (self.distance_mm is None):
-            raise ValueError('needs side = "above" or "below" with distance_mm, and only then')
+            raise ValueError('needs side = "above" or "below" with distance_mm, and only with it')
         if self.shape == "plate" and (self.x_mm or self.y_mm):
             raise ValueError('has no x_mm and y_mm for shape = "plate", which is an infinite plate')
         return self
@@ -179,9 +179,9 @@ def check_plates(plates: Sequence[Plate | FinitePlate], top: float, lowest_coppe
         low, high = plate.heights
         if low < top - TOUCHING and high > lowest_copper + TOUCHING:
             raise DesignError(
-                f"plate.{k} must lie above the sheets and the board (z from {top * 1e3:g} mm) or below "
-                f"the coils' copper (z to {lowest_copper * 1e3:g} mm); {plate.name!r} lies "
-                f"from {low * 1e3:g} to {high * 1e3:g} mm."
+                f"plate.{k} must lie above the sheets and the board (z above {top * 1e3:g} mm) or below the coils' "
+                f"copper (z below {lowest_copper * 1e3:g} mm); {plate.name!r} lies from {low * 1e3:g} to "
+                f"{high * 1e3:g} mm."
             )
     for (_, one), (m, other) in combinations(enumerate(plates), 2):
         (low, high), (floor, roof) = one.heights, other.heights

@@ -82,9 +82,9 @@ class ScanState:
     connection : {"series", "parallel"}
         Connection of several measured coils.
     others : {"ground", "ground one end", "ground other end", "open", "load"}
-        What closes every other coil.
+        Termination of every other coil.
     exceptions : mapping of str to such a value
-        What closes the coils that differ from `others`, by name.
+        Terminations of coils, by name, that differ from `others`.
     load_resistance : float
         Resistance of a load in Ω.
     """

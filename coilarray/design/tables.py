@@ -600,7 +600,7 @@ class IndentationTable(PlacesTable):
         )
 
     def sample_bounds(self) -> tuple[float, float, float, float] | None:
-        """Return the edges (x_min, y_min, x_max, y_max) of the sample in m, or None where it covers everything."""
+        """Return the edges (x_min, y_min, x_max, y_max) of the sample in m, or None if it covers everything."""
         if self.sample_x_mm is None or self.sample_y_mm is None:
             return None
         (x_min, x_max), (y_min, y_max) = self.sample_x_mm, self.sample_y_mm

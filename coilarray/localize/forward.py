@@ -1,4 +1,4 @@
-"""Forward model: δ of every state as a smooth function of where the indenter is and how deep it presses."""
+"""Forward model: δ of every state as a smooth function of the position and depth of the indenter."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def ball_inductance(
     ball : Ball
         The ball.
     centres : array_like, shape (positions, 3)
-        Where its centre is, in m on the board.
+        Position of its centre in m on the board.
     frequencies : array_like, shape (f,)
         Frequencies in Hz, at least 0.
     sheets : sequence of Sheet
@@ -101,7 +101,7 @@ def ball_inductance(
         to them that more than 120 multipoles count; a plate that is not below the coils, and what
         `coilarray.metal.backing.require_below` and `coilarray.metal.finite_plates.eddy_currents` refuse.
     MemoryLimitError
-        More values than there is memory for.
+        More values than fit into memory.
 
     Notes
     -----
@@ -133,8 +133,8 @@ def ball_inductance(
     for plate in plates:
         if plate.heights[1] > lowest:
             raise MetalError(
-                f"a ball is computed beside plates below the coils; {plate.name!r} reaches up to "
-                f"z = {plate.heights[1] * 1e3:.4g} mm, the lowest copper lies at {lowest * 1e3:.4g} mm."
+                f"a ball is computed only beside plates below the coils; the top of {plate.name!r} is at z = "
+                f"{plate.heights[1] * 1e3:.4g} mm, the lowest copper at {lowest * 1e3:.4g} mm."
             )
     frequency = checked_frequencies(frequencies)
     outlined = outlined_below(source, plates, frequency.tolist(), sheets, fineness=fineness)

@@ -148,7 +148,7 @@ def moving_plate(
         def solve(task: tuple[int, int]) -> ComplexArray:
             return _coupled(body.parities[task[1]].matrix(impedances[task[0]]), both[task[1]])
 
-        for (k, _), part in zip(tasks, run_blocks(solve, tasks, progress), strict=True):
+        for (k, _), part in zip(tasks, run_blocks(solve, tasks, progress=progress), strict=True):
             change[:, k] += part
         return change
     fixed = [_posed(paths, one, f, sheets, fineness) for one in others]
@@ -447,10 +447,10 @@ def _model_error(plate: FinitePlate, frequencies: FloatArray, nearest: float, ra
             largest = largest.or_worse(model_error(plate.material, plate.thickness, f, inscribed, kappa))
         if largest.whole > LARGEST_ERROR:
             raise GeometryError(
-                f"skin depth or thickness of a finite plate must be small against its inscribed radius of "
+                "skin depth or thickness of a finite plate must be small compared with its inscribed radius of "
                 f"{inscribed * 1e3:.3g} mm and the coils' radius and distance of {scale * 1e3:.3g} mm; "
                 f"{plate.name!r}, {plate.thickness * 1e3:.3g} mm thick, has a skin depth of "
-                f"{plate.material.skin_depth(f) * 1e3:.3g} mm at {f:.4g} Hz, and its ΔL would err by "
+                f"{plate.material.skin_depth(f) * 1e3:.3g} mm at {f:.4g} Hz, so that its ΔL would have an error of "
                 f"{largest.whole:.0%}."
             )
     return largest
@@ -482,12 +482,12 @@ def _all_posed(
 
 def _require_free(plate: FinitePlate, where: FloatArray, beside: Sequence[Plate | FinitePlate]) -> None:
     """Refuse places (n, 3) in m at which a plate reaches into another one."""
-    reach = np.array(plate.heights) - plate.centre[2]
+    bottom, top = np.array(plate.heights) - plate.centre[2]
     ground = _ground(replace(plate, centre=(0.0, 0.0, 0.0)))
     for other in beside:
         low, high = other.heights
         for x, y, z in where.tolist():
-            if z + reach[0] >= high - TOUCHING or z + reach[1] <= low + TOUCHING:
+            if z + bottom >= high - TOUCHING or z + top <= low + TOUCHING:
                 continue
             if isinstance(other, Plate) or shapely.intersects(translate(ground, x, y), _ground(other)):
                 raise GeometryError(

@@ -56,7 +56,7 @@ def indenter_inductance(
         Height in m of its lowest point over the sheets of each dent, above zero where they are not dented; inf for none
         of it. 0 by default.
     backing : Backing, optional
-        What lies below the coils, at this frequency.
+        Plates below the coils, at this frequency.
     outlined : OutlinedPlates, optional
         Plates with an outline below the coils, at this frequency, which send back the field of the ball's dipole too.
     mesh : LayerMesh, optional

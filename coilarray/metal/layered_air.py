@@ -47,7 +47,7 @@ def layer_of(plate: Plate) -> Layer:
 def layers_apart(plates: Sequence[Plate], sheets: Sequence[Sheet]) -> list[tuple[float, float, Layer]]:
     """Put plates and the magnetic ones of the sheets upwards from z = 0 in order: lower and upper face in m, and layer.
 
-    GeometryError where they overlap.
+    GeometryError if they overlap.
     """
     bodies = [(*plate.heights, layer_of(plate), f"plate {plate.name!r}") for plate in plates]
     heights = itertools.accumulate((sheet.thickness for sheet in sheets), initial=0.0)
@@ -101,7 +101,7 @@ class LayeredAir:
 
     @classmethod
     def between(cls, plates: Sequence[Plate], sheets: Sequence[Sheet], frequencies: FloatArray) -> LayeredAir:
-        """Put plates and the sheets upwards from z = 0 together; GeometryError where they overlap."""
+        """Put plates and the sheets upwards from z = 0 together; GeometryError if they overlap."""
         bodies = layers_apart(plates, sheets)
         faces = np.array([body[:2] for body in bodies]).reshape(-1, 2)
         return cls(tuple(body[2] for body in bodies), faces, frequencies)
@@ -112,7 +112,7 @@ class LayeredAir:
         floor, roof = self.gap_faces(number)
         if low < floor - TOUCHING or high > roof + TOUCHING:
             raise MetalError(
-                f"{what} must lie between plates without end and magnetic sheets, not in them; it reaches from "
+                f"{what} must lie between infinite plates and magnetic sheets, not in them; it reaches from "
                 f"{low * 1e3:.4g} to {high * 1e3:.4g} mm and the faces next to it lie at {floor * 1e3:.4g} and "
                 f"{roof * 1e3:.4g} mm."
             )
@@ -207,8 +207,8 @@ def _fitted(k: FloatArray, weights: ComplexArray, way: float, extent: float) -> 
             break
     else:
         raise MetalError(
-            f"what plates without end and magnetic sheets reflect must be a sum of images to {_TOLERANCE:g}; {count} "
-            f"images of a source {way * 1e3:.4g} mm away by reflection, {extent * 1e3:.4g} mm wide, err by "
+            f"the reflection by infinite plates and magnetic sheets must be a sum of images to {_TOLERANCE:g}; "
+            f"{count} images of a source {way * 1e3:.4g} mm away by reflection, {extent * 1e3:.4g} mm wide, err by "
             f"{np.abs(waves @ shares - wanted.T).max() / largest:.2g}: move plates with an outline farther away from "
             "them."
         )

@@ -59,13 +59,11 @@ def require_skin(plate: FinitePlate, frequencies: FloatArray, others: Sequence[F
             f'{float(frequencies.min()):.4g} Hz: make it thicker, or infinite with shape = "plate".'
         )
     if plate.outline.holes:
-        raise MetalError(
-            f"a magnetic plate with an outline must have no holes; {plate.name!r} has some: leave them out."
-        )
+        raise MetalError(f"a magnetic plate with an outline must not have holes; {plate.name!r} has: leave them out.")
     if others:
         names = ", ".join(other.name for other in others)
         raise MetalError(
-            f"a magnetic plate with an outline is computed only without others with an outline; beside {plate.name!r} "
+            f"a magnetic plate with an outline must be the only one with an outline; beside {plate.name!r} "
             f'there are {names}: leave one of them out, or make it infinite with shape = "plate".'
         )
 

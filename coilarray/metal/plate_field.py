@@ -265,6 +265,6 @@ def _rule(extent: float, highest: float) -> tuple[FloatArray, FloatArray]:
     if count > _MOST_WAVENUMBERS:
         raise MetalError(
             f"B at {_DECAYS / highest * 1e3:.3g} mm from the coils on {extent * 1e3:.4g} mm would need {count} "
-            f"wavenumbers; {_MOST_WAVENUMBERS} are allowed: choose places farther from the board."
+            f"wavenumbers; {_MOST_WAVENUMBERS} are allowed: choose points farther from the board."
         )
     return wave_rule(highest, count)

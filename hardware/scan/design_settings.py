@@ -99,8 +99,8 @@ def design_settings(
     unknown = [name for name in names if name not in wiring.coils]
     if unknown and not wiring.channels:
         raise HardwareError(
-            f"wiring {wiring.name} has no coil {unknown[0]!r} of the design {design.name}; "
-            f"there are {', '.join(wiring.coils)}: give the wiring of this board."
+            f"wiring {wiring.name} has no coil {unknown[0]!r} of the design {design.name}; there are "
+            f"{', '.join(wiring.coils)}: give the wiring file of this board."
         )
     plan = design_plan(design, states)
     if unknown:

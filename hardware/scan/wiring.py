@@ -86,7 +86,7 @@ class Wiring:
         Names of the coils.
     devices : tuple of Device
         Devices in the order in which data passes them: the first is next to the computer. The first byte that is sent
-        goes to the last one. None where coils are wired to channels.
+        goes to the last one. None if coils are wired to channels.
     assumed : tuple of (str, str)
         Keys of the wiring that are not verified, each with the reason.
     channels : tuple of int
@@ -371,8 +371,8 @@ def wired_to_channels(coils: Sequence[str], channels: Sequence[int], *, source: 
     """
     if len(coils) > len(channels):
         raise HardwareError(
-            f"there are {len(channels)} channels ({', '.join(map(str, channels))}) for {len(coils)} coils; "
-            f"none is left for {coils[len(channels)]}: name the coils that are wired, as --coils "
+            f"there are {len(channels)} channels ({', '.join(map(str, channels))}) for {len(coils)} coils; none is "
+            f"left for {coils[len(channels)]}: name the coils that are wired, such as --coils "
             f"{','.join(coils[: len(channels)])}."
         )
     used = tuple(channels[: len(coils)])

@@ -135,7 +135,7 @@ def test_a_process_that_is_lost_costs_only_time(local, tmp_path):
 
 @pytest.mark.slow
 def test_a_task_that_ends_every_process_ends_the_run(local):
-    with pytest.raises(ClusterError, match=r"ended 3 times at one task, with exit code -9; is there memory enough\?$"):
+    with pytest.raises(ClusterError, match=r"during the same task, with exit code -9; is there enough memory\?$"):
         list(local.run(tasks.die, [1]))
     assert sorted(local.run(tasks.square, [2])) == [(0, 4)]
 

@@ -364,7 +364,7 @@ def _fat():
     (lambda: crossed_grid_capacitance(AIR, [0], [2e-4], [1e-4], [0], [0]), "narrower than their pitch"),
     (lambda: coil_capacitance(_one(2, HEXAGON), relative_permittivity=0.5), "at least 1; got 0.5"),
     (lambda: coil_capacitance(_pair(shift=(1e-3, 0), layers=("A", "A"))), "one and two overlaps on A"),
-    (lambda: coil_capacitance(_hairpin()), "winding of hairpin must run at least twice around"),
+    (lambda: coil_capacitance(_hairpin()), "winding of hairpin must have at least two turns around"),
     (lambda: coil_capacitance(_fat()), "c: copper overlaps on plane 0"),
 ])  # fmt: skip
 def test_bad_geometry_is_refused_in_one_line(call, message):

@@ -76,9 +76,7 @@ def test_lattices_and_sheets_that_cannot_be():
     refused(GeometryError, "a linear lattice has one row; got 2", lattice, "linear", 1.0, 2, 2)
     refused(GeometryError, "more than one coil must have a pitch", lattice, "square", None, 2)
     refused(GeometryError, "of the kind rings has no rows and columns; got 1 and 2", lattice, "rings", 1.0, 2, rings=1)
-    refused(
-        GeometryError, "at least one ring where its kind is rings, else none; got 0 of rings", lattice, "rings", 1.0
-    )
+    refused(GeometryError, "at least one ring, any other none; got 0 for rings", lattice, "rings", 1.0)
     refused(
         GeometryError,
         "lattice must be single, linear, square, hexagonal or rings; got 'round'",

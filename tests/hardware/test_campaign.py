@@ -388,7 +388,7 @@ def test_a_board_that_restarted_is_opened_again(path, whole):
 def test_a_board_that_restarts_for_ever_or_cannot_be_opened_again(path, tmp_path):
     ever = tmp_path / "ever.sqlite"
     refused(HardwareError, f"a scan failed {TRIES} times: .*restarted", run_reconnecting, ever, 6, [1] * 100)
-    refused(BoardRestarted, "the board restarted; run again to go on with the recording", run_reconnecting, path, 6)
+    refused(BoardRestarted, "the board restarted; run again to continue the recording", run_reconnecting, path, 6)
     run(path, SMALL, resume=True)
 
 

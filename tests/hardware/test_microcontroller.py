@@ -313,7 +313,7 @@ def test_only_one_stream_runs_and_nothing_else_meanwhile(board, reader):
     stream = reader.scans()
     next(stream)
     for call in (reader.scan, lambda: next(reader.scans()), lambda: reader.peek(0), lambda: reader.configure(SETTINGS)):
-        refused(HardwareError, "a stream runs; close its iterator first", call)
+        refused(HardwareError, "a stream is running; close its iterator first", call)
     reader.rest()
     assert list(stream) == []
     assert reader.scan().samples

@@ -342,7 +342,7 @@ SPIKE = MAP.assign(delta=MAP.delta.where((MAP.y != WINDOW_Y[2]) | (MAP.x != WIND
     (1e3 * MAP, {}, "a largest δ of 1 in steps of 3e-05 makes 3.33e.04 levels on .* at most 3000"),
     (MAP, {"refinement": 200, "step": 1e-6}, "levels on 6.* refined points; at most 160 "),
     (SPIKE, {}, "a largest δ of 43.* levels on .* at most"),
-    (MAP.assign_coords(coil=["coil1"], coil_y=("coil", [12e-3])), {}, "of coils in one row, .* coil1 is at y = 12 mm"),
+    (MAP.assign_coords(coil=["coil1"], coil_y=("coil", [12e-3])), {}, "for coils in one row, .* coil1 is at y = 12 mm"),
 ])  # fmt: skip
 def test_bad_maps_and_settings_are_named(dataset, settings, text):
     with pytest.raises(LocalizeError, match=text):

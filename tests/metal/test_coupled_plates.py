@@ -220,11 +220,11 @@ def test_refusals():
         outlined_inductance, coil, [disc(centre=(0.0, 0.0, -3.1e-3), name="low"), back], [1e6],
     )  # fmt: skip
     refused(
-        MetalError, "the coils must lie between plates without end and magnetic sheets",
+        MetalError, "the coils must lie between infinite plates and magnetic sheets",
         outlined_inductance, coil, [disc(), replace(back, z=-0.5e-3)], [1e6],
     )  # fmt: skip
     ball = Target(Ball(5e-3, ALUMINIUM), (1e-3,))
     refused(
-        MetalError, "a sphere is computed beside plates below the coils; plate.1 'disc' lies above them",
+        MetalError, "a sphere is computed only beside plates below the coils; plate.1 'disc' lies above them",
         target_inductance, coil, ball, np.zeros((1, 2)), [1e-3], np.array([1e6]), (), [back, disc()],
     )  # fmt: skip

@@ -241,6 +241,6 @@ def test_refusals() -> None:
     steel = FinitePlate("coin", Ring(9e-3, 3e-3), (0.0, 0.0, -5e-3), 1e-3, MATERIALS["steel"])
     refused(MetalError, "must have no holes; 'coin' has some", mapped, beside(steel))
     lid = Plate("lid", 20e-3, 1e-3, MATERIALS["copper"])
-    refused(MetalError, "plate.1 'lid' lies above them, in its way", mapped, beside(BACK, lid))
+    refused(MetalError, "plate.1 'lid' lies above them", mapped, beside(BACK, lid))
     refused(ElastomerError, "needs every coil: reach=None", mapped, beside(BACK), reach=1e-3)
-    refused(MetalError, "the two-dimensional model has no plates", line_response, beside(BACK))
+    refused(MetalError, "the two-dimensional model does not include plates", line_response, beside(BACK))

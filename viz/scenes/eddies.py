@@ -78,7 +78,7 @@ def _require_alike(plates: Sequence[Plate | FinitePlate]) -> None:
     kinds = {isinstance(plate, FinitePlate) for plate in plates}
     if len(kinds) > 1:
         raise MetalError(
-            "eddy currents of plates without end are not computed beside plates with an outline; got "
+            "eddy currents of infinite plates are not computed beside plates with an outline; got "
             f"{', '.join(plate.name for plate in plates)}."
         )
 

@@ -60,4 +60,4 @@ class _Disk(FunctionCache):
 
 class _Inner(CPUDispatcher):
     def __call__(self, *_: object, **__: object) -> NoReturn:
-        raise TypeError(f"{self.py_func.__name__} can be called by other kernels only.")
+        raise TypeError(f"{self.py_func.__name__} can only be called by other kernels.")

@@ -1,4 +1,4 @@
-"""Goal files: what may change in a design, what is wanted, what must hold, and how to search. TOML, ``schema = 1``."""
+"""Goal files: variables, objectives, constraints and settings of a search. TOML, ``schema = 1``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ GOALS = TomlFiles("goal", GoalError)
 _POLISH = 60  # evaluations of the local solver where the goal says nothing
 _WHOLE_STEPS = 1e-9  # of a step: what a range may lack of a whole number of them
 _MOST_STEPS = 1e9
-_ROUNDING = 1e-9  # of a bound: less is no violation
+_ROUNDING = 1e-9  # of a bound: less is not a violation
 
 Sampler = Literal["tpe", "nsga2", "nsga3", "random", "qmc", "cmaes"]
 
@@ -66,7 +66,7 @@ class Variable(Table):
         if not self.low < self.high:
             raise ValueError(f"needs low below high; got {self.low:g} and {self.high:g}")
         if self.log and self.low <= 0:
-            raise ValueError(f"needs low above 0 where log = true; got {self.low:g}")
+            raise ValueError(f"needs low above 0 with log = true; got {self.low:g}")
         if self.log and self.step is not None:
             raise ValueError("may have step or log, not both")
         if self.step is not None:
@@ -112,7 +112,7 @@ class Objective(Table):
 
     @property
     def maximized(self) -> bool:
-        """True where larger scores are better."""
+        """True if larger scores are better."""
         return self.direction == "maximize"
 
     @property

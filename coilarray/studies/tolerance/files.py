@@ -58,7 +58,7 @@ def parse_tolerances(text: str, origin: str = "tolerances") -> Tolerances:
     given = file.spreads()
     for key in file.assumed:
         if key not in given:
-            raise GoalError(f"{origin}: assumed.{key} names no table of errors of the file.")
+            raise GoalError(f"{origin}: assumed.{key} does not name a table of errors of the file.")
     if file.others == "none":
         return file.build(given, file.assumed)
     assumed = {key: reason for key, reason in _typical().assumed.items() if key not in given}
