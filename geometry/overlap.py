@@ -139,7 +139,7 @@ def _between(traces: Sequence[_Trace]) -> Iterator[_Place]:
     margin = MITRE_LIMIT / 2 * np.array([trace.widths.max() for trace in traces])
     low = np.array([trace.line.min(axis=0) for trace in traces]).reshape(-1, 2) - margin[:, None]
     high = np.array([trace.line.max(axis=0) for trace in traces]).reshape(-1, 2) + margin[:, None]
-    boxes = shapely.box(*low.T, *high.T)
+    boxes = np.array(shapely.box(*low.T, *high.T))
     i, j = shapely.STRtree(boxes).query(boxes, predicate="intersects")
     seen = set()
     for a, b in zip(i[i < j].tolist(), j[i < j].tolist(), strict=True):
