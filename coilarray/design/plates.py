@@ -64,7 +64,7 @@ class FlatTable(MaterialTable):
     """Keys of a flat piece: shape and sizes, thickness and material; without a shape it is wide."""
 
     shape: Shape = "plate"
-    """Outline; a plate goes on without end."""
+    """Outline; a plate is infinite."""
     thickness_mm: Millimetres
     """Thickness."""
     diameter_mm: Millimetres | None = None

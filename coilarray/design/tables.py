@@ -516,7 +516,7 @@ class ConeTable(MaterialTable):
     half_angle_deg: HalfAngle
     """Angle between its axis and its side."""
     radius_mm: Millimetres | None = None
-    """Radius at which the cone ends; it goes on without end by default."""
+    """Radius at which the cone ends; it is infinite by default."""
     edge_radius_mm: Millimetres | None = None
     """Radius of the rounded edge where it ends; a tenth of that radius by default."""
 
@@ -560,7 +560,7 @@ class IndentationTable(PlacesTable):
     depths_mm: list[Millimetres] = Field(min_length=1)
     """Depths of the indentation, rising."""
     sample_radius_mm: Millimetres | None = None
-    """Radius of a round sample with a free edge; without it and the next two the sheets go on without end."""
+    """Radius of a round sample with a free edge; without it and the next two the sheets are infinite."""
     sample_x_mm: Range | None = None
     """Range of a rectangular sample with free sides along x, on the board."""
     sample_y_mm: Range | None = None

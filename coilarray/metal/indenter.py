@@ -58,7 +58,7 @@ def indenter_inductance(
     backing : Backing, optional
         Plates below the coils, at this frequency.
     outlined : OutlinedPlates, optional
-        Plates with an outline below the coils, at this frequency, which send back the field of the ball's dipole too.
+        Plates with an outline below the coils, at this frequency, which reflect the field of the ball's dipole too.
     mesh : LayerMesh, optional
         Accuracy of the dented sheets.
     progress : callable, optional
