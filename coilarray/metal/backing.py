@@ -1,5 +1,4 @@
-"""Fields that plates below the coils reflect up to the sheets: infinite plates, and currents in those with an
-outline."""
+"""Fields that plates below the coils reflect up to the sheets: by infinite plates, and by plates with an outline."""
 
 from __future__ import annotations
 
