@@ -392,7 +392,7 @@ class LatticeArray(Table):
     layers: list[list[str]] = Field(min_length=1)
     """Copper layers of the coils, in turn along a row: neighbours that overlap must not share copper."""
     layer_shift_per_row: int | None = None
-    """Number of coils by which the order of the layers is shifted from row to row; chosen for the lattice by default."""
+    """Shift of the order of layers from row to row, in coils; chosen for the lattice by default."""
     names: list[Name] | None = None
     """Names of the coils in order; coil1, coil2 and so on by default."""
 
