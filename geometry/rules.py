@@ -34,7 +34,7 @@ KEPT_WITHIN = 1e-6
 _HORIZON = 10.0
 # Two places of one trace count as separate pieces where the way along the copper is at least this many times the
 # distance across: a corner of 39° or more, an arc or a straight run never is, facing turns and hairpins are.
-_TRACE_DETOUR = 3.0
+TRACE_DETOUR = 3.0
 # The same for a pad and the trace that leaves it; 1.42 is a right angle at the pad.
 _PAD_DETOUR = 1.5
 
@@ -417,10 +417,10 @@ def _gap_to_itself(line: FloatArray, half: FloatArray, limit: float, within: flo
     length = np.hypot(*step.T)
     start = np.concatenate(([0.0], np.cumsum(length)))
     between = start[j] - start[i + 1]  # way from the end of segment i to the beginning of segment j
-    joined = _TRACE_DETOUR * (copper + limit)
+    joined = TRACE_DETOUR * (copper + limit)
     along = step / length[:, None]
     a, b, distance = _nearest_beyond(line[j] - line[i + 1], along[i], along[j], length[i], length[j], joined - between)
-    counts = (between + a + b >= _TRACE_DETOUR * distance) & (distance <= copper + within)
+    counts = (between + a + b >= TRACE_DETOUR * distance) & (distance <= copper + within)
     if not counts.any():
         return None
     k = int(np.argmin(np.where(counts, distance - copper, np.inf)))

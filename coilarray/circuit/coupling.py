@@ -445,10 +445,11 @@ def _without_plates(
 
 
 def _design_inductance(design: Design, accuracy: Accuracy, progress: Progress | None) -> tuple[FloatArray, FloatArray]:
-    # not of the array: copper in copper is one of the rules that a search breaks on its way and a command may allow
     conductors = design.array.conductors()
     by_sheets = layer_inductance(conductors, design.sheets, accuracy=accuracy)
-    return inductance_matrix(conductors, accuracy=accuracy, progress=progress) + by_sheets, by_sheets
+    # copper in copper is one of the rules that a search breaks on its way and a command may allow
+    L = inductance_matrix(conductors, accuracy=accuracy, allow_overlaps=True, progress=progress)
+    return L + by_sheets, by_sheets
 
 
 def design_plates(design: Design, *, accuracy: Accuracy = "full") -> Plates | None:

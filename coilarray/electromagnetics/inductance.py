@@ -213,7 +213,9 @@ def mutual_inductance(first: Source, second: Source, *, accuracy: Accuracy = "fu
     return _matrix(a + b, rows.ravel(), len(a) + columns.ravel(), accuracy)[: len(a), len(a) :]
 
 
-def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: Progress | None = None) -> FloatArray:
+def inductance_matrix(
+    source: Source, *, accuracy: Accuracy = "full", allow_overlaps: bool = False, progress: Progress | None = None
+) -> FloatArray:
     """Inductance matrix of the paths: L_ii on the diagonal, M_ij off it.
 
     Parameters
@@ -222,6 +224,8 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
         Current paths. Every segment needs a cross-section, with a uniform current density (direct current).
     accuracy : {"full", "screen"}
         See `Accuracy`.
+    allow_overlaps : bool
+        True also computes copper in copper, as if each path were insulated.
     progress : callable, optional
         Called with (done, total) as the work goes on.
 
@@ -233,8 +237,8 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
     Raises
     ------
     GeometryError
-        A thin filament, whose self-inductance is infinite, an unknown accuracy, or a `CoilArray` whose traces overlap
-        on a layer, as `coilarray.geometry.check_rules` measures it; conductors of no array may lie in each other.
+        A thin filament, whose self-inductance is infinite, an unknown accuracy, or traces that overlap on a layer, as
+        `coilarray.geometry.check_rules` measures it: those of two paths, or two turns of one.
     MemoryLimitError
         More paths than `coilarray.compute.memory.allowed_memory` allows.
 
@@ -259,8 +263,8 @@ def inductance_matrix(source: Source, *, accuracy: Accuracy = "full", progress: 
     """
     conductors = as_conductors(source)
     _require_memory(len(conductors), len(conductors) * (len(conductors) + 1) // 2)
-    if isinstance(source, CoilArray):
-        require_apart(source)
+    if not allow_overlaps:
+        require_apart(conductors, source.stackup if isinstance(source, CoilArray) else None)
     return _matrix(conductors, *np.triu_indices(len(conductors)), accuracy, progress)
 
 

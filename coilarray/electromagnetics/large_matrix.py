@@ -93,8 +93,7 @@ def write_inductance_matrix(
      [ 8.24 37.64]]
     """
     conductors = as_conductors(source)
-    if isinstance(source, CoilArray):
-        require_apart(source)
+    require_apart(conductors, source.stackup if isinstance(source, CoilArray) else None)
     if path.suffix.lower() != ".nc":
         raise OutputError(f"a matrix is written as .nc; got {path}.")
     tiles = ranges(len(conductors), _PATHS)
@@ -127,5 +126,5 @@ def write_inductance_matrix(
 def matrix_block(block: MatrixBlock) -> FloatArray:
     """Return the inductances between rows and columns in H, shape (rows, columns); workers run this function."""
     if not block.columns:
-        return inductance_matrix(block.rows, accuracy=block.accuracy)
+        return inductance_matrix(block.rows, accuracy=block.accuracy, allow_overlaps=True)  # looked for before
     return mutual_inductance(block.rows, block.columns, accuracy=block.accuracy)
