@@ -136,10 +136,6 @@ def active_coil(
     short_resistance : float
         Resistance in Ω of a short to ground, the switches included.
 
-    Returns
-    -------
-    ActiveCoil
-
     Raises
     ------
     NetworkError
@@ -174,10 +170,6 @@ def every_active_coil(
     ----------
     inductance, resistance, frequency, short_resistance
         See `active_coil`.
-
-    Returns
-    -------
-    EveryActiveCoil
 
     Raises
     ------

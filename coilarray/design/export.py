@@ -43,10 +43,6 @@ def export(
     allow_faults : bool
         Write a board whose copper, read back, is not that of its coils.
 
-    Returns
-    -------
-    Exported
-
     Raises
     ------
     OutputError

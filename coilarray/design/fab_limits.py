@@ -68,7 +68,7 @@ def load_profile(name: str) -> FabProfile:
 
 
 class FabTable(Table):
-    """``[fab]``: limits of the board house; keys that stand beside ``profile`` go before those of the profile."""
+    """``[fab]``: limits of the board house; keys beside ``profile`` override those of the profile."""
 
     profile: str | None = None
     """Name of a bundled board house; `coilarray check --list-fabs` shows them."""
@@ -95,7 +95,7 @@ class FabTable(Table):
     max_board_mm: Annotated[list[Millimetres], Field(min_length=2, max_length=2)] | None = None
     """Largest size [x, y] of the board."""
     blind_holes: bool = True
-    """Whether holes that do not go through the whole board are made."""
+    """Whether the board house makes blind and buried holes."""
 
     @model_validator(mode="before")
     @classmethod

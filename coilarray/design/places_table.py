@@ -18,22 +18,22 @@ _WHOLE_STEPS = 1e-6  # of a step: what a range may lack of a whole number of the
 
 
 class PlacesTable(Table):
-    """Places above the board, counted from an origin."""
+    """Positions above the board, relative to an origin."""
 
     x_mm: Range | None = None
-    """Range [low, high] of the places along x; without it and y_mm over all coils."""
+    """Range [low, high] of the positions along x; by default over all coils."""
     y_mm: Range | None = None
     """The same along y."""
     step_mm: StepMillimetres | None = None
-    """Distance from place to place; chosen for the coils by default."""
+    """Spacing of the positions; chosen for the coils by default."""
     x_positions_mm: Positions | None = None
     """Instead of a range and a step: every x, rising."""
     y_positions_mm: Positions | None = None
     """Every y, rising."""
     origin: str | None = None
-    """Name of the coil from whose centre x and y count; the board's origin by default."""
+    """Name of the coil whose centre is the origin of x and y; the board's origin by default."""
     origin_mm: Point | None = None
-    """Point [x, y] of the board from which x and y count."""
+    """Point [x, y] on the board that is the origin of x and y."""
 
     @model_validator(mode="after")
     def _consistent_places(self) -> Self:

@@ -33,7 +33,7 @@ class MaterialTable(Table):
     """Keys of what carries eddy currents: a named material, or its conductivity and permeability."""
 
     material: str | None = None
-    """Name of the material; or else the two keys that follow."""
+    """Name of the material; or give the two keys that follow."""
     conductivity_MS_per_m: Annotated[float, Field(ge=0, le=1e6)] | None = None  # noqa: N815 - the unit
     """Electrical conductivity."""
     relative_permeability: Annotated[float, Field(ge=1, le=1e6)] | None = None
@@ -64,7 +64,7 @@ class FlatTable(MaterialTable):
     """Keys of a flat piece: shape and sizes, thickness and material; without a shape it is wide."""
 
     shape: Shape = "plate"
-    """Outline; a plate goes on without end."""
+    """Outline; a plate is infinite."""
     thickness_mm: Millimetres
     """Thickness."""
     diameter_mm: Millimetres | None = None
@@ -131,7 +131,7 @@ class PlateTable(FlatTable):
     z_mm: Position | None = None
     """Height of its lower face (of a tilted one: below its centre); z = 0 is the top face of the first layer."""
     distance_mm: LimitMillimetres | None = None
-    """Instead of it, the gap to the sheets above the board or to the board's underside."""
+    """Instead of z_mm: the gap to the sheets above the board or to the board's underside."""
     side: Literal["above", "below"] | None = None
     """With distance_mm: the side of the board."""
     x_mm: Position = 0.0

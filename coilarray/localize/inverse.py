@@ -212,10 +212,6 @@ def locate(
         Least probability of the residuals at which a position is still said to fit, and of the reading itself at which
         it is still said to be noise.
 
-    Returns
-    -------
-    Location
-
     Raises
     ------
     LocalizeError

@@ -1,4 +1,4 @@
-"""What plates below the coils send back up to the sheets: infinite ones, and the currents in those with an outline."""
+"""Fields that plates below the coils reflect up to the sheets: by infinite plates, and by plates with an outline."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def backings_of(
     fineness: float = 1.0,
     outlined: OutlinedPlates | None = None,
 ) -> list[Backing]:
-    """Return what plates below the coils send back up at each of the frequencies in Hz; empty if there are none.
+    """Return what plates below the coils reflect upwards at each of the frequencies in Hz; empty if there are none.
 
     The `fineness` is that of the mesh of `coilarray.metal.finite_plates.moving_plate`, where those with an outline are
     not `outlined` already, as `outlined_below` solves them. MetalError for plates beside which nothing above is

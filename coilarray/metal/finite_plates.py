@@ -76,7 +76,7 @@ def moving_plate(
         Flat sheets upwards from z = 0, wide against coils and plates; these lie above the magnetic ones or below the
         copper.
     beside : sequence of Plate or FinitePlate
-        Metal that stays where it is: plates without end, magnetic or not, and others with an outline.
+        Metal that stays where it is: infinite plates, magnetic or not, and others with an outline.
     fineness : float
         Fineness of the mesh: 2 has half the lengths of 1, which errs by some 0.2 % of ΔL (see Notes).
     progress : callable, optional
@@ -95,7 +95,7 @@ def moving_plate(
         copper, sheets or other plates, one too thick for its size where the field enters deeply (the text has the
         number), or an outline too narrow.
     MetalError
-        A plate or a coil in a layer without end; a magnetic plate less than three skin depths thick, with a hole, or
+        A plate or a coil in an infinite layer; a magnetic plate less than three skin depths thick, with a hole, or
         beside others with an outline.
     MemoryLimitError
         Too many positions or triangles for `coilarray.compute.memory.allowed_memory`.
@@ -104,7 +104,7 @@ def moving_plate(
     -----
     Currents on the faces and the rim, with the impedance of a plate of any thickness against its skin depth
     (`coilarray.metal.surface_impedance`), by a stream function (`coilarray.metal.half_body`). One matrix serves every
-    place, and is factorised once a frequency. Sheets and plates without end reflect the fields of coils and currents
+    place, and is factorised once a frequency. Sheets and infinite plates reflect the fields of coils and currents
     (`coilarray.metal.layered_air`), and there it is made once a height. All plates with an outline are solved together;
     beside others that stay, it is made at every place. The impedance holds where skin depth or thickness is small
     against the plate's width and the distances to coils and other metal.
@@ -183,8 +183,8 @@ def outlined_inductance(
 ) -> ComplexArray:
     """Change of the inductance matrix by all plates with an outline among `plates`, against the others alone.
 
-    Shape (frequencies, paths, paths) in H, with the other arguments and the errors of `moving_plate`. The plates
-    without end are in `coilarray.metal.flat_plates.plate_inductance`.
+    Shape (frequencies, paths, paths) in H, with the other arguments and the errors of `moving_plate`. Infinite plates
+    are in `coilarray.metal.flat_plates.plate_inductance`.
     """
     paths = as_conductors(source)
     f = _checked_frequencies(frequencies)
@@ -288,7 +288,7 @@ class OutlinedPlates:
         return found
 
     def returned(self, places: FloatArray, size: float) -> ComplexArray:
-        """Return the field in T that the plates send back to a dipole of 1 A·m² at places (n, 3) in m, at one height.
+        """Return the field in T that the plates reflect to a dipole of 1 A·m² at places (n, 3) in m, at one height.
 
         Shape (n, f, 3, 3), for dipoles along the axes of the board; they are square loops of a `size` in m.
         """
@@ -472,7 +472,7 @@ def _all_posed(
     sheets: Sequence[Sheet],
     fineness: float,
 ) -> tuple[PlatesInAir, list[PosedPlate]]:
-    """Layers without end, and the plates with an outline between them."""
+    """Infinite layers, and the plates with an outline between them."""
     outlined = [one for one in plates if isinstance(one, FinitePlate)]
     for k, one in enumerate(outlined):
         _require_free(one, np.array([one.centre]), [*outlined[:k], *(p for p in plates if isinstance(p, Plate))])

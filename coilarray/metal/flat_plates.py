@@ -1,4 +1,4 @@
-"""Plates without end above and below the coils: what their eddy currents and their iron add to the inductance matrix.
+"""Infinite plates above and below the coils: what their eddy currents and their iron add to the inductance matrix.
 
 What the plates reflect of each plane wave of the coils' field is that of `coilarray.electromagnetics.flat_stack`.
 Between what reflects r_u above and r_l below, at the distance D, waves go up and down 1/(1 − r_u r_l e^{−2kD}) times.

@@ -1,4 +1,4 @@
-"""What plates without end and magnetic sheets reflect and let pass, as images of the currents between them.
+"""What infinite plates and magnetic sheets reflect and let pass, as images of the currents between them.
 
 A source at the height s in one gap of air and a place at z in the same or a higher one, z_l the lower face of the lower
 gap and z_u the upper face of the upper one: waves leave the source upwards or downwards and arrive from below or from
@@ -40,7 +40,7 @@ _NOTHING = 1e-6  # of the wave with nothing in its way: what passes a thick plat
 
 
 def layer_of(plate: Plate) -> Layer:
-    """Return a plate as a layer without end."""
+    """Return a plate as an infinite layer."""
     return Layer(plate.thickness, plate.material.relative_permeability, plate.material.conductivity)
 
 
@@ -93,7 +93,7 @@ ITSELF = Image(1, 0.0, np.ones(1, dtype=np.complex128))
 
 @dataclass(frozen=True, eq=False)
 class LayeredAir:
-    """Layers without end, upwards, with their lower and upper faces (n, 2) in m, at frequencies (f,) in Hz."""
+    """Infinite layers, upwards, with their lower and upper faces (n, 2) in m, at frequencies (f,) in Hz."""
 
     layers: tuple[Layer, ...]
     faces: FloatArray

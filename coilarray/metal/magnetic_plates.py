@@ -17,7 +17,7 @@ for Elliptic Boundary Value Problems (2008), ch. 6. In the metal's place H_c = �
 
     ΔL_ij − jΔR_ij/ω = −µ0 (c_iᵀ (Λ + ℓ S)⁻¹ c_j − u_iᵀ b_j/µ0 + ℓ u_iᵀ t_j),   c = ℓ t − b/µ0.
 
-Between sheets and plates without end, G = 1/4πr has the images of `coilarray.metal.layered_air` too: shares of charges
+Between sheets and infinite plates, G = 1/4πr has the images of `coilarray.metal.layered_air` too: shares of charges
 and double layers, of the other sign in mirror images; H_c is what the coils send there between them.
 
 The skin depth is at most a third of the thickness, and small against the width. A hole would need a cut.

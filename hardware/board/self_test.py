@@ -90,10 +90,6 @@ def self_test(reader: Reader, wiring: Wiring, settings: ScanSettings, *, progres
     progress : callable, optional
         Function called with (done, total) after each group of states.
 
-    Returns
-    -------
-    SelfTest
-
     Raises
     ------
     BusFault, SwitchFault

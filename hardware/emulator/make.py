@@ -84,10 +84,6 @@ def emulated_board(
         Called with (done, total) while a response table is computed: when the indenter is pressed for the first time
         and no table is kept.
 
-    Returns
-    -------
-    EmulatedBoard
-
     Raises
     ------
     HardwareError

@@ -77,10 +77,6 @@ def design_settings(
     discard : int
         Number of conversions to throw away after waking, 0 to 15.
 
-    Returns
-    -------
-    ScanSettings
-
     Raises
     ------
     HardwareError

@@ -210,10 +210,6 @@ def read_scan(
     temperature : float, optional
         Temperature of the board in °C, which stands in the result and changes nothing else.
 
-    Returns
-    -------
-    ScanReading
-
     Raises
     ------
     HardwareError

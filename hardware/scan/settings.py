@@ -413,10 +413,6 @@ def scan_settings(
         Number of conversions to throw away after waking, 0 to 15. Users of the FDC2214, which has the same core, report
         first conversions that are far off; not verified. The self-test of a board measures how many it takes.
 
-    Returns
-    -------
-    ScanSettings
-
     Raises
     ------
     HardwareError

@@ -226,10 +226,6 @@ class Wiring:
         switches : Switches
             Resistance, leads and tank, which stay.
 
-        Returns
-        -------
-        Switches
-
         Examples
         --------
         >>> from coilarray.design.switch_parts import PARTS
@@ -318,10 +314,6 @@ def load_wiring(name_or_path: str | Path | None = None) -> Wiring:
     ----------
     name_or_path : str or Path, optional
         Name of a bundled wiring, or a TOML file; by default ``"six_coils"``, one device a coil.
-
-    Returns
-    -------
-    Wiring
 
     Raises
     ------

@@ -81,7 +81,7 @@ def test_a_recording_is_made_shown_calibrated_and_replayed(design, tmp_path, cap
     # going on takes the same kind of board
     refused = measure_refused(capsys, design, "--port", "emulator?board=btt-eddy", "--coils", "coil1", "--resume",
                               "--out", run)  # fmt: skip
-    assert "cannot go on" in refused
+    assert "cannot continue" in refused
 
 
 def test_a_campaign_has_the_response_of_the_switched_board(board, design, tmp_path, capsys):

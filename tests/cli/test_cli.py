@@ -174,7 +174,7 @@ def test_init_makes_a_design_that_other_commands_take(capsys):
     assert Path("my_board.toml").read_text(encoding="utf-8").count(" # ") > 15  # commented
     file = load_design_file("my_board.toml")
     assert (file.design.name, len(file.design.array.names)) == ("my_board", 3)
-    assert "all margins are kept" in good(capsys, "check", "my_board.toml", "--fab", "oshpark-4-layer")
+    assert "all rules are kept" in good(capsys, "check", "my_board.toml", "--fab", "oshpark-4-layer")
     data = answer(capsys, "matrix", "my_board.toml")
     assert f"{data['inductance_H'][0][0] * 1e6:.4g} µH" in out
     of_scan = answer(capsys, "impedance", "my_board.toml", "--points", "2")["windings"][0]

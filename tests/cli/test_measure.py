@@ -86,7 +86,7 @@ def test_single_with_a_name_is_recorded(board, tmp_path, capsys):
         frequencies = [state.frequency for state in read_scan(scan.scan, own.settings, own.capacitances).states]
     assert scan.stage == "single"
     assert [state["frequency_Hz"] for state in states] == frequencies
-    assert "is a recording of 1 scans already" in measure_refused(capsys, *board, "--single", "--out", path)
+    assert "already is a recording, of 1 scans" in measure_refused(capsys, *board, "--single", "--out", path)
 
 
 def test_folders_where_nothing_may_be_written(board, tmp_path, capsys, monkeypatch):

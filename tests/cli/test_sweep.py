@@ -110,7 +110,7 @@ def test_a_sweep_without_any_result_has_an_empty_table(capsys):
     out = capsys.readouterr().out
     assert "no point has a value of the goal" in out.splitlines()
     assert out.splitlines()[1].split() == ["worst_k", "1", "–", "–"]
-    assert "2 of 2 points have no result; the first: the design gast_fem has one coil alone" in out
+    assert "2 of 2 points have no result; the first: the design gast_fem has only one coil" in out
 
 
 @pytest.mark.slow

@@ -174,7 +174,7 @@ test_mistakes_are_one_line = mistakes(
     (("loops.toml", "--sampling", "halton"), "'halton' is not one of"),
     (("loops.toml", "--accuracy", "best"), "'best' is not one of"),
     (("loops.toml", "--workers", "2", "--cluster", "tcp://a:1"), "--workers is for processes on this machine"),
-    (("loops.toml", "--table", "table.nc"), "--table is for located positions"),
+    (("loops.toml", "--table", "table.nc"), "--table is for positions"),
     (("loops.toml", "--x-mm", "0"), "positions need [indenter] and [indentation]"),
     (("loops.toml", "--y-mm", "0"), "--y-mm needs --x-mm"),
     (("loops.toml", "--depth-mm", "1"), "--depth-mm needs --x-mm"),

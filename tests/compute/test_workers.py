@@ -208,7 +208,7 @@ def test_a_script_without_the_guard_is_told_of_it(tmp_path):
     assert done.returncode == 1
     # Python's own resource tracker may have a word after it, as the processes were lost
     (last,) = [line for line in done.stderr.splitlines() if line.startswith("coilarray.errors.ClusterError")]
-    assert last.startswith("coilarray.errors.ClusterError: a local process ended 3 times at one task")
+    assert last.startswith("coilarray.errors.ClusterError: a local process ended 3 times during the same task")
     assert last.endswith('a script must ask for workers under if __name__ == "__main__".')
 
 

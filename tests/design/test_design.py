@@ -205,7 +205,7 @@ BAD = {
     "unknown coil in a scan": (BASE + '\n[[scan]]\nname = "s"\nmeasure = ["coil9"]\n', "state s names the coil 'coil9'; there are coil1"),
     "unknown state in a scan": (BASE + '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\nothers = "loose"\n', "scan.0.others must be 'ground', 'ground one end', 'ground other end', 'open' or 'load'; got 'loose'"),
     "scan states of one name": (BASE + 2 * '\n[[scan]]\nname = "s"\nmeasure = ["coil1"]\n', "scan must give each state a different name"),
-    "no modulus": (changed("youngs_modulus_kPa = 60.0", "").replace('"elastomer.0.', "# "), r"elastomer.0.youngs_modulus_kPa is missing; \[indentation\] needs it of every sheet"),
+    "no modulus": (changed("youngs_modulus_kPa = 60.0", "").replace('"elastomer.0.', "# "), r"elastomer.0.youngs_modulus_kPa is missing; \[indentation\] needs it for every sheet"),
     "zero modulus": (changed("youngs_modulus_kPa = 60.0", "youngs_modulus_kPa = 0"), "elastomer.0.youngs_modulus_kPa must be at least 1e-06; got 0"),
     "modulus in another unit": (changed("youngs_modulus_kPa", "youngs_modulus_MPa"), r"elastomer.0 has no key 'youngs_modulus_MPa'; did you mean youngs_modulus_kPa\?"),
     "Poisson's ratio": (changed("poissons_ratio = 0.4999", "poissons_ratio = 0.51"), "elastomer.0.poissons_ratio must be at most 0.5; got 0.51"),

@@ -71,7 +71,7 @@ def test_what_cannot_be_is_refused_in_one_line():
     ):
         refused(DesignError, line, design_with, table)
     lid = '[[plate]]\nname = "lid"\nmaterial = "aluminium"\nthickness_mm = 1\ndistance_mm = 3\nside = "above"\n'
-    line = "target.distances_mm must keep the target below the plate 'lid', which begins 3 mm above the sheets"
+    line = "target.distances_mm must keep the target below the plate 'lid', whose lower face is 3 mm above the sheets"
     refused(DesignError, line, design_with, DISC, lid)
     plate = ca.Plate("target", 0.0, 1e-3, ca.MATERIALS["aluminium"])
     for wrong, line in (

@@ -138,7 +138,7 @@ BAD = {
     "a table of a list": ({"elastomer.1": {}}, "gast2020: elastomer.1 is a table; name one of its entries, such as elastomer.1.name."),
     "past the end": ({"elastomer.2.thickness_mm": 1}, "gast2020: elastomer.2.thickness_mm must have a number from 0 to 1 for '2'."),
     "a name for a number": ({"elastomer.base.thickness_mm": 1}, "gast2020: elastomer.base.thickness_mm must have a number from 0 to 1 for 'base'."),
-    "beyond a value": ({"array.pitch_mm.x": 1}, "gast2020: array.pitch_mm.x leads beyond the value 13.28."),
+    "beyond a value": ({"array.pitch_mm.x": 1}, "gast2020: array.pitch_mm.x goes beyond an entry whose value is 13.28."),
     "assumed": ({"assumed.array": "so"}, "gast2020: assumed.array cannot be varied: [assumed] says why values are as they are."),
     "name": ({"name": "b"}, "gast2020: name cannot be varied: it names the design and changes no number."),
     "title": ({"title": "b"}, "gast2020: title cannot be varied: it names the design and changes no number."),

@@ -375,8 +375,8 @@ def test_bad_geometry_is_refused_in_one_line(call, message):
 
 @pytest.mark.parametrize(("call", "message"), [
     (lambda: strip_capacitance(AIR, [1], [0], [1e-4], period=1e-3), "planes must be 0 to 0; got 1 to 1"),
-    (lambda: strip_capacitance(AIR, [0], [0, 1], [1e-4], period=1e-3), "must be of one length"),
-    (lambda: strip_capacitance(AIR, [0], [0], [1e-4], [1], period=1e-3), "numbered 0, 1, … without a hole"),
+    (lambda: strip_capacitance(AIR, [0], [0, 1], [1e-4], period=1e-3), "must have the same length"),
+    (lambda: strip_capacitance(AIR, [0], [0], [1e-4], [1], period=1e-3), "numbered 0, 1, … without a gap"),
     (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=-1.0), "period must be positive"),
     (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, basis=0), "basis must be at least 1; got 0"),
     (lambda: strip_capacitance(AIR, [0], [0], [1e-4], period=1e-3, cutoff=0.0), "cutoff must be positive"),

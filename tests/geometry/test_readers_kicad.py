@@ -109,7 +109,7 @@ def test_kicad_6_to_9_and_newer_formats_with_a_note_are_read_and_older_ones_refu
 
 def test_files_that_are_no_board(read):
     for text, message in (
-        ("(footprint x)", r":1: a KiCad board begins with \(kicad_pcb; this file with \(footprint"),
+        ("(footprint x)", r":1: a KiCad board begins with \(kicad_pcb; this file begins with \(footprint"),
         ("(kicad_pcb)", r":1: \(kicad_pcb …\) must have a \(version …\)"),
         ("(kicad_pcb (version x))", "must have a number; got 'x'"),
         (f"(kicad_pcb (version {KICAD_6}))", r"must have a \(layers …\)"),

@@ -300,7 +300,7 @@ def test_resume_measures_what_is_missing(path, whole, scans):
 
 def test_not_whole(path, tmp_path):
     refused(DeviceLost, "the port is gone", run, path, SMALL, reader=stopped_after(9))
-    refused(HardwareError, "is not whole: 8 of 12 positions are not measured yet", response_of, path)
+    refused(HardwareError, "is not complete: 8 of 12 positions are not measured yet", response_of, path)
     part = response_of(path, partial=True)
     assert int(part.delta.notnull().all("state").sum()) == 4
     assert np.isfinite(part.base_inductance).all()

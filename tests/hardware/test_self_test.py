@@ -198,7 +198,7 @@ def test_a_few_transfers_that_fail_do_not_matter():
 
 def test_a_converter_that_does_not_answer_ends_the_test():
     board = refusing(lambda register, count: register == 0x18)
-    refused(BusFault, "did not answer in 3 scans; nothing could be tried", checked, board, THREE)
+    refused(BusFault, "did not answer in 3 scans; nothing could be tested", checked, board, THREE)
     assert at_rest(board, THREE)
 
 

@@ -1,4 +1,4 @@
-"""Several plates with an outline, and between plates and sheets without end.
+"""Several plates with an outline, and between plates and infinite sheets.
 
 Who checks whom: images of layers against the layers' own waves; plates with an outline before a perfect conductor
 against their mirror image; wide ones against `flat_plates`, on either side of a foil; discs on each other against one

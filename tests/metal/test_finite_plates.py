@@ -1,8 +1,8 @@
-"""Eddy currents in finite plates, against closed forms, the plate without end, finite elements and a turn of wire.
+"""Eddy currents in finite plates, against closed forms, the infinite plate, finite elements and a turn of wire.
 
 A plate's moment in a uniform field, and ΔL of loops nearby. Meshes are those of `fineness` 1, whose error of ΔL is some
 0.2 %, unless a test measures the error itself or an identity that holds on every mesh. Several plates, and those
-between others without end, are in `test_coupled_plates`.
+between infinite ones, are in `test_coupled_plates`.
 """
 
 import math

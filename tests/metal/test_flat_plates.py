@@ -1,4 +1,4 @@
-"""Plates without end: the change of the inductance matrix against closed forms, limits and another method.
+"""Infinite plates: the change of the inductance matrix against closed forms, limits and another method.
 
 Checked against each other: circular loops and the integrals of Dodd & Deeds; a perfect conductor and mirror images;
 an iron plate at rest and a magnetic sheet; images for short waves and waves alone; one loop and

@@ -150,7 +150,7 @@ def test_refusals():
         moving_plate, coil, thin, COINS, [2e4],
     )  # fmt: skip
     refused(
-        MetalError, "must have no holes; 'disc' has some",
+        MetalError, "must not have holes; 'disc' has",
         moving_plate, coil, replace(disc(), outline=Ring(9e-3, 5e-3)), COINS, [2e4],
     )  # fmt: skip
     plain = replace(disc(), name="plain", material=MATERIALS["aluminium"], centre=(0.0, 0.0, 9e-3))

@@ -75,7 +75,7 @@ def test_notes_say_what_limits_the_figures():
         problem=("combination", ["", "no contact"]),
     ))  # fmt: skip
     for note, text in zip(notes, (
-        "elastomer.1.relative_permeability is at a bound", "ended before it converged", "less than the priors of: a by",
+        "elastomer.1.relative_permeability is at a bound", "ended before it converged", "less than the priors: a by",
         "does not explain the data", "1 of 2 combinations have no fit",
     ), strict=True):  # fmt: skip
         assert text in note

@@ -110,7 +110,7 @@ def test_the_automatic_choice_goes_by_the_size_of_the_map(row, monkeypatch):
     monkeypatch.setattr(map_module, "_AUTO_VALUES", 35)  # below the 36 pairs of coils
     assert error(reach="auto") == 1e-3
     assert error(reach=None) == error(reach="auto", dielectric=True) == 0
-    with pytest.raises(ElastomerError, match="dielectric is for reach=None"):
+    with pytest.raises(ElastomerError, match="dielectric needs reach=None"):
         error(reach=1e-3, dielectric=True)
 
 

@@ -244,8 +244,8 @@ SAMPLE = {"indentation.sample_x_mm": [-15, 15], "indentation.sample_y_mm": [-20,
 
 @pytest.mark.parametrize(("changes", "asked", "message"), [
     ({}, "fab_margin_mm[board size]", "the rules of starter do not limit its board size"),
-    (ALONE, "rms_k", "the design starter has one coil alone"),
-    (ALONE, "worst_k", "the design starter has one coil alone"),
+    (ALONE, "rms_k", "the design starter has only one coil"),
+    (ALONE, "worst_k", "the design starter has only one coil"),
     pytest.param(NO_RESONANCE, "q", "resonance", marks=pytest.mark.slow),
     ({**SAMPLE, "indentation.sample_x_mm": [-9, 9]}, "peak_delta[coil3]",
      "the indenter at x = 11 mm is outside the sample of starter"),
@@ -372,7 +372,7 @@ WEAK = [((k - 1) * 11e-3, 0.0, 3e-3, 2e-3, 3e-4) for k in range(3)]
      {"array.direction_deg": 90.0, "indentation.x_mm": [-14, 14], "indentation.y_mm": [-6, 6],
       "indentation.step_mm": 2.0, "indentation.origin": "coil2"}, "x0_distortion_mm",
      "no coil of starter is on the x axis of its map"),
-    (lambda p: even(p) * p[..., 2:], {}, "position_error_mm", "the readings of starter do not tell where"),
+    (lambda p: even(p) * p[..., 2:], {}, "position_error_mm", "the readings of starter do not determine the position"),
 ], ids=["even", "nothing", "weak", "beside the axis", "no position"])  # fmt: skip
 def test_a_response_that_does_not_tell_the_quantity(synthetic, delta, changes, asked, message):
     synthetic(delta)

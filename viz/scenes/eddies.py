@@ -74,7 +74,7 @@ def eddies_of_target(
 
 
 def _require_alike(plates: Sequence[Plate | FinitePlate]) -> None:
-    """Refuse plates without end beside those with an outline, whose currents change theirs: MetalError."""
+    """Refuse infinite plates beside those with an outline, whose currents change theirs: MetalError."""
     kinds = {isinstance(plate, FinitePlate) for plate in plates}
     if len(kinds) > 1:
         raise MetalError(

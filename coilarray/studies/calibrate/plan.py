@@ -114,14 +114,14 @@ class Unknown(Table):
 
 
 class Choice(Table):
-    """``[[alternative.choice]]``: entries that it sets and takes away, and unknowns that only it has."""
+    """``[[alternative.choice]]``: entries that it sets and removes, and unknowns that only it has."""
 
     name: Annotated[str, Field(min_length=1)]
     """Name of the answer."""
     set: dict[str, Any] = Field(default_factory=dict)
     """Values of the design by their dotted keys."""
     without: list[str] = Field(default_factory=list)
-    """Keys of the design that it takes away."""
+    """Keys of the design that it removes."""
     unknowns: list[Unknown] = Field(alias="unknown", default_factory=list)
 
     @field_validator("set")
@@ -166,7 +166,7 @@ class DataTable(Table):
     states: Annotated[list[str], Field(min_length=1)] | None = None
     """States whose readings are fitted; all by default."""
     tested: list[str] = Field(default_factory=list)
-    """States that are only predicted, to try what was fitted to the others."""
+    """States that are only predicted, to test the fit to the others."""
     parameters: Annotated[list[Parameter], Field(min_length=1)] = Field(default_factory=lambda: list(FITTED))
     """Of ellipses: the parameters that are fitted."""
     levels: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)] = Field(
@@ -180,9 +180,9 @@ class DataTable(Table):
     delta_std: Annotated[float, Field(gt=0)] | None = None
     """Standard deviation of δ of a response that has none of its own."""
     noise: Literal["given", "estimated"] | None = None
-    """Whether the standard deviations are believed, or their scale is estimated from what remains."""
+    """Whether the standard deviations are trusted, or their scale is estimated from the residuals."""
     circuit: Literal["full", "ideal"] | None = None
-    """Whether losses and strays count."""
+    """Whether losses and strays are included."""
     mesh: Literal["fine", "coarse"] | None = None
     """Mesh of the magnetic layer."""
 

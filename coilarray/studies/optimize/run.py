@@ -111,10 +111,6 @@ def optimize_design(
     progress : callable, optional
         See `SearchProgress`.
 
-    Returns
-    -------
-    Optimization
-
     Raises
     ------
     GoalError
