@@ -58,7 +58,9 @@ SECONDS = 20.0
 LONGEST_MESSAGE = 300
 """Characters of an error, without the path of the file."""
 
-_WALL_SECONDS = 120.0  # after which a worker is ended: a loop in C that takes no signal, on a busy machine
+_WALL_SECONDS = (
+    600.0  # after which a worker is ended: a loop in C that takes no signal, or `SECONDS` where many compute
+)
 _MEMORY = 12 << 30  # bytes of address space, of which numba and its libraries take some
 
 
@@ -353,6 +355,8 @@ def run_cases(wanted: Sequence[tuple[str, int]], workers: int) -> list[Outcome]:
                 else:
                     begin(process, ready)
                 done.append(outcome)
+                if outcome.outcome in OUTCOMES[3:]:  # a long run may be broken off
+                    sys.stderr.write(f"{outcome.outcome} {outcome.kind} {outcome.number}\n")
             for connection, (process, case, begun) in list(busy.items()):
                 if time.monotonic() - begun > _WALL_SECONDS:
                     process.kill()
