@@ -71,6 +71,7 @@ _NO_KEYS = (
     "has no key '",
     "the file must be a table",
     "it must have kind",
+    "hash must be",  # of all other keys
 )
 
 
