@@ -28,7 +28,7 @@ class _Tip:
     symmetry: ClassVar[Symmetry] = "axial"
 
     @property
-    def reach(self) -> float:
+    def largest_radius(self) -> float:
         """Largest radius (of a plane body: |x|) in m at which the body can touch; inf where it has no end."""
         return self.radius
 
@@ -103,7 +103,7 @@ class Paraboloid(_Body):
     name: ClassVar[str] = "paraboloid"
 
     @property
-    def reach(self) -> float:
+    def largest_radius(self) -> float:
         """Infinite: a paraboloid has no end."""
         return math.inf
 
