@@ -56,7 +56,7 @@ def target_of(design: Design) -> Target:
         bundled = ", ".join(names_with("target"))
         raise MetalError(
             f'the design {design.name} has no [target]: add one, for example with shape = "disc", diameter_mm = 12, '
-            'thickness_mm = 1, material = "aluminium" and distances_mm = [1, 2, 4]; bundled designs '
+            'thickness_mm = 1 and material = "aluminium"; bundled designs '
             f"that have one are {bundled}."
         )
     return design.target
