@@ -292,18 +292,18 @@ class CoilArray:
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
         """Edges of the board in m: x_min, y_min, x_max, y_max."""
-        points, reach = [], []
+        points, radii = [], []
         for placement in self.placements:
             coil = placement.coil
             for line, width, _ in placement.traces():
                 points.append(line)
-                reach.append(np.maximum(np.append(width, 0.0), np.append(0.0, width)) / 2)
+                radii.append(np.maximum(np.append(width, 0.0), np.append(0.0, width)) / 2)
             for hole, at in ((coil.via, coil.via_points), (coil.terminal, coil.terminal_points)):
                 if hole is not None and len(at):
                     points.append(placement.to_board(at))
-                    reach.append(np.full(len(at), hole.pad / 2))
+                    radii.append(np.full(len(at), hole.pad / 2))
         xy = np.vstack(points)
-        r = np.concatenate(reach)[:, None] + self.board_margin
+        r = np.concatenate(radii)[:, None] + self.board_margin
         x_min, y_min = (xy - r).min(axis=0).tolist()
         x_max, y_max = (xy + r).max(axis=0).tolist()
         return x_min, y_min, x_max, y_max
@@ -370,7 +370,7 @@ def lattice_array(
     coil : Coil
         The shape of all coils.
     lattice : Lattice
-        Where they lie, and on which layers.
+        Their positions and layers.
 
     Examples
     --------
@@ -423,10 +423,10 @@ def lattice(
     if kind in ("linear", "triangle") and rows != 1:
         raise GeometryError(f"a {kind} lattice takes one row; got {rows}.")
     if kind in ("single", "rings") and (rows, columns) != (1, 1):
-        raise GeometryError(f"a lattice of the kind {kind} has no rows and columns; got {rows} and {columns}.")
+        raise GeometryError(f"a lattice of kind {kind} has no rows and columns; got {rows} and {columns}.")
     if (kind == "rings") != (rings > 0):
         raise GeometryError(
-            f"a lattice has at least one ring where its kind is rings, else none; got {rings} of {kind}."
+            f"a lattice of kind rings must have at least one ring, any other none; got {rings} for {kind}."
         )
     row, column = np.divmod(np.arange(rows * columns), columns)
     if kind == "rings":

@@ -46,7 +46,7 @@ def lead_out(array: CoilArray, connector: Connector) -> CoilArray:
     array : CoilArray
         Coils with leads.
     connector : Connector
-        Where the leads end.
+        Connector at which the leads end.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def _led(
     array = CoilArray(stackup, tuple(Placement(*place) for place in places), through_holes=through_holes)
     for place in array.placements:
         if place.coil.terminal is None:
-            raise GeometryError(f"{place.name} has no leads to be led to a connector.")
+            raise GeometryError(f"{place.name} has no leads that could be routed to a connector.")
     board = _turned(array, connector.side)
     farthest: NoWayError | None = None
     orders = [_along_the_edge(board, near_first=near_first) for near_first in (True, False)]
@@ -336,8 +336,8 @@ class _Grid:
             return way
         raise NoWayError(
             coil,
-            f"the lead of {place.name} on {layer} finds no way to the {self.connector.side} edge with "
-            f"{self.width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap; give it room by array.pitch_mm, "
+            f"the lead of {place.name} on {layer} cannot be routed to the {self.connector.side} edge with "
+            f"{self.width * 1e3:g} mm trace and {self.gap * 1e3:g} mm gap; make room by array.pitch_mm, "
             "connector.distance_mm or connector.trace_width_mm, or let the coils' leads leave at another side.",
         )
 

@@ -29,12 +29,12 @@ _MOST_LARGE = 100_000_000_000  # 4.8 TB
 
 def field(
     design: shared.DesignArgument = None,
-    coil: Annotated[str | None, typer.Option(help="Coil that carries the current; the middle one by default.")] = None,
+    coil: Annotated[str | None, typer.Option(help="Coil that is measured; the middle one by default.")] = None,
     z_mm: Annotated[
         str | None, typer.Option(help="Height above the board, or FROM:TO for a volume; the design's plane by default.")
     ] = None,
     spacing_mm: Annotated[float, _SPACING] = 0.5,
-    current_mA: Annotated[float, typer.Option("--current-mA", help="Current in the coil.")] = 1.0,
+    current_mA: Annotated[float, typer.Option("--current-mA", help="Current in that coil.")] = 1.0,
     others_open: shared.OthersOpen = False,
     large: Annotated[
         bool, typer.Option("--large", help="Write block by block (.nc), for more points than fit into memory.")
@@ -46,14 +46,14 @@ def field(
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
 ) -> None:
-    """Write the field over the board.
+    """Write the magnetic field over the board.
 
-    B on a plane or in a volume while one coil is measured, as netCDF or VTK, in free space or beside the
-    design's plates; magnetic sheets change the currents alone. Traces count as thin wires on their middle lines, so
-    points nearer to the copper than a trace is wide show the wire's field, not the trace's.
+    Computes B on a plane or in a volume while one coil is measured, in free space or beside the design's plates, and
+    writes it as netCDF or VTK. Magnetic sheets change only the currents. Traces are taken as thin wires along their
+    middle lines, so that B is not that of the trace nearer to it than its width.
 
-    With --large the file is written block by block, by local processes or a cluster; an interrupted one goes on from
-    the folder FILE.parts when the same command runs again.
+    With --large the file is written block by block, by local processes or a cluster; after an interruption the same
+    command resumes from the folder FILE.parts.
 
     Example: coilarray field gast2020 --coil coil3 --z-mm 1:9 --out field.vtr
 

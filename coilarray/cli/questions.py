@@ -26,7 +26,7 @@ def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, An
         Choices(**in_si({"shape": shape, "size_mm": text}))
         return text
 
-    typer.echo("A new design: Return takes what stands in brackets.")
+    typer.echo("A new design. Press Return for the value in brackets.")
     coils = _ask("Coils: 1, 6 (a row), 4x4 (columns by rows), 3-hex or 7-hex", str(Choices.coils), checked_coils)
     shape = _ask(f"Shape: {', '.join(shapes)}", Choices.shape, _one_of(shapes))
     chosen = {"coils": coils, "shape": shape}
@@ -49,7 +49,7 @@ def ask_for_choices(shapes: Sequence[str], edges: Sequence[str]) -> dict[str, An
 
 
 def in_si(chosen: Mapping[str, Any]) -> dict[str, Any]:
-    """Return choices as `coilarray.studies.create.new_design` takes them, from those by the names of the options."""
+    """Return the choices, given by the names of the options, as `coilarray.studies.create.new_design` takes them."""
     from coilarray.design.units import SCALES
     from coilarray.studies.create import read_size
 
@@ -78,14 +78,14 @@ def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
 def _one_of(words: Sequence[str]) -> Callable[[str], str]:
     def read(text: str) -> str:
         if text not in words:
-            raise DesignError(f"{text!r} is none of {', '.join(words)}.")
+            raise DesignError(f"{text!r} is not one of {', '.join(words)}.")
         return text
 
     return read
 
 
 def _number_or(option: str, words: dict[str, dict[str, str]]) -> Callable[[str], dict[str, Any]]:
-    """Return what reads a number for an option, or a word that stands for other options."""
+    """Return a reader of a number for an option, or a word that stands for other options."""
     from coilarray.studies.create import Choices
 
     def read(text: str) -> dict[str, Any]:
@@ -94,7 +94,7 @@ def _number_or(option: str, words: dict[str, dict[str, str]]) -> Callable[[str],
         try:
             choice = {option: float(text)}
         except ValueError:
-            raise DesignError(f"{text!r} is no number and none of {', '.join(words)}.") from None
+            raise DesignError(f"{text!r} is neither a number nor one of {', '.join(words)}.") from None
         Choices(**in_si(choice))
         return choice
 

@@ -35,7 +35,7 @@ class FlatTarget(FlatTable, MovedTable):
     """``[target]`` of every shape but the sphere."""
 
     shape: Shape
-    """Outline; a plate goes on without end."""
+    """Outline; a plate is infinite."""
 
     @model_validator(mode="after")
     def _no_places_of_a_plate(self) -> Self:

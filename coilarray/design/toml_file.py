@@ -25,7 +25,7 @@ class TomlFiles:
     """One kind of TOML file, such as designs, some of which come with the package.
 
     `kind` names it in messages, `error` is raised for a file that cannot be read, and `package` is the import name of
-    the folder with the files that come with the package; empty where there are none.
+    the folder with the files that come with the package; empty if there are none.
     """
 
     kind: str

@@ -132,7 +132,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_any_work(capsys, option
 def test_lengths_are_a_rising_list_or_range():
     for text, mm in (("0.5", [0.5]), ("0.1,0.25", [0.1, 0.25]), ("-0.2:0.6:3", [-0.2, 0.2, 0.6])):
         assert lengths("--x-mm", text) == pytest.approx([value * 1e-3 for value in mm], rel=1e-12)
-    refusal = "--x-mm must be rising numbers of mm, as 0.5,1 or START:STOP:COUNT with 2 to 1000 of them; got "
+    refusal = "--x-mm must be rising numbers of mm, such as 0.5,1 or START:STOP:COUNT with 2 to 1000 of them; got "
     for text in (
         "1,0.5", "0.5,0.5", "0.1:0.5", "0:5:1", "0.1:0.5:2000", "0.1:0.5:2.5", "nan", "0.1,inf", "1e9", "", "deep",
     ):  # fmt: skip
@@ -176,7 +176,7 @@ def test_init_makes_a_design_that_other_commands_take(capsys):
     file = load_design_file("my_board.toml")
     assert (file.design.name, len(file.design.array.names)) == ("my_board", 3)
     assert file.document == new_design("my_board").document  # the same defaults
-    assert "all margins are kept" in good(capsys, "check", "my_board.toml")
+    assert "all rules are kept" in good(capsys, "check", "my_board.toml")
     data = answer(capsys, "matrix", "my_board.toml")
     inductance = float(re.search(r"inductance: (\S+) µH", out)[1])
     assert data["inductance_H"][0][0] * 1e6 == pytest.approx(inductance, rel=1e-3)  # which screening may err
@@ -243,7 +243,7 @@ def test_init_asks_on_a_terminal(capsys, monkeypatch):
     assert "size must be positive and finite; got -5 mm" in out
     assert "inductance must be positive and finite; got nan µH" in out
     assert "pitch must be positive and finite; got 0 mm" in out
-    assert "'8.5 mm' is no number and none of side by side, decoupled" in out
+    assert "'8.5 mm' is neither a number nor one of side by side, decoupled" in out
     assert file.document["array"] == {
         "lattice": "linear", "columns": 2, "coil": "square", "pitch_mm": 11,
         "layers": [["L1", "L2", "L3", "L4"]],  # what that service makes
@@ -472,7 +472,7 @@ def test_a_damaged_compiled_file_is_named(capsys, monkeypatch, tmp_path, damage)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr("coilarray.cli.shared.open_design", lambda *_, **__: importlib.import_module("half_written"))
     line = refused(capsys, "matrix", "starter")
-    assert line == f"coilarray: error: {compiled} is damaged; delete it, and Python makes it anew."
+    assert line == f"coilarray: error: {compiled} is damaged; delete it, and Python makes a new one."
 
 
 def test_an_end_of_file_that_is_ours_keeps_its_traceback(monkeypatch):

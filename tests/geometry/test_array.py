@@ -79,10 +79,8 @@ def test_lattices_and_sheets_that_cannot_be():
     refused(GeometryError, "columns and rows must be at least 1; got 0 and 1", lattice, "linear", 1.0, 0)
     refused(GeometryError, "a linear lattice takes one row; got 2", lattice, "linear", 1.0, 2, 2)
     refused(GeometryError, "more than one coil must have a pitch", lattice, "square", None, 2)
-    refused(GeometryError, "of the kind rings has no rows and columns; got 1 and 2", lattice, "rings", 1.0, 2, rings=1)
-    refused(
-        GeometryError, "at least one ring where its kind is rings, else none; got 0 of rings", lattice, "rings", 1.0
-    )
+    refused(GeometryError, "of kind rings has no rows and columns; got 1 and 2", lattice, "rings", 1.0, 2, rings=1)
+    refused(GeometryError, "at least one ring, any other none; got 0 for rings", lattice, "rings", 1.0)
     refused(
         GeometryError,
         "lattice must be single, linear, square, hexagonal, triangle or rings; got 'round'",
