@@ -13,7 +13,7 @@ from coilarray.errors import LARGEST, GeometryError
 SMALLEST = 1 / LARGEST
 """Least length in m."""
 
-_STRAIGHT = 1e-6  # rad; less is no bend
+_STRAIGHT = 1e-6  # rad; less is not a bend
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ class Conductor:
 
     @property
     def is_filament(self) -> bool:
-        """True where any segment has no cross-section."""
+        """True if any segment has no cross-section."""
         return bool((self.widths == 0).any())
 
 

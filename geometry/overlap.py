@@ -111,13 +111,13 @@ def _within(traces: Sequence[_Trace]) -> Iterator[_Place]:
         # the cheaper of two that agree
         if np.ptp(trace.widths) > 0 or simple_outline(trace.line, float(trace.widths[0])) is None:
             for line, widths in _opened(trace) if trace.closed else [(trace.line, trace.widths)]:
-                gap = trace_to_itself(line, widths / 2, _JOINED, reach=0.0)
+                gap = trace_to_itself(line, widths / 2, _JOINED, within=0.0)
                 if gap is not None:
                     yield trace, trace, gap[0], *gap[1].tolist()
     for _, own in groupby(traces, key=lambda trace: trace.path):
         for one, other in combinations(own, 2):
             if one.is_level_with(other):
-                gap = trace_to_trace((one.line, one.widths / 2), (other.line, other.widths / 2), reach=0.0)
+                gap = trace_to_trace((one.line, one.widths / 2), (other.line, other.widths / 2), within=0.0)
                 if gap is not None:
                     yield one, other, gap[0], *gap[1].tolist()
 

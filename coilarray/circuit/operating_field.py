@@ -56,7 +56,7 @@ def operating_currents(
 
 
 def require_endless(design: Design) -> tuple[Plate, ...]:
-    """Return the plates of a design, all of which must be without end for their field to be computed: MetalError."""
+    """Return the plates of a design, all of which must be infinite for their field to be computed: MetalError."""
     for plate in design.plates:
         if isinstance(plate, FinitePlate):
             raise MetalError(

@@ -204,7 +204,7 @@ class ReadoutTable(Table):
     resolution_ppm: Annotated[float, Field(gt=0, le=1000)] | None = None
     """Relative standard deviation of a frequency at RCOUNT 0x800; by default 0.8, assumed."""
     clock_jitter_ps: Annotated[float, Field(ge=0, le=1e6)] | None = None
-    """Standard deviation of one period of the clock; by default none is counted."""
+    """Standard deviation of one period of the clock; zero by default."""
     amplitude_V: Annotated[float, Field(gt=0, le=100)] = 1.5  # noqa: N815 - the unit
     """Peak voltage of the sensors."""
     averaged_scans: _Scans = 1

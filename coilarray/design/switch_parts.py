@@ -32,7 +32,7 @@ class SwitchPart:
     name : PartName
         Part number.
     title : str
-        What is in the package.
+        Topology of the switches in the package.
     bits : tuple of str
         Names of the switches from bit 0 to bit 7.
     drains : mapping of str to tuple of str

@@ -211,7 +211,7 @@ def _check_inside(case: _Case, zone: ContactZone, solution: _Solution, depths: F
     """Refuse a contact that ends neither by itself nor with the indenter: the sample is too small."""
     unit = case.stack.length
     beyond = (solution.force[:, -1] > 0) & (depths > 0)
-    if beyond.any() and zone.search < case.indenter.reach / unit:
+    if beyond.any() and zone.search < case.indenter.largest_radius / unit:
         raise ElastomerError(
             f"the contact must end inside the sample, within a radius of {zone.search * unit * 1e3:.4g} mm; "
             f"at a depth of {depths[beyond][0] * unit * 1e3:.4g} mm it does not."

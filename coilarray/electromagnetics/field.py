@@ -199,5 +199,5 @@ def _on_processor(kernel: Callable[..., None], paths: _Paths, progress: Progress
             field[rows] = out.T
 
     blocks = -(-len(field) // (_BLOCK * _TASKS_A_CORE * cores()))
-    run_blocks(work, ranges(len(field), _BLOCK * min(blocks, _BLOCKS_A_TASK)), progress)
+    run_blocks(work, ranges(len(field), _BLOCK * min(blocks, _BLOCKS_A_TASK)), progress=progress)
     return field.reshape(paths.shape)

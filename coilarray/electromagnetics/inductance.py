@@ -70,7 +70,7 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
         return float(_SCALE * (u @ v) * _short_filament(short, long))
     integral = filament_pair(*arguments)
     if not np.isfinite(integral):
-        raise GeometryError("the two filaments run over each other on one line: their mutual inductance is infinite.")
+        raise GeometryError("the two filaments overlap on one line: their mutual inductance is infinite.")
     return float(_SCALE * integral)
 
 
@@ -130,7 +130,9 @@ def rectangular_bars(
         return float(_SCALE * sizes[:, 0].prod() * mean)
     extent = np.linalg.norm(apart + sizes.sum(axis=0) / 2)
     if sizes.max() > _UNLIKE * sizes.min() or extent**2 > _UNLIKE**1.25 * sizes[:, order[0]].prod():
-        raise GeometryError(f"the sizes of bars must be less unlike; got {size_1} and {size_2 or size_1} m.")
+        raise GeometryError(
+            f"the sizes of the bars differ too much to be computed; got {size_1} and {size_2 or size_1} m."
+        )
     if size_2 is None:
         return float(_SCALE * bar_self(*sizes[0, order]) / areas)
     across_up_along = np.roll(np.asarray(offset, dtype=np.float64)[order], -1)
@@ -334,13 +336,13 @@ def _matrix(
     """Symmetric matrix of the wanted pairs of paths in H, zero elsewhere."""
     if accuracy not in get_args(Accuracy):
         raise GeometryError(f"accuracy must be one of {', '.join(get_args(Accuracy))}; got {accuracy!r}.")
-    values = _SCALE * path_sums(conductors, first, second, accuracy, progress)
+    values = _SCALE * path_sums(conductors, first, second, accuracy, progress=progress)
     infinite = np.flatnonzero(~np.isfinite(values))
     if len(infinite):
         i, j = first[infinite[0]], second[infinite[0]]
         raise GeometryError(
-            f"{conductors[i].name} and {conductors[j].name} run over each other on one line: "
-            "the mutual inductance of thin filaments is infinite there."
+            f"{conductors[i].name} and {conductors[j].name} overlap on one line, where the mutual inductance of thin "
+            "filaments is infinite."
         )
     L = np.zeros((len(conductors), len(conductors)))
     L[first, second] = L[second, first] = values

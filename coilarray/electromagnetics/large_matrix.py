@@ -120,7 +120,7 @@ def write_inductance_matrix(
         return 0.0
 
     key = content_key("inductance matrix", accuracy, conductors)
-    fill_large(path, frame, [_VARIABLE], key, len(pairs), task, matrix_block, write, pool, progress)
+    fill_large(path, frame, [_VARIABLE], key, len(pairs), task, matrix_block, write, pool, progress=progress)
 
 
 def matrix_block(block: MatrixBlock) -> FloatArray:

@@ -46,7 +46,7 @@ def margins(name, profile=None):
 def test_a_kept_design(capsys):
     out, found = good(capsys, "starter"), margins("starter")
     assert "margins to the limits of the design" in out
-    assert "all margins are kept" in out
+    assert "all rules are kept" in out
     printed = rows_of(out)
     # one row for each rule and layer, the worst of it, in order and numbered from 1
     first = {}

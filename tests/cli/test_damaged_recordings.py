@@ -123,4 +123,4 @@ def test_files_with_one_checksum_at_their_end(capsys, tmp_path):
     assert "carries no checksum: an older version, another program or a person" in scan_info(capsys, path, "--verify")
     assert "cannot read" in refused(capsys, tmp_path / "none.nc", "--verify")
     path.with_suffix(".txt").write_text("text")
-    assert "is no recording" in refused(capsys, path.with_suffix(".txt"), "--verify")
+    assert "is not a recording" in refused(capsys, path.with_suffix(".txt"), "--verify")

@@ -69,7 +69,7 @@ def test_stream_of_a_microcontroller(board, tmp_path, capsys, monkeypatch):
             code, out_of_lost, err = measure(capsys, *board, *arguments)
         assert code == 2
         kept, error = err.splitlines()
-        assert re.fullmatch(rf"coilarray: \d+ scans are kept in {path}; --resume goes on from there", kept)
+        assert re.fullmatch(rf"coilarray: \d+ scans are kept in {path}; --resume continues from there", kept)
         assert error.startswith("coilarray: error: ")
         port = host.replug()
         scans = int(kept.split()[1])
@@ -155,7 +155,7 @@ def test_broken_off_and_resumed(board, tmp_path, capsys, number):
         recording.check()
         kept = recording.count()
     if number != signal.SIGKILL:
-        assert f"[emulator] coilarray: {kept} scans are kept in {path}; --resume goes on from there" in err
+        assert f"[emulator] coilarray: {kept} scans are kept in {path}; --resume continues from there" in err
         assert [one.name for one in tmp_path.iterdir()] == ["run.sqlite"]
     code, out, _ = scan_info(capsys, path)
     assert (code, "of 20000 positions are measured" in out) == (0, True)

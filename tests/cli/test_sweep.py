@@ -108,9 +108,9 @@ def test_a_sweep_without_any_result_has_an_empty_table(capsys):
     """Designs there are, but none has the quantity."""
     assert main(["sweep", "gast_fem", "--vary", "board.margin_mm=1,2", "--goal", "minimize worst_k", *ONE]) == 0
     out = capsys.readouterr().out
-    assert "no point gives a value to the goal" in out.splitlines()
+    assert "no point has a value of the goal" in out.splitlines()
     assert out.splitlines()[1].split() == ["worst_k", "1", "–", "–"]
-    assert "2 of 2 points have no result; the first: the design gast_fem has one coil alone" in out
+    assert "2 of 2 points have no result; the first: the design gast_fem has only one coil" in out
 
 
 @pytest.mark.slow
@@ -219,7 +219,7 @@ def test_an_interrupted_sweep_says_what_is_kept_and_goes_on(capsys, monkeypatch)
     number, rest = told.removeprefix("coilarray: ").split(" ", 1)
     # one may be written when the interrupt comes, and not be counted
     assert int(number) in (done, done - 1)
-    assert rest == f"of 60 points are kept in {Path('cache').resolve()}; the same command goes on from there"
+    assert rest == f"of 60 points are kept in {Path('cache').resolve()}; the same command continues from there"
     assert not Path("s.csv").exists()
     computed = []
     made_up = {"worst_k": 0.25, "fab_broken": 0.0}

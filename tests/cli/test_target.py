@@ -75,7 +75,9 @@ def test_work_that_takes_long_is_told_before_it_begins(ball, capsys, monkeypatch
 
     monkeypatch.setattr("coilarray.response.target.target_map", enough)
     _, _, err = run(capsys, "target", "ball.toml", "--y-mm", "0:20:300")
-    assert err.splitlines()[0].startswith("coilarray: 5 distances × 300 × 1 places take a while; --x-mm, --y-mm and")
+    assert err.splitlines()[0].startswith(
+        "coilarray: 5 distances × 300 × 1 positions take a while; give fewer with --x-mm, --y-mm and"
+    )
     assert run(capsys, "target", "ball.toml", "--y-mm", "0,1")[2] == "coilarray: error: enough.\n"
 
 

@@ -22,7 +22,7 @@ def fourfold(x):
 @pytest.mark.skipif(config.DISABLE_JIT, reason="nothing is compiled")
 def test_an_inner_kernel_is_called_by_kernels_alone():
     for _ in range(2):  # before and after it is compiled
-        with pytest.raises(TypeError, match="double can be called by other kernels only"):
+        with pytest.raises(TypeError, match="double can only be called by other kernels"):
             double(1.0)
         assert fourfold(1.5) == 6.0
 
