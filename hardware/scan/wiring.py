@@ -429,7 +429,8 @@ class _WiringTable(Table):
         """Return the wiring."""
         if self.channels and self.coils:
             raise HardwareError(f"wiring {name} must have coils with devices, or channels of coils; got both.")
-        parts = {name: switch_part(name) for name in (*self.part, *(device.part for device in self.device))}
+        parts = {name: switch_part(name, "a table of wiring.part") for name in self.part}
+        parts |= {device.part: switch_part(device.part) for device in self.device}
         bits = {name: self.part[name].bits if name in self.part else part.bits for name, part in parts.items()}
         reasons = {"wiring": self.assumed}
         for key, part in parts.items():
