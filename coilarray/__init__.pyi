@@ -92,3 +92,5 @@ from .studies.calibrate.calibration import calibrate as calibrate
 from .studies.calibrate.plan import load_plan as load_plan
 from .studies.create.new_design import new_design as new_design
 from .studies.sweep import sweep as sweep
+
+__version__: str

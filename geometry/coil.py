@@ -14,9 +14,9 @@ import numpy.typing as npt
 import shapely
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.errors import GeometryError, require_positive
+from coilarray.errors import LARGEST, GeometryError, require_positive
 from coilarray.geometry.arcs import Arc, arc_size, coarser_line
-from coilarray.geometry.conductor import LARGEST, SMALLEST
+from coilarray.geometry.conductor import SMALLEST
 from coilarray.geometry.spiral import Winding
 from coilarray.geometry.values import place_in_mm
 

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from coilarray.compute.arrays import FloatArray
-from coilarray.errors import GeometryError
+from coilarray.errors import LARGEST, GeometryError
 
-SMALLEST, LARGEST = 1e-30, 1e30
-"""Lengths in m between which powers of them, up to the sixth in the kernels, stay within the range of float64."""
+SMALLEST = 1 / LARGEST
+"""Least length in m."""
 
 _STRAIGHT = 1e-6  # rad; less is not a bend
 

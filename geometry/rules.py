@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from coilarray.compute.arrays import FloatArray
 from coilarray.compute.display_units import MM, PLAIN
 from coilarray.compute.recent import Recent
-from coilarray.errors import GeometryError, RuleViolationError
+from coilarray.errors import LARGEST, GeometryError, RuleViolationError
 from coilarray.geometry.array import CoilArray, Placement
 from coilarray.geometry.copper import Drill, copper_by_layer, drills, drills_of
 from coilarray.geometry.values import place_in_mm
@@ -88,7 +88,7 @@ class FabRules:
         for field in fields(self):
             value = getattr(self, field.name)
             for number in () if value is None else value if isinstance(value, tuple) else (value,):
-                if not (math.isfinite(number) and number >= 0):
+                if not 0 <= number <= LARGEST:
                     unit = "" if field.name in ("max_layers", "max_aspect_ratio") else " m"
                     raise GeometryError(f"{field.name} must be finite and not negative; got {number}{unit}.")
 

@@ -50,7 +50,9 @@ def operating_currents(
     if not terminated:
         return np.asarray(np.eye(len(names), dtype=np.complex128)[names.index(active)])
     mine = coupling.sel(coil=active)
-    return np.asarray(mine.current_real.values + 1j * mine.current_imag.values)
+    parts = mine.current_real.values, mine.current_imag.values
+    require_finite("the currents of the coupling", *np.concatenate(parts).tolist())
+    return np.asarray(parts[0] + 1j * parts[1])
 
 
 def require_endless(design: Design) -> tuple[Plate, ...]:

@@ -51,7 +51,7 @@ def find_page(clone: Path, page: str) -> Path:
     """
     built = clone / _BUILT
     if not (built / f"index{_PAGE}").is_file():
-        where, python = "a clone of coilarray, as an installation has none", "python"
+        where, python = "a clone of coilarray (an installed package has no pages)", "python"
         if (clone / "docs" / "conf.py").is_file():
             where, python = str(clone), python_command(clone)
         build = f'{python} -m pip install -e ".[docs]" && {python} -m sphinx docs docs/_build/html'

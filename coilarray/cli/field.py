@@ -41,9 +41,7 @@ def field(
     ] = False,
     workers: shared.Workers = None,
     cluster: shared.Cluster = None,
-    out: Annotated[Path, shared.out_option("File to write: .nc (netCDF) or .vtr (ParaView).", ".nc", ".vtr")] = Path(
-        "field.nc"
-    ),
+    out: shared.FieldFile = Path("field.nc"),
     force: shared.Force = False,
     as_json: shared.AsJson = False,
     allow_violations: shared.AllowViolations = False,
@@ -63,13 +61,13 @@ def field(
     """
     if not abs(current_mA) <= _LARGEST_MA:
         raise GeometryError(f"--current-mA must be at most {_LARGEST_MA:g}; got {current_mA:g}.")
-    if large and out.suffix.lower() != ".nc":
-        raise OutputError(f"--large writes .nc; got {out}.")
+    if large and (out is None or out.suffix.lower() != ".nc"):
+        raise OutputError(f"--large writes .nc; got {out or 'no --out'}.")
     if not large and (workers is not None or cluster is not None):
         raise ClusterError("--workers and --cluster are for --large.")
     shared.check_workers(workers, cluster)
     heights = None if z_mm is None else _heights(z_mm)
-    if out.suffix.lower() == ".vtr":
+    if out is not None and out.suffix.lower() == ".vtr":
         require_pyvista("files for ParaView")
     from coilarray.circuit.coupling import couple_design
 
@@ -81,13 +79,13 @@ def field(
     axes = _axes(opened, heights, spacing_mm, large=large)
     setting = {"current": current_mA * 1e-3, "terminated": not others_open}
     coupling = couple_design(opened)
-    if large:
+    if large and out is not None:
         peak = _write_large(opened, coupling, active, axes, out, (workers, cluster), **setting)
     else:
         peak = _write(opened, coupling, active, axes, out, **setting)
     shape = [len(axis) for axis in axes]
     data = {
-        **shared.design_record(opened), "file": str(out), "coil": active,
+        **shared.design_record(opened), "file": out and str(out), "coil": active,
         "others": "open" if others_open else "as terminated", "current_A": current_mA * 1e-3, "shape": shape,
         "peak_Bz_T": peak,
     }  # fmt: skip
@@ -113,8 +111,8 @@ def _axes(design: Design, heights: tuple[float, float] | None, spacing_mm: float
     return x, y, z
 
 
-def _write(design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: Path, **setting: Any) -> float:
-    """Compute the field in memory for a current in A and write it; return the largest |B_z| in T."""
+def _write(design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: Path | None, **setting: Any) -> float:
+    """Compute the field in memory for a current in A, write it where a file is given; return the largest |B_z| in T."""
     from coilarray.circuit.operating_field import operating_field
     from coilarray.compute.files import write_text
     from coilarray.compute.netcdf import save_dataset
@@ -123,9 +121,9 @@ def _write(design: Design, coupling: xr.Dataset, active: str, axes: Axes, out: P
 
     with shared.progress_bar(f"field at {math.prod(map(len, axes))} points") as progress:
         result = operating_field(design, coupling, active, *axes, **setting, progress=progress)
-    if out.suffix.lower() == ".nc":
+    if out is not None and out.suffix.lower() == ".nc":
         save_dataset(result, out)
-    else:
+    elif out is not None:
         grid = field_grid(result.x.values, result.y.values, result.z.values, result.B.values)
         write_text(out, vtk_text(grid))
     return float(abs(result.B.sel(component="z")).max())

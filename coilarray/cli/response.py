@@ -91,16 +91,15 @@ def response(
     x, y = shared.from_map_origin(opened.indentation, *places)
     offset = (offset_mm[0] * 1e-3, offset_mm[1] * 1e-3)
     imperfections = Imperfections(tilt, offset, depth_error_mm * 1e-3, errors, noise=noise, seed=seed)
-    with shared.map_parts(out) as store, shared.progress_bar("response") as progress:
+    with shared.map_parts(out) as parts, shared.progress_bar("response") as progress:
         result = response_map(
             opened, depths=depths, x=x, y=y, reach=counted, imperfections=imperfections, ideal=ideal,
-            dielectric=dielectric, metal=metal, rest=rest_distance_mm * 1e-3, parts=store.folder, progress=progress,
+            dielectric=dielectric, metal=metal, rest=rest_distance_mm * 1e-3, parts=parts, progress=progress,
         )  # fmt: skip
-    shown = on_board(result)
-    table = response_table(shown)
-    in_metres = shown.delta.rename(depth="depth_m", y="y_m", x="x_m")
-    shared.write_numbers(out, result, lambda: in_metres.to_dataframe().to_csv(lineterminator="\n"))
-    store.discard(store.keys())
+        shown = on_board(result)
+        table = response_table(shown)
+        in_metres = shown.delta.rename(depth="depth_m", y="y_m", x="x_m")
+        shared.write_numbers(out, result, lambda: in_metres.to_dataframe().to_csv(lineterminator="\n"))
     shared.draw(plot, lambda: viz.response_figure(shown, map_outlines(opened, shown)))
     error = result.attrs["error_of_peak"]
     lines = [f"wrote {out}: {' × '.join(map(str, result.delta.shape))} values over {result.delta.dims}"]
@@ -113,7 +112,12 @@ def response(
     outside = coils_outside(shown) if x is None and y is None else []
     if outside:
         lines.append(f"note: the design's positions do not include the centres of {', '.join(outside)}")
-    data = {**shared.design_record(opened), "file": str(out), "error_of_peak": error, "response": table.records()}
+    data = {
+        **shared.design_record(opened),
+        "file": out and str(out),
+        "error_of_peak": error,
+        "response": table.records(),
+    }
     shared.print_result(data, as_json=as_json, tables=[table], lines=lines, files=[plot])
 
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from coilarray.compute.store import Store
     from coilarray.compute.threads import Progress
     from coilarray.compute.workers import Pool
     from coilarray.design.model import Design, DesignFile, Indentation
@@ -38,14 +37,19 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".svg", ".pdf")
 
 
-def file_option(names: Sequence[str], text: str, suffixes: Sequence[str] = (), *, kept: bool = False) -> Any:
+def file_option(
+    names: Sequence[str], text: str, suffixes: Sequence[str] = (), *, kept: bool = False, printed: bool = False
+) -> Any:
     """Return an option for a file to write, refused before any work by `check_file`, if it has suffixes.
 
     If the command has the option --force, `replacing` refuses too, unless what exists is `kept`: a file that is read,
-    or a folder.
+    or a folder. If it is `printed`, --json prints its content instead, and the file is written only if it is named.
     """
 
-    def check(context: typer.Context, path: Path | None) -> Path | None:
+    def check(context: typer.Context, parameter: typer.CallbackParam, path: Path | None) -> Path | None:
+        source = context.get_parameter_source(str(parameter.name))
+        if printed and context.params["as_json"] and source is not None and source.name == "DEFAULT":
+            return None
         if suffixes:
             check_file(names[0], path, suffixes)
         if path is not None and path.suffix and not kept and "force" in context.params:  # without one: a folder
@@ -67,9 +71,9 @@ def number_option(names: Sequence[str], low: float, high: float, text: str) -> A
     return typer.Option(*names, help=text, callback=check)
 
 
-def out_option(text: str, *suffixes: str) -> Any:
+def out_option(text: str, *suffixes: str, printed: bool = False) -> Any:
     """Return the option --out with its help text."""
-    return file_option(("--out", "-o"), text, suffixes)
+    return file_option(("--out", "-o"), text, suffixes, printed=printed)
 
 
 def plot_option(what: str, name: str = "--plot") -> Any:
@@ -88,7 +92,9 @@ AllowViolations = Annotated[
         help="Accept a design that breaks a fabrication rule; the inductance of overlapping traces is not meaningful.",
     ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON in SI units, and nothing else.")]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print the numbers as JSON in SI units, and nothing else.", is_eager=True)
+]
 Force = Annotated[
     bool, typer.Option("--force", help="Replace files that the command did not write itself.", is_eager=True)
 ]
@@ -147,7 +153,15 @@ Noise = Annotated[
     float | None,
     typer.Option("--noise", help="Standard deviation of δ of a reading; that of the design's noise budget by default."),
 ]
-NumbersFile = Annotated[Path, out_option("File to write: .nc (netCDF) or .csv.", ".nc", ".csv")]
+_UNLESS_PRINTED = "with --json only if it is given."
+NumbersFile = Annotated[
+    Path | None,
+    out_option(f"File to write: .nc (netCDF) or .csv; {_UNLESS_PRINTED}", ".nc", ".csv", printed=True),
+]
+FieldFile = Annotated[
+    Path | None,
+    out_option(f"File to write: .nc (netCDF) or .vtr (ParaView); {_UNLESS_PRINTED}", ".nc", ".vtr", printed=True),
+]
 OthersOpen = Annotated[bool, typer.Option("--others-open", help="Leave all other coils open.")]
 TableFile = Annotated[
     Path | None,
@@ -189,14 +203,21 @@ def design_record(design: Design) -> dict[str, str]:
 
 
 @contextmanager
-def map_parts(out: Path) -> Iterator[Store]:
-    """Keep the parts of a map beside its file, from which an interrupted command goes on."""
+def map_parts(out: Path | None) -> Iterator[Path | None]:
+    """Keep the parts of a map in a folder beside its file, from which an interrupted command goes on; none without one.
+
+    They are discarded at the end of the block, in which the file is written.
+    """
+    if out is None:
+        yield None
+        return
     from coilarray.compute.store import open_store
 
     store = open_store(out.with_name(f"{out.name}.parts"))
     kept = store.keys()
     try:
-        yield store
+        yield store.folder
+        store.discard(store.keys())
     except NetworkError:
         store.discard(store.keys() - kept)  # of no use: going on would end in the same way
         raise

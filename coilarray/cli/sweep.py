@@ -95,7 +95,7 @@ def sweep(
     shared.draw(plot, lambda: viz.sweep_figure(result))
     reasons = [reason for reason in result.reason.values.ravel().tolist() if reason]
     data = {
-        "file": str(out),
+        "file": out and str(out),
         **shared.design_record(opened),
         "sampling": plan.sampling,
         "accuracy": plan.accuracy,

@@ -83,28 +83,19 @@ def target(
     opened = shared.open_design(design, allow_violations=allow_violations)
     x, y = shared.from_map_origin(opened.target, *places)
     _tell_work(opened.target, distances, x, y)
-    with shared.map_parts(out) as store, shared.progress_bar("target") as progress:
+    with shared.map_parts(out) as parts, shared.progress_bar("target") as progress:
         result = target_map(
-            opened,
-            distances=distances,
-            x=x,
-            y=y,
-            noise=noise,
-            ideal=ideal,
-            fineness=fineness,
-            accuracy=accuracy,
-            parts=store.folder,
-            progress=progress,
-        )
-    shown = on_board(result)
+            opened, distances=distances, x=x, y=y, noise=noise, ideal=ideal, fineness=fineness, accuracy=accuracy,
+            parts=parts, progress=progress,
+        )  # fmt: skip
+        shown = on_board(result)
+        shared.write_numbers(out, result, values_table(shown).csv)
     tables = base_table(shown), target_table(shown), range_table(shown)
-    shared.write_numbers(out, result, values_table(shown).csv)
-    store.discard(store.keys())
     shared.draw(plot, lambda: viz.target_figure(shown))
     shared.draw(maps, lambda: viz.response_figure(shown, map_outlines(opened, shown)))
     data = {
         **shared.design_record(opened),
-        "file": str(out),
+        "file": out and str(out),
         "body": result.attrs["target"],
         "material": result.attrs["material"],
         "noise": result.attrs["sigma"],

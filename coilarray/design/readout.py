@@ -13,7 +13,7 @@ from pydantic import Field
 
 from coilarray.constants import COPPER_PER_KELVIN
 from coilarray.design.units import Table
-from coilarray.errors import DesignError
+from coilarray.errors import DesignError, require_finite
 
 INTERNAL_CLOCK = 43.4e6
 """Typical frequency of the converter's internal oscillator in Hz."""
@@ -115,8 +115,7 @@ class Readout:
             value = getattr(self, one.name)
             if value is None:
                 continue
-            if not math.isfinite(value):
-                raise DesignError(f"{one.name} of a read-out must be finite; got {value}.")
+            require_finite(f"{one.name} of a read-out", value, error=DesignError)
             if one.name in _POSITIVE and not value > 0:
                 raise DesignError(f"{one.name} of a read-out must be positive; got {value}.")
             if one.name in _NOT_NEGATIVE and value < 0:

@@ -374,11 +374,12 @@ class LatticeArray(Table):
     """``[array]`` with a regular lattice or a single coil."""
 
     lattice: LatticeKind
-    """One coil, a row, rows and columns, rows shifted by half a pitch, or rings of hexagons around a middle coil."""
+    """One coil, a row, rows and columns, rows shifted by half a pitch, a triangle of such rows, or rings of hexagons
+    around a middle coil."""
     coil: str
     """Name of their shape, a table of `[coils]`."""
     columns: Annotated[int, Field(ge=1, le=1000)] | None = None
-    """Number of coils in a row; of linear, square and hexagonal lattices."""
+    """Number of coils in a row, of a triangle in its longest; of linear, square, hexagonal and triangle lattices."""
     rows: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of rows."""
     rings: Annotated[int, Field(ge=1, le=100)] | None = None
@@ -399,7 +400,7 @@ class LatticeArray(Table):
     @model_validator(mode="after")
     def _wanted(self) -> LatticeArray:
         in_rows = self.lattice in ("linear", "square", "hexagonal")
-        for key, wanted in (("columns", in_rows), ("rings", self.lattice == "rings")):
+        for key, wanted in (("columns", in_rows or self.lattice == "triangle"), ("rings", self.lattice == "rings")):
             if (getattr(self, key) is not None) != wanted:
                 raise ValueError(f'{"needs" if wanted else "has no"} {key} for lattice = "{self.lattice}"')
         if self.rows > 1 and not in_rows:

@@ -117,7 +117,7 @@ def _describe(details: ErrorDetails, document: Mapping[str, Any]) -> str:
         tag = str(details["ctx"]["discriminator"]).strip("'")
         allowed = {
             "coils": "'polygon', 'circle', 'rectangle', 'racetrack' or 'path'",
-            "array": "'single', 'linear', 'square', 'hexagonal', 'rings' or 'free'",
+            "array": "'single', 'linear', 'square', 'hexagonal', 'triangle', 'rings' or 'free'",
             "target": "'plate', 'disc', 'rectangle', 'ring', 'polygon' or 'sphere'",
             "indenter": "'hemisphere', 'paraboloid', 'flat_punch', 'cone' or 'cylinder_edge'",
         }[str(where[0])]

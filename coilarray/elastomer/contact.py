@@ -32,9 +32,8 @@ from coilarray.elastomer.compliance import Compliance, compliance
 from coilarray.elastomer.contact_grid import ContactGrid, Stack, contact_grid, stack_of
 from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone
 from coilarray.elastomer.finite_strain import EDGE_ELEMENTS, TIP, Outline, SoftBody
-from coilarray.errors import ElastomerError
+from coilarray.errors import LARGEST, ElastomerError
 from coilarray.geometry import Indenter, Seat, Sheet
-from coilarray.geometry.conductor import LARGEST
 from coilarray.geometry.sheet import Base, RigidBase, Strain
 
 DEFAULT_MESH = ContactMesh()

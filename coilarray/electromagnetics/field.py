@@ -16,8 +16,7 @@ from coilarray.compute.threads import Progress, cores, ranges, run_blocks
 from coilarray.constants import MU_0
 from coilarray.electromagnetics.kernels.segments import add_magnetic_field, add_vector_potential
 from coilarray.electromagnetics.source import Source, as_conductors
-from coilarray.errors import GeometryError
-from coilarray.geometry.conductor import LARGEST
+from coilarray.errors import LARGEST, GeometryError
 
 Backend = Literal["cpu", "cuda"]
 

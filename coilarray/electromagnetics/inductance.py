@@ -17,9 +17,9 @@ from coilarray.electromagnetics.kernels.turns import find_series, series_members
 from coilarray.electromagnetics.neumann import BYTES_A_PAIR, path_sums, segment_table
 from coilarray.electromagnetics.neumann_near import Accuracy as Accuracy
 from coilarray.electromagnetics.source import Source, as_conductors
-from coilarray.errors import GeometryError
+from coilarray.errors import LARGEST, GeometryError
 from coilarray.geometry import CoilArray, Conductor
-from coilarray.geometry.conductor import LARGEST, SMALLEST
+from coilarray.geometry.conductor import SMALLEST
 from coilarray.geometry.overlap import require_apart
 
 _SCALE = MU_0 / (4 * np.pi)

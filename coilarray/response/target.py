@@ -24,7 +24,7 @@ from coilarray.compute.threads import Progress, ranges
 from coilarray.design.bundled import names_with
 from coilarray.design.model import Design, DesignFile, design_of
 from coilarray.electromagnetics.inductance import Accuracy
-from coilarray.errors import MetalError
+from coilarray.errors import MetalError, require_positive
 from coilarray.geometry import FinitePlate, Target
 from coilarray.metal.finite_plates import moving_plate_error
 from coilarray.metal.over_frequency import ChangeOverFrequency, FrequencyBand
@@ -56,7 +56,7 @@ def target_of(design: Design) -> Target:
         bundled = ", ".join(names_with("target"))
         raise MetalError(
             f'the design {design.name} has no [target]: add one, for example with shape = "disc", diameter_mm = 12, '
-            'thickness_mm = 1, material = "aluminium" and distances_mm = [1, 2, 4]; bundled designs '
+            'thickness_mm = 1 and material = "aluminium"; bundled designs '
             f"that have one are {bundled}."
         )
     return design.target
@@ -146,6 +146,7 @@ def target_map(
     target = target_of(design)
     if noise is not None:
         require_noise(noise)
+    require_positive("fineness of a mesh", fineness, "")
     require_apart(target.body, design.plates)
     given = (("distances", distances, target.distances), ("x", x, target.x), ("y", y, target.y))
     axes = MapAxes(*(checked_axis(name, own if values is None else values, MetalError) for name, values, own in given))

@@ -58,7 +58,9 @@ SECONDS = 20.0
 LONGEST_MESSAGE = 300
 """Characters of an error, without the path of the file."""
 
-_WALL_SECONDS = 120.0  # after which a worker is ended: a loop in C that takes no signal, on a busy machine
+_WALL_SECONDS = (
+    600.0  # after which a worker is ended: a loop in C that takes no signal, or `SECONDS` where many compute
+)
 _MEMORY = 12 << 30  # bytes of address space, of which numba and its libraries take some
 
 
@@ -69,6 +71,7 @@ _NO_KEYS = (
     "has no key '",
     "the file must be a table",
     "it must have kind",
+    "hash must be",  # of all other keys
 )
 
 
@@ -353,6 +356,8 @@ def run_cases(wanted: Sequence[tuple[str, int]], workers: int) -> list[Outcome]:
                 else:
                     begin(process, ready)
                 done.append(outcome)
+                if outcome.outcome in OUTCOMES[3:]:  # a long run may be broken off
+                    sys.stderr.write(f"{outcome.outcome} {outcome.kind} {outcome.number}\n")
             for connection, (process, case, begun) in list(busy.items()):
                 if time.monotonic() - begun > _WALL_SECONDS:
                     process.kill()
