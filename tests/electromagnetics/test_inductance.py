@@ -249,7 +249,7 @@ def test_wide_trace_against_the_current_sheet_limit():
     (lambda: self_inductance(np.array([[0, 0, 0], [1, 0, 0.0]])), "path 1 has segments without a cross-section"),
     (lambda: straight_filaments([0, 0, 0], [1, 0, 0], [0.5, 0, 0], [2, 0, 0]), "overlap on one line"),
     (lambda: straight_filaments([0, 0, 0], [0, 0, 0], [0.5, 0, 0], [2, 0, 0]), "the first filament has length"),
-    (lambda: mutual_inductance([[[0, 0, 0], [1, 0, 0]]], [[[0, 0, 0], [1, 0, 0]]]), "path 1 and path 1 run over"),
+    (lambda: mutual_inductance([[[0, 0, 0], [1, 0, 0]]], [[[0, 0, 0], [1, 0, 0]]]), "path 1 and path 1 overlap"),
     (lambda: rectangular_bars((1, 0, 1)), "length, width and thickness of a bar must be positive"),
     (lambda: rectangular_bars((1, 1, 1), offset=(np.nan, 0, 0)), "offset between two bars must be finite"),
     (lambda: Conductor([[0, 0, 0], [1, 0, 0]], -1.0, 1.0), "widths of path must be finite and not negative"),
