@@ -167,7 +167,7 @@ def live_source(options: LiveOptions, design: Design, *, progress: Progress) -> 
 
 
 @contextmanager
-def _stream(asked: LiveOptions, design: Design, *, progress: Progress) -> Iterator[LiveSource]:
+def _stream(asked: LiveOptions, design: Design, progress: Progress) -> Iterator[LiveSource]:
     from coilarray.hardware.scan.readings import read_scan
 
     options = asked.board

@@ -45,7 +45,7 @@ def straight_filaments(p1: npt.ArrayLike, p2: npt.ArrayLike, q1: npt.ArrayLike, 
     Raises
     ------
     GeometryError
-        A filament of length zero, or two that run over each other on one line (infinite).
+        A filament of length zero, or two that overlap on one line (infinite).
 
     Notes
     -----

@@ -96,7 +96,7 @@ def test_the_limits_of_a_house(capsys):
 def test_the_exit_code_is_2_where_a_rule_is_broken(capsys, name):
     kept = all(margin.kept for margin in margins("starter", name))
     assert run(capsys, "starter", "--fab", name)[0] == (0 if kept else 2)
-    assert ("margins are broken" in good(capsys, "starter", "--fab", name, "--allow-violations")) is not kept
+    assert ("rules are broken" in good(capsys, "starter", "--fab", name, "--allow-violations")) is not kept
 
 
 def test_limits_of_the_board_are_in_the_table(capsys):

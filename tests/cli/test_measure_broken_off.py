@@ -159,7 +159,7 @@ def test_broken_off_and_resumed(board, tmp_path, capsys, number):
         assert [one.name for one in tmp_path.iterdir()] == ["run.sqlite"]
     code, out, _ = scan_info(capsys, path)
     assert (code, "of 20000 positions are measured" in out) == (0, True)
-    assert "is not whole" in scan_info_refused(capsys, path, "--to", "nc")
+    assert "is not complete" in scan_info_refused(capsys, path, "--to", "nc")
     assert scan_info(capsys, path, "--to", "nc", "--partial")[0] == 0
     part = load_part(tmp_path / "run.nc")
     assert kept // 2 - 1 <= int(part.delta.notnull().all("state").sum()) <= kept // 2

@@ -152,7 +152,7 @@ def test_positions_go_to_the_analysis_with_the_kept_table(capsys, monkeypatch, l
     [
         (("-q", "foo"), "there is no quantity 'foo'"),
         (("--samples", "5"), "samples must be 0 or at least 8; got 5"),
-        (("limits.toml",), "the limit worst ≤ 1 names no output"),
+        (("limits.toml",), "the limit worst ≤ 1 does not name an output"),
     ],
 )
 def test_mistakes_show_before_the_table_is_computed(capsys, monkeypatch, arguments, message):

@@ -488,8 +488,8 @@ COIL = ROW.coils[0]
     (lambda: fit_ellipse([1, 1, 1], [2, 2, 2]), "not all the same"),
     (lambda: fit_ellipse([0, 1, 2, 3], [0, 0, 0, 0]), "more than one conic"),
     # a parabola and a hyperbola
-    (lambda: fit_ellipse([0.0, 1, 4, 9, 1, 4, 9], [0.0, 1, 2, 3, -1, -2, -3]), "no ellipse"),
-    (lambda: fit_ellipse([1.0, 1.25, 5 / 3, 1.25, 5 / 3], [0.0, 0.75, 4 / 3, -0.75, -4 / 3]), "no ellipse"),
+    (lambda: fit_ellipse([0.0, 1, 4, 9, 1, 4, 9], [0.0, 1, 2, 3, -1, -2, -3]), "not an ellipse"),
+    (lambda: fit_ellipse([1.0, 1.25, 5 / 3, 1.25, 5 / 3], [0.0, 0.75, 4 / 3, -0.75, -4 / 3]), "not an ellipse"),
     (lambda: crossing_in_mm((-3, 2, 2), (3, 3, 2)), "do not meet: 1 mm lie between them"),
     (lambda: crossing_in_mm((0, 5, 5), (1, 2, 2)), "one lies within the other"),
     (lambda: crossing_in_mm((0, 5, 5), (0, 5, 5)), "one lies within the other"),

@@ -229,7 +229,7 @@ def test_ellipses_longer_than_the_board_are_not_drawn(table):
         (View(show=("dent",), at=(1.0, 0.0)), GeometryError, "the indenter must be over the board, from"),
         (View(show=("dent",), at=(np.nan, 0.0)), GeometryError, "the indenter must be over the board, from"),
         (View(show=("dent",), depth=1.0), ElastomerError, "below the thickness of all sheets"),
-        (View(show=("location",)), LocalizeError, "needs the table"),
+        (View(show=("location",)), LocalizeError, "needs the response table"),
     ],
 )
 def test_mistakes_are_one_line(design, view, error, message):

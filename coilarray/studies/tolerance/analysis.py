@@ -170,8 +170,8 @@ def check_analysis(
     Raises
     ------
     GoalError
-        An unknown quantity or coil, a limit that names no output, samples or a seed that are not allowed, or no error
-        with a spread.
+        An unknown quantity or coil, a limit on something else than an output, samples or a seed that are not allowed,
+        or no error with a spread.
     LocalizeError
         A position outside the table that is to be computed, or fewer states than unknowns.
     """
