@@ -84,7 +84,7 @@ def test_work_that_takes_long_is_told_before_it_begins(ball, capsys, monkeypatch
 
 def test_what_is_wrong_is_one_line(ball, capsys):
     line = refused(capsys, "target", "gast_fem")
-    assert "the design gast_fem has no [target]: add one, with shape" in line
+    assert "the design gast_fem has no [target]: add one, for example with shape" in line
     assert all(load_design(name).target for name in line.rstrip(".").partition("have one are ")[2].split(", "))
     # without DESIGN: a distance is refused only where there is a target
     assert "distances of a target must be above zero" in refused(capsys, "target", "--distance-mm", "0,1")
