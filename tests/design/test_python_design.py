@@ -206,7 +206,7 @@ def test_the_origin_follows_its_coil():
      "indentation.depths_mm must be less than the 1 mm of all sheets; got 1."),
     ({"circuit": ca.Circuit(terminations={"x": "open"})}, "circuit.terminations.x names no coil; there are coil1"),
     ({"circuit": ca.Circuit(scan=(ca.ScanState("s", (("x", 1),)),))}, "state s names the coil 'x'; there are coil1"),
-    ({"circuit": ca.Circuit(scan=(ca.ScanState("s", (("coil1", 1),)),) * 2)}, "scan must name each state differently"),
+    ({"circuit": ca.Circuit(scan=(ca.ScanState("s", (("coil1", 1),)),) * 2)}, "scan must give each state a different"),
 ])  # fmt: skip
 def test_what_cannot_be_is_one_clear_line(change, line):
     refused(ca.DesignError, f"^{re.escape(line)}", replace, ca.load_design("gast2020"), **change)

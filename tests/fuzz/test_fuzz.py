@@ -134,6 +134,24 @@ def test_what_names_a_key(message, named):
     assert names_key(f"file.toml: {message}", data) == named
 
 
+@pytest.mark.parametrize(
+    ("message", "named"),
+    [
+        ("coils.a.gap_mm must be a number; got 'x'.", True),
+        ("coils.a.turns must be whole with that gap.", True),  # of the same table
+        ("the table coils.a cannot be.", True),  # which holds it
+        ("coils.b.turns must be whole.", False),
+        ("array.pitch_mm must be larger.", False),
+        ("array.coil must be b; got 'wide'.", True),  # quotes what has changed
+    ],
+)
+def test_the_key_that_is_named_has_to_do_with_the_change(message, named):
+    before = b"[coils.a]\ngap_mm = 1\nturns = 3\n[coils.b]\nturns = 3\n[array]\npitch_mm = 2\ncoil = 'a'\n"
+    data = before.replace(b"gap_mm = 1", b"gap_mm = 'wide'")
+    assert names_key(f"file.toml: {message}", data)
+    assert names_key(f"file.toml: {message}", data, before) == named
+
+
 def test_a_case_is_decided_by_its_number(tmp_path):
     first, second = (Bench(tmp_path / name) for name in ("a", "b"))
     for name in ("a", "b"):

@@ -183,7 +183,7 @@ REFUSED = {
     "coils": ({"source": [polygon(6, 9e-3, 1e-3)]}, "coils must lie at z <= 0"),
     "plates": (
         {"plates": [Plate("lid", 20e-3, 1e-3, PERFECT)]},
-        "beside plates below the coils; 'lid' reaches up to z = 21 mm",
+        "beside plates below the coils; the top of 'lid' is at z = 21 mm",
     ),
 }
 

@@ -1,4 +1,4 @@
-"""Plates without end: the change of the inductance matrix against closed forms, limits and another method.
+"""Infinite plates: the change of the inductance matrix against closed forms, limits and another method.
 
 Checked against each other: circular loops and the integrals of Dodd & Deeds; a perfect conductor and mirror images;
 an iron plate at rest and a magnetic sheet; images for short waves and waves alone; one loop and
@@ -161,7 +161,7 @@ def test_coils_of_a_board_keep_their_sum_over_pieces() -> None:
 @pytest.mark.parametrize(
     ("heights", "message"),
     [
-        ([-0.6e-3], "plate '0' must lie above or below all paths, from z = -0.0002 m"),
+        ([-0.6e-3], "plate '0' must lie above all paths, from z = -0.0002 m"),
         ([6e-3, 6.2e-3], r"must not overlap; plate '0' lies from z = 0.006 to 0.0063 m and plate '1' begins at 0.0062"),
         ([-9e-3, -9.2e-3], "must not overlap; plate '1' lies"),
         ([3.9e-3], "must not overlap; sheet 'magnetic' lies from z = 0.003 to 0.004 m and plate '0' begins at 0.0039"),

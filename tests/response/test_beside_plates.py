@@ -238,8 +238,8 @@ def test_a_finite_sample_over_a_plate_of_nothing_is_one_in_air(
 
 def test_refusals() -> None:
     steel = FinitePlate("coin", Ring(9e-3, 3e-3), (0.0, 0.0, -5e-3), 1e-3, MATERIALS["steel"])
-    refused(MetalError, "must have no holes; 'coin' has some", mapped, beside(steel))
+    refused(MetalError, "must not have holes; 'coin' has", mapped, beside(steel))
     lid = Plate("lid", 20e-3, 1e-3, MATERIALS["copper"])
-    refused(MetalError, "plate.1 'lid' lies above them, in its way", mapped, beside(BACK, lid))
-    refused(ElastomerError, "needs every coil: reach=None", mapped, beside(BACK), reach=1e-3)
-    refused(MetalError, "the two-dimensional model has no plates", line_response, beside(BACK))
+    refused(MetalError, "plate.1 'lid' lies above them", mapped, beside(BACK, lid))
+    refused(ElastomerError, "needs every coil: use reach=None", mapped, beside(BACK), reach=1e-3)
+    refused(MetalError, "the two-dimensional model does not include plates", line_response, beside(BACK))

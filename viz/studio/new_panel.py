@@ -11,7 +11,7 @@ from coilarray.design.model import build_design_file
 from coilarray.errors import CoilarrayError, DesignError
 from coilarray.geometry.values import SIDES
 from coilarray.studies.create.arrangement import read_arrangement, read_size
-from coilarray.studies.create.plan import Shape
+from coilarray.studies.create.choices import Shape
 from coilarray.viz.studio.entries import number_of
 from coilarray.viz.studio.job import with_progress
 from coilarray.viz.studio.panel import Panel

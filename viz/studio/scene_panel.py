@@ -27,7 +27,7 @@ class ScenePanel(Panel):
 
     def __init__(self, page: Page) -> None:
         self._parts: BoardParts | None = None
-        self._saved: Scene | None = None  # of the design as it was read or last saved
+        self._saved: Scene | None = None  # of the given design read or last saved
         problem = page.setup.rendering_problem or ("not shown" if page.setup.services.alone else None)
         self._view = None if problem else SceneView(page.server, self._at_rest)
         values = {

@@ -73,6 +73,7 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
     sizes: Mapping[str, dict[str, Any]] = {
         "single": {}, "linear": {"columns": count}, "square": {"columns": root, "rows": math.ceil(count / root)},
         "hexagonal": {"columns": root, "rows": math.ceil(count / root)}, "rings": {"rings": 1},
+        "triangle": {"columns": math.ceil(math.sqrt(2 * count + 0.25) - 0.5)},
     }  # fmt: skip
     if kind not in sizes:
         raise DesignError(f"array.lattice must be one of {', '.join(LATTICES)}; got {kind!r}.")
@@ -83,7 +84,8 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
     )
     table["layers"] = [list(each) for each in (layers[:1] if kind == "single" else layers)]
     table |= {key: old[key] for key in ("direction_deg", "rotation_deg") if key in old}
-    points = 7 if kind == "rings" else table.get("columns", 1) * table.get("rows", 1)
+    columns = table.get("columns", 1)
+    points = {"rings": 7, "triangle": columns * (columns + 1) // 2}.get(kind, columns * table.get("rows", 1))
     usual = [f"coil{k + 1}" for k in range(points)]
     names = [place["name"] for place in places][:points]
     names += [name for name in (*usual, *(f"coil{points + k + 1}" for k in range(points))) if name not in names]
