@@ -33,7 +33,7 @@ from coilarray.elastomer.contact_grid import ContactGrid, Stack, contact_grid, s
 from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone
 from coilarray.elastomer.finite_strain import EDGE_ELEMENTS, TIP, Outline, SoftBody
 from coilarray.errors import LARGEST, ElastomerError
-from coilarray.geometry import Indenter, Seat, Sheet
+from coilarray.geometry import Cone, Indenter, Seat, Sheet
 from coilarray.geometry.sheet import Base, RigidBase, Strain
 
 DEFAULT_MESH = ContactMesh()
@@ -159,9 +159,10 @@ def _finite_strain(case: _Case, zone: ContactZone, depths: FloatArray, mesh: Con
         wider = zone.search * _BEYOND_EDGE
         zone = replace(zone, search=wider if case.radius is None else min(wider, case.radius))
         mesh = replace(mesh, elements=min(mesh.elements, EDGE_ELEMENTS))
+    if isinstance(case.indenter, Cone):
+        zone = replace(zone, tip=TIP * zone.smallest)
     grid = case.grid(zone, mesh)
-    outline = Outline(case.indenter, case.stack.length, TIP * zone.smallest)
-    body = SoftBody(grid, outline)
+    body = SoftBody(grid, Outline(case.indenter, case.stack.length, zone.tip))
     states = {0.0: body.at_rest()}
     rising = np.unique(depths[depths > 0])
     with serial_algebra():  # on these narrow bands threads cost more than they bring

@@ -264,7 +264,7 @@ class SoftBody:
             far, rate = step.size > _FAR * depth, 0.0
             while rate <= (_FAST if far or exact else _SLOW):
                 damping = 1.0
-                while True:
+                while damping >= _LEAST_DAMPING:
                     trial = state.moved(step, damping)
                     strained = self._strained(trial)
                     if strained is not None:
@@ -273,8 +273,11 @@ class SoftBody:
                         if following is not None and following.size <= (1 - damping / 4) * step.size:
                             break
                     damping /= 2
-                    if damping < _LEAST_DAMPING:
+                else:
+                    if exact or far:
                         return None
+                    strained, gaps = self._strained(state), self._gaps(state)
+                    break  # under an exact tangent there may be a shorter step
                 rate = 1.0 if damping < 1 else following.size / step.size if step.size else 0.0
                 state, step = trial, following
                 if rate * step.size <= _CONVERGED * depth and damping == 1:

@@ -308,7 +308,12 @@ def test_drift_is_added_in_the_order_of_a_campaign():
 
 
 @pytest.mark.parametrize(
-    ("name", "count", "start"), [("table_a1", 8, [0.215, 2.7, 166.0, 0.0]), ("table_a1_asymmetry", 7, [])]
+    ("name", "count", "start"),
+    [
+        ("table_a1", 8, [0.215, 2.7, 166.0, 0.0]),
+        ("table_a1_asymmetry", 7, []),
+        ("table_a1_sample", 3, [0.49, 2.7, 166.0, 0.0, 0.067, 5.3]),
+    ],
 )
 def test_the_bundled_plans_fit_the_design(name, count, start):
     plan = load_plan(name)
