@@ -154,7 +154,7 @@ def _fewer_layers(made: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
     layers = len(made.design.array.stackup.names)
     (coil,) = made.document["coils"].values()
     choices = Choices(**in_si(chosen))
-    if choices.inductance is None or choices.layers or coil["winding_layers"] <= _FEW or _of_one_number(choices.fab):
+    if choices.inductance is None or choices.layers or choices.layers_of_fab or coil["winding_layers"] <= _FEW:
         return []
     reach = reach_of_fewer_layers(layers, choices)
     wanted = f"layers: {chosen['inductance_uH']:g} µH takes {layers}"
@@ -162,13 +162,6 @@ def _fewer_layers(made: DesignFile, chosen: Mapping[str, Any]) -> list[str]:
         return [f"{wanted}; on fewer there is no place for the terminals"]
     reached = f"{reach.inductance * 1e6:.3g}"
     return [f"{wanted}; {reach.layers} reach {reached} µH, with --layers {reach.layers} --inductance-uH {reached}"]
-
-
-def _of_one_number(fab: str | None) -> bool:
-    """Whether a service makes boards of one number of layers only."""
-    from coilarray.design.fab_limits import load_profile
-
-    return fab is not None and load_profile(fab).rules.max_layers is not None
 
 
 def _described(file: DesignFile, chosen: Mapping[str, Any]) -> list[str]:

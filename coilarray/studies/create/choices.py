@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, get_args
 
+from coilarray.design.fab_limits import load_profile
 from coilarray.errors import DesignError
 from coilarray.geometry.values import SIDES, Side
 from coilarray.studies.create.arrangement import Arrangement, read_arrangement
@@ -74,6 +75,11 @@ class Choices:
     def sides(self) -> tuple[float, float]:
         """Width and height of a coil in m."""
         return self.size if isinstance(self.size, tuple) else (self.size, self.size)
+
+    @property
+    def layers_of_fab(self) -> int | None:
+        """Layers of the boards that the named service makes; None for one that makes any, and where none is named."""
+        return None if self.fab is None else load_profile(self.fab).rules.max_layers
 
     @cached_property
     def arrangement(self) -> Arrangement:

@@ -85,7 +85,7 @@ def _boards(plan: Plan, choices: Choices) -> Iterator[Plan]:
     some_sets: tuple[int, ...] = (1,)
     if overlap:
         some_sets = (2, 3, 4) if plan.arrangement.lattice in ("linear", "square") else (3, 4)
-    made = None if choices.fab is None else load_profile(choices.fab).rules.max_layers  # by a service of one number
+    made = choices.layers_of_fab
     if made is not None and choices.layers not in (None, made):
         raise DesignError(f"layers must be {made}, as {choices.fab} makes boards of {made}; got {choices.layers}.")
     layers = choices.layers if made is None else made
