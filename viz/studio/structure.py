@@ -101,7 +101,10 @@ def set_lattice(document: Document, design: Design, kind: str) -> Document:
 
 
 def set_layers(document: Document, _: Design, number: float) -> Document:
-    """Give the board a number of copper layers: new ones like the lowest, or the lowest ones removed."""
+    """Give the board a number of copper layers: new ones like the lowest, or the lowest ones removed.
+
+    Its dielectrics change by one factor, so that it stays as thick as it is.
+    """
     stackup = document["stackup"]
     names = list(stackup["layers"])
     if not (1 <= number <= 64 and number == (count := int(number))):
@@ -113,10 +116,11 @@ def set_layers(document: Document, _: Design, number: float) -> Document:
     for key, (value, less) in usual.items():
         values = list(stackup.get(key, []))
         table[key] = (values + [values[-1] if values else value] * count)[: count - less]
-    longer = [
-        key for key, values in table.items() if isinstance(values, list) and len(values) > len(stackup.get(key, []))
-    ]
-    return _made_up({**document, "stackup": table}, *(f"stackup.{key}" for key in longer))
+    before, thick = stackup.get("dielectric_thickness_mm", []), table["dielectric_thickness_mm"]
+    if before and thick:
+        table["dielectric_thickness_mm"] = [round(each * sum(before) / sum(thick), 4) for each in thick]
+    changed = [key for key, values in table.items() if values != list(stackup.get(key, []))[: len(values)]]
+    return _made_up({**document, "stackup": table}, *(f"stackup.{key}" for key in changed))
 
 
 def set_leads(document: Document, _: Design, *, there: bool) -> Document:
