@@ -73,7 +73,7 @@ def test_json_says_what_was_found_and_what_was_left_out(capsys):
 def test_what_is_left_out_and_noted_is_printed(capsys):
     text = board(path(*SPIRAL), via(*SPIRAL[3]), path((20, 0), (30, 0), net="2"), version=20260101)
     out = good(capsys, write(text))
-    assert "nets with tracks that are no coils\n  B: it makes 0.00 turns" in out
+    assert "nets with tracks that are not coils\n  B: it makes 0.00 turns" in out
     assert "assumed: stackup.dielectric_epsilon_r: the board file does not say; FR-4, 4.5\n" in out
     assert "note: The board has KiCad's format 20260101" in out
     assert "note: A: 1 of the holes on the path join none" in out
