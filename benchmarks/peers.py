@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from speed import Speed
+from speed import Speed, not_installed
 
 from coilarray import inductance_matrix, load_design, magnetic_field, vector_potential
 from coilarray.circuit.exchange import fasthenry_input, read_zc_matrix
@@ -41,7 +41,7 @@ def _peer(what: str, pairs: int, times: tuple[float, float], difference: float, 
     return Speed(f"{what} against {name}", theirs / ours, "×", note, f"≥ {least:g} ×", theirs / ours >= least)
 
 
-def kernels() -> Iterator[Speed]:
+def kernels() -> Iterator[Speed | None]:
     """B and A of the six coils at random points above them.
 
     There are so many that it does not count how the threads of one library still spin when the turn is the other's.
@@ -60,11 +60,11 @@ def _segments(conductors: tuple[Conductor, ...]) -> tuple[FloatArray, FloatArray
 
 def _against_cfsem(
     what: str, ours: Callable[..., FloatArray], name: str, conductors: tuple[Conductor, ...], points: FloatArray
-) -> Speed:
+) -> Speed | None:
     try:
         import cfsem
     except ImportError:
-        return Speed(f"{what} against cfsem (not installed)", 0.0, "×")
+        return not_installed("cfsem")
     starts, steps = _segments(conductors)
     at, begin, along = (tuple(np.ascontiguousarray(axis) for axis in array.T) for array in (points, starts, steps))
 
@@ -77,12 +77,12 @@ def _against_cfsem(
     return _peer(what, len(starts) * len(points), times, difference, "cfsem", 3.0)
 
 
-def _against_simsopt(conductors: tuple[Conductor, ...], points: FloatArray) -> Speed:
+def _against_simsopt(conductors: tuple[Conductor, ...], points: FloatArray) -> Speed | None:
     """Its sum over the middles of the segments, which is far off where a point is near one."""
     try:
         import simsoptpp
     except ImportError:
-        return Speed("B, exact, against simsopt (not installed)", 0.0, "×")
+        return not_installed("simsopt")
     starts, steps = _segments(conductors)
     middles, lines = [starts + 0.5 * steps], [steps * len(steps)]  # it takes the mean over the nodes
 
@@ -95,17 +95,16 @@ def _against_simsopt(conductors: tuple[Conductor, ...], points: FloatArray) -> S
     return _peer("B, exact,", len(starts) * len(points), times, difference, "simsopt's midpoints", 1.3)
 
 
-def fasthenry() -> Iterator[Speed]:
+def fasthenry() -> Iterator[Speed | None]:
     """L matrix of the six coils against a program on the PATH, which is on no package index.
 
     Its time is that of the process, which reads a file and writes one. It sums all pairs of segments: with multipoles
     it would be 5e-4 off for such coils.
     """
-    what = "L matrix of six coils, against FastHenry"
     conductors = load_design("gast2020").array.conductors()
     program = shutil.which("fasthenry")
     if program is None:
-        yield Speed(f"{what} (not installed)", 0.0, "×")
+        yield not_installed("FastHenry")
         return
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "coils.inp").write_text(fasthenry_input(conductors, 1.0), encoding="utf-8")  # at 1 Hz
@@ -119,7 +118,7 @@ def fasthenry() -> Iterator[Speed]:
     exact = inductance_matrix(conductors)
     difference = float(np.abs(impedance[0].imag / (2 * np.pi) - exact).max() / np.abs(exact).max())
     note = f"FastHenry {taken:.2g} s on one core; the results differ by {difference:.0e}"
-    yield Speed(what, taken / ours_taken, "×", note)
+    yield Speed("L matrix of six coils, against FastHenry", taken / ours_taken, "×", note)
 
 
 _LATTICE = """

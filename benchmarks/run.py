@@ -11,7 +11,7 @@ import json
 import os
 import platform
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib import metadata
@@ -62,7 +62,7 @@ ACCURACIES: dict[str, Callable[[], Iterable[accuracy.Accuracy]]] = {
     "elastomer-accuracy": elastomer.accuracies,
     "metal-accuracy": metal.accuracies,
 }
-SPEEDS: dict[str, Callable[[], Iterable[speed.Speed]]] = {
+SPEEDS: dict[str, Callable[[], Iterable[speed.Speed | None]]] = {
     "speed": speed.measure,
     "elastomer": elastomer.speeds,
     "localize": localize.figures,
@@ -82,14 +82,15 @@ _Figure = TypeVar("_Figure", accuracy.Accuracy, speed.Speed)
 
 
 def _renewed(
-    measures: dict[str, Callable[[], Iterable[_Figure]]],
+    measures: Mapping[str, Callable[[], Iterable[_Figure | None]]],
     chosen: list[str],
     kept: list[_Figure],
     key: Callable[[_Figure], object],
 ) -> list[_Figure]:
-    """All figures: those of the chosen benchmarks measured now, the others as kept."""
-    now = [figure for name, measure in measures.items() if name in chosen for figure in measure()]
-    if set(measures) <= set(chosen):
+    """All figures: those of the chosen benchmarks measured now, the others, and None for one, as kept."""
+    measured = [figure for name, measure in measures.items() if name in chosen for figure in measure()]
+    now = [figure for figure in measured if figure is not None]
+    if set(measures) <= set(chosen) and now == measured:
         return now
     by_key = {key(figure): figure for figure in now}
     figures = [by_key.pop(key(figure), figure) for figure in kept]

@@ -8,4 +8,12 @@ stays quick. Closed forms and other helpers for textbook cases are in the module
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_lazy_name, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    if name != "__version__":
+        return _lazy_name(name)
+    from importlib import metadata  # takes as long as all else of ``import coilarray``
+
+    return metadata.version("coilarray")

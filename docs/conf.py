@@ -51,6 +51,7 @@ html_show_sourcelink = False
 html_context = {"default_mode": "auto"}  # light or dark as the reader's system; without it the theme complains
 html_show_search_summary = False  # it fetches the pages found, which a browser refuses from a folder
 html_math_renderer = "native"
+html_sidebars = {"contributing": []}  # a page without pages beneath it
 html_theme_options = {
     "navigation_with_keys": True,
     "show_toc_level": 2,

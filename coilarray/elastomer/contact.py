@@ -32,9 +32,8 @@ from coilarray.elastomer.compliance import Compliance, compliance
 from coilarray.elastomer.contact_grid import ContactGrid, Stack, contact_grid, stack_of
 from coilarray.elastomer.contact_mesh import ContactMesh, ContactZone
 from coilarray.elastomer.finite_strain import EDGE_ELEMENTS, TIP, Outline, SoftBody
-from coilarray.errors import ElastomerError
+from coilarray.errors import LARGEST, ElastomerError
 from coilarray.geometry import Cone, Indenter, Seat, Sheet
-from coilarray.geometry.conductor import LARGEST
 from coilarray.geometry.sheet import Base, RigidBase, Strain
 
 DEFAULT_MESH = ContactMesh()
@@ -213,7 +212,7 @@ def _check_inside(case: _Case, zone: ContactZone, solution: _Solution, depths: F
     """Refuse a contact that ends neither by itself nor with the indenter: the sample is too small."""
     unit = case.stack.length
     beyond = (solution.force[:, -1] > 0) & (depths > 0)
-    if beyond.any() and zone.search < case.indenter.reach / unit:
+    if beyond.any() and zone.search < case.indenter.largest_radius / unit:
         raise ElastomerError(
             f"the contact must end inside the sample, within a radius of {zone.search * unit * 1e3:.4g} mm; "
             f"at a depth of {depths[beyond][0] * unit * 1e3:.4g} mm it does not."

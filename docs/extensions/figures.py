@@ -28,6 +28,7 @@ _DPI = 110
 _FOLDER = "made/pictures"
 _BROKEN = re.compile(r"^```\{picture\}.*`.*$", re.MULTILINE)  # Markdown then takes the line for text
 _PROGRAM = re.compile(r"^```\{picture\}[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+_OF_GALLERY = re.compile(r"gallery/\S+\.py")
 
 
 def _figures(last: object) -> list[Figure]:
@@ -70,6 +71,13 @@ def figure_of(code: str) -> Figure:
     return figure
 
 
+def _program(content: str) -> str:
+    """Return the program of a picture: its content, or that of the gallery which it names, from its imports on."""
+    if not _OF_GALLERY.fullmatch(content.strip()):
+        return content
+    return (Path(__file__).parents[1] / content.strip()).read_text(encoding="utf-8").split('"""', 2)[2].lstrip()
+
+
 def _path(app: Sphinx | BuildEnvironment, code: str) -> Path:
     """Return where the picture of a program is kept: another place when the program changes, or what it computes."""
     name = hashlib.sha256(f"{code_version()}\n{code.strip()}".encode()).hexdigest()[:12]
@@ -83,7 +91,7 @@ def _make(app: Sphinx) -> None:
         text = page.read_text(encoding="utf-8")
         if wrong := _BROKEN.search(text):
             raise ExtensionError(f"{page.name}: the caption of a picture must have no backticks: {wrong[0]}")
-        for code in _PROGRAM.findall(text):
+        for code in map(_program, _PROGRAM.findall(text)):
             if not (path := _path(app, code)).exists():
                 try:
                     save(figure_of(code), path, dpi=_DPI)
@@ -101,7 +109,7 @@ class _Picture(Directive):
     has_content = True
 
     def run(self) -> list[nodes.Node]:
-        code = "\n".join(self.content)
+        code = _program("\n".join(self.content))
         caption = self.arguments[0]
         text, messages = self.state.inline_text(caption, self.lineno)
         image = nodes.image(

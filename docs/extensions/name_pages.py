@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +16,7 @@ import coilarray
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
+_DOCS = Path(__file__).parents[1]
 _FOLDER = "reference/python"
 # module of a name, its beginning → group
 _GROUPS: Mapping[str, str] = {
@@ -28,14 +30,17 @@ _GROUPS: Mapping[str, str] = {
     "coilarray.localize": "Position",
     "coilarray.studies": "Studies and report",
     "coilarray.report": "Studies and report",
+    "coilarray.compute": "Errors",
 }
 _ORDER = tuple(dict.fromkeys([*list(_GROUPS.values())[1:], "Errors"]))
 _ROOMS = {"coilarray.viz": "Pictures", "coilarray.hardware": "Boards"}
+_BEYOND = "Beyond the top level"
+_BEYOND_ROW = re.compile(r"^\| `(coilarray\.[\w.]+)\.(\w+)`((?:, `\w+`)*) \|", re.MULTILINE)
 
 
 def _names() -> dict[str, list[str]]:
     """Full names of everything public by group."""
-    groups: dict[str, list[str]] = {group: [] for group in (*_ORDER, *_ROOMS.values())}
+    groups: dict[str, list[str]] = {group: [] for group in (*_ORDER, *_ROOMS.values(), _BEYOND)}
     for name in coilarray.__all__:
         value = getattr(coilarray, name)
         module = getattr(value, "__module__", "coilarray.geometry")
@@ -43,6 +48,8 @@ def _names() -> dict[str, list[str]]:
         groups[group].append(f"coilarray.{name}")
     for room, group in _ROOMS.items():
         groups[group] += [f"{room}.{name}" for name in importlib.import_module(room).__all__]
+    for module, first, others in _BEYOND_ROW.findall((_DOCS / "helpers.md").read_text(encoding="utf-8")):
+        groups[_BEYOND] += [f"{module}.{name}" for name in (first, *re.findall(r"\w+", others))]
     return groups
 
 
@@ -69,7 +76,7 @@ def _first_line(full: str) -> str:
 def _write(app: Sphinx) -> None:
     folder = Path(app.srcdir) / _FOLDER
     folder.mkdir(parents=True, exist_ok=True)
-    words = "``import coilarray as ca`` offers all but the last two groups. Everything takes and returns SI units."
+    words = "``import coilarray as ca`` offers all but the last three groups. Everything takes and returns SI units."
     lines = ["Python", "======", "", words, ""]
     for group, names in _names().items():
         lines += [group, "-" * len(group), "", ".. list-table::", "   :widths: 30 70", ""]

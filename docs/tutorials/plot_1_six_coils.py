@@ -46,9 +46,10 @@ print(f"coil3 alone {float(alone) * 1e6:.2f} µH, in its circuit {float(seen) * 
 print(f"it oscillates at {float(coupling.frequency[2]) / 1e6:.3f} MHz")
 
 # %%
-# Two effects are in it. The capacitance of the windings and the switches adds to the capacitor, so that the coil seems
-# larger. And while one coil is measured, all others are grounded: currents flow in them, which make it seem smaller.
-# The ideal circuit has neither capacitance of windings nor losses, and shows what the neighbours do by themselves:
+# Two effects are in it. The capacitance of the winding adds to the capacitor, so that the coil seems larger; that of
+# the switches would too, but this design takes it as zero. And while one coil is measured, all others are grounded:
+# currents flow in them, which make it seem smaller. The ideal circuit has neither capacitance of windings nor losses,
+# and shows what the neighbours do by themselves:
 
 print(f"ideal: {float(coupling.ideal_effective_inductance[2]) * 1e6:.2f} µH")
 

@@ -30,6 +30,7 @@ spread = xr.load_dataset(result)
 plot_shares(spread)
 
 # %%
-# The drawn boards themselves, beside the normal distribution that the slopes predict:
+# The drawn boards themselves, beside the normal distribution that the slopes predict. ``worst_k`` is the largest
+# coupling of all pairs: errors that lower one pair leave it to another, so that most boards lie above the prediction.
 
 plot_boards(spread, str(spread.output.values[0]))

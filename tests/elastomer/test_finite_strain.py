@@ -306,7 +306,7 @@ def test_an_outline_follows_its_profile_and_its_derivatives(indenter):
     outline = Outline(indenter, 1e-3)
     r = np.linspace(1e-3, 4, 4001)
     height, slope, bend = outline(r)
-    inside = r * 1e-3 < 0.9 * min(indenter.reach, 4e-3)  # edges are rounded with a tenth of the radius
+    inside = r * 1e-3 < 0.9 * min(indenter.largest_radius, 4e-3)  # edges are rounded with a tenth of the radius
     assert height[inside] == pytest.approx(indenter.profile(r[inside] * 1e-3) * 1e3, rel=1e-12, abs=1e-15)
     step = 1e-6
     smooth = np.abs(np.diff(bend, prepend=bend[0])) < 0.1 * (1 + np.abs(bend))  # not where the arc begins or ends
