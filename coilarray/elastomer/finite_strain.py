@@ -238,12 +238,12 @@ class SoftBody:
                 if found is not None:
                     before, state, step = state, found, 2 * step
                 elif step < _LEAST_STEP * whole:
-                    body = self.outline.indenter
+                    body, mm = self.outline.indenter, self.outline.unit * 1e3
                     edged = isinstance(body, FlatPunch | Cone) and math.isfinite(body.radius)
                     raise ElastomerError(
-                        f"the contact converges up to a depth of {state.depth:.3g} thicknesses of the sheets; it must "
-                        f"be less than {depth:.3g},{' the edge rounder (edge_radius),' * edged} the mesh finer, or "
-                        "the strain linear."
+                        f"the contact converges up to a depth of {state.depth * mm:.3g} mm; it must be less than "
+                        f"{depth * mm:.3g} mm,{' the edge rounder (edge_radius),' * edged} the mesh finer, or the "
+                        "strain linear."
                     )
                 else:
                     step /= 2
