@@ -9,7 +9,7 @@ from typing import Any, NoReturn, TypeVar, cast
 from numba import njit
 from numba.core.caching import FunctionCache
 from numba.core.registry import CPUDispatcher
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 _OPTIONS: dict[str, Any] = {
@@ -56,8 +56,9 @@ class _Disk(FunctionCache):
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """Load machine code that is there; only what compiles needs numba's declarations, which take 0.3 s to load."""
         rtsys.initialize(target_context)  # memory of arrays that kernels make
+        there: Any = self._load_overload  # numba has no types
         with suppress(OSError):
-            found = self._load_overload(signature, target_context)
+            found = there(signature, target_context)
             if found is not None:
                 return found
         load: Any = super().load_overload
