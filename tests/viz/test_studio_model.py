@@ -572,6 +572,8 @@ def test_runs_are_read_as_they_were_written(tmp_path):
     assert best.quantities == dict(trial.quantities)
     assert best.entries == dict(trial.changes)
     np.testing.assert_array_equal(run.values("span_mm"), [point.quantities["span_mm"] for point in run.points])
+    assert set(run.numbers) == {"array.pitch_mm", "array.columns"}
+    assert run.values("array.pitch_mm") == [point.entries["array.pitch_mm"] for point in run.points]
     assert front_rows(run)[0]["name"] == best.name
     assert sorted(path.name for path in (tmp_path / "found").iterdir()) == before  # reading leaves nothing behind
     assert run_folders(tmp_path) == ["found"]

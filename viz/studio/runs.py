@@ -59,11 +59,17 @@ class Run:
         return f"score {k + 1}"
 
     def values(self, name: str) -> list[float]:
-        """Return a quantity or score of every point; NaN where a point has none."""
+        """Return a quantity, an entry that is a number, or a score of every point; NaN where a point has none."""
         if name.startswith("score "):
             k = int(name.removeprefix("score ")) - 1
             return [point.scores[k] for point in self.points]
-        return [point.quantities.get(name, float("nan")) for point in self.points]
+        return [point.quantities.get(name, point.entries.get(name, float("nan"))) for point in self.points]
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        """Names of the varied entries that are numbers at all points."""
+        varied = dict.fromkeys(name for point in self.points for name in point.entries)
+        return tuple(name for name in varied if all(isinstance(value, int | float) for value in self.values(name)))
 
     @property
     def front(self) -> tuple[int, ...]:

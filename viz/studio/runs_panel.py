@@ -124,10 +124,12 @@ class RunsPanel(Panel):
         run = next((one for one in self._runs if one.name == name), None)
         if run is None:
             return
-        axes = list(dict.fromkeys((*run.objectives, *run.quantities)))
-        first = x if x in axes else axes[0]
-        telling = [name for name in axes if name != first and len(set(run.values(name))) > 1]  # no bound that all keep
-        second = y if y in axes else (telling or axes)[0]
+        axes = list(dict.fromkeys((*run.objectives, *run.quantities, *run.numbers)))
+        telling = [name for name in axes if len(set(run.values(name))) > 1] or axes  # no bound that all keep
+        # two objectives over each other, or one over what was varied
+        usual = telling[:2] if len(run.objectives) > 1 or not run.numbers else [run.numbers[0], axes[0]]
+        first = x if x in axes else usual[0]
+        second = y if y in axes else usual[-1]
         picture = await asyncio.to_thread(_picture, run, first, second) if run.points else ""
         state = self._page.state
         kept = sum(point.feasible for point in run.points)

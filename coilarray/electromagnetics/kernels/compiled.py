@@ -11,7 +11,7 @@ from typing import IO, Any, NoReturn, TypeVar, cast
 from numba import njit
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.registry import CPUDispatcher
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 
 from coilarray.compute.checksum import check_seal, sealed
 from coilarray.errors import DamagedError
@@ -62,8 +62,9 @@ class _Disk(FunctionCache):
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """Load machine code that is there; only what compiles needs numba's declarations, which take 0.3 s to load."""
         rtsys.initialize(target_context)  # memory of arrays that kernels make
+        there: Any = self._load_overload  # numba has no types
         with suppress(OSError):
-            found = self._load_overload(signature, target_context)
+            found = there(signature, target_context)
             if found is not None:
                 return found
         load: Any = super().load_overload
